@@ -32,7 +32,8 @@ SearchMode = Literal["usual", "thorough"]
 ROOTS = 64  # crossings of one chain at most
 _NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, that blurs
 _POINT = 0.5  # radius of an aperture over the blur, up to which four points stand for it
-_WIDEST = 20.0  # radius of an aperture over the blur: a wider one takes too many points
+_WIDEST = 20.0  # radius of an aperture over the blur, beyond which slopes take fewer points
+_SLOPES = 14, 24  # rings of quadrature slopes, and slopes on each
 _SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
 _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
 
@@ -89,7 +90,9 @@ class AimedChains:
             self.medium = with_raster(self.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
         self.counters = np.zeros(len(Counter), np.int64)
-        self.nodes: dict[tuple[int, int], tuple[int, int]] = {}  # quadratures of the apertures
+        self.nodes: dict[
+            tuple[int, int], tuple[int, int] | None
+        ] = {}  # quadratures of the apertures
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     @cached_property
@@ -244,7 +247,7 @@ class AimedChains:
         """Return the unscattered gain through each facet, without noise.
 
         From the centre of the source, or from the point `at`. None where it has to be sampled:
-        random slopes are too narrow to be integrated over, for the mesh or for the aperture.
+        random slopes are too narrow for the mesh to be integrated over.
         """
         if not self.rough:
             return self.facet_gains(source, receiver, at)
@@ -252,13 +255,12 @@ class AimedChains:
             return None
         scene = self._forwards(source, receiver, at)
         blur = self._blur(scene)
-        if blur > _WIDEST:
-            return None
         gain = np.zeros(len(self._mesh.faces))
         doubtful = np.zeros(len(gain), bool)
         nodes = self.nodes.setdefault((source, receiver), _disk_nodes(blur))
+        rule = _disk_rule(*nodes) if nodes else _slope_rule()
         stack = np.empty((image.STACK, 3), np.int64)
-        blurred.blurred_gain(scene, blurred.Disk(*_disk_rule(*nodes)), stack, gain, doubtful)
+        blurred.blurred_gain(scene, rule, stack, gain, doubtful)
         return self._seen(gain, np.flatnonzero(doubtful), source, receiver)
 
     def _blur(self, scene: Scene) -> float:
@@ -335,25 +337,43 @@ def search_extent(surface: Surface, facets: NDArray[np.void], bins: Locator) -> 
     )
 
 
-def _disk_nodes(blur: float) -> tuple[int, int]:
+def _disk_nodes(blur: float) -> tuple[int, int] | None:
     """Return the rings, and the nodes of each, for 1e-3 of the light of a Gaussian spot.
 
-    The standard deviation of the spot, anywhere on the unit disk, is 1 / blur.
+    The standard deviation of the spot, anywhere on the unit disk, is 1 / blur. None where slopes
+    take fewer nodes.
     """
+    if blur > _WIDEST:
+        return None
     if blur <= _POINT:
         return 1, 4
     return math.ceil(1.0 + 1.05 * blur), math.ceil(4.0 + 1.9 * blur)
 
 
 @cache
-def _disk_rule(rings: int, around: int) -> tuple[Floats, Floats]:
-    """Return quadrature points and weights on the unit disk, with rings at Gauss's nodes."""
+def _disk_rule(rings: int, around: int) -> blurred.Rule:
+    """Return the quadrature over the unit disk, with rings at Gauss's nodes of the area."""
     nodes, weights = np.polynomial.legendre.leggauss(rings)
-    azimuth = 2.0 * math.pi * (np.arange(around) + 0.5 * (np.arange(rings)[:, None] % 2)) / around
+    points = on_rings(np.sqrt(0.5 * (nodes + 1.0)), around)
+    return blurred.Rule(points, np.repeat(0.5 * weights / around, around), False)
+
+
+@cache
+def _slope_rule() -> blurred.Rule:
+    """Return quadrature slopes in standard deviations and their probabilities."""
+    rings, around = _SLOPES
+    nodes, weights = np.polynomial.legendre.leggauss(rings)
+    radius = 0.5 * blurred.MOST_SLOPE * (nodes + 1.0)
+    law = 0.5 * blurred.MOST_SLOPE * weights * radius * np.exp(-0.5 * radius**2)
+    return blurred.Rule(on_rings(radius, around), np.repeat(law / around, around), True)
+
+
+def on_rings(radius: Floats, around: int) -> Floats:
+    """Return equally spaced points on rings about the origin, every other ring turned by half."""
+    step = 2.0 * math.pi / around
+    azimuth = step * (np.arange(around) + 0.5 * (np.arange(len(radius))[:, None] % 2))
     circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
-    points = np.sqrt(0.5 * (nodes + 1.0))[:, None, None] * circle
-    shares = np.repeat(0.5 * weights / around, around)
-    return points.reshape(-1, 2), shares
+    return (radius[:, None, None] * circle).reshape(-1, 2)
 
 
 def on_disk(center: Vec3, end: Emitter | Target, disk: Floats) -> Floats:

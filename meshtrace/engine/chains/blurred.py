@@ -25,7 +25,14 @@ from numpy.typing import NDArray
 from meshtrace.engine import crossing
 from meshtrace.engine.chains import unscattered
 from meshtrace.engine.chains.gain import Counter, Crossing, is_steep, keep, shot_of, weight_of
-from meshtrace.kernels.interface import corners, exposure, normal_at, reflectance, slope_tilt
+from meshtrace.kernels.interface import (
+    corners,
+    exposure,
+    normal_at,
+    reflectance,
+    slope_tilt,
+    tilted,
+)
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.scene import height_on, locate
@@ -54,6 +61,7 @@ DARK = 41.5  # -ln of the intensity, over that on the axis, that counts as none
 MOST_PARTS = 48
 """Parts along an edge of a facet of a map; facets with more are too large for the blur."""
 
+_CLIPPED = 2.0 * MOST_SLOPE
 _FEW = 16  # parts along an edge: facets of more are cut where light may cross
 _FINE = 1.5  # parts of facets of several: few neighbours of the same cut cancel errors at edges
 _FINER = 4.0  # parts of those of more than a few: no neighbours of the same cut do
@@ -128,15 +136,16 @@ def slope_towards(p, n, w, d, length, goal, scene):
     return Slope(u.x, u.y, tilt, density * k * k * abs(det), aim)
 
 
-class Disk(NamedTuple):
-    """Quadrature over an aperture."""
+class Rule(NamedTuple):
+    """Quadrature over an aperture, or over the slopes where it is much wider than their light."""
 
-    points: NDArray[np.float64]  # (n, 2) of the unit disk
-    shares: NDArray[np.float64]  # (n,) of its area
+    points: NDArray[np.float64]  # (n, 2) of the unit disk, or slopes in standard deviations
+    shares: NDArray[np.float64]  # (n,) of the area, or probabilities
+    is_of_slopes: bool
 
 
 @entry
-def blurred_gain(scene, disk, stack, gain, doubtful):
+def blurred_gain(scene, rule, stack, gain, doubtful):
     """Write the unscattered gain of each facet, with a flag for possible shadowing by waves.
 
     `stack` is room for (STACK, 3) integers.
@@ -149,7 +158,7 @@ def blurred_gain(scene, disk, stack, gain, doubtful):
     dark = dark_angle(scene.emitter)
     for f in range(len(scene.surface.faces)):
         if is_lit(f, ONE, ZERO, ZERO, ONE, dark, scene):
-            gain[f], steep = _facet_light(f, dark, disk, stack, scene)
+            gain[f], steep = _facet_light(f, dark, rule, stack, scene)
             doubtful[f] = gain[f] > 0.0 and not steep
 
 
@@ -220,7 +229,7 @@ def is_lit(f, nodes, i, j, side, dark, scene):
 
 
 @outlined
-def _facet_light(f, dark, disk, stack, scene):
+def _facet_light(f, dark, rule, stack, scene):
     """Return (gain, steep) of a facet; parts that need many parts of their own are quartered."""
     total, steep = 0.0, True
     stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, _NODES
@@ -244,7 +253,7 @@ def _facet_light(f, dark, disk, stack, scene):
                 x, y, z = unscattered.part_of_row(k, q)
                 # part (x, y, z) of m along the edges of the part (i, j, side)
                 x, y, z = m * i + x * side, m * j + y * side, z * side
-                g, s = _part_gain(f, m * _NODES, x, y, z, disk, scene)
+                g, s = _part_gain(f, m * _NODES, x, y, z, rule, scene)
                 total += g
                 steep = steep and s
     return total, steep
@@ -268,32 +277,49 @@ def _parts_along(f, i, j, side, scene):
         flight, scene.target, scene.interface.fov
     )  # everywhere, see `_FINER`
     edge = min(edge, max(unscattered.VIEW_SHARE * view, _FINEST * edge))
-    change = _change(f, *unscattered.nodes_of(f, _NODES, i, j, side, scene.surface), scene)
+    nodes = unscattered.nodes_of(f, _NODES, i, j, side, scene.surface)
+    change = _change(f, *nodes, scene)
     if change > _FEW * PART_SLOPE:
-        change = min(change, _largest_change(f, p, h, scene))
+        change = min(change, _clipped_change(f, *nodes, scene))
     return max(change / PART_SLOPE, 2.0 * facet.radius * share / edge, 1.0)
 
 
 @outlined
-def _largest_change(f, p, h, scene):
-    """Return the variation of the slope to any point of the aperture within h of P.
+def _clipped_change(f, p, q, r, scene):
+    """Return the largest variation of clipped slopes to points of the aperture, over a part.
 
-    For parts from which slopes refract light to the rim of an aperture, but not to its centre.
-    They are at most s = `MOST_SLOPE` standard deviations steeper than the facet, so that the
-    normal N has N_z >= |N_xy| / s there, and d(N_xy / N_z) <= sqrt(1 + s^2) |dN| / N_z.
+    For parts from which slopes refract light to the rim of an aperture, but not to its centre:
+    the larger variation of both, for the point of the rim that lies ahead of the light.
     """
-    rough, medium, target = scene.surface.roughness, scene.medium, scene.target
-    way = minus(p, scene.emitter.position)
-    length = norm(way)
-    big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
-    nearest = max(flight - h - target.radius, 0.1 * flight)
+    target = scene.target
+    way = minus(blend(1.0 / 3.0, 1.0 / 3.0, p, q, r), scene.emitter.position)
+    ahead = Vec2(dot(way, target.e1), dot(way, target.e2))
+    length = max(math.sqrt(dot2(ahead, ahead)), 1e-12)
+    rim = Vec2(target.radius * ahead.x / length, target.radius * ahead.y / length)
+    change = 0.0
+    for goal in (Vec2(0.0, 0.0), rim):
+        u, v, w = (
+            _clipped(p, f, goal, scene),
+            _clipped(q, f, goal, scene),
+            _clipped(r, f, goal, scene),
+        )
+        a, b, c = minus2(u, v), minus2(v, w), minus2(w, u)
+        change = max(change, dot2(a, a), dot2(b, b), dot2(c, c))
+    return math.sqrt(change)
+
+
+@inlined
+def _clipped(p, f, goal, scene):
+    """Return the random slope at P that refracts light to a point, at most `_CLIPPED` in size."""
     n = normal_at(p.x, p.y, f, scene.surface)
-    bend = 2.0 * h * scene.facets[f].curvature
-    s = MOST_SLOPE * max(rough.along, rough.across) + math.hypot(n.x, n.y) / n.z + bend
-    across = math.hypot(big.x, big.y) - medium.n_air * target.radius / nearest
-    least = max(across, 0.1 * abs(medium.n_water - medium.n_air)) / s
-    turn = 2.0 * h * (medium.n_water / max(length - h, 0.1 * length) + medium.n_air / nearest)
-    return (turn * math.sqrt(1.0 + s * s) / least + bend) / min(rough.along, rough.across)
+    way = minus(p, scene.emitter.position)
+    big, _, _ = _normal_to(p, scaled(1.0 / norm(way), way), goal, scene)
+    steep = max(big.z, 1e-9)
+    u = whitened(
+        scene.surface.roughness, Vec2(n.x / n.z - big.x / steep, n.y / n.z - big.y / steep)
+    )
+    share = min(_CLIPPED / max(math.sqrt(dot2(u, u)), 1e-12), 1.0)
+    return Vec2(share * u.x, share * u.y)
 
 
 @inlined
@@ -396,7 +422,16 @@ def lit_part(f, n, i, j, side, scene):
 
 
 @outlined
-def _part_gain(f, n, i, j, side, disk, scene):
+def _landing(p, n, deviations, scene):
+    """Return the `Slope` of some standard deviations, of the density 1 / area on the aperture."""
+    tilt = slope_tilt(scene.surface.roughness, deviations.x, deviations.y)
+    aim = crossing.land(p, tilted(n, tilt), crossing.straight_shot(0.0, 0.0, scene), scene)
+    lands = aim.ok and dot2(aim.at, aim.at) < scene.target.radius**2
+    return Slope(deviations.x, deviations.y, tilt, lands / scene.target.area, aim)
+
+
+@outlined
+def _part_gain(f, n, i, j, side, rule, scene):
     """Return (gain, steep) of a part of a facet, see `lit_part`."""
     part = lit_part(f, n, i, j, side, scene)
     middle, normal, w, light = part.middle, part.normal, part.w, part.light
@@ -407,15 +442,19 @@ def _part_gain(f, n, i, j, side, disk, scene):
     near = _NEAR * (max(norm(minus(p, middle)), norm(minus(q, r))) + radius)
     if light == 0.0 or margin < -near:
         return 0.0, True
-    for k in range(len(disk.points)):
-        goal = Vec2(radius * disk.points[k, 0], radius * disk.points[k, 1])
-        s = slope_towards(middle, normal, w, w, part.length, goal, scene)
+    for k in range(len(rule.points)):
+        at = Vec2(rule.points[k, 0], rule.points[k, 1])
+        if rule.is_of_slopes:
+            s = _landing(middle, normal, at, scene)
+        else:
+            goal = Vec2(radius * at.x, radius * at.y)
+            s = slope_towards(middle, normal, w, w, part.length, goal, scene)
         if s.density > 0.0:
-            share = 1.0 if margin > near else _share_in_view(p, q, r, goal, scene)
+            share = 1.0 if margin > near else _share_in_view(p, q, r, s.aim.at, scene)
             share *= exposure(w, normal, s.tilt) * crossing.transmittance(s.aim, scene.interface)
             if scene.mirrored and share > 0.0:
                 share *= math.exp(-unscattered.straight_depth(middle, s.aim, source, scene))
-            total += disk.shares[k] * s.density * share
+            total += rule.shares[k] * s.density * share
             steep = steep and is_steep(s.aim, scene)
     if total == 0.0:
         return 0.0, True

@@ -10,7 +10,7 @@ from numba import njit
 from scipy.stats import ncx2
 
 import meshtrace as mt
-from meshtrace.engine.chains.aimed import _disk_nodes, _disk_rule
+from meshtrace.engine.chains.aimed import _disk_nodes, _disk_rule, _slope_rule
 from meshtrace.engine.chains.blurred import slope_towards, whitened
 from meshtrace.engine.crossing import land_sloped, straight_shot
 from meshtrace.kernels.interface import Roughness, slope_tilt
@@ -93,10 +93,18 @@ def test_whitened_slopes():
 @pytest.mark.parametrize("blur", [0.1, 0.49, 0.51, 1.0, 2.5, 6.0, 20.0])
 def test_a_gaussian_spot_anywhere_on_the_disk(blur):
     """Share of a Gaussian within the disk: the noncentral chi-square law."""
-    points, shares = _disk_rule(*_disk_nodes(blur))
+    points, shares, _ = _disk_rule(*_disk_nodes(blur))
     assert shares.sum() == pytest.approx(1.0, rel=1e-12)
     center = np.linspace(0.0, 1.0 + 3.0 / blur, 50)
     expected = ncx2.cdf(blur**2, 2, (center * blur) ** 2)
     off = points[:, None] - center[:, None] * (math.cos(0.3), math.sin(0.3))
     spot = np.exp(-0.5 * blur**2 * (off**2).sum(axis=2)) * blur**2 / 2.0
     np.testing.assert_allclose(shares @ spot, expected, rtol=0.0, atol=1e-3 * expected.max())
+
+
+def test_quadrature_slopes_have_the_moments_of_a_gaussian():
+    slopes, shares, _ = _slope_rule()
+    assert shares.sum() == pytest.approx(1.0, rel=1e-7)
+    np.testing.assert_allclose((shares * slopes.T) @ slopes, np.eye(2), atol=1e-6)
+    assert shares @ slopes[:, 0] ** 4 == pytest.approx(3.0, rel=1e-5)
+    assert shares @ (slopes**2).sum(axis=1) ** 3 == pytest.approx(48.0, rel=1e-4)

@@ -134,7 +134,6 @@ def test_arrivals_add_up_to_the_gain():
     [
         (mt.Link(), (1e-6, 1e-6)),
         (mt.Link(), (4e-3, 0.0)),
-        (mt.Link(receiver=mt.Receiver(radius=3.0)), (4e-3, 4e-3)),
         (mt.Link(physics=mt.Physics(snell="paper")), (4e-3, 4e-3)),
     ],
 )
@@ -246,17 +245,18 @@ def test_light_crosses_within_the_lit_patch():
         assert gains[beside].sum() < 1e-3 * gains.sum()
 
 
+@pytest.mark.parametrize(("x", "height"), [(12.0, 3.0), (12.0, 1.2), (8.0, 1.2)])
 @pytest.mark.thorough
-def test_large_apertures_beside_the_critical_angle():
+def test_large_apertures_beside_the_critical_angle(x, height):
     """Light of steep slopes reaches the rim of an aperture, and none its centre."""
     link = mt.Link(
         water=mt.Water(a=0.179, b=0.0),
         transmitter=mt.Led(depth=4.0, half_angle_deg=60.0),
-        receiver=mt.Receiver(position=(12.0, 0.0), height=3.0, radius=1.0, fov_deg=179.0),
+        receiver=mt.Receiver(position=(x, 0.0), height=height, radius=1.0, fov_deg=179.0),
     )
     mesh = sea_of(4.0).mesh(extent=18.0, spacing=0.4)
     aimed = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6)).over(mesh)
-    photons = JoinedPhotons(link, 400_000, 1, direct=True).evaluate(mesh)
+    photons = JoinedPhotons(link, 1_000_000, 1, direct=True).evaluate(mesh)
     gain, mean, stderr = aimed.direct_gains(0, 0).sum(), photons.parts[0, 0], photons.stderr[0, 0]
     assert stderr < 0.04 * mean
-    assert z_test(gain, math.hypot(stderr, 2e-3 * mean), mean) > ALPHA
+    assert z_test(gain, math.hypot(stderr, 2e-3 * mean), mean) > sidak(ALPHA, 3)
