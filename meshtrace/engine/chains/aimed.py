@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.chains import blurred
 from meshtrace.engine.chains import gain as kernel
+from meshtrace.engine.chains import microfacets
 from meshtrace.engine.chains import unscattered as image
 from meshtrace.engine.chains.gain import Counter, direct_crossings
 from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request
@@ -205,7 +205,7 @@ class AimedChains:
         )
         scene, flat = self.scene(emitter, target), chains.flat[receiver]
         if self.blurred:
-            found = blurred.blurred_contributions(chains.chains, flat, self.spread, scene, out)
+            found = microfacets.blurred_contributions(chains.chains, flat, self.spread, scene, out)
         else:
             search = self.search_of(target)
             found = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
@@ -258,7 +258,9 @@ class AimedChains:
         doubtful = np.zeros(len(gain), bool)
         nodes = self.nodes.setdefault((source, receiver), _disk_nodes(blur))
         stack = np.empty((image.STACK, 3), np.int64)
-        blurred.blurred_gain(scene, blurred.Disk(*_disk_rule(*nodes)), stack, gain, doubtful)
+        microfacets.blurred_gain(
+            scene, microfacets.Disk(*_disk_rule(*nodes)), stack, gain, doubtful
+        )
         return self._seen(gain, np.flatnonzero(doubtful), source, receiver)
 
     def _blur(self, scene: Scene) -> float:
