@@ -48,12 +48,12 @@ def kernels_are_compiled(estimator: str) -> bool:
 
     Forced detection has one slow kernel for seas with random slopes and one for other surfaces.
     """
-    from meshtrace.engine.chains import blurred, gain
+    from meshtrace.engine.chains import gain, microfacets
     from meshtrace.engine.photons import flight
     from meshtrace.kernels import jit
 
     slowest = {
-        "forced": (gain.contributions, blurred.blurred_contributions),
+        "forced": (gain.contributions, microfacets.blurred_contributions),
         "analog": (flight.follow,),
     }
     return any(jit.is_compiled(kernel) for kernel in slowest[estimator])

@@ -334,11 +334,12 @@ def is_known(roots, first, last, x, y, branch, tolerance):
 
 
 @outlined
-def enumerate_roots(roots, n, flat, radius, shot, scene):
+def enumerate_roots(roots, n, flat, radius, close, shot, scene):
     """Append every crossing near a flat-sea crossing that lands on the point; return the number.
 
     Array twin: the roots of the analytic sinusoid in the tests.
-    Every facet within `radius` is searched.
+    Every facet within `radius` is searched. Seen from `close` by, the light of a facet is not that
+    of its centroid and its size: there Newton runs on the plane of every facet.
     """
     grid = scene.locator
     i0, i1, j0, j1 = bins_near(flat.x, flat.y, radius, grid)
@@ -346,8 +347,12 @@ def enumerate_roots(roots, n, flat, radius, shot, scene):
         for j in range(j0, j1 + 1):
             for k in range(grid.start[i * grid.ny + j], grid.start[i * grid.ny + j + 1]):
                 f = np.int64(grid.facet[k])
-                if _may_hold(scene.facets[f], flat, shot.tilt):
-                    if is_first_bin(i, j, i0, j0, f, scene.surface, grid):
+                if not (close or _may_hold(scene.facets[f], flat, shot.tilt)):
+                    continue
+                if is_first_bin(i, j, i0, j0, f, scene.surface, grid):
+                    if close:
+                        n = _root_on(roots, n, n, flat.x, flat.y, f, radius, shot, scene)
+                    else:
                         n = _facet_roots(roots, n, f, flat, shot, scene)
     return n
 
@@ -400,17 +405,18 @@ def _facet_roots(roots, n, f, flat, shot, scene):
             return n
     elif not corner_shines(f, shot, scene):
         return n
-    first = n
-    n = _root_on(roots, n, first, x, y, f, shot, scene)
+    first, longest = n, 2.0 * facet.radius
+    n = _root_on(roots, n, first, x, y, f, longest, shot, scene)
     if not m.ok or (scene.surface.interpolate and bend > 0.5 * flat.high):
         for p in corners(scene.surface.vertices, f, scene.surface.faces):
-            n = _root_on(roots, n, first, p.x, p.y, f, shot, scene)
+            n = _root_on(roots, n, first, p.x, p.y, f, longest, shot, scene)
     return n
 
 
 @inlined
-def _root_on(roots, n, first, x, y, f, shot, scene):
-    found, x, y, _ = newton(x, y, f, YES, 2.0 * scene.facets[f].radius, shot, scene)
+def _root_on(roots, n, first, x, y, f, longest, shot, scene):
+    """Append the crossing on facet f that Newton finds from a point."""
+    found, x, y, _ = newton(x, y, f, YES, longest, shot, scene)
     if not found or not inside_facet(x, y, f, scene.surface):
         return n
     return add_root(roots, n, first, x, y, f, shot.branch, 1.0)

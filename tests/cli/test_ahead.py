@@ -15,14 +15,14 @@ pytestmark = pytest.mark.process
 SAME = """
 import sys
 from meshtrace.cli.ahead import main
-from meshtrace.engine.chains import blurred
+from meshtrace.engine.chains import microfacets
 from meshtrace.engine.chains import gain as chain_gain
 from meshtrace.engine.chains import unscattered
 from meshtrace.kernels import scene
 from meshtrace.scenario import Scenario
 
 main(sys.argv[1])
-kernels = (blurred.blurred_gain, blurred.blurred_contributions, chain_gain.contributions,
+kernels = (microfacets.blurred_gain, microfacets.blurred_contributions, chain_gain.contributions,
            unscattered.image_gain, scene.facet_summary, scene.count_bins, scene.fill_bins)
 ahead = [kernel.signatures for kernel in kernels]
 Scenario.from_toml(sys.argv[1]).simulate()

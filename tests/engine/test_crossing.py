@@ -309,7 +309,7 @@ def test_every_vertex_and_edge_belongs_to_a_facet(scene_of):
 def _roots(flat_at, radius, q, v, target, scene, flat, roots):
     shot = shot_at(q, v, target[0], target[1], 1.0, scene)
     crossing.flat_crossing(flat[0], flat_at[0], flat_at[1], shot, scene)
-    return enumerate_roots(roots, 0, flat[0], radius, shot, scene)
+    return enumerate_roots(roots, 0, flat[0], radius, False, shot, scene)
 
 
 def roots_near(flat_at, radius, q, v, target, scene):

@@ -130,12 +130,12 @@ def test_four_large_facets_against_analog_photons():
 
 def test_light_that_no_facet_finds_is_sampled(monkeypatch):
     """A link is not called dark by the images of the facets alone."""
-    from meshtrace.engine.chains import blurred, unscattered
+    from meshtrace.engine.chains import microfacets, unscattered
 
     usual = mt.simulate(LINKS["led 10"], still_water(100), photons=256, seed=1)
     for tilts in (None, TILTS):
         with monkeypatch.context() as patch:
-            patch.setattr(blurred, "blurred_gain", lambda *_: None)
+            patch.setattr(microfacets, "blurred_gain", lambda *_: None)
             patch.setattr(unscattered, "image_gain", lambda *_: None)
             found = mt.simulate(
                 LINKS["led 10"], still_water(100, tilts), photons=256, seed=1, record=["arrivals"]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.chains import blurred
 from meshtrace.engine.chains import gain as kernel
+from meshtrace.engine.chains import microfacets
 from meshtrace.engine.chains import unscattered as image
 from meshtrace.engine.chains.gain import Counter, direct_crossings
 from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request
@@ -208,7 +208,7 @@ class AimedChains:
         )
         scene, flat = self.scene(emitter, target), chains.flat[receiver]
         if self.blurred:
-            found = blurred.blurred_contributions(chains.chains, flat, self.spread, scene, out)
+            found = microfacets.blurred_contributions(chains.chains, flat, self.spread, scene, out)
         else:
             search = self.search_of(target)
             found = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
@@ -260,7 +260,7 @@ class AimedChains:
         nodes = self.nodes.setdefault((source, receiver), _disk_nodes(blur))
         rule = _disk_rule(*nodes) if nodes else _slope_rule()
         stack = np.empty((image.STACK, 3), np.int64)
-        blurred.blurred_gain(scene, rule, stack, gain, doubtful)
+        microfacets.blurred_gain(scene, rule, stack, gain, doubtful)
         return self._seen(gain, np.flatnonzero(doubtful), source, receiver)
 
     def _blur(self, scene: Scene) -> float:
@@ -351,21 +351,21 @@ def _disk_nodes(blur: float) -> tuple[int, int] | None:
 
 
 @cache
-def _disk_rule(rings: int, around: int) -> blurred.Rule:
+def _disk_rule(rings: int, around: int) -> microfacets.Rule:
     """Return the quadrature over the unit disk, with rings at Gauss's nodes of the area."""
     nodes, weights = np.polynomial.legendre.leggauss(rings)
     points = on_rings(np.sqrt(0.5 * (nodes + 1.0)), around)
-    return blurred.Rule(points, np.repeat(0.5 * weights / around, around), False)
+    return microfacets.Rule(points, np.repeat(0.5 * weights / around, around), False)
 
 
 @cache
-def _slope_rule() -> blurred.Rule:
+def _slope_rule() -> microfacets.Rule:
     """Return quadrature slopes in standard deviations and their probabilities."""
     rings, around = _SLOPES
     nodes, weights = np.polynomial.legendre.leggauss(rings)
-    radius = 0.5 * blurred.MOST_SLOPE * (nodes + 1.0)
-    law = 0.5 * blurred.MOST_SLOPE * weights * radius * np.exp(-0.5 * radius**2)
-    return blurred.Rule(on_rings(radius, around), np.repeat(law / around, around), True)
+    radius = 0.5 * microfacets.MOST_SLOPE * (nodes + 1.0)
+    law = 0.5 * microfacets.MOST_SLOPE * weights * radius * np.exp(-0.5 * radius**2)
+    return microfacets.Rule(on_rings(radius, around), np.repeat(law / around, around), True)
 
 
 def on_rings(radius: Floats, around: int) -> Floats:

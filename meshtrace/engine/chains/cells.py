@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.chains import blurred, unscattered
+from meshtrace.engine.chains import microfacets, unscattered
 from meshtrace.engine.chains.gain import is_steep
 from meshtrace.engine.crossing import acceptance, aim_at, straight_shot, transmittance
 from meshtrace.kernels.interface import FieldOfView, exposure, normal_at
@@ -215,19 +215,19 @@ def blurred_map(scene, cells, stretch, most, across, rules, gain):
     Returns False if a facet has to be cut into more than `most` parts along an edge. `across`
     points along a cell resolve any of its light but that at the edge of the field of view.
 
-    Array twin: `blurred.blurred_gain` of one aperture.
+    Array twin: `microfacets.blurred_gain` of one aperture.
     """
     shot = straight_shot(0.0, 0.0, scene)
-    edge = blurred.PART_BEAM * unscattered.beam_width(scene.emitter) * -scene.emitter.position.z
+    edge = microfacets.PART_BEAM * unscattered.beam_width(scene.emitter) * -scene.emitter.position.z
     source, center = scene.emitter.position, scene.target.center
-    dark = blurred.dark_angle(scene.emitter)
+    dark = microfacets.dark_angle(scene.emitter)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         reach = scene.target.reach + facet.radius
         if unscattered.is_beside(facet.x - center.x, facet.y - center.y, reach, _region(cells)):
             continue
         p = Vec3(facet.x, facet.y, facet.z)
-        if blurred.is_dark(p, blurred.spatial_radius(facet), dark, scene.emitter):
+        if microfacets.is_dark(p, microfacets.spatial_radius(facet), dark, scene.emitter):
             continue
         m = aim_at(p.x, p.y, f, shot, scene)
         x, y = (m.at.x, m.at.y) if m.ok else (0.0, 0.0)
@@ -235,10 +235,10 @@ def blurred_map(scene, cells, stretch, most, across, rules, gain):
         box = _lit_cells(p, minus(p, source), m, f, size, across, cells, scene)
         if box.west > box.east or box.south > box.north:
             continue
-        change = blurred.slope_change(f, _moved(scene, x, y))
+        change = microfacets.slope_change(f, _moved(scene, x, y))
         if math.isinf(change) and not m.ok:
             change = 0.0  # light is reflected there
-        parts = max(change / blurred.PART_SLOPE, 2.0 * facet.radius / edge, 1.0)
+        parts = max(change / microfacets.PART_SLOPE, 2.0 * facet.radius / edge, 1.0)
         if parts > most:
             return False
         n = math.ceil(parts)
@@ -262,12 +262,12 @@ def _lit_cells(p, way, m, f, size, most, cells, scene):
     if not m.ok:
         return (
             _reached(p, n, w, length, size, most, cells, scene)
-            if most < blurred.MOST_SLOPE
+            if most < microfacets.MOST_SLOPE
             else whole
         )
-    o = blurred.slope_towards(p, n, w, w, length, m.at, scene)
-    a = blurred.slope_towards(p, n, w, w, length, Vec2(m.at.x + step, m.at.y), scene)
-    b = blurred.slope_towards(p, n, w, w, length, Vec2(m.at.x, m.at.y + step), scene)
+    o = microfacets.slope_towards(p, n, w, w, length, m.at, scene)
+    a = microfacets.slope_towards(p, n, w, w, length, Vec2(m.at.x + step, m.at.y), scene)
+    b = microfacets.slope_towards(p, n, w, w, length, Vec2(m.at.x, m.at.y + step), scene)
     if not (o.density > 0.0 and a.density > 0.0 and b.density > 0.0):
         return whole
     g11, g12 = (a.along - o.along) / step, (b.along - o.along) / step
@@ -301,7 +301,7 @@ def _reached(p, n, w, length, size, most, cells, scene):
     for i in range(cells.n):
         for j in range(cells.n):
             at = Vec2(cells.x + (i + 0.5) * cells.step, cells.y + (j + 0.5) * cells.step)
-            if blurred.slope_towards(p, n, w, w, length, at, scene).density > 0.0:
+            if microfacets.slope_towards(p, n, w, w, length, at, scene).density > 0.0:
                 west, east = min(west, i - pad), max(east, i + pad)
                 south, north = min(south, j - pad), max(north, j + pad)
     last = cells.n - 1
@@ -314,7 +314,7 @@ def _blurred_part(f, n, i, j, side, box, cells, rules, scene, gain):
 
     Array twin: see `blurred_map`.
     """
-    part = blurred.lit_part(f, n, i, j, side, scene)
+    part = microfacets.lit_part(f, n, i, j, side, scene)
     if part.light == 0.0:
         return
     tau = depth_between(scene.medium, scene.emitter.position, part.middle, part.length)
@@ -351,7 +351,7 @@ def _blur(part, x, y, cells, across, rules, scene):
     for k in range(across * across):
         i, j = k // across, k % across
         goal = Vec2(x + cells.step * nodes[i], y + cells.step * nodes[j])
-        s = blurred.slope_towards(middle, normal, w, w, part.length, goal, scene)
+        s = microfacets.slope_towards(middle, normal, w, w, part.length, goal, scene)
         if s.density > 0.0:
             share = acceptance(s.aim, middle, target, scene.interface.fov)
             if share > 0.0 and (is_steep(s.aim, scene) or _free(middle, s.aim, scene)):

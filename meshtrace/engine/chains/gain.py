@@ -206,7 +206,7 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
             return n
     kept = n
     counters[Counter.ENUMERATED.value] += 1
-    last = crossing.enumerate_roots(roots, n, flat, radius, shot, scene)
+    last = crossing.enumerate_roots(roots, n, flat, radius, NO, shot, scene)
     for k in range(n, last):
         r = roots[k]
         kept = crossing.add_root(roots, kept, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)

@@ -9,7 +9,7 @@ import numpy as np
 
 from meshtrace.engine.chains import cells as kernel
 from meshtrace.engine.chains.aimed import AimedChains
-from meshtrace.engine.chains.blurred import MOST_PARTS
+from meshtrace.engine.chains.microfacets import MOST_PARTS
 from meshtrace.engine.chains.unscattered import STACK
 from meshtrace.engine.setup.arrays import locator
 from meshtrace.engine.setup.ends import forced_link, require_height_field

@@ -86,7 +86,7 @@ def _aim_beside(x, y, dx, dy, s, shot, scene):
 def _exact_jacobian(x, y, waves, shot, scene):
     """Return (z, `Jacobian`) of a crossing over (x, y).
 
-    As `aiming.jacobian`; the waves are summed once for all three points.
+    As `crossing.jacobian`; the waves are summed once for all three points.
     """
     shape = shape_at(waves, x, y)
     return shape.z, crossing.differences(

@@ -1,7 +1,7 @@
 """Joined photons: followed forwards from the source, and joined to every receiver.
 
 Photons are those of the analog estimator; what they bring to a receiver is not counted where they
-hit it, but expected at every collision and crossing (`photons.connections`). Light that the
+hit it, but expected at every collision and crossing (`photons.next_event`). Light that the
 surface reflects first is that of the photons that go on after a reflection. For light that goes
 down photons run backwards, from a receiver in the water to the lamps.
 """

@@ -1,7 +1,7 @@
 """The walk of joined photons: through the water, and back from the surface and the bottom.
 
 Photons are those of `photons.flight` without the light that leaves the water: that is
-expected by `photons.connections` at each crossing and collision. A weight window plays Russian
+expected by `photons.next_event` at each crossing and collision. A weight window plays Russian
 roulette with photons of small weight times importance and splits those of a large one [1]_. In
 clear water collisions are `Joins.often` times as frequent as those of light, and count by the
 inverse.
@@ -18,8 +18,8 @@ import math
 
 import numpy as np
 
-from meshtrace.engine.photons.connections import join_collision, join_crossing
 from meshtrace.engine.photons.guides import copies_of, guide_start, importance, redirect, survives
+from meshtrace.engine.photons.next_event import join_collision, join_crossing
 from meshtrace.engine.photons.state import bending_normal, head, heading, place
 from meshtrace.engine.photons.targets import bend_ahead, chance_ahead, level_over
 from meshtrace.kernels import interface

@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
-from meshtrace.kernels.interface import Surface, inside_facet
-from meshtrace.kernels.jit import ONE, YES, ZERO, inlined, outlined
+from meshtrace.kernels.interface import Surface
+from meshtrace.kernels.jit import ONE, ZERO, inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
-from meshtrace.kernels.scene import Scene, bins_near, is_first_bin
+from meshtrace.kernels.scene import Scene
 from meshtrace.kernels.vectors import on_circle
 
 
@@ -60,7 +60,7 @@ _STREAMS = 64  # purposes between those of two trials
 def crossings_between(still, shot, drawn, scene, manifold):
     """Write the crossings from the start of a shot to its goal (`roots`); return their number.
 
-    Array twin: `crossings.enumerate_roots`, which searches every facet.
+    Array twin: `crossing.enumerate_roots`, which searches every facet.
     `still` is the crossing of still water, at the height of the waves over a start near them.
     """
     surface, target = scene.surface, scene.target
@@ -120,11 +120,7 @@ def _trial(k, still, step, shot, drawn, scene):
 
 @outlined
 def _on_all_facets(still, shot, scene, manifold):
-    """Write the crossings on all facets near that of still water; return their number.
-
-    Seen from close by, the light of a facet is not that of its centroid and its size: there Newton
-    runs on the plane of every facet.
-    """
+    """Write the crossings on all facets near that of still water; return their number."""
     search, flat = manifold.search, manifold.flat[0]
     crossing.flat_crossing(flat, still.x, still.y, shot, _raised(shot.start.z + still.depth, scene))
     if flat.low <= 0.0:
@@ -134,19 +130,8 @@ def _on_all_facets(still, shot, scene, manifold):
         search.curvature,
     )  # fmt: skip
     radius = crossing.radius_of(flat, bounded, shot, scene)
-    if still.depth > _CLOSE * search.margin:
-        return crossing.enumerate_roots(manifold.roots, ZERO, flat, radius, shot, scene)
-    n, grid, surface = ZERO, scene.locator, scene.surface
-    i0, i1, j0, j1 = bins_near(still.x, still.y, radius, grid)
-    for i in range(i0, i1 + 1):
-        for j in range(j0, j1 + 1):
-            for k in range(grid.start[i * grid.ny + j], grid.start[i * grid.ny + j + 1]):
-                f = np.int64(grid.facet[k])
-                if n < len(manifold.roots) and is_first_bin(i, j, i0, j0, f, surface, grid):
-                    found, x, y, _ = crossing.newton(still.x, still.y, f, YES, radius, shot, scene)
-                    if found and inside_facet(x, y, f, surface):
-                        n = _append(n, x, y, f, 1.0, shot, manifold)
-    return n
+    close = still.depth <= _CLOSE * search.margin
+    return crossing.enumerate_roots(manifold.roots, ZERO, flat, radius, close, shot, scene)
 
 
 @inlined

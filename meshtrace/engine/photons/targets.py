@@ -207,7 +207,7 @@ class Still(NamedTuple):
 def still_crossing(p, goal, level, scene):
     """Return the `Still` crossing from p to a point of the aperture, at the height of the sea.
 
-    Array twin: `aiming.newton` on the flat sea.
+    Array twin: `crossing.newton` on the flat sea.
     Fermat's principle: n sin(theta_w) = sin(theta_a), by Newton in the distance; the levers are
     the inverse second derivatives of the optical path.
     """

@@ -108,7 +108,7 @@ def _normal_to(p, d, goal, scene):
 def slope_towards(p, n, w, d, length, goal, scene):
     """Return the `Slope` that refracts light at P to a point of the aperture's plane.
 
-    Array twin: `aiming.land` of the tilted normal, and its derivatives by the tilt.
+    Array twin: `crossing.land` of the tilted normal, and its derivatives by the tilt.
     n is the normal of the mesh, w the direction of emission, d that of arrival.
     """
     big, r, flight = _normal_to(p, d, goal, scene)
@@ -469,7 +469,7 @@ def blurred_contributions(chains, flat, spread, scene, out):
 
     Returns (doubtful crossings, rays, arrivals).
 
-    Array twin: `chain_gain.contributions`, which finds the crossings of a chosen slope.
+    Array twin: `gain.contributions`, which finds the crossings of a chosen slope.
     Here the crossing is chosen, as that of a flat sea moved by slopes of the law `spread`, and the
     slope follows: one evaluation a crossing. Crossings that several flat ones may lead to count
     by the sum of their densities.

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from meshtrace.engine import crossing
-from meshtrace.engine.chains.blurred import slope_towards
+from meshtrace.engine.chains.microfacets import slope_towards
 from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.guides import drawn_density, guide_of
 from meshtrace.engine.photons.manifold import Drawn, crossings_between

@@ -11,7 +11,7 @@ from scipy.stats import ncx2
 
 import meshtrace as mt
 from meshtrace.engine.chains.aimed import _disk_nodes, _disk_rule, _slope_rule
-from meshtrace.engine.chains.blurred import slope_towards, whitened
+from meshtrace.engine.chains.microfacets import slope_towards, whitened
 from meshtrace.engine.crossing import land_sloped, straight_shot
 from meshtrace.kernels.interface import Roughness, slope_tilt
 from meshtrace.kernels.vectors import Vec2, Vec3, minus, norm, scaled
