@@ -234,7 +234,7 @@ def plot_gain_pdf(
     bins: int | str = "auto",
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot the density of the gain with its standard errors, and fitted fading laws.
+    """Plot the density of the gain with two standard errors, and fitted fading laws.
 
     Parameters
     ----------
@@ -678,7 +678,7 @@ def plot_tornado(
     Returns
     -------
     Axes
-        Bars in dB, in m for the range, the largest on top; standard errors as whiskers.
+        Bars in dB, in m for the range, the largest on top, with whiskers of two standard errors.
     """
     found = swings(s, change)
     names = [f"{one.name}\n{one.values[0]:.4g} to {one.values[1]:.4g} {one.unit}" for one in found]
