@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from meshtrace.engine.chains.aimed import AimedChains, SearchMode
+from meshtrace.engine.chains.aimed import AimedChains, Nodes, SearchMode
 from meshtrace.engine.chains.sampling import Nominal
 from meshtrace.engine.chains.sets import ChainDrawer, ChainSet
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
@@ -87,7 +87,7 @@ class FrozenForced:
         warn_of_chains(base, ForcedDetection(link, SHIFTS, seed, normals, sea=sea))
         self._base, self._seed = base, seed
         self._normals, self._search = normals, search
-        self._nodes: dict[tuple[int, int], tuple[int, int]] = {}
+        self._nodes: dict[tuple[int, int], Nodes] = {}
         self._drawn: dict[str, list[list[ChainSet]]] = {}
         self._lock = Lock()
 

@@ -29,6 +29,9 @@ from meshtrace.models import Floats
 
 SearchMode = Literal["usual", "thorough"]
 
+Nodes = tuple[int, int] | None
+"""Rings and nodes on each of a quadrature over an aperture; None over the slopes."""
+
 ROOTS = 64  # crossings of one chain at most
 _NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, that blurs
 _POINT = 0.5  # radius of an aperture over the blur, up to which four points stand for it
@@ -90,9 +93,7 @@ class AimedChains:
             self.medium = with_raster(self.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
         self.counters = np.zeros(len(Counter), np.int64)
-        self.nodes: dict[
-            tuple[int, int], tuple[int, int] | None
-        ] = {}  # quadratures of the apertures
+        self.nodes: dict[tuple[int, int], Nodes] = {}  # quadratures of the apertures
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     @cached_property
@@ -337,7 +338,7 @@ def search_extent(surface: Surface, facets: NDArray[np.void], bins: Locator) -> 
     )
 
 
-def _disk_nodes(blur: float) -> tuple[int, int] | None:
+def _disk_nodes(blur: float) -> Nodes:
     """Return the rings, and the nodes of each, for 1e-3 of the light of a Gaussian spot.
 
     The standard deviation of the spot, anywhere on the unit disk, is 1 / blur. None where slopes
