@@ -6,6 +6,7 @@ import math
 import sys
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,9 @@ LEFT_DOMAIN_WARNING = 1e-4
 MESH_ERROR_WARNING = 3e-3
 """Share of a gain above which the error of the mesh is warned of."""
 
-_FEW = 100.0  # effective samples below which an error is uncertain itself
+_FEW = {"chains": 100.0, "joined photons": 200.0}
+"""Effective samples below which an error is uncertain itself."""
+
 _FEW_SHARE = {"chains": 0.1, "joined photons": 0.15}
 """Share of the samples below which they are few: a run of few photons is known to be uncertain.
 
@@ -98,10 +101,9 @@ def forced_result(
         extra["gain_reflected"] = per_receiver(link, photons.parts[REFLECTED])
         extra["gain_reflected_stderr"] = per_receiver(link, photons.stderr[REFLECTED])
         extra["reflected"] = photons.samples(REFLECTED)
-    return GainResult(
+    result = GainResult(
         gain=per_receiver(link, parts.gain),
         gain_stderr=per_receiver(link, parts.stderr),
-        gain_bound=_bound_of_dark(case, mesh, parts.gain),
         photons=case.run.photons,
         fates={},
         provenance=origin,
@@ -113,10 +115,30 @@ def forced_result(
         arrivals=arrivals,
         **extra,
     )
+    bound = np.fmax(_bound_of_dark(case, mesh, parts.gain), _bound_of_few(result))
+    if not np.isfinite(bound).any():
+        return result
+    return replace(result, gain_bound=per_receiver(link, bound))
 
 
-def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Any:
-    """Return upper bounds of gains without received light, nan elsewhere; None if all have light.
+def _bound_of_few(result: GainResult) -> Floats:
+    """Return upper bounds of gains that rest on few effective samples, nan elsewhere.
+
+    Light of paths that are rarer than the samples is missing from most runs, and from their
+    standard errors. With gain h and standard error s the bound is h + 2 s + 3 w / n: paths that n
+    samples do not show bring less than 3 w / n at 95 % confidence (rule of three), w their score.
+    It is taken for (sum w_i^2)^(1/2), which no score exceeds, so that w / n = h_k / n_eff^(1/2) for
+    a part h_k of the gain with an effective sample size n_eff.
+    """
+    rare = np.full(len(result.gains), np.nan)
+    for r, row, light in _samples(result):
+        if _is_few(row):
+            rare[r] = np.nan_to_num(rare[r]) + 3.0 * light / math.sqrt(max(row.effective, 1.0))
+    return result.gains + 2.0 * result.stderrs + rare
+
+
+def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Floats:
+    """Return upper bounds of gains without received light, nan elsewhere.
 
     The bound is that of analog photons, at least `_BOUND_PHOTONS`, as aimed samples without
     contributions give none.
@@ -126,7 +148,7 @@ def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Any:
     3 w / n at 95 % confidence (rule of three) where none arrives.
     """
     if (gain > 0.0).all():
-        return None
+        return np.full(len(gain), np.nan)
     most = largest_weight(case.link, float(mesh.bounds[0, 2]))
     bound = np.full(len(gain), sys.float_info.min)
     if most > sys.float_info.min:
@@ -136,7 +158,7 @@ def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Any:
         sums = run_analog(case.link, intersector, options, photons=n, **case.how)
         error = standard_error(sums.score, sums.score_squared, n)
         bound = np.maximum(sums.score / n + 2.0 * error + 3.0 * most / n, bound)
-    return per_receiver(case.link, np.where(gain > 0.0, np.nan, bound))
+    return np.where(gain > 0.0, np.nan, bound)
 
 
 def largest_weight(link: Link, trough: float) -> float:
@@ -156,16 +178,19 @@ def largest_weight(link: Link, trough: float) -> float:
 
 
 def lack_of_samples(result: GainResult) -> float:
-    """Return the largest ratio of 100 to the effective samples of a scattered gain that counts.
+    """Return the largest ratio of `_FEW` to the effective samples of a scattered gain that counts.
 
     Beyond 1 the standard error of that gain is uncertain itself.
     """
-    return max((_FEW / max(row.effective, 1.0) for _, row in _samples(result)), default=0.0)
+    return max(
+        (_FEW[row.estimator] / max(row.effective, 1.0) for _, row, _ in _samples(result)),
+        default=0.0,
+    )
 
 
 def warn_of_few(result: GainResult) -> None:
     """Warn of gains with a small effective sample size."""
-    _warn_of_few(_samples(result))
+    _warn_of_few([(r, row) for r, row, _ in _samples(result)])
 
 
 def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
@@ -179,7 +204,8 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
         The same with the estimators of `simulate`.
     """
     parts = chains.evaluate(chains.flat())
-    found = _that_matter(parts.samples_by_receiver(), parts.scattered.mean(axis=1), parts.gain)
+    light = parts.scattered.mean(axis=1)
+    found = [row[:2] for row in _that_matter(parts.samples_by_receiver(), light, parts.gain)]
     worse = [r for r, method in enumerate(usual.method) if method == "joined"]
     for r in worse:
         _warn(
@@ -194,27 +220,33 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
 
 def _warn_of_few(found: list[tuple[int, ScatteredSamples]]) -> None:
     for r, row in found:
-        if row.effective < min(_FEW, _FEW_SHARE[row.estimator] * row.samples):
+        if _is_few(row):
             _warn(
                 f"receiver {r}: {row.scored:,} of {row.samples:,} {row.estimator} contribute, "
                 f"effective sample size {row.effective:.0f}: the error may exceed the "
-                "standard error",
+                "standard error, and the gain has an upper bound",
                 FewSamplesWarning,
             )
 
 
-def _samples(result: GainResult) -> list[tuple[int, ScatteredSamples]]:
-    """Return the samples of scattered light, and of light that is reflected first."""
+def _is_few(row: ScatteredSamples) -> bool:
+    """Return whether the effective samples are too few for their standard error."""
+    return row.effective < min(_FEW[row.estimator], _FEW_SHARE[row.estimator] * row.samples)
+
+
+def _samples(result: GainResult) -> list[tuple[int, ScatteredSamples, float]]:
+    """Return receivers, samples and gain of scattered light, and of light reflected first."""
     scattered = _that_matter(result.scattered, result.gain_scattered, result.gains)
     return scattered + _that_matter(result.reflected, result.gain_reflected, result.gains)
 
 
 def _that_matter(
     rows: list[ScatteredSamples], share: Any, gain: Floats
-) -> list[tuple[int, ScatteredSamples]]:
-    """Return the receivers for which a share of the gain matters, with its samples."""
+) -> list[tuple[int, ScatteredSamples, float]]:
+    """Return the receivers for which a share of the gain matters, its samples and the share."""
     share = np.atleast_1d(0.0 if share is None else share)
-    return [(r, row) for r, row in enumerate(rows) if share[r] > _SMALL * gain[r]]
+    matters = (r for r in range(len(rows)) if share[r] > _SMALL * gain[r])
+    return [(r, rows[r], float(share[r])) for r in matters]
 
 
 def warn_of_omitted(link: Link, gain: Floats) -> None:

@@ -99,8 +99,9 @@ class GainResult(Stored):
     fates : dict of str to FateTally
         Photons and weight by fate; empty for the forced estimator.
     gain_bound : same as gain, or None
-        Upper bound of the gain at 95 % confidence where no light was received, nan elsewhere;
-        None if all receivers received light.
+        Upper bound of the gain at 95 % confidence where no light was received or scattered light
+        rests on few samples, so that the standard error is uncertain; nan elsewhere, None if there
+        is no such receiver.
     gain_ballistic, gain_scattered : same as gain, or None
         Unscattered and scattered parts, where the estimator separates them.
     gain_reflected, gain_reflected_stderr : same as gain, or None
@@ -178,7 +179,7 @@ class GainResult(Stored):
     def _headline(self) -> str:
         rows = zip(self.gains, self.stderrs, self._each("gain_bound"), strict=True)
         parts = [
-            self._dark(bound) if bound > 0.0 else f"gain {gain:.4e} +- {stderr:.1e}"
+            f"gain {gain:.4e} +- {stderr:.1e}" if gain or not bound > 0.0 else self._dark(bound)
             for gain, stderr, bound in rows
         ]
         shown = parts[:4] + [f"{len(parts) - 4} more"] * (len(parts) > 4)
@@ -244,6 +245,9 @@ class GainResult(Stored):
             lines.append(_line(name, f"{gain:.4e}  ({10.0 * math.log10(gain):.3f} dB optical)"))
             errors = f"{stderr:.1e}  ({percent:.2g} %, {decibel:.2g} dB)"
             lines.append(_line("standard error", errors))
+            if bound > 0.0:
+                few = "at 95 % confidence: few samples, light of rare paths may be missing"
+                lines.append(_line("upper bound", f"{bound:.4e}  {few}"))
             if of_mesh > _MATTERS * stderr or (verbose and of_mesh >= 0.0):
                 text = f"{of_mesh:.1e}  ({100.0 * of_mesh / gain:.2g} %)"
                 lines.append(_line("error of the mesh", text))
