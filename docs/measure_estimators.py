@@ -36,14 +36,16 @@ PAGE = Path(__file__).with_name("estimators.md")
 KILL = mt.Physics(reflected="kill")
 UNSCATTERED_CHAINS, WIDE_SEEDS, ANALOG_SHARE = 16_384, 8, 32
 LEAST, MOST = 256, 2**20
+_FEWEST = 8  # runs for a chi-square
 
 
 class Parts(NamedTuple):
-    """Gains of some parts and their standard errors, by receiver."""
+    """Gains of some parts, their standard errors and upper bounds, by receiver."""
 
     gain: dict[str, np.ndarray]
     error: dict[str, np.ndarray]
     method: str = ""
+    bound: np.ndarray | None = None
 
 
 def _forced(scattered: str) -> Callable[..., Parts]:
@@ -80,7 +82,8 @@ def _simulate(link: mt.Link, mesh: mt.TriangleMesh, photons: int, seed: int) -> 
         "reflected": reflected,
     }
     error = {"all": found.stderrs}
-    return Parts(gain, error, ", ".join(s.estimator for s in found.scattered))
+    bound = np.broadcast_to(np.nan if found.gain_bound is None else found.gain_bound, zero.shape)
+    return Parts(gain, error, ", ".join(s.estimator for s in found.scattered), bound)
 
 
 def _unscattered(link: mt.Link, mesh: mt.TriangleMesh, photons: int, seed: int) -> Parts:
@@ -198,7 +201,25 @@ def _repeated(
             if seeds > 1:
                 figures["chi2"] = _chi_square(gain, error)
         found[part] = {key: _short(row) for key, row in figures.items()}
+    if runs[0].bound is not None:
+        found["bounds"] = _bounds(runs)
     return found
+
+
+def _bounds(runs: list[Parts]) -> dict[str, list[float]]:
+    """Return, by receiver, the runs with a bound, those it holds for, and chi2 of the others."""
+    bound, gain = (np.array([*map(pick, runs)]) for pick in (_bound_of, lambda r: r.gain["all"]))
+    mean, bounded = gain.mean(axis=0), bound > 0.0
+    z = (gain - mean) / np.array([r.error["all"] for r in runs])
+    alone = np.maximum((~bounded).sum(axis=0), 1)
+    square = np.where(bounded, 0.0, z**2).sum(axis=0) * len(runs) / alone
+    counts = bounded.sum(axis=0), (bound >= mean).sum(axis=0), square
+    return dict(zip(("runs", "held", "chi2"), map(_short, counts), strict=True))
+
+
+def _bound_of(parts: Parts) -> np.ndarray:
+    assert parts.bound is not None
+    return parts.bound
 
 
 def _photons_in(run: Callable[[int], Any], seconds: float, fixed: float) -> int:
@@ -306,6 +327,27 @@ def chi(entry: dict[str, Any] | None, part: str) -> str:
     return cell(texts)
 
 
+def trust(entry: dict[str, Any]) -> tuple[str, str]:
+    """Return chi-square of runs without a bound, and how many of those with one it holds for."""
+    seeds = entry["seeds"]
+    bounds = entry.get(
+        "bounds", {key: [0.0] * len(entry["all"]["chi2"]) for key in ("runs", "held")}
+    )
+    squares, counts = [], []
+    rows = zip(
+        bounds.get("chi2", entry["all"]["chi2"]), bounds["runs"], bounds["held"], strict=True
+    )
+    for square, runs, held in rows:
+        alone = seeds - runs
+        if alone < _FEWEST:
+            squares.append("–")
+        else:
+            square, off = square * 64.0 / seeds, 24.0 * math.sqrt(64.0 / alone)
+            squares.append(f"{square:.0f}" if abs(square - 66.0) <= off else f"**{square:.0f}**")
+        counts.append(f"{runs:.0f}: {held:.0f}" if runs else "0")
+    return cell(squares), cell(counts)
+
+
 def analog_cost(found: dict[str, Any]) -> str:
     """Return the time of analog photons to 1 % of all light, scaled to the link's own aperture.
 
@@ -384,12 +426,13 @@ def cost_table(found: dict[str, dict[str, Any]]) -> str:
         squares = [chi(e, "scattered") for e in own]
         joint = chi(row.get("joined"), "both")
         product = row.get("simulate")
-        chosen = ["–"] * 3
+        chosen = ["–"] * 4
         if product and "all" in product:
             spent = product["cpu"] + product["fixed"]
-            chosen = [", ".join(product["method"]), f"{spent:.2g}", chi(product, "all")]
+            chosen = [", ".join(product["method"]), f"{spent:.2g}", *trust(product)]
         rows.append([name, *times, analog_cost(row), *squares, joint, *chosen])
-    return table([*head, "`simulate` chose", "CPU s of a run", "its chi2"], rows)
+    head += ["`simulate` chose", "CPU s of a run", "its chi2", "runs with a bound: it holds"]
+    return table(head, rows)
 
 
 def sample_table(found: dict[str, dict[str, Any]]) -> str:
