@@ -120,7 +120,7 @@ def test_radius_on_the_axis(wind_speed):
 @pytest.mark.thorough
 def test_a_discontinuity_missed_by_a_small_step_is_suspicious(monkeypatch):
     # chains that do not stretch with the depth: vertices surface, carried by rare chains
-    monkeypatch.setattr(FrozenForced, "_stretched", lambda self, arrays: self._nominals)
+    monkeypatch.setattr(FrozenForced, "_stretched", lambda self, arrays: self._base.drawer.nominals)
     found = elasticities(mt.Link(), keys=("d",), step=1e-4, seed=SEED)
     assert found.table[0].suspicious
     assert "over the longer step" in found.table[0].notes
