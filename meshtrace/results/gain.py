@@ -39,6 +39,7 @@ FATE_MEANING = {
     Fate.EVENT_LIMIT: "reached the limit of events",
     Fate.DEEP: "escaped downwards (bottomless, non-absorbing water)",
 }
+"""What became of the photons of each `Fate`."""
 
 
 class FateTally(NamedTuple):
