@@ -6,7 +6,7 @@ A picture is stale if the digest of its inputs is another than the one in pictur
 file is not the one that was drawn. Inputs are the drawing script, the modules of `meshtrace.viz`
 that it uses with those that they import, the names and units of variables in them, and the tables
 of optical data; of a figure of the paper its modules of `meshtrace.paper` and its effort, too.
-Comments, docstrings and blank lines do not count. The engine is not among them: each edit of it
+Comments, docstrings, blank lines and imports do not count. The engine is not among them: each edit of it
 would make all pictures stale, and tests compare the numbers and the pictures that it gives.
 """
 
@@ -129,14 +129,15 @@ def closure(sources: Iterable[Path]) -> list[Path]:
 
 
 def code(path: Path) -> str:
-    """Return a text without docstrings, lines of comments and blank lines, if it is Python."""
+    """Return a text without docstrings, imports, lines of comments and blank lines, if Python."""
     text = path.read_text("utf-8")
     if path.suffix != ".py":
         return text
     dropped: set[int] = set()
     for node in ast.walk(ast.parse(text)):
         for one in getattr(node, "body", ()) if isinstance(getattr(node, "body", ()), list) else ():
-            if isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant):
+            text_alone = isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant)
+            if text_alone or isinstance(one, ast.Import | ast.ImportFrom):
                 dropped |= set(range(one.lineno, (one.end_lineno or one.lineno) + 1))
     lines = enumerate(text.splitlines(), 1)
     kept = (line for i, line in lines if i not in dropped and line.split("#")[0].strip())
