@@ -6,8 +6,8 @@ A picture is stale if the digest of its inputs is another than the one in pictur
 file is not the one that was drawn. Inputs are the drawing script, the modules of `meshtrace.viz`
 that it uses with those that they import, the names and units of variables in them, and the tables
 of optical data; of a figure of the paper its modules of `meshtrace.paper` and its effort, too.
-Comments, docstrings, blank lines and imports do not count. The engine is not among them: each edit of it
-would make all pictures stale, and tests compare the numbers and the pictures that it gives.
+Comments, docstrings, blank lines and imports do not count. The engine is not among them: each edit
+of it would make all pictures stale, and tests compare the numbers and the pictures that it gives.
 """
 
 from __future__ import annotations
