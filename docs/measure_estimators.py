@@ -344,7 +344,8 @@ def trust(entry: dict[str, Any]) -> tuple[str, str]:
         else:
             square, off = square * 64.0 / seeds, 24.0 * math.sqrt(64.0 / alone)
             squares.append(f"{square:.0f}" if abs(square - 66.0) <= off else f"**{square:.0f}**")
-        counts.append(f"{runs:.0f}: {held:.0f}" if runs else "0")
+        known = "bounds" in entry
+        counts.append(f"{runs:.0f}: {held:.0f}" if runs else "0" if known else "–")
     return cell(squares), cell(counts)
 
 
