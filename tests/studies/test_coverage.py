@@ -81,7 +81,7 @@ def test_cells_of_scattered_light_alone():
     disk = 1.0 / np.sqrt(3.0)
     places = [(6.0, 6.0), (-6.0, -6.0)]
     receivers = tuple(mt.Receiver(position=place, radius=disk) for place in places)
-    one = mt.simulate(link.replace(receiver=receivers), mesh, photons=2**14, seed=4, threads=1)
+    one = mt.simulate(link.replace(receiver=receivers), mesh, photons=2**15, seed=4, threads=1)
     area = (mt.Receiver().radius / disk) ** 2
     assert {row.estimator for row in one.scattered} == {"joined photons"}
     assert (one.gain_ballistic == 0.0).all()
