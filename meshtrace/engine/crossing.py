@@ -164,11 +164,22 @@ def land(p, n, shot, scene):
 
     Array twin: `tests/engine/test_crossing.py`, against rays traced forwards.
     """
-    target, medium = scene.target, scene.medium
     ok, length, w, d = emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
+    if not ok:
+        return Aim(False, Vec2(0.0, 0.0), w, d, ORIGIN, 1.0, length, 0.0)
+    return land_from(p, n, w, d, length, scene)
+
+
+@inlined
+def land_from(p, n, w, d, length, scene):
+    """Return the `Aim` of light that leaves its source along w and arrives at P along d.
+
+    Array twin: see `land`.
+    """
+    target, medium = scene.target, scene.medium
     cos_i = dot(d, n)
     cos_t, rho, r = -1.0, 1.0, ORIGIN
-    if ok and cos_i > 0.0:
+    if cos_i > 0.0:
         cos_i = min(cos_i, 1.0)
         cos_t, rho, r = transmit(d, n, cos_i, medium.n_water, medium.n_air, scene.interface)
     facing = dot(r, target.axis)

@@ -36,7 +36,7 @@ ROOTS = 64  # crossings of one chain at most
 _NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, that blurs
 _POINT = 0.5  # radius of an aperture over the blur, up to which four points stand for it
 _WIDEST = 20.0  # radius of an aperture over the blur, beyond which slopes take fewer points
-_SLOPES = 14, 24  # rings of quadrature slopes, and slopes on each
+_SLOPES = 55, 34  # points of the Fibonacci lattice of slopes, and its generator
 _SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
 _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
 
@@ -355,26 +355,20 @@ def _disk_nodes(blur: float) -> Nodes:
 def _disk_rule(rings: int, around: int) -> microfacets.Rule:
     """Return the quadrature over the unit disk, with rings at Gauss's nodes of the area."""
     nodes, weights = np.polynomial.legendre.leggauss(rings)
-    points = on_rings(np.sqrt(0.5 * (nodes + 1.0)), around)
-    return microfacets.Rule(points, np.repeat(0.5 * weights / around, around), False)
+    azimuth = 2.0 * math.pi * (np.arange(around) + 0.5 * (np.arange(rings)[:, None] % 2)) / around
+    circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
+    points = np.sqrt(0.5 * (nodes + 1.0))[:, None, None] * circle
+    shares = np.repeat(0.5 * weights / around, around)
+    return microfacets.Rule(points.reshape(-1, 2), shares, False)
 
 
 @cache
 def _slope_rule() -> microfacets.Rule:
-    """Return quadrature slopes in standard deviations and their probabilities."""
-    rings, around = _SLOPES
-    nodes, weights = np.polynomial.legendre.leggauss(rings)
-    radius = 0.5 * microfacets.MOST_SLOPE * (nodes + 1.0)
-    law = 0.5 * microfacets.MOST_SLOPE * weights * radius * np.exp(-0.5 * radius**2)
-    return microfacets.Rule(on_rings(radius, around), np.repeat(law / around, around), True)
-
-
-def on_rings(radius: Floats, around: int) -> Floats:
-    """Return equally spaced points on rings about the origin, every other ring turned by half."""
-    step = 2.0 * math.pi / around
-    azimuth = step * (np.arange(around) + 0.5 * (np.arange(len(radius))[:, None] % 2))
-    circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
-    return (radius[:, None, None] * circle).reshape(-1, 2)
+    """Return the quadrature over the slopes, a Fibonacci lattice on the unit square."""
+    n, generator = _SLOPES
+    k = np.arange(n)
+    points = np.column_stack([k / n, k * generator % n / n])
+    return microfacets.Rule(points, np.full(n, 1.0 / n), True)
 
 
 def on_disk(center: Vec3, end: Emitter | Target, disk: Floats) -> Floats:

@@ -66,6 +66,8 @@ _FEW = 16  # parts along an edge: facets of more are cut where light may cross
 _FINE = 1.5  # parts of facets of several: few neighbours of the same cut cancel errors at edges
 _FINER = 4.0  # parts of those of more than a few: no neighbours of the same cut do
 _FINEST = 1.0 / 64.0  # of the longest edge, at the edge of the field of view
+_SHIFT = 0.7548776662466927  # plastic number^-1: shifts of lattices fill the square evenly
+_APART = 101  # between the shifts of facets
 _NEAR = 2.0  # sizes of a part within which the edge of the field of view may cross it
 _NODES = np.int64(2**24)  # finest cut of an edge
 
@@ -137,10 +139,14 @@ def slope_towards(p, n, w, d, length, goal, scene):
 
 
 class Rule(NamedTuple):
-    """Quadrature over an aperture, or over the slopes where it is much wider than their light."""
+    """Quadrature over an aperture, or over the slopes where it is much wider than their light.
 
-    points: NDArray[np.float64]  # (n, 2) of the unit disk, or slopes in standard deviations
-    shares: NDArray[np.float64]  # (n,) of the area, or probabilities
+    Slopes have the sizes and azimuths of a lattice on the unit square, another one on each part of
+    a facet: which of them hit the aperture differs, and errors at its edge average out.
+    """
+
+    points: NDArray[np.float64]  # (n, 2) of the unit disk, or of the unit square
+    shares: NDArray[np.float64]  # (n,) of the area
     is_of_slopes: bool
 
 
@@ -231,7 +237,7 @@ def is_lit(f, nodes, i, j, side, dark, scene):
 @outlined
 def _facet_light(f, dark, rule, stack, scene):
     """Return (gain, steep) of a facet; parts that need many parts of their own are quartered."""
-    total, steep = 0.0, True
+    total, steep, number = 0.0, True, 0
     stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, _NODES
     top = 1
     while top > 0:
@@ -253,8 +259,8 @@ def _facet_light(f, dark, rule, stack, scene):
                 x, y, z = unscattered.part_of_row(k, q)
                 # part (x, y, z) of m along the edges of the part (i, j, side)
                 x, y, z = m * i + x * side, m * j + y * side, z * side
-                g, s = _part_gain(f, m * _NODES, x, y, z, rule, scene)
-                total += g
+                g, s = _part_gain(f, m * _NODES, x, y, z, rule, number, scene)
+                total, number = total + g, number + 1
                 steep = steep and s
     return total, steep
 
@@ -273,9 +279,8 @@ def _parts_along(f, i, j, side, scene):
     margin, flight = _margin(p, Vec2(0.0, 0.0), scene)
     if margin < -_NEAR * (h + scene.target.radius):
         return 1.0
-    view = unscattered.view_radius(
-        flight, scene.target, scene.interface.fov
-    )  # everywhere, see `_FINER`
+    # everywhere in view, see `_FINER`
+    view = unscattered.view_radius(flight, scene.target, scene.interface.fov)
     edge = min(edge, max(unscattered.VIEW_SHARE * view, _FINEST * edge))
     nodes = unscattered.nodes_of(f, _NODES, i, j, side, scene.surface)
     change = _change(f, *nodes, scene)
@@ -422,17 +427,25 @@ def lit_part(f, n, i, j, side, scene):
 
 
 @outlined
-def _landing(p, n, deviations, scene):
-    """Return the `Slope` of some standard deviations, of the density 1 / area on the aperture."""
-    tilt = slope_tilt(scene.surface.roughness, deviations.x, deviations.y)
-    aim = crossing.land(p, tilted(n, tilt), crossing.straight_shot(0.0, 0.0, scene), scene)
-    lands = aim.ok and dot2(aim.at, aim.at) < scene.target.radius**2
-    return Slope(deviations.x, deviations.y, tilt, lands / scene.target.area, aim)
+def _landing(part, size, turn, scene):
+    """Return the `Slope` of a size and an azimuth in shares of their ranges.
+
+    Its density on the aperture is that of uniform shares there, 0 beside it.
+    """
+    r, phi = MOST_SLOPE * size, 2.0 * math.pi * turn
+    along_wind, across_wind = r * math.cos(phi), r * math.sin(phi)
+    tilt = slope_tilt(scene.surface.roughness, along_wind, across_wind)
+    n = tilted(part.normal, tilt)
+    aim = crossing.land_from(part.middle, n, part.w, part.w, part.length, scene)
+    density = 0.0
+    if aim.ok and dot2(aim.at, aim.at) < scene.target.radius**2:
+        density = MOST_SLOPE * r * math.exp(-0.5 * r * r) / scene.target.area
+    return Slope(along_wind, across_wind, tilt, density, aim)
 
 
 @outlined
-def _part_gain(f, n, i, j, side, rule, scene):
-    """Return (gain, steep) of a part of a facet, see `lit_part`."""
+def _part_gain(f, n, i, j, side, rule, number, scene):
+    """Return (gain, steep) of a part of a facet, see `lit_part`; `number` counts its parts."""
     part = lit_part(f, n, i, j, side, scene)
     middle, normal, w, light = part.middle, part.normal, part.w, part.light
     total, steep = 0.0, True
@@ -442,10 +455,11 @@ def _part_gain(f, n, i, j, side, rule, scene):
     near = _NEAR * (max(norm(minus(p, middle)), norm(minus(q, r))) + radius)
     if light == 0.0 or margin < -near:
         return 0.0, True
+    first, second = _SHIFT * (_APART * f + number), _SHIFT**2 * (_APART * f + number)
     for k in range(len(rule.points)):
         at = Vec2(rule.points[k, 0], rule.points[k, 1])
         if rule.is_of_slopes:
-            s = _landing(middle, normal, at, scene)
+            s = _landing(part, (at.x + first) % 1.0, (at.y + second) % 1.0, scene)
         else:
             goal = Vec2(radius * at.x, radius * at.y)
             s = slope_towards(middle, normal, w, w, part.length, goal, scene)
