@@ -56,6 +56,7 @@ from meshtrace.kernels.vectors import (
 MOST_SLOPE = 7.0  # standard deviations beyond which a slope does not occur
 PART_SLOPE = 0.7  # standard deviations by which the slope may change over a part of a facet
 PART_BEAM = 0.2  # longest edge of a part over the width of the beam
+_GAUSSIAN = 0.3  # the same for a Gaussian beam, over which equal parts converge exponentially
 RIM_BEAM = 0.02  # the same where a beam with a sharp rim ends
 DARK = 41.5  # -ln of the intensity, over that on the axis, that counts as none
 MOST_PARTS = 48
@@ -243,9 +244,10 @@ def _facet_light(f, dark, rule, stack, scene):
     while top > 0:
         top -= 1
         i, j, side = stack[top, 0], stack[top, 1], stack[top, 2]
-        n = _parts_along(f, i, j, side, scene)
+        smooth, sharp = _parts_along(f, i, j, side, scene)
+        n = max(smooth, sharp, 1.0)
         if abs(side) < _NODES:
-            n *= _FINER
+            n = max(_FINE * smooth, _FINER * sharp, 1.0)
             if not is_lit(f, _NODES, i, j, side, dark, scene):
                 continue
         if n > _FEW and abs(side) > 1:
@@ -267,26 +269,31 @@ def _facet_light(f, dark, rule, stack, scene):
 
 @outlined
 def _parts_along(f, i, j, side, scene):
-    """Return the number of parts, along an edge, into which a part of a facet has to be cut."""
+    """Return the numbers of parts along an edge of a part of a facet: smooth and sharp.
+
+    Smooth for the profile of the beam, over which all facets are cut alike; sharp for edges of
+    light and for slopes.
+    """
     emitter, facet = scene.emitter, scene.facets[f]
     share = abs(side) / _NODES
     p = unscattered.node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
     h = spatial_radius(facet) * share
-    beam = PART_BEAM
-    if emitter.kind == SourceKind.TOP_HAT_BEAM and _is_rim(p, h, emitter):
-        beam = RIM_BEAM
-    edge = beam * unscattered.beam_width(emitter) * -emitter.position.z
+    beam = _GAUSSIAN if emitter.kind == SourceKind.GAUSSIAN_BEAM else PART_BEAM
+    width = unscattered.beam_width(emitter) * -emitter.position.z
     margin, flight = _margin(p, Vec2(0.0, 0.0), scene)
     if margin < -_NEAR * (h + scene.target.radius):
-        return 1.0
+        return 1.0, 1.0
     # everywhere in view, see `_FINER`
     view = unscattered.view_radius(flight, scene.target, scene.interface.fov)
-    edge = min(edge, max(unscattered.VIEW_SHARE * view, _FINEST * edge))
+    edge = max(unscattered.VIEW_SHARE * view, _FINEST * beam * width)
+    if emitter.kind == SourceKind.TOP_HAT_BEAM and _is_rim(p, h, emitter):
+        edge = min(edge, RIM_BEAM * width)
     nodes = unscattered.nodes_of(f, _NODES, i, j, side, scene.surface)
     change = _change(f, *nodes, scene)
     if change > _FEW * PART_SLOPE:
         change = min(change, _clipped_change(f, *nodes, scene))
-    return max(change / PART_SLOPE, 2.0 * facet.radius * share / edge, 1.0)
+    longest = 2.0 * facet.radius * share
+    return longest / (beam * width), max(change / PART_SLOPE, longest / edge)
 
 
 @outlined
