@@ -1,1 +1,1 @@
-"""The ways to follow light through water and surface, each with its kernels beside its driver."""
+"""Estimators of the light through water and surface; kernels stand beside their drivers."""

@@ -167,7 +167,7 @@ def is_clear(chains: ScatteredPilot) -> NDArray[np.bool_]:
 
 
 def chain_cost(expected: float) -> float:
-    """Return the time of a chain over that of a joined photon.
+    """Return the time of a chain relative to a joined photon.
 
     In turbid water photons are scattered many times more than light on the way.
     """

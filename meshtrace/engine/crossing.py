@@ -534,7 +534,7 @@ def _is_seen(m, p, target, fov):
 
 @inlined
 def forwards(m, p, facet, tilt, surface):
-    """Return the light that a facet takes from the air, over that of reversed light in the water.
+    """Return the exposure of a facet to light from the air, relative to light in the water.
 
     Array twin: the analog photon from a lamp in the air.
     A facet g takes |a.g| of the flux from the air and |w.g| of that from the water; bending by the

@@ -233,11 +233,11 @@ class ForcedDetection:
 
     @property
     def expected(self) -> float:
-        """Scatterings expected on the way to the surface, the most of all sources."""
+        """Largest expected number of scatterings between a source and the surface."""
         return max(law.expected for law in self.drawer.nominals)
 
     def _photons(self, photons: int, receivers: Iterable[int], first: int = 1) -> JoinedPhotons:
-        """Return joined photons to some receivers; `first` counts for those that chains serve."""
+        """Return joined photons to some receivers; `first` applies where chains serve."""
         rows = list(receivers)
         some = tuple(self.link.receivers[r] for r in rows)
         link = self.link.model_copy(update={"receiver": some})
@@ -337,7 +337,7 @@ class ForcedDetection:
         return gains
 
     def _lamp_points(self, s: int) -> Floats:
-        """Return points of an extended source, those of each shift in turn."""
+        """Return points of an extended source, shift by shift."""
         per_shift = max(self.photons // (_CHAINS_PER_POINT * SHIFTS), 2)
         points, shifts = points_of(Request(s, -1, per_shift, (self.seed, s, 0, 6)))
         u = ((points[None] + shifts) % 1.0).reshape(-1, points.shape[1])

@@ -1,4 +1,4 @@
-"""Error of a gain by the mesh, from meshes of every second line of it.
+"""Discretization error of a gain, from meshes of every second grid line.
 
 Heights are linear and normals interpolated over a facet. A grid of every second line takes no new
 heights. Unscattered light without noise through both tells the error; scattered light crosses at

@@ -158,7 +158,7 @@ class FrozenForced:
         return arrays, aimed, self._sets(link, arrays, aimed)
 
     def _sets(self, link: Link, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
-        """Return the chains of a link; those of the last geometries are kept."""
+        """Return the chains of a link (cached for recent geometries)."""
         lamps = [(e.position, e.axis, e.radius) for e in arrays.emitters]
         ends = [(t.center, t.axis, t.radius) for t in arrays.targets]
         parts = link.water.phase, link.bubbles, link.physics

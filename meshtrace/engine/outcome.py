@@ -162,7 +162,7 @@ def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Floats:
 
 
 def largest_weight(link: Link, trough: float) -> float:
-    """Return a bound on the weight that absorption leaves on the way between water and air.
+    """Return an upper bound on the transmission between source and receiver.
 
     Parameters
     ----------

@@ -158,7 +158,7 @@ def _simulated(
 def _checked(
     result: GainResult, case: Case, mesh: TriangleMesh, records: dict[str, Record]
 ) -> GainResult:
-    """Return a result with the error of its mesh, and warn of what it leaves out."""
+    """Return a result with its mesh error, and warn of light that it omits."""
     outcome.warn_of_few(result)
     if isinstance(case.run.estimator, Analog):
         outcome.warn_of_lost(result)

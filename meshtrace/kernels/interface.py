@@ -146,7 +146,7 @@ def interpolated_normal(u, v, facet, surface):
 
 @inlined
 def normal_at(x, y, facet, surface):
-    """Return the unit normal of a facet over (x, y): its own, or interpolated and continued.
+    """Return the unit normal of a facet over (x, y): constant, or interpolated and continued.
 
     Array twin: `interpolated_normal`.
     """
@@ -158,7 +158,7 @@ def normal_at(x, y, facet, surface):
 
 @inlined
 def normal_on(p, facet, surface):
-    """Return the unit normal at a point on a facet of any orientation: its own, or interpolated.
+    """Return the unit normal at a point on a facet of any orientation: constant, or interpolated.
 
     Array twin: `interpolated_normal`.
     """

@@ -136,7 +136,7 @@ def _modules(libraries: list[Any]) -> list[Any]:
 
 
 class _Compiler(compiler.Compiler):
-    """Compiler into a library of its own kind."""
+    """Compiler that produces `Part` or `Whole` libraries."""
 
     kind: type[_Lowered]
 
@@ -188,7 +188,7 @@ _KEPT_DIGESTS = 8
 
 
 def kernel_files() -> list[Path]:
-    """Return the files that hold kernels: this room, and the files of the engine that import it."""
+    """Return the files that hold kernels: this folder, and files of the engine that import it."""
     room = Path(__file__).parent
     engine = sorted(room.parent.glob("engine/**/*.py"))
     return sorted(room.glob("*.py")) + [p for p in engine if b"kernels.jit" in p.read_bytes()]
@@ -236,7 +236,7 @@ class KernelCache(FunctionCache):
         return str(folder())
 
     def files(self) -> list[Path]:
-        """Return the files of the saved overloads; none in a folder that cannot be read."""
+        """Return the files of the saved overloads in readable folders."""
         found: list[Path] = []
         for place in (folder(), shipped()):
             with contextlib.suppress(OSError):
@@ -244,7 +244,7 @@ class KernelCache(FunctionCache):
         return found
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the saved overload of a signature; None if there is none, or a damaged one."""
+        """Return the saved overload of a signature, or None if it is missing or damaged."""
         target_context.refresh()
         if not self._enabled:
             return None
@@ -333,7 +333,7 @@ def allocating_entry(function: Callable[..., Any]) -> Any:
 
 
 class _Below(CPUDispatcher):
-    """Dispatcher of a function below the entry points, which has no code of its own to call."""
+    """Dispatcher of a function below the entry points, without callable code."""
 
     def __call__(self, *args: Any, **options: Any) -> Any:
         """Refuse a call from Python, which would end the process."""

@@ -104,7 +104,7 @@ def cast(intersect, scene, rays, words, origins, directions, out):
 
 
 class Bvh(NamedTuple):
-    """A function that finds the first facet along a ray, with room for one ray."""
+    """Function that finds the first facet along a ray, with a buffer for one ray."""
 
     intersect: int  # address of `rtcIntersect1`, or of a function of its signature
     scene: int  # its first argument
@@ -113,13 +113,13 @@ class Bvh(NamedTuple):
 
 
 def bvh_of(intersect: int, scene: int) -> Bvh:
-    """Return the function at an address with room for a ray of its own."""
+    """Return the function at an address with a new buffer for a ray."""
     ray = aligned_rays(1)[0]
     return Bvh(intersect, scene, ray, ray.view(np.int32))
 
 
 def aligned_rays(n: int) -> NDArray[np.float32]:
-    """Return room for n rays, aligned as Embree reads them."""
+    """Return a buffer for n rays, aligned as Embree reads them."""
     room = np.zeros(n * RAY_WORDS + _ALIGNMENT // 4, np.float32)
     skipped = -room.ctypes.data % _ALIGNMENT // 4
     return room[skipped : skipped + n * RAY_WORDS].reshape(n, RAY_WORDS)

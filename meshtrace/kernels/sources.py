@@ -169,7 +169,7 @@ class Sky(NamedTuple):
 
 
 class Backward(NamedTuple):
-    """Start of photons at a receiver, and the light that they meet on their way back."""
+    """Start of backward photons at a receiver, and the light that they meet."""
 
     origin: NDArray[np.float64]  # (photons, 3), empty for photons that start at the sources
     direction: NDArray[np.float64]
@@ -206,7 +206,7 @@ def is_backward(back):
 
 @inlined
 def launch_back(back, seed, photon):
-    """Return position, direction, medium and a spare uniform of a photon on its way back.
+    """Return position, direction, medium and a spare uniform of a backward photon.
 
     Array twin: the rows of `Backward`.
     """

@@ -276,7 +276,7 @@ def _corner_gaps(surface: Surface, facets: Any, law: Bending, point: Floats) -> 
 
 
 def _slopes(law: Bending, light: Floats) -> Floats:
-    """Return the slopes that bend the sun into directions; where none does, one beyond reach."""
+    """Return the slopes that refract the sun into directions, out of reach if there are none."""
     normal = law.normal(light)
     upright = normal[..., 2:] > 1e-6
     return np.where(upright, slopes_of(np.where(upright, normal, 1.0)), 1e6)
@@ -299,7 +299,7 @@ def _may_vanish(gaps: Floats, slack: Floats | float) -> NDArray[np.bool_]:
 def _irradiance(
     scene: SeenSea, facets: NDArray[np.int64], law: Bending, view: View, point: Floats, depths: Any
 ) -> float:
-    """Return the irradiance of bent sun at a point of the aperture, over that of the sun."""
+    """Return the irradiance by refracted sun at a point of the aperture, relative to the sun's."""
     surface = scene.surface
     facets = facets[_may_vanish(_corner_gaps(surface, facets, law, point), 0.0)]
     corner, normals = surface.vertices[surface.faces[facets]], _normals(surface, facets)

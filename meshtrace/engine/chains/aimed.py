@@ -118,7 +118,7 @@ class AimedChains:
 
     @cached_property
     def spread(self) -> Roughness:
-        """Proposal law of the slopes, wider than that of the sea to bound the weights."""
+        """Proposal distribution of the slopes, wider than the sea's to bound the weights."""
         rough, mesh = self.surface.roughness, self._mesh_slopes
         along, across = (_SPREAD * math.hypot(s, math.sqrt(mesh)) for s in rough[:2])
         return rough._replace(along=along, across=across)
@@ -299,7 +299,7 @@ class AimedChains:
         return 1.5 * (1.0 + n * height / depth), 1.5 * lever
 
     def _seen(self, gain: Floats, doubtful: NDArray[np.intp], source: int, receiver: int) -> Floats:
-        """Return gains without those of doubtful facets with a centroid hidden from either end."""
+        """Set the gain of doubtful facets to 0 if source or receiver cannot see the centroid."""
         if not len(doubtful):
             return gain
         centroid = self.centroids[doubtful]

@@ -58,7 +58,7 @@ ARRIVAL = np.dtype(
 
 
 class Output(NamedTuple):
-    """Results of `contributions`, and its room for the crossings of one chain."""
+    """Results of `contributions`, and a buffer for the crossings of one chain."""
 
     score: NDArray[np.float64]  # (chains,)
     doubtful: NDArray[np.void]  # DOUBT

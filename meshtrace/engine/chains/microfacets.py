@@ -237,7 +237,7 @@ def is_lit(f, nodes, i, j, side, dark, scene):
 
 @outlined
 def _facet_light(f, dark, rule, stack, scene):
-    """Return (gain, steep) of a facet; parts that need many parts of their own are quartered."""
+    """Return (gain, steep) of a facet; quarter parts that need a fine subdivision."""
     total, steep, number = 0.0, True, 0
     stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, _NODES
     top = 1

@@ -42,7 +42,7 @@ class Chains(NamedTuple):
 
 
 class Nominal(NamedTuple):
-    """Expected collisions along the straight way to the surface."""
+    """Expected collisions along the straight path to the surface."""
 
     distance: float  # [m]
     c: float  # attenuation of the free-path part [m-1]

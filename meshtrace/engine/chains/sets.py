@@ -156,7 +156,7 @@ class ChainDrawer:
             first += n
 
     def empty(self, request: Request) -> ChainSet:
-        """Return room for a set of chains."""
+        """Return an empty set of chains."""
         n, order = SHIFTS * request.per_shift, request.order
         chains = Chains(
             vertex=np.empty((n, order, 3)),
@@ -233,7 +233,7 @@ def _still_water() -> Surface:
 
 
 def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: float) -> Nominal:
-    """Return the expected collisions along the straight way to the highest crest.
+    """Return the expected collisions along the straight path to the highest crest.
 
     The way is the shortest one to any of the targets.
     """

@@ -66,7 +66,7 @@ class FixedPointSum:
 
 @dataclass
 class PhotonSums:
-    """Tallies of a run of photons; those of disjoint photons add."""
+    """Tallies of a run of photons; tallies of disjoint photons add."""
 
     photons: int
     score: Floats
@@ -107,7 +107,7 @@ class Setup(NamedTuple):
 
     @property
     def n_scores(self) -> int:
-        """Scores of a photon: one for each aperture, four for each plane; two on the way back."""
+        """Scores of a photon: one by aperture, four by plane; two of a backward photon."""
         world = self.world
         if len(world.back.origin):
             return N_SCORES
@@ -184,7 +184,7 @@ def run_analog(
 
 
 def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
-    """Trace the photons first <= id < last; repeat with more room if arrivals overflow."""
+    """Trace the photons first <= id < last; repeat with a larger buffer if arrivals overflow."""
     first, last = span
     room = (last - first) * len(setup.world.apertures.radius) if setup.arrivals else 0
     while True:

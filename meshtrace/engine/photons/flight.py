@@ -158,7 +158,7 @@ def _leave(q, d, g, world):
 
 @inlined
 def fly_water(q, length, world):
-    """Move a photon in water: absorption along the way, planes and apertures on the way."""
+    """Move a photon in water: absorption, planes and apertures along the path."""
     p = along(place(q), heading(q), length)
     a_path = 0.0
     if world.medium.absorption == Absorption.CONTINUOUS:
@@ -184,7 +184,7 @@ def lowest(world):
 
 @outlined
 def _score_water(q, length, world):
-    """Score a path in water on planes and apertures; not inlined, most links have none."""
+    """Score a path in water on planes and apertures; not inlined: rarely used."""
     flight = Flight(place(q), heading(q), length, q.weight, q.water, q.air)
     column = len(world.apertures.radius)
     score_planes(world.tallies, column, q.id - world.first, flight, world.medium)
@@ -224,7 +224,7 @@ def scatter(q, world):
 
 @outlined
 def bounce(q, world):
-    """Apply the reflection or absorption at the bottom; not inlined, most links have none."""
+    """Apply the reflection or absorption at the bottom; not inlined: rarely used."""
     fly_water(q, (world.medium.bottom_z - q.z) / q.dz, world)
     q.z = world.medium.bottom_z
     kept = q.weight * world.medium.bottom_albedo
@@ -281,7 +281,7 @@ def _needs_ray(q, world):
 
 @inlined
 def _facet_ahead(q, world):
-    """Return the facet that a photon meets, -1 for none.
+    """Return the facet that a photon meets, or -1.
 
     A ray starts at the entry of the photon into the slab of the surface.
     """

@@ -29,7 +29,7 @@ _MOST_COPIES = 10
 
 
 class Guide(NamedTuple):
-    """Numbers of directions that are drawn behind a collision beside that of the photon."""
+    """Expected numbers of guided directions drawn at a collision."""
 
     lobe: float  # by the phase function about the ways to the targets
     cone: float  # even over the cones to what they see
@@ -59,7 +59,7 @@ def guide_of(q, world):
 
 @inlined
 def _cone_to(i, p, world):
-    """Return (axis, sin^2(theta / 2) of the edge) of the cone from p to what target i sees."""
+    """Return (axis, sin^2(theta / 2) of the edge) of the cone from p to the view of target i."""
     t = world.joins.target[i]
     way = Vec3(t.seen[0] - p.x, t.seen[1] - p.y, -p.z)
     distance = norm(way)
@@ -70,7 +70,7 @@ def _cone_to(i, p, world):
 
 @inlined
 def _cone_density(d, p, world):
-    """Return the density of directions even over the cones to what the targets see [sr-1]."""
+    """Return the density of directions uniform over the cones to the views [sr-1]."""
     n, total = len(world.joins.target), 0.0
     for i in range(n):
         axis, edge = _cone_to(i, p, world)
@@ -94,7 +94,7 @@ def _emitted(cos_theta, kind, spread):
 
 @outlined
 def guide_start(d, p, source, photon, uv, world):
-    """Return (direction, weight) of a new photon, guided to what the targets see or not.
+    """Return (direction, weight) of a new photon, possibly guided to the view of a target.
 
     Array twin: photons with `Joins.start` = 0.
     Mixture of the lamp's own light with the phase function about the ways to the targets, by which
@@ -223,7 +223,7 @@ def importance(p, joins):
 
 @inlined
 def ratio_of(q, p, joins):
-    """Return the weight times importance of a photon at p, over that of the start.
+    """Return the weight times importance of a photon at p, relative to its start.
 
     Array twin: none.
     """

@@ -257,7 +257,7 @@ class JoinedPhotons:
         )  # fmt: skip
 
     def _joins(self, surface: Surface, sources: Sources, to: _Ends, frame: arrays.Frame) -> Joins:
-        """Return the targets, and what guides the photons to them."""
+        """Return the targets and the guides of the photons."""
         link = self.link
         water = arrays.angle_table(link.water.phase)
         bubble = arrays.angle_table(link.bubbles.phase_function()) if link.bubbles else water
@@ -406,7 +406,7 @@ def is_flat(surface: Surface) -> bool:
 
 
 def _own(manifold: Manifold | None) -> Manifold | None:
-    """Return a search with room of its own, for another thread."""
+    """Return a search with separate buffers, for another thread."""
     if manifold is None:
         return None
     return Manifold(manifold.search, *(np.zeros_like(room) for room in manifold[1:]))

@@ -45,7 +45,7 @@ _LEANING = 2.0
 
 @inlined
 def _draw_path(q, u, world):
-    """Draw the way to the next collision."""
+    """Draw the free path to the next collision."""
     q.free = sample_free_path(world.medium, place(q), u) / world.joins.often
 
 
@@ -67,7 +67,7 @@ def _start(q, photon, world):
 
 @outlined
 def _facet_ahead(q, world):
-    """Return (facet, distance) of the surface above a photon; facet -1 if it meets none."""
+    """Return (facet, distance) of the surface ahead of a photon; facet -1 beside the mesh."""
     p, d, low = place(q), heading(q), world.surface.low[2]
     facet = UNKNOWN
     if len(world.grid.x.line) > 0:

@@ -33,7 +33,7 @@ from meshtrace.kernels.vectors import on_circle
 
 
 class Manifold(NamedTuple):
-    """Search for the crossings of one thread, and its room."""
+    """Search for crossings with the buffers of one thread."""
 
     search: crossing.Search  # for targets without bounds
     flat: NDArray[np.void]  # (1,) FLAT
@@ -120,7 +120,7 @@ def _trial(k, still, step, shot, drawn, scene):
 
 @outlined
 def _on_all_facets(still, shot, scene, manifold):
-    """Write the crossings on all facets near that of still water; return their number."""
+    """Write the crossings on all facets near the flat-sea crossing; return their number."""
     search, flat = manifold.search, manifold.flat[0]
     crossing.flat_crossing(flat, still.x, still.y, shot, _raised(shot.start.z + still.depth, scene))
     if flat.low <= 0.0:

@@ -1,4 +1,4 @@
-"""Photons under way: their records, inputs, limits and recorded paths."""
+"""State of photons: records, inputs, limits and recorded paths."""
 
 from __future__ import annotations
 

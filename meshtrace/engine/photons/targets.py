@@ -192,7 +192,7 @@ def level_over(p, world):
 
 
 class Still(NamedTuple):
-    """Crossing of still water on the way to a point, and its displacement by slopes."""
+    """Flat-sea crossing of the path to a point, and its displacement by slopes."""
 
     x: float
     y: float
@@ -244,14 +244,14 @@ def still_crossing(p, goal, level, scene):
 
 @inlined
 def widths_of(still, joins):
-    """Return the standard deviations of the law of crossings along and across the way [m]."""
+    """Return the standard deviations of the crossings drawn, along and across the path [m]."""
     least = _LEAST_WIDTH * still.depth
     return joins.spread * still.along + least, joins.spread * still.across + least
 
 
 @inlined
 def crossing_density(x, y, still, joins):
-    """Return the density of the crossings drawn about that of still water [m-2]."""
+    """Return the density of the crossings drawn about the flat-sea crossing [m-2]."""
     sa, sc = widths_of(still, joins)
     dx, dy = x - still.x, y - still.y
     p = (dx * still.ux + dy * still.uy) / sa

@@ -86,7 +86,7 @@ def require_height_field(mesh: TriangleMesh) -> None:
 
 
 def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
-    """Return the link as arrays and numbers, in its own frame unless one is given.
+    """Return the link as arrays and numbers, in a given frame or the link's.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
 
 
 def needs_photons(link: Link) -> tuple[str, object] | None:
-    """Return the first field, and its value, that chains do not follow; None if there is none."""
+    """Return the first field (and value) that needs joined photons, or None."""
     for path, item in link.items():
         if isinstance(item, Source) and item.size > 0.0:
             return path, Described(f"a radius of {item.size:g} m")

@@ -83,7 +83,7 @@ def mesh_for(
 
 
 def surface_config(surface: MeshSource | TriangleMesh) -> dict[str, Any]:
-    """Return the configuration that identifies a surface; that of a mesh is its digest."""
+    """Return the configuration that identifies a surface, for a mesh its digest."""
     if not isinstance(surface, TriangleMesh):
         return dict(surface.to_config())
     arrays = surface.vertices, surface.faces, surface.vertex_normals

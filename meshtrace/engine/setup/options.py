@@ -298,21 +298,21 @@ class Run(Model, frozen=True):
         return self
 
     def to_config(self) -> dict[str, Any]:
-        """Return the options as plain data, with those of the estimator at the top level."""
+        """Return the options as plain data, options of the estimator at the top level."""
         rest = self.model_dump(mode="json", exclude={"estimator"})
         own = self.estimator.model_dump(mode="json")
         return {"estimator": own.pop("kind"), **rest, **own}
 
 
 def require_options(given: Mapping[str, Any], kind: type[RunOptions]) -> None:
-    """Refuse options of a study other than those of a kind."""
+    """Refuse options that a kind of study does not have."""
     for name in Meshing.model_fields.keys() & given.keys():
         raise Refused(name, given[name], f"mesh=Meshing({name}=...)")
     require_keys(given, kind.__annotations__)
 
 
 def run_keys() -> list[str]:
-    """Return the keys of [run]: those of `Run`, of the estimators, and `normals`."""
+    """Return the keys of [run]: fields of `Run` and of the estimators, and `normals`."""
     options = (key for e in Estimator.registered.values() for key in e.model_fields)
     return [key for key in dict.fromkeys([*Run.model_fields, "normals", *options]) if key != "kind"]
 
