@@ -208,18 +208,14 @@ def _repeated(
 
 def _bounds(runs: list[Parts]) -> dict[str, list[float]]:
     """Return, by receiver, the runs with a bound, those it holds for, and chi2 of the others."""
-    bound, gain = (np.array([*map(pick, runs)]) for pick in (_bound_of, lambda r: r.gain["all"]))
+    bound = np.array([r.bound for r in runs], float)
+    gain = np.array([r.gain["all"] for r in runs])
     mean, bounded = gain.mean(axis=0), bound > 0.0
     z = (gain - mean) / np.array([r.error["all"] for r in runs])
     alone = np.maximum((~bounded).sum(axis=0), 1)
     square = np.where(bounded, 0.0, z**2).sum(axis=0) * len(runs) / alone
     counts = bounded.sum(axis=0), (bound >= mean).sum(axis=0), square
     return dict(zip(("runs", "held", "chi2"), map(_short, counts), strict=True))
-
-
-def _bound_of(parts: Parts) -> np.ndarray:
-    assert parts.bound is not None
-    return parts.bound
 
 
 def _photons_in(run: Callable[[int], Any], seconds: float, fixed: float) -> int:
