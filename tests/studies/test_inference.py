@@ -43,16 +43,20 @@ def rows(truth, fovs, rng=None, scale=1.0, error=0.02):
 
 @pytest.mark.statistical
 @pytest.mark.thorough
-def test_planted_water_is_found_from_two_fields_of_view(truth):
+@pytest.mark.parametrize(
+    ("draws", "least"), [(6, 4), pytest.param(20, 15, marks=pytest.mark.slow)], ids=str
+)
+def test_planted_water_is_found_from_two_fields_of_view(truth, draws, least):
+    """Both unknowns lie within 2 standard errors in 91 % of the draws; significance 1 %."""
     rng, inside = np.random.default_rng(5), 0
     unknown = ["water.a", "water.b", "scale"]
-    for _ in range(20):
+    for _ in range(draws):
         f = mt.infer(rows(truth, (60.0, 6.0), rng, scale=2.5), START, unknown, photons=CHAINS)
         off = [
             abs(f.value[n] - v) / f.stderr[n] for n, v in (("water.a", 0.114), ("water.b", 0.037))
         ]
         inside += max(off) < 2.0
-    assert inside >= 18  # of 20 draws: 18.2 on average for two correlated unknowns
+    assert inside >= least
     assert f.stderr["water.a"] / 0.114 == pytest.approx(0.0067, rel=0.3)
     assert f.stderr["water.b"] / 0.037 == pytest.approx(0.0515, rel=0.4)
     assert f.value["scale"] == pytest.approx(2.5, rel=0.05)

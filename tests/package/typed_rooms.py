@@ -1,0 +1,7 @@
+"""Wrong uses of all rooms, for mypy: an error that it does not find is an unused ignore."""
+
+from meshtrace.surfaces import FlatSea
+from meshtrace.viz import SceneStyle
+
+x: int = FlatSea().nonsense  # type: ignore[attr-defined]
+y: int = SceneStyle().nonsense  # type: ignore[attr-defined]
