@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.state import head, heading, place
+from meshtrace.kernels import interface
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.phase import phase_at, sample_s
 from meshtrace.kernels.random import Purpose, uniforms
@@ -128,6 +129,19 @@ def guide_start(d, p, source, photon, uv, world):
     return d, own / drawn
 
 
+@inlined
+def _aim_of(q, world):
+    """Return the uniforms of the point of a target about which directions are drawn.
+
+    Array twin: none.
+    Over random slopes its centre: a photon is joined to the point of its connection or to another
+    one, and the balance heuristic needs one density of its direction for both.
+    """
+    if interface.is_rough(world.surface.roughness):
+        return Vec2(0.0, 0.0)
+    return Vec2(q.u, q.v)
+
+
 @outlined
 def drawn_density(d, own, guide, q, start, world):
     """Return the density of all directions drawn behind a collision [sr-1].
@@ -138,7 +152,7 @@ def drawn_density(d, own, guide, q, start, world):
     total = own
     for i in range(n):
         if guide.lobe > 0.0:
-            way = _way_to(i, start, q.level, Vec2(q.u, q.v), world)
+            way = _way_to(i, start, q.level, _aim_of(q, world), world)
             total += guide.lobe / n * targets.mixed_phase(way, d, start, world)
     if guide.cone > 0.0:
         total += guide.cone * _cone_density(d, start, world)
@@ -169,7 +183,7 @@ def redirect(q, s, u_phi, world):
             q.aimed = 0
         d = turn(before, s, u_phi)
     elif aimed <= n:
-        d = turn(_way_to(aimed - 1, start, q.level, Vec2(q.u, q.v), world), s, u_phi)
+        d = turn(_way_to(aimed - 1, start, q.level, _aim_of(q, world), world), s, u_phi)
     else:
         axis, edge = _cone_to(aimed - 1 - n, start, world)
         d = turn(axis, u * edge, u_phi)

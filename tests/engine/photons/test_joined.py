@@ -94,6 +94,40 @@ def test_analog_photons_agree(name):
     assert parts[REFLECTED] > 2.0 * error[REFLECTED] > 0.0
 
 
+PEAKED = {
+    "LED aside": (
+        mt.Link(
+            water=mt.Water(a=0.094, b=0.056),
+            transmitter=mt.Led(depth=10.2, half_angle_deg=5.0),
+            receiver=mt.Receiver(position=(5.1, 0.0), height=3.5, radius=1.0, fov_deg=170.0),
+        ),
+        JonswapSea(wind_speed=3.0, seed=7),
+    ),
+    "beam beside": (
+        mt.Link(
+            water=mt.Water.from_type("petzold-clear", a=0.054, b=0.219),
+            transmitter=mt.GaussianBeam(depth=8.8, divergence_deg=2.0),
+            receiver=mt.Receiver(position=(2.2, 0.0), height=1.5, radius=1.0, fov_deg=40.0),
+        ),
+        WAVES,
+    ),
+}
+
+
+@pytest.mark.statistical
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", PEAKED)
+def test_peaked_scattering_into_wide_apertures(name):
+    """Directions drawn about a target and points of a connection are independent."""
+    link, sea = PEAKED[name]
+    mesh = mesh_of(link, sea)
+    found = JoinedPhotons(link, 150_000, 3).evaluate(mesh)
+    gain = found.parts[1:, 0].sum() + mt.simulate(link, mesh, photons=64).gain_ballistic
+    error = math.hypot(*found.stderr[1:, 0])
+    whole = mt.simulate(link, mesh, "analog", photons=600_000, seed=2)
+    assert z_test(gain, error, whole.gain, whole.gain_stderr) > sidak(ALPHA, 2), (gain, error)
+
+
 @pytest.mark.statistical
 @pytest.mark.parametrize("sea", [FLAT, WAVES], ids=["still", "waves"])
 @pytest.mark.slow
