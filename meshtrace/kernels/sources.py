@@ -18,7 +18,9 @@ from meshtrace.kernels.medium import (
     scattering_depth,
 )
 from meshtrace.kernels.random import Purpose, uniforms
-from meshtrace.kernels.vectors import TWO_PI, UP, Vec3, along, dot, row, turn
+from meshtrace.kernels.vectors import TWO_PI, UP, Vec3, along, dot, minus, norm, row, turn
+
+_DARK = 41.5  # -ln of the intensity, over that on the axis, that counts as none
 
 
 class SourceKind(IntEnum):
@@ -66,6 +68,52 @@ def intensity(emitter, w):
         shape = theta / math.sin(theta) if theta > 1e-6 else 1.0
         return emitter.norm * shape * math.exp(-2.0 * (theta / emitter.spread) ** 2)
     return emitter.norm if theta <= emitter.spread else 0.0
+
+
+@inlined
+def beam_width(emitter):
+    """Return the angular scale of the intensity of a source [rad].
+
+    Array twin: none, a scale.
+    """
+    if emitter.kind == SourceKind.LED:
+        return 1.0 / math.sqrt(max(emitter.spread, 1.0))
+    if emitter.kind == SourceKind.ISOTROPIC:
+        return 1.0
+    return 0.5 * emitter.spread
+
+
+@inlined
+def dark_angle(emitter):
+    """Return the angle to the axis of a source beyond which it sends no light [rad].
+
+    Array twin: `intensity`.
+    """
+    if emitter.kind == SourceKind.LED:
+        return math.acos(math.exp(-_DARK / max(emitter.spread, 1e-3)))
+    if emitter.kind == SourceKind.GAUSSIAN_BEAM:
+        return emitter.spread * math.sqrt(0.5 * _DARK)
+    return math.pi if emitter.kind == SourceKind.ISOTROPIC else emitter.spread
+
+
+@inlined
+def off_axis(p, emitter):
+    """Return the angle between the axis of a source and the direction to P [rad].
+
+    Array twin: numpy.arccos.
+    """
+    way = minus(p, emitter.position)
+    return math.acos(min(max(dot(way, emitter.axis) / norm(way), -1.0), 1.0))
+
+
+@inlined
+def is_dark(p, h, dark, emitter):
+    """Return whether no light of a source passes within a distance h of P.
+
+    Array twin: `intensity`. `dark` is the `dark_angle`.
+    """
+    length = norm(minus(p, emitter.position))
+    return h < length and off_axis(p, emitter) > dark + math.asin(h / length)
 
 
 @inlined

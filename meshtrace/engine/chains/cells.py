@@ -16,6 +16,7 @@ from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.rays import is_free
 from meshtrace.kernels.scene import Scene, Target, height_on
+from meshtrace.kernels.sources import beam_width, dark_angle, is_dark
 from meshtrace.kernels.vectors import Vec2, Vec3, along, cross2, minus, minus2, norm, scaled
 
 _ROUNDING = 1e-12  # share of an image
@@ -194,11 +195,11 @@ def image_map(scene, cells, stretch, lever, stack, poly, gain):
     shot = straight_shot(0.0, 0.0, scene)
     depth = -scene.emitter.position.z
     edge = min(max(unscattered.EDGE * depth, 0.005), 0.1)
-    fine = min(edge, unscattered.BEAM_SHARE * unscattered.beam_width(scene.emitter) * depth)
-    region = _region(cells)
+    fine = min(edge, unscattered.BEAM_SHARE * beam_width(scene.emitter) * depth)
+    region, dark = _region(cells), dark_angle(scene.emitter)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
-        image = unscattered.Image(stretch + lever * facet.curvature, 5.0 * edge)
+        image = unscattered.Image(stretch + lever * facet.curvature, 5.0 * edge, dark)
         nodes, top = unscattered.whole_facet(2.0 * facet.radius / fine, stack)
         while top > 0:
             i, j, side, top = unscattered.next_part(
@@ -218,16 +219,16 @@ def blurred_map(scene, cells, stretch, most, across, rules, gain):
     Array twin: `microfacets.blurred_gain` of one aperture.
     """
     shot = straight_shot(0.0, 0.0, scene)
-    edge = microfacets.PART_BEAM * unscattered.beam_width(scene.emitter) * -scene.emitter.position.z
+    edge = microfacets.PART_BEAM * beam_width(scene.emitter) * -scene.emitter.position.z
     source, center = scene.emitter.position, scene.target.center
-    dark = microfacets.dark_angle(scene.emitter)
+    dark = dark_angle(scene.emitter)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         reach = scene.target.reach + facet.radius
         if unscattered.is_beside(facet.x - center.x, facet.y - center.y, reach, _region(cells)):
             continue
         p = Vec3(facet.x, facet.y, facet.z)
-        if microfacets.is_dark(p, microfacets.spatial_radius(facet), dark, scene.emitter):
+        if is_dark(p, unscattered.spatial_radius(facet), dark, scene.emitter):
             continue
         m = aim_at(p.x, p.y, f, shot, scene)
         x, y = (m.at.x, m.at.y) if m.ok else (0.0, 0.0)

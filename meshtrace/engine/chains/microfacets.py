@@ -36,7 +36,14 @@ from meshtrace.kernels.interface import (
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.scene import height_on, locate
-from meshtrace.kernels.sources import SourceKind, intensity
+from meshtrace.kernels.sources import (
+    SourceKind,
+    beam_width,
+    dark_angle,
+    intensity,
+    is_dark,
+    off_axis,
+)
 from meshtrace.kernels.vectors import (
     UP,
     Vec2,
@@ -58,7 +65,6 @@ PART_SLOPE = 0.7  # standard deviations by which the slope may change over a par
 PART_BEAM = 0.2  # longest edge of a part over the width of the beam
 _GAUSSIAN = 0.3  # the same for a Gaussian beam, over which equal parts converge exponentially
 RIM_BEAM = 0.02  # the same where a beam with a sharp rim ends
-DARK = 41.5  # -ln of the intensity, over that on the axis, that counts as none
 MOST_PARTS = 48
 """Parts along an edge of a facet of a map; facets with more are too large for the blur."""
 
@@ -169,38 +175,6 @@ def blurred_gain(scene, rule, stack, gain, doubtful):
             doubtful[f] = gain[f] > 0.0 and not steep
 
 
-@inlined
-def dark_angle(emitter):
-    """Return the angle to the axis of a source beyond which it sends no light [rad].
-
-    Array twin: `intensity`.
-    """
-    if emitter.kind == SourceKind.LED:
-        return math.acos(math.exp(-DARK / max(emitter.spread, 1e-3)))
-    if emitter.kind == SourceKind.GAUSSIAN_BEAM:
-        return emitter.spread * math.sqrt(0.5 * DARK)
-    return math.pi if emitter.kind == SourceKind.ISOTROPIC else emitter.spread
-
-
-@inlined
-def spatial_radius(facet):
-    """Return the largest distance of a facet's points from its centroid [m].
-
-    Array twin: numpy.linalg.norm over corners.
-    """
-    return facet.radius * math.sqrt(1.0 + facet.slope_x**2 + facet.slope_y**2)
-
-
-@inlined
-def is_dark(p, h, dark, emitter):
-    """Return whether no light of a source passes within a distance h of P.
-
-    Array twin: `intensity`. `dark` is the `dark_angle`.
-    """
-    length = norm(minus(p, emitter.position))
-    return h < length and _off_axis(p, emitter) > dark + math.asin(h / length)
-
-
 @outlined
 def is_lit(f, nodes, i, j, side, dark, scene):
     """Return whether random slopes may send light through a part (i, j, side) of a facet.
@@ -212,7 +186,7 @@ def is_lit(f, nodes, i, j, side, dark, scene):
     """
     target, facet = scene.target, scene.facets[f]
     p = unscattered.node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
-    h = spatial_radius(facet) * abs(side) / nodes
+    h = unscattered.spatial_radius(facet) * abs(side) / nodes
     way = minus(p, scene.emitter.position)
     length = norm(way)
     big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
@@ -277,9 +251,9 @@ def _parts_along(f, i, j, side, scene):
     emitter, facet = scene.emitter, scene.facets[f]
     share = abs(side) / _NODES
     p = unscattered.node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
-    h = spatial_radius(facet) * share
+    h = unscattered.spatial_radius(facet) * share
     beam = _GAUSSIAN if emitter.kind == SourceKind.GAUSSIAN_BEAM else PART_BEAM
-    width = unscattered.beam_width(emitter) * -emitter.position.z
+    width = beam_width(emitter) * -emitter.position.z
     margin, flight = _margin(p, Vec2(0.0, 0.0), scene)
     if margin < -_NEAR * (h + scene.target.radius):
         return 1.0, 1.0
@@ -367,13 +341,7 @@ def _share_in_view(p, q, r, goal, scene):
 def _is_rim(p, h, emitter):
     """Return whether the rim of a beam may pass within a distance h of P."""
     seen = math.asin(min(h / norm(minus(p, emitter.position)), 1.0))
-    return abs(_off_axis(p, emitter) - emitter.spread) <= seen
-
-
-@inlined
-def _off_axis(p, emitter):
-    way = minus(p, emitter.position)
-    return math.acos(min(max(dot(way, emitter.axis) / norm(way), -1.0), 1.0))
+    return abs(off_axis(p, emitter) - emitter.spread) <= seen
 
 
 @outlined

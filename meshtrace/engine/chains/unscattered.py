@@ -12,7 +12,7 @@ from meshtrace.kernels.interface import FieldOfView, corners, normal_at
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.scene import height_on
-from meshtrace.kernels.sources import SourceKind, intensity
+from meshtrace.kernels.sources import SourceKind, beam_width, dark_angle, intensity, is_dark
 from meshtrace.kernels.vectors import (
     Vec2,
     Vec3,
@@ -31,6 +31,7 @@ EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over
 
 _ROUNDING = 1e-13  # of the disk's radius squared
 BEAM_SHARE = 0.03  # longest edge of a part over the width of the beam: its light is near linear
+_GAUSSIAN_SHARE = 0.07  # the same for Gaussian beams: equal parts converge exponentially
 VIEW_SHARE = 0.06  # the same over the radius of the field of view, at its edge
 _FINEST = 1.0 / 64.0  # of the longest edge
 _FEW = 16  # parts along an edge: facets of more are cut where the light crosses
@@ -52,6 +53,7 @@ class Image(NamedTuple):
 
     stretch: float  # of the image of a small part
     coarse: float  # [m], size up to which that holds
+    dark: float  # angle to the axis beyond which the source sends no light [rad]
 
 
 class Region(NamedTuple):
@@ -61,6 +63,15 @@ class Region(NamedTuple):
     y: float
     half: float  # of the edge [m]
     radius: float  # of the corners [m]
+
+
+@inlined
+def spatial_radius(facet):
+    """Return the largest distance of a facet's points from its centroid [m].
+
+    Array twin: numpy.linalg.norm over corners.
+    """
+    return facet.radius * math.sqrt(1.0 + facet.slope_x**2 + facet.slope_y**2)
 
 
 @inlined
@@ -186,10 +197,13 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
     shot = crossing.straight_shot(0.0, 0.0, scene)
     depth = -scene.emitter.position.z
     edge = min(max(EDGE * depth, 0.005), 0.1)
-    fine = min(edge, BEAM_SHARE * beam_width(scene.emitter) * depth)
+    gaussian = scene.emitter.kind == SourceKind.GAUSSIAN_BEAM
+    beam = _GAUSSIAN_SHARE if gaussian else BEAM_SHARE
+    fine = min(edge, beam * beam_width(scene.emitter) * depth)
     height = scene.target.center.z - scene.surface.high[2]
     view = VIEW_SHARE * view_radius(height, scene.target, scene.interface.fov)
     fine = min(fine, max(view, _FINEST * edge))
+    dark = dark_angle(scene.emitter)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         large = 2.0 * facet.radius > _FEW * edge
@@ -207,22 +221,9 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
         else:
             # light into the denser side is nowhere stretched more than at normal incidence
             coarse = math.inf if scene.mirrored else 5.0 * edge
-            image = Image(stretch + lever * facet.curvature, coarse)
+            image = Image(stretch + lever * facet.curvature, coarse, dark)
             gain[f], steep = _large_facet_gain(f, n, image, stack, shot, scene)
         doubtful[f] = gain[f] > 0.0 and not steep
-
-
-@inlined
-def beam_width(emitter):
-    """Return the angular scale of the intensity of a source [rad].
-
-    Array twin: none, a scale.
-    """
-    if emitter.kind == SourceKind.LED:
-        return 1.0 / math.sqrt(max(emitter.spread, 1.0))
-    if emitter.kind == SourceKind.ISOTROPIC:
-        return 1.0
-    return 0.5 * emitter.spread
 
 
 @outlined
@@ -286,8 +287,10 @@ def is_beside(x, y, reach, region):
 def _may_shine(f, nodes, i, j, side, image, region, shot, scene):
     """Return whether unscattered light may reach a region through a part of a facet."""
     p = node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
-    size = scene.facets[f].radius * abs(side) / nodes
-    center = scene.target.center
+    share, facet = abs(side) / nodes, scene.facets[f]
+    if is_dark(p, spatial_radius(facet) * share, image.dark, scene.emitter):
+        return False
+    size, center = facet.radius * share, scene.target.center
     if is_beside(p.x - center.x, p.y - center.y, scene.target.reach + size, region):
         return False
     if size > image.coarse:
