@@ -52,6 +52,7 @@ _PER_CHAIN, _REFLECTED_PER_CHAIN = 8, 2  # joined photons; light reflected first
 _STILL_CHAINS = 8  # unscattered, of each shift, over still water
 _MOST_CHAINS = 2**22  # 1 kB each, and more with their order
 _CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is summed
+_FEW_POINTS, _SMOOTH = 2, 5e-4  # of each shift, which suffice for this relative error
 _CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
@@ -317,15 +318,30 @@ class ForcedDetection:
     def _direct(self, aimed: AimedChains, s: int, r: int) -> Floats:
         """Return the unscattered gain of a source and a receiver: one number, or one per shift."""
         if self.arrays.sizes[s] > 0.0:
-            points = self._lamp_points(s)
-            found = np.array([self._from_point(aimed, s, r, p).sum() for p in points])
-            return found.reshape(SHIFTS, -1).mean(axis=1)
+            return self._lamp_gains(aimed, s, r).mean(axis=1)
         gains = aimed.direct_gains(s, r)
         if gains is not None and gains.any():
             return gains.sum(keepdims=True)
         # where no facet finds light, chains are asked before it is called dark
         found = aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
         return found if found.any() else found[:1]
+
+    def _lamp_gains(self, aimed: AimedChains, s: int, r: int) -> Floats:
+        """Return the unscattered gain from points of an extended source, shape (shifts, points).
+
+        From the first points of each shift, and from all unless these suffice.
+        """
+        points = self._lamp_points(s)
+        found = np.zeros((SHIFTS, 0))
+        for some in (points[:, :_FEW_POINTS], points[:, _FEW_POINTS:]):
+            if not some.size:
+                break
+            sums = [[self._from_point(aimed, s, r, p).sum() for p in row] for row in some]
+            found = np.concatenate([found, sums], axis=1)
+            error = found.mean(axis=1).std(ddof=1) / math.sqrt(SHIFTS)
+            if error < _SMOOTH * found.mean():
+                break
+        return found
 
     def _from_point(self, aimed: AimedChains, s: int, r: int, point: Floats) -> Floats:
         """Return the unscattered gain through each facet from a point of an extended source."""
@@ -337,7 +353,7 @@ class ForcedDetection:
         return gains
 
     def _lamp_points(self, s: int) -> Floats:
-        """Return points of an extended source, shift by shift."""
+        """Return points of an extended source, shape (shifts, points, 3)."""
         per_shift = max(self.photons // (_CHAINS_PER_POINT * SHIFTS), 2)
         points, shifts = points_of(Request(s, -1, per_shift, (self.seed, s, 0, 6)))
         u = ((points[None] + shifts) % 1.0).reshape(-1, points.shape[1])
@@ -349,7 +365,7 @@ class ForcedDetection:
         e1, e2 = (np.array(e) for e in ends.across(emitter.axis))
         phi = 2.0 * math.pi * u[:, 1:2]
         circle = np.cos(phi) * e1 + np.sin(phi) * e2
-        return np.array(emitter.position) + radius[:, None] * circle
+        return (np.array(emitter.position) + radius[:, None] * circle).reshape(SHIFTS, -1, 3)
 
     def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
         """Return chains that reach the mesh; new ones if it is far higher than expected."""
@@ -396,10 +412,11 @@ class ForcedDetection:
         rows, sets = list[parts.Light](), self.scattered_sets[e] if chained else []
         if self.arrays.sizes[e] > 0.0:
             points = self._lamp_points(e)
-            n = len(points)
-            for i, lamp in enumerate(points):
+            n = self._lamp_gains(aimed, e, t).shape[1]
+            for shift, i in np.ndindex(SHIFTS, n):
+                lamp = points[shift, i]
                 gains = self._from_point(aimed, e, t, lamp)
-                rows.append(parts.direct_light(aimed, e, t, gains, lamp, i * SHIFTS // n, n))
+                rows.append(parts.direct_light(aimed, e, t, gains, lamp, shift, n * SHIFTS))
         elif (found := aimed.direct_gains(e, t)) is not None and found.any():
             rows.append(parts.direct_light(aimed, e, t, found))
         else:
