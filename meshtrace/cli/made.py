@@ -1,4 +1,4 @@
-"""Commands made from studies: options by the signature, their help by the docstring."""
+"""Commands made from functions: options by the signature, their help by the docstring."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, is_dataclass
 from functools import cached_property
 from importlib import import_module
-from typing import Annotated, Any, NamedTuple, get_args
+from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
 import typer
 from typer.core import TyperCommand
@@ -18,7 +18,8 @@ from meshtrace.errors import MISSING, Refused, one_line
 
 _SECTION = re.compile(r"^Parameters\n-+\n(.*?)(?=^[^\n]+\n-+$|\Z)", re.MULTILINE | re.DOTALL)
 _KEYWORD = inspect.Parameter.KEYWORD_ONLY
-_ENTRY = re.compile(r"^(\w[\w, ]*?)(?: :.*)?\n((?: .*\n|\n)+)", re.MULTILINE)
+_ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : (.*))?\n((?: .*\n|\n)+)", re.MULTILINE)
+_SHORT = {"output": ["-o"], "realizations": ["-n"], "verbose": ["-v"]}
 
 
 @dataclass
@@ -62,6 +63,13 @@ class StudyCommand(TyperCommand):
         return self._made.invoke(context)
 
 
+class Span(NamedTuple):
+    """Smallest and largest value of an option."""
+
+    low: float
+    high: float | None = None
+
+
 class Group(NamedTuple):
     """Options of which a command takes one value."""
 
@@ -69,24 +77,50 @@ class Group(NamedTuple):
     value: Callable[..., Any]
 
 
-def grouped(command: Callable[..., None], **groups: Group) -> Callable[..., None]:
-    """Replace the parameters of a command that are groups, or dataclasses, by their options."""
-    parameters = inspect.signature(command, eval_str=True).parameters
-    for name, p in parameters.items():
+def described(command: Callable[..., None], **groups: Group) -> Callable[..., None]:
+    """Return a command with the arguments and options that signature and docstring describe.
+
+    Keyword-only parameters are options, and dataclasses groups of options.
+    """
+    own = inspect.signature(command, eval_str=True).parameters
+    for name, p in own.items():
         if name not in groups and is_dataclass(p.annotation):
             kind: Any = p.annotation
-            groups[name] = Group(inspect.signature(kind, eval_str=True).parameters.values(), kind)
+            fields = inspect.signature(kind, eval_str=True).parameters.values()
+            groups[name] = Group([_declared(kind, field) for field in fields], kind)
 
     def call(**given: Any) -> None:
         for name, group in groups.items():
             given[name] = group.value(**{one.name: given.pop(one.name) for one in group.options})
         command(**given)
 
-    options = [groups[n].options if n in groups else [p] for n, p in parameters.items()]
-    named = [one.replace(kind=_KEYWORD) for some in options for one in some]
-    call.__name__, call.__doc__ = command.__name__, command.__doc__
-    call.__signature__ = inspect.Signature(named)  # type: ignore[attr-defined]
+    options = [
+        groups[n].options if n in groups else [_declared(command, p)] for n, p in own.items()
+    ]
+    call.__name__ = command.__name__
+    call.__doc__ = (inspect.getdoc(command) or "").partition("\n\nParameters\n")[0]
+    signature = inspect.Signature([one for some in options for one in some])
+    call.__signature__ = signature  # type: ignore[attr-defined]
     return call
+
+
+def _declared(owner: Any, p: inspect.Parameter) -> inspect.Parameter:
+    """Return a parameter of a command, or of a group, as an argument or an option.
+
+    The type in the docstring is the metavariable; typer's own declarations are kept.
+    """
+    kind, *about = (
+        get_args(p.annotation) if get_origin(p.annotation) is Annotated else [p.annotation]
+    )
+    if about and not isinstance(about[0], Span):
+        return p.replace(kind=_KEYWORD)
+    low, high = about[0] if about else (None, None)
+    metavar, text = entries(owner)[p.name]
+    told: dict[str, Any] = {"metavar": metavar or None, "help": text, "min": low, "max": high}
+    word = p.name.rstrip("_").replace("_", "-")
+    names = [f"--{word}/--no-{word}" if p.default is True else f"--{word}", *_SHORT.get(p.name, ())]
+    declared: Any = typer.Option(*names, **told) if p.kind is _KEYWORD else typer.Argument(**told)
+    return p.replace(kind=_KEYWORD, annotation=Annotated[kind, declared])
 
 
 class _Option(NamedTuple):
@@ -109,7 +143,7 @@ def _function(study: Study, work: Callable[..., None]) -> Callable[..., None]:
         }
 
     asked = Group([option.parameter for option in options.values()], read)
-    call = grouped(work, study=Group([], lambda: study), asked=asked)
+    call = described(work, study=Group([], lambda: study), asked=asked)
 
     def run(**given: Any) -> None:
         try:
@@ -186,17 +220,23 @@ def _annotation(function: Callable[..., Any], name: str) -> str:
     return str(of_run[name].__forward_arg__ if name in of_run else given[name].annotation)
 
 
+def entries(owner: Any) -> dict[str, tuple[str, str]]:
+    """Return type and text of each parameter of a function, or of a class and its bases."""
+    found: dict[str, tuple[str, str]] = {}
+    for one in reversed(getattr(owner, "__mro__", (owner,))):
+        section = _SECTION.search(f"{inspect.cleandoc(one.__doc__ or '')}\n")
+        for names, kind, text in _ENTRY.findall(section[1] if section else ""):
+            found |= dict.fromkeys(names.split(", "), (kind, one_line(text)))
+    return found
+
+
 def sentences(function: Callable[..., Any]) -> dict[str, str]:
     """Return the first sentence about each parameter, and each option of the run, in docstrings."""
     from meshtrace.engine.setup.options import StudyOptions
 
-    found: dict[str, str] = {}
-    for described in (StudyOptions, function) if _run_options(function) else (function,):
-        section = _SECTION.search(f"{inspect.getdoc(described)}\n")
-        for names, text in _ENTRY.findall(section[1] if section else ""):
-            first = re.split(r"(?<=\.) ", one_line(text), maxsplit=1)[0]
-            found |= dict.fromkeys(names.split(", "), first)
-    return found
+    of_run = entries(StudyOptions) if _run_options(function) else {}
+    found = {**of_run, **entries(function)}
+    return {name: re.split(r"(?<=\.) ", text, maxsplit=1)[0] for name, (_, text) in found.items()}
 
 
 def defaults(function: Callable[..., Any]) -> dict[str, Any]:

@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
-from typer import Argument, Option
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import extra, progress
-from meshtrace.cli.made import grouped
-from meshtrace.cli.options import InWind
+from meshtrace.cli.made import Span, described
+from meshtrace.cli.options import WindChanges
 from meshtrace.errors import MISSING, Described, Refused, require_finite
 
 if TYPE_CHECKING:
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
-MOST_FRAMES = 10_000
+MOST_PATHS, MOST_FRAMES = 100_000, 10_000
 
 
 class Subject(NamedTuple):
@@ -40,85 +39,115 @@ class Subject(NamedTuple):
     daylight: Daylight | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Files:
-    """Files to write; without one a window opens."""
+    """Files to write; without one a window opens.
 
-    screenshot: Path | None = Option(None, metavar="A.PNG", help="Write a picture; no window.")
-    html: Path | None = Option(None, metavar="A.HTML", help="Write an interactive web page.")
-    movie: Path | None = Option(
-        None, metavar="A.MP4", help="Write a movie (.mp4, .gif) of the sea and the gain."
-    )
-    light: Path | None = Option(
-        None,
-        metavar="A.MP4",
-        help="Write a picture (.png) or movie of the light pattern on the receiver's plane.",
-    )
-    export: Path | None = Option(
-        None, metavar="FOLDER", help="Write surface, paths and map as VTK files."
-    )
+    Parameters
+    ----------
+    screenshot : A.PNG
+        Write a picture; no window.
+    html : A.HTML
+        Write an interactive web page.
+    movie : A.MP4
+        Write a movie (.mp4, .gif) of the sea and the gain.
+    light : A.MP4
+        Write a picture (.png) or movie of the light pattern on the receiver's plane.
+    export : FOLDER
+        Write surface, paths and map as VTK files.
+    """
 
-
-@dataclass(frozen=True)
-class Light:
-    """Light in the scene."""
-
-    paths: int | None = Option(
-        None,
-        metavar="N",
-        min=0,
-        max=100_000,
-        help="Photon paths, in addition to received light [default: 100; movie: 0].",
-    )
-    received: int | None = Option(
-        None, metavar="N", min=1, max=100_000, help="Paths of received light."
-    )
-    map_photons: int | None = Option(
-        None, "--map", metavar="N", min=1, help="Photons of a coverage map at receiver height."
-    )
+    screenshot: Path | None = None
+    html: Path | None = None
+    movie: Path | None = None
+    light: Path | None = None
+    export: Path | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
+class PathOptions:
+    """Light in the scene.
+
+    Parameters
+    ----------
+    paths : N
+        Photon paths, in addition to received light [default: 100; movie: 0].
+    received : N
+        Paths of received light.
+    map_ : N
+        Photons of a coverage map at receiver height.
+    """
+
+    paths: Annotated[int | None, Span(0, MOST_PATHS)] = None
+    received: Annotated[int | None, Span(1, MOST_PATHS)] = None
+    map_: Annotated[int | None, Span(1)] = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Style:
-    """Appearance of the scene."""
+    """Appearance of the scene.
 
-    color: str = Option(
-        "water", metavar="NAME", help="water, elevation, slope, slope_x, slope_y or plain."
-    )
-    path_color: str = Option("fate", metavar="NAME", help="fate or weight.")
-    edges: bool = Option(False, "--edges", help="Draw the edges of the facets.")
-    extent: float | None = Option(None, metavar="M", help="Half-width of the sea shown [m].")
-    spacing: float | None = Option(None, metavar="M", help="Mesh spacing of the sea shown [m].")
+    Parameters
+    ----------
+    color : NAME
+        water, elevation, slope, slope_x, slope_y or plain.
+    path_color : NAME
+        fate or weight.
+    edges
+        Draw the edges of the facets.
+    extent : M
+        Half-width of the sea shown [m].
+    spacing : M
+        Mesh spacing of the sea shown [m].
+    """
+
+    color: str = "water"
+    path_color: str = "fate"
+    edges: bool = False
+    extent: float | None = None
+    spacing: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Film:
-    """Frames of a movie."""
+    """Frames of a movie.
 
-    frames: int = Option(300, metavar="N", min=2, max=MOST_FRAMES, help="Frames of the movie.")
-    frame_rate: float | None = Option(
-        None, metavar="N", help="Frames per second, at natural speed [default: 30]."
-    )
+    Parameters
+    ----------
+    frames : N
+        Frames of the movie.
+    frame_rate : N
+        Frames per second, at natural speed [default: 30].
+    """
+
+    frames: Annotated[int, Span(2, MOST_FRAMES)] = 300
+    frame_rate: float | None = None
 
 
 @app.command()
-@grouped
+@described
 def view(
+    file: Path | None = None,
     *,
-    file: Path | None = Argument(
-        None,
-        metavar="[FILE]",
-        help="Link (.toml), result (.nc) or mesh (.stl, .ply, .obj); default: the paper's link.",
-    ),
     files: Files,
-    light: Light,
+    light: PathOptions,
     style: Style,
-    time: float | None = Option(None, metavar="S", help="Time of the sea [s]."),
+    time: float | None = None,
     film: Film,
-    seed: int = Option(1, metavar="N", min=0, help="Seed of the paths."),
-    changes: InWind,
+    seed: Annotated[int, Span(0)] = 1,
+    changes: WindChanges,
 ) -> None:
-    """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files."""
+    """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files.
+
+    Parameters
+    ----------
+    file : [FILE]
+        Link (.toml), result (.nc) or mesh (.stl, .ply, .obj); default: the paper's link.
+    time : S
+        Time of the sea [s].
+    seed : N
+        Seed of the paths.
+    """
     positive = {
         "--extent": style.extent,
         "--spacing": style.spacing,
@@ -134,7 +163,7 @@ def view(
         from meshtrace.viz import view as show
     subject = _subject(file, changes)
     subject = subject._replace(
-        time=subject.time if time is None else time, coverage=light.map_photons or subject.coverage
+        time=subject.time if time is None else time, coverage=light.map_ or subject.coverage
     )
     steps = film.frames if subject.gain is None else len(subject.gain.coordinate)
     kernels = () if subject.link is None else ("forced",)
@@ -154,7 +183,7 @@ def view(
         typer.echo(f"written to {path}")
 
 
-def _subject(file: Path | None, changes: InWind) -> Subject:
+def _subject(file: Path | None, changes: WindChanges) -> Subject:
     """Return the contents of a file."""
     from meshtrace.scenario import MeshFile
 
@@ -162,7 +191,7 @@ def _subject(file: Path | None, changes: InWind) -> Subject:
     if suffix == ".toml":
         return _of_scenario(changes.scenario(file))
     assert file is not None
-    first = changes.settings and changes.settings[0]
+    first = changes.set_ and changes.set_[0]
     given = {"--set": first, "--wind": changes.wind, "--trust": changes.trust}
     for option, value in given.items():
         if value:

@@ -16,10 +16,10 @@ from meshtrace.daylight.spectrum import (
     default_irradiance,
     sun_position,
 )
-from meshtrace.errors import Refused, require_real, require_whole, require_word
+from meshtrace.errors import Refused, require_between, require_whole, require_word
 from meshtrace.kernels.sources import Sky
 from meshtrace.models import Finite, Model, NonNegative
-from meshtrace.optics.directions import unit_vector
+from meshtrace.optics.fresnel import unit_vector
 
 WaterLight = Literal["quasi-single", "walk", "none"]
 
@@ -172,10 +172,7 @@ class Daylight(Model, frozen=True):
                       "pressure": (pressure, 2e5)}  # fmt: skip
         values: dict[str, Any] = {}
         for name, (value, most) in atmosphere.items():
-            allowed = f"0 <= {name} <= {most:g}"
-            values[name] = require_real(value, name, allowed)
-            if not 0.0 <= values[name] <= most:
-                raise Refused(name, value, allowed)
+            values[name] = require_between(value, 0.0, most, name, "[]")
         require_whole(day_of_year, 1, 366, "day_of_year")
         least = checked.wavelength_nm - 0.5 * values["width_nm"]
         if least < SPECTRUM_FROM_NM:
@@ -244,9 +241,7 @@ class Daylight(Model, frozen=True):
         spectrum and over types of cloud; that it holds at one wavelength is an assumption.
         """
         _require_absent(fields, "direct", "diffuse", "recipe")
-        allowed = "0 < transmittance <= 1"
-        if not 0.0 < require_real(transmittance, "transmittance", allowed) <= 1.0:
-            raise Refused("transmittance", transmittance, allowed)
+        require_between(transmittance, 0.0, 1.0, "transmittance", "(]")
         band = {"sun_zenith_deg": sun_zenith_deg, "wavelength_nm": wavelength_nm}
         checked = cls(direct=1.0, diffuse=1.0, **band)
         clear = checked.replace(**default_irradiance(sun_zenith_deg, wavelength_nm)._asdict())
@@ -330,8 +325,5 @@ def moon_phase_factor(phase_deg: float) -> float:
     >>> round(moon_phase_factor(90.0), 4)
     0.091
     """
-    allowed = "-180 <= phase_deg <= 180"
-    alpha = abs(require_real(phase_deg, "phase_deg", allowed))
-    if not alpha <= 180.0:
-        raise Refused("phase_deg", phase_deg, allowed)
+    alpha = abs(require_between(phase_deg, -180.0, 180.0, "phase_deg", "[]"))
     return float(10.0 ** (-0.4 * (0.026 * alpha + 4e-9 * alpha**4)))

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from meshtrace.errors import Described, Refused, require_real
+from meshtrace.errors import Described, Refused, require_between
 
 # zenith angle [deg], direct normal and diffuse horizontal irradiance at 470 nm [W m-2 nm-1] of
 # `clear_irradiance` with its defaults, pvlib 0.16.1
@@ -162,8 +162,7 @@ def sun_position(time: Any, latitude: float, longitude: float) -> SunPosition:
     x points east and y north: the azimuth from north is turned into one from +x.
     """
     for name, value, most in (("latitude", latitude, 90.0), ("longitude", longitude, 180.0)):
-        if value is None or not abs(require_real(value, name, "degrees")) <= most:
-            raise Refused(name, value, f"{-most:g} <= {name} <= {most:g} deg")
+        require_between(value, -most, most, name, "[]", f"{-most:g} <= {name} <= {most:g} deg")
     pvlib = _pvlib()
     import pandas as pd
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, SerializeAsAny
 
-from meshtrace.errors import Refused, require_all, require_array, require_between, require_real
+from meshtrace.errors import Refused, require_all, require_array, require_between
 from meshtrace.models import Family, Floats
 
 if TYPE_CHECKING:
@@ -125,12 +125,9 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         0.0989773
         """
         dz = require_between(dz, 0.0, math.inf, "dz")
-        if not require_real(max_depth, "max_depth", "max_depth > 0 m") > 0.0:
-            raise Refused("max_depth", max_depth, "max_depth > 0 m")
+        require_between(max_depth, 0.0, math.inf, "max_depth", "(]", "max_depth > 0 m")
         highest = HIGHEST if self.depth == "mean_level" else 0.0
-        allowed = f"0 <= crest <= {highest:g} m"
-        if not 0.0 <= require_real(crest, "crest", allowed) <= highest:
-            raise Refused("crest", crest, allowed)
+        require_between(crest, 0.0, highest, "crest", "[]", f"0 <= crest <= {highest:g} m")
         most = min(max_depth, LAYER * self.e_folding) + crest
         if most / dz > _MOST_NODES:
             raise Refused("dz", dz, f"at most {_MOST_NODES} nodes over {most:g} m")

@@ -13,7 +13,7 @@ from typing import Any, get_args
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
 from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.errors import Refused, is_number, require_keys, require_word
+from meshtrace.errors import Refused, require_between, require_keys, require_word
 from meshtrace.link import Link, Physics, Whitecaps
 from meshtrace.models import Model
 from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
@@ -29,10 +29,8 @@ _FREE = ("physics", "transmitter", "receiver", "planes", "n_air")  # tables that
 
 def read_wind_speed(config: Mapping[str, Any]) -> float:
     """Return the wind speed at the top of a link file [m s-1]."""
-    wind_speed = config.get("wind_speed", DEFAULT_WIND_SPEED)
-    if not is_number(wind_speed) or not 0.0 <= wind_speed <= 60.0:
-        raise Refused("wind_speed", wind_speed, "0 <= wind_speed <= 60 m/s")
-    return float(wind_speed)
+    given, allowed = config.get("wind_speed", DEFAULT_WIND_SPEED), "0 <= wind_speed <= 60 m/s"
+    return require_between(given, 0.0, 60.0, "wind_speed", "[]", allowed)
 
 
 def read_link(config: Mapping[str, Any], wind_speed: float) -> Link:

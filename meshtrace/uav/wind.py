@@ -246,7 +246,7 @@ class Dryden(Model, frozen=True):
         t = require_finite(times, "times", "two or more evenly spaced times (n,)")
         require_seed(seed)
         steps = np.diff(t)
-        if t.ndim != 1 or t.size < 2 or not np.allclose(steps, steps[:1], rtol=1e-6, atol=0.0):
+        if t.size < 2 or not np.allclose(steps, steps[:1], rtol=1e-6, atol=0.0):
             raise Refused("times", times, "two or more evenly spaced times (n,)")
         if not steps[0] > 0.0:
             raise Refused("times", times, "rising times")

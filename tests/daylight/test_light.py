@@ -12,7 +12,7 @@ import meshtrace as mt
 from meshtrace.daylight import sky, sky_radiance
 from meshtrace.daylight.patterns import PATTERNS, hemisphere
 from meshtrace.errors import Refused
-from meshtrace.optics.directions import unit_vector
+from meshtrace.optics.fresnel import unit_vector
 
 REFERENCE = json.loads(
     (Path(__file__).parents[1] / "data/daylight_downlink_reference.json").read_text()
