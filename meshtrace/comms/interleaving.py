@@ -173,7 +173,7 @@ def fade_margin_db(
 
     low, high = -_WIDEST_DB, _WIDEST_DB
     if missed(high):
-        raise Refused("outage", outage, f"one that {_WIDEST_DB:g} dB of margin reach")
+        raise Refused("outage", outage, f"attainable with {_WIDEST_DB:g} dB of margin")
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if missed(middle) else (low, middle)

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from meshtrace import fields
 from meshtrace.fading.distribution import Distribution, Histogram
 from meshtrace.fading.fits import DistributionFit, GoodnessOfFit
 from meshtrace.fading.gains import FloatArray, Reference
 from meshtrace.fading.intervals import Estimate
-from meshtrace.stored import Stored
+from meshtrace.fields import attrs
+from meshtrace.stored import Stored, Variable, Variables
 
 if TYPE_CHECKING:
     import xarray
@@ -27,6 +26,8 @@ _ESTIMATES = (
     "level_crossing_rate",
     "mean_fade_duration",
 )
+_PDF = {"gain_bin_edge": "gain_bin_edge", "gain_pdf": "gain_bin", "gain_pdf_stderr": "gain_bin"}
+_CDF = ("gain", "gain_cdf", "gain_cdf_low", "gain_cdf_high")
 _LIMITS = {"": "", "_low": ", lower confidence limit", "_high": ", upper confidence limit"}
 
 
@@ -76,12 +77,12 @@ class FadingStatistics(Stored):
     n_effective: float
     block: int
     confidence: float
-    mean: float
-    mean_stderr: float
-    median: float
+    mean: Annotated[float, Variable("", name="gain_mean")]
+    mean_stderr: Annotated[float, Variable("", name="gain_mean_stderr")]
+    median: Annotated[float, Variable("", name="gain_median")]
     scintillation_index: Estimate
-    noise_share: float
-    thresholds: tuple[float, ...]
+    noise_share: Annotated[float, Variable("")]
+    thresholds: Annotated[tuple[float, ...], Variable("threshold", name="threshold")]
     relative_to: Reference
     outage: tuple[Estimate, ...]
     pdf: Histogram
@@ -89,8 +90,8 @@ class FadingStatistics(Stored):
     fits: tuple[DistributionFit, ...]
     goodness: tuple[GoodnessOfFit, ...]
     notes: tuple[str, ...]
-    lag: FloatArray | None = None
-    autocorrelation: FloatArray | None = None
+    lag: Annotated[FloatArray | None, Variable("lag")] = None
+    autocorrelation: Annotated[FloatArray | None, Variable("lag")] = None
     coherence_time: Estimate | None = None
     level_crossing_rate: tuple[Estimate, ...] = ()
     mean_fade_duration: tuple[Estimate, ...] = ()
@@ -98,6 +99,10 @@ class FadingStatistics(Stored):
 
     kind: ClassVar[str] = "fading"
     title: ClassVar[str] = "meshtrace fading statistics"
+    _attributes: ClassVar[tuple[str, ...]] = (
+        *("n", "n_effective", "block=block_length", "confidence", "notes", "fits", "goodness"),
+        "relative_to=threshold_relative_to",
+    )
 
     def _headline(self) -> str:
         index = _text(self.scintillation_index)
@@ -144,33 +149,32 @@ class FadingStatistics(Stored):
             lines.append(line)
         return lines
 
-    def _content(self) -> xarray.Dataset:
-        import xarray as xr
-
-        data = xr.Dataset(
-            attrs={
-                "n": self.n,
-                "n_effective": self.n_effective,
-                "block_length": self.block,
-                "confidence": self.confidence,
-                "threshold_relative_to": self.relative_to,
-                "notes": json.dumps(self.notes),
-                "fits": json.dumps([asdict(fit) for fit in self.fits]),
-                "goodness": json.dumps(self.goodness),
-            }
-        )
-        for name, dims, values in self._variables():
-            data[name] = (dims, values, fields.attrs(name))
+    def to_variables(self) -> Variables:
+        """Return the arrays by their names in files, with dimensions and attributes."""
+        pdf, cdf = self.pdf, self.cdf
+        found = super().to_variables()
+        for name, dims, values in (
+            ("gain_bin", ("gain_bin",), 0.5 * (pdf.edges[1:] + pdf.edges[:-1])),
+            ("gain_bin_width", ("gain_bin",), np.diff(pdf.edges)),
+            *((name, (_PDF[name],), values) for name, values in zip(_PDF, pdf, strict=True)),
+            *((name, ("gain",), values) for name, values in zip(_CDF, cdf, strict=True)),
+            *(self._fit_variables() if self.fits else ()),
+        ):
+            found[name] = (dims, np.asarray(values), attrs(name))
         for name in _ESTIMATES:
             estimates = getattr(self, name)
             dims = () if isinstance(estimates, Estimate) else ("threshold",)
             columns = zip(_LIMITS, np.transpose(estimates), strict=True) if estimates else ()
             for suffix, column in columns:
-                data[name + suffix] = (dims, column, _limit_attrs(name, suffix))
-        return data
+                about = attrs(name)
+                about["long_name"] += _LIMITS[suffix]
+                found[name + suffix] = (dims, column, about)
+        return found
 
     @classmethod
-    def _restored(cls, data: xarray.Dataset, provenance: Any) -> FadingStatistics:
+    def arrays(cls, data: xarray.Dataset) -> dict[str, Any]:
+        """Return the fields that the variables of a dataset hold."""
+
         def estimates(name: str) -> Any:
             if name not in data:
                 return None if name == "coherence_time" else ()
@@ -178,63 +182,22 @@ class FadingStatistics(Stored):
             rows = tuple(Estimate(*row.tolist()) for row in np.atleast_2d(columns))
             return rows if data[name].dims else rows[0]
 
-        series = "lag" in data.variables
-        pdf = [data[f"gain_{part}"].to_numpy() for part in ("bin_edge", "pdf", "pdf_stderr")]
-        cdf = [data[f"gain{part}"].to_numpy() for part in ("", "_cdf", "_cdf_low", "_cdf_high")]
-        return cls(
-            n=int(data.attrs["n"]),
-            n_effective=float(data.attrs["n_effective"]),
-            block=int(data.attrs["block_length"]),
-            confidence=float(data.attrs["confidence"]),
-            mean=float(data["gain_mean"]),
-            mean_stderr=float(data["gain_mean_stderr"]),
-            median=float(data["gain_median"]),
-            noise_share=float(data["noise_share"]),
-            thresholds=tuple(data["threshold"].values.tolist()),
-            relative_to=data.attrs["threshold_relative_to"],
-            pdf=Histogram(*pdf),
-            cdf=Distribution(*cdf),
-            fits=tuple(DistributionFit(**fit) for fit in json.loads(data.attrs["fits"])),
-            goodness=tuple(GoodnessOfFit(*test) for test in json.loads(data.attrs["goodness"])),
-            notes=tuple(json.loads(data.attrs["notes"])),
-            lag=data["lag"].to_numpy() if series else None,
-            autocorrelation=data["autocorrelation"].to_numpy() if series else None,
+        found = super().arrays(data)
+        return found | {
+            "thresholds": tuple(found["thresholds"].tolist()),
+            "pdf": Histogram(*(data[name].to_numpy() for name in _PDF)),
+            "cdf": Distribution(*(data[name].to_numpy() for name in _CDF)),
             **{name: estimates(name) for name in _ESTIMATES},
-            provenance=provenance,
-        )
-
-    def _variables(self) -> Iterator[tuple[str, tuple[str, ...], object]]:
-        yield "gain_mean", (), self.mean
-        yield "gain_mean_stderr", (), self.mean_stderr
-        yield "gain_median", (), self.median
-        yield "noise_share", (), self.noise_share
-        yield "threshold", ("threshold",), list(self.thresholds)
-        yield "gain_bin", ("gain_bin",), 0.5 * (self.pdf.edges[1:] + self.pdf.edges[:-1])
-        yield "gain_bin_edge", ("gain_bin_edge",), self.pdf.edges
-        yield "gain_bin_width", ("gain_bin",), np.diff(self.pdf.edges)
-        yield "gain_pdf", ("gain_bin",), self.pdf.density
-        yield "gain_pdf_stderr", ("gain_bin",), self.pdf.density_stderr
-        yield "gain", ("gain",), self.cdf.gain
-        yield "gain_cdf", ("gain",), self.cdf.probability
-        yield "gain_cdf_low", ("gain",), self.cdf.low
-        yield "gain_cdf_high", ("gain",), self.cdf.high
-        if self.lag is not None:
-            yield "lag", ("lag",), self.lag
-            yield "autocorrelation", ("lag",), self.autocorrelation
-        if self.fits:
-            yield from self._fit_variables()
+        }
 
     def _fit_variables(self) -> Iterator[tuple[str, tuple[str, ...], object]]:
         names = list(dict.fromkeys(name for fit in self.fits for name in fit.parameters))
         tests = {test.model: test for test in self.goodness}
         none = GoodnessOfFit("lognormal", math.nan, math.nan, 0)
+        values = [[fit.parameters.get(name, math.nan) for name in names] for fit in self.fits]
         yield "model", ("model",), [fit.model for fit in self.fits]
         yield "fit_parameter", ("fit_parameter",), names
-        yield (
-            "fit_value",
-            ("model", "fit_parameter"),
-            [[fit.parameters.get(name, math.nan) for name in names] for fit in self.fits],
-        )
+        yield "fit_value", ("model", "fit_parameter"), values
         yield "aic", ("model",), [fit.aic for fit in self.fits]
         yield "ks", ("model",), [tests.get(fit.model, none).ks for fit in self.fits]
         yield "ks_p_value", ("model",), [tests.get(fit.model, none).p_value for fit in self.fits]
@@ -247,9 +210,3 @@ def _text(estimate: Estimate) -> str:
 def _seconds(estimate: Estimate) -> str:
     """Return a time as text, "-" for one that the gains do not have."""
     return "-" if math.isnan(estimate.value) else f"{_text(estimate)} s"
-
-
-def _limit_attrs(name: str, suffix: str) -> dict[str, str]:
-    attrs = fields.attrs(name)
-    attrs["long_name"] += _LIMITS[suffix]
-    return attrs
