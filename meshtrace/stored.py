@@ -44,7 +44,7 @@ _HOMES = {
     "comparison": "meshtrace.studies.comparison",
     "background": "meshtrace.results.background",
     "background-series": "meshtrace.results.background",
-    "fading": "meshtrace.fading.summary",
+    "fading": "meshtrace.fading.statistics",
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",
     "convergence": "meshtrace.studies.convergence.study",

@@ -5,7 +5,6 @@ from . import devices as devices
 from . import interleaving as interleaving
 from . import ook as ook
 from . import pulses as pulses
-from . import receiver_base as receiver_base
 from . import receivers as receivers
 from .decisions import Decision as Decision
 from .devices import LedDriver as LedDriver
@@ -13,4 +12,4 @@ from .devices import OpticalFrontEnd as OpticalFrontEnd
 from .devices import SiPM as SiPM
 from .devices import Tia as Tia
 from .ook import OokLink as OokLink
-from .receiver_base import ReceiverModel as ReceiverModel
+from .receivers import ReceiverModel as ReceiverModel

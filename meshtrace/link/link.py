@@ -30,8 +30,7 @@ from meshtrace.link.sources import (
     WaterSource,
 )
 from meshtrace.models import Family, Floats, Model
-from meshtrace.optics.bubble_base import AnyBubbles
-from meshtrace.optics.bubbles import HallNovarini
+from meshtrace.optics.bubbles import AnyBubbles, HallNovarini
 from meshtrace.optics.water import Water
 
 _TYPICAL = 16.0  # [m], depth plus height of links that keep the metre

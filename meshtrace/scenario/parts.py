@@ -10,8 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, get_args
 
-from meshtrace.comms.ook import OokLink
-from meshtrace.comms.ook_setup import Preset
+from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.errors import Refused, require_between, require_keys, require_word
 from meshtrace.link import Link, Physics, Whitecaps

@@ -19,7 +19,7 @@ from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.link import Led, Link, Physics, Receiver
 from meshtrace.mesh import SurfaceModel, WaveSum
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
-from meshtrace.validation.check import Check, exact
+from meshtrace.validation.closed_forms import Check, exact
 
 CHAINS, QUICK_CHAINS, SERIES_CHAINS = 16_384, 4096, 2048
 """Chains of a total, and of each time of a series."""

@@ -13,7 +13,7 @@ import meshtrace as mt
 from meshtrace.comms.decisions import Decision
 from meshtrace.comms.devices import OpticalFrontEnd, SiPM
 from meshtrace.comms.ook import OokLink
-from meshtrace.comms.receiver_base import ReceiverModel
+from meshtrace.comms.receivers import ReceiverModel
 from meshtrace.errors import Refused
 
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from meshtrace import cli
 from meshtrace.validation import w2a1
-from meshtrace.validation.check import Check
+from meshtrace.validation.closed_forms import Check
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "w2a1"
 
