@@ -12,8 +12,8 @@ import operator
 import os
 import re
 import stat
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Any, get_args
@@ -99,6 +99,15 @@ class Refused(ValueError):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the parts: workers of a sweep send refusals back."""
         return Refused, (self.field, self.value, self.allowed, self.hint, self.source)
+
+
+@contextmanager
+def within(*path: int | str) -> Iterator[None]:
+    """Raise the refusals of a block with their field's path inside a table or a list."""
+    try:
+        yield
+    except Refused as error:
+        raise error.inside(*path) from error.__cause__
 
 
 def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:

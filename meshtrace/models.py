@@ -32,6 +32,7 @@ from meshtrace.errors import (
     require_keys,
     require_kind,
     require_number,
+    within,
 )
 
 if TYPE_CHECKING:
@@ -231,16 +232,14 @@ def _require_numbers(value: Any, path: str) -> None:
 def _replaced(part: Any, name: str, path: list[str], value: Any) -> Any:
     """Return a part of a model, or a tuple of parts, with the value at a path replaced."""
     head, *rest = path
-    try:
+    with within(name):
         if isinstance(part, Model):
             return part.replace(".".join(path), value)
         if isinstance(part, tuple) and head.isdecimal() and int(head) < len(part):
             i = int(head)
             new = _replaced(part[i], head, rest, value) if rest else value
             return (*part[:i], new, *part[i + 1 :])
-    except Refused as error:
-        raise error.inside(name) from None
-    raise Refused(f"{name}.{head}", value, "fields of a part, or numbers of list items")
+        raise Refused(head, value, "fields of a part, or numbers of list items")
 
 
 @contextmanager

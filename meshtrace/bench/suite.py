@@ -10,8 +10,16 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
-from meshtrace.bench.answers import background_light, coverage_cost, first_run, realization
-from meshtrace.bench.engine import analog_rate, figure_of_merit, new_sea, resolved_sea
+from meshtrace.bench.engine import (
+    analog_rate,
+    background_light,
+    coverage_cost,
+    figure_of_merit,
+    first_run,
+    new_sea,
+    realization,
+    resolved_sea,
+)
 from meshtrace.bench.scaling import thread_scaling, worker_scaling
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
@@ -42,7 +50,7 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
         in the minute before; `analog` and `analog_tilted` of `analog_rate`, without
         and with tilts for unresolved slopes; `merit` of `figure_of_merit`; `new_sea`;
         `resolved_sea`; `realization`, `background`, `coverage` and, if `cold`, `first_run` of
-        `meshtrace.bench.answers`; `downlink`, `new_sea` of the mirrored link to 1 %; each of
+        `meshtrace.bench.engine`; `downlink`, `new_sea` of the mirrored link to 1 %; each of
         these None where the link is refused; `peak_memory_mib` of this process;
         `thread_scaling`, `worker_scaling`, the latter None where dask is not installed.
 

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from meshtrace.cli.console import COMPILING, extra, finite, kernels_are_compiled, progress
-from meshtrace.cli.made import Study, StudyCommand, defaults
+from meshtrace.cli.made import Study, StudyCommand, defaults, numbers
 from meshtrace.cli.options import AllChanges, LinkFile, Output, Printed, RunChanges, Written
-from meshtrace.cli.reading import numbers
 from meshtrace.errors import Refused, require_word
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.comms.compound_poisson import compound_poisson_decision
 from meshtrace.comms.decisions import (
     Decision,
+    compound_poisson_decision,
     gaussian_decision,
     generalized_poisson_decision,
     pattern_decision,

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from meshtrace.errors import Described, Refused, require_real
+from meshtrace.errors import Described, Refused, require_real, within
 from meshtrace.link.physics import Physics, Whitecaps
 from meshtrace.link.receivers import (
     AnyAperture,
@@ -73,10 +73,8 @@ def _one_or_more(family: type[Family]) -> BeforeValidator:
             return family.read(value)
         parts = []
         for i, item in enumerate(value):
-            try:
+            with within(i):
                 parts.append(family.read(item))
-            except Refused as error:
-                raise error.inside(i) from None
         return tuple(parts)
 
     return BeforeValidator(read)

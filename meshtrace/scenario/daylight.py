@@ -9,7 +9,7 @@ from typing import Any
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import MISSING, Described, Refused, require_keys, require_word
 from meshtrace.link import Link
-from meshtrace.scenario.tables import Table, as_table
+from meshtrace.scenario.files import Table, as_table
 
 _SUN = ("sun_zenith_deg", "sun_azimuth_deg")
 _IRRADIANCES = ("direct", "diffuse")

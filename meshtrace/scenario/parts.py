@@ -12,13 +12,13 @@ from typing import Any, get_args
 
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.errors import Refused, require_between, require_keys, require_word
+from meshtrace.errors import Refused, require_between, require_keys, require_word, within
 from meshtrace.link import Link, Physics, Whitecaps
 from meshtrace.models import Model
 from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
 from meshtrace.optics.phase import FournierForand
 from meshtrace.optics.water import Water
-from meshtrace.scenario.tables import Table, as_table, plain, validated, without_shared_wind
+from meshtrace.scenario.files import Table, as_table, plain, validated, without_shared_wind
 from meshtrace.uav.airframe import UAVS, Uav
 
 DEFAULT_WIND_SPEED = 5.0
@@ -82,7 +82,7 @@ def _bubbles(value: Any, wind_speed: float, link: Link, printed: bool) -> Bubble
         require_keys(table, ("model", *HallNovarini.model_fields), "bubbles")
         return None
     key = "kind" if "kind" in table else "model"
-    try:
+    with within("bubbles"):
         model = BubblePopulation.member(table.pop(key, "hall-novarini"), key)
         shared = {"wind_speed": wind_speed, **_bubble_defaults(link)}
         if printed:
@@ -91,8 +91,6 @@ def _bubbles(value: Any, wind_speed: float, link: Link, printed: bool) -> Bubble
         calm = {**shared, **table}.get("wind_speed") == 0.0
         table = {**shared, **table, **({"wind_speed": DEFAULT_WIND_SPEED} if calm else {})}
         bubbles = model.model_validate(table)
-    except Refused as error:
-        raise error.inside("bubbles") from None
     return None if calm else bubbles
 
 

@@ -9,8 +9,16 @@ from typer.testing import CliRunner
 import meshtrace as mt
 from meshtrace import cli
 from meshtrace.bench import bench, engine, report
-from meshtrace.bench.answers import background_light, coverage_cost, realization
-from meshtrace.bench.engine import analog_rate, best_of, figure_of_merit, new_sea, resolved_sea
+from meshtrace.bench.engine import (
+    analog_rate,
+    background_light,
+    best_of,
+    coverage_cost,
+    figure_of_merit,
+    new_sea,
+    realization,
+    resolved_sea,
+)
 from meshtrace.bench.scaling import (
     counts_up_to,
     makespan,
