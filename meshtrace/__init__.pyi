@@ -97,7 +97,7 @@ from .surfaces import FlatSea as FlatSea
 from .surfaces import JonswapSea as JonswapSea
 from .uav.airframe import Flight as Flight
 from .uav.airframe import Uav as Uav
-from .uav.route import Route as Route
+from .uav.airframe import Route as Route
 from .uav.wind import Dryden as Dryden
 
 __version__: str

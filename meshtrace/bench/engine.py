@@ -41,7 +41,7 @@ Rays = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
 
 class RayRecorder(EmbreeIntersector):
-    """Intersector that records its rays, all of them."""
+    """Intersector that records all of its rays."""
 
     shortcut = False
 

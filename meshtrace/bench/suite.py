@@ -184,7 +184,7 @@ def _scaling(threads: dict[str, Any], workers: dict[str, Any] | None) -> dict[st
 
 
 def _times(counts: list[int], speedups: list[float]) -> str:
-    """Return the speedups as text, as in "2: 1.95x"; that of one only if there are no others."""
+    """Format speedups as in "2: 1.95x"; the speedup of one thread only if no other is given."""
     rows = list(zip(counts, speedups, strict=True))
     return ", ".join(f"{n}: {speed:.2f}x" for n, speed in rows if n > 1 or len(rows) == 1)
 
@@ -195,7 +195,7 @@ def _load() -> float | None:
 
 
 def _load_text(result: dict[str, Any]) -> str:
-    """Return the load before the measurement, and what of it the numbers depend on."""
+    """Return the load average before the measurement, and the quantities that depend on it."""
     load = "not known" if result["load"] is None else f"{result['load']:.1f}"
     return (
         f"{load} on {result['cores']} cores before; CPU seconds of one thread, but wall time of "

@@ -12,8 +12,15 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from meshtrace.cli.console import COMPILING, extra, finite, kernels_are_compiled, progress
-from meshtrace.cli.made import Study, StudyCommand, defaults, numbers
-from meshtrace.cli.options import AllChanges, LinkFile, Output, Printed, RunChanges, Written
+from meshtrace.cli.made import StudyCommand, StudyRow, defaults, numbers
+from meshtrace.cli.options import (
+    AllChanges,
+    FileOptions,
+    LinkFile,
+    PlotOptions,
+    PrintOptions,
+    RunChanges,
+)
 from meshtrace.errors import Refused, require_word
 
 if TYPE_CHECKING:
@@ -27,7 +34,7 @@ _MOST_ROWS = 200  # printed; the store holds all
 
 
 def on_link(
-    study: Study, asked: Asked, *, link: LinkFile = None, written: Written, case: AllChanges
+    study: StudyRow, asked: Asked, *, link: LinkFile = None, written: PlotOptions, case: AllChanges
 ) -> None:
     """Run the study of one link."""
     scenario, (function, *_) = case.scenario(link), study.functions
@@ -43,11 +50,11 @@ def on_link(
 
 
 def compare(
-    study: Study,
+    study: StudyRow,
     asked: Asked,
     links: list[Path],
     *,
-    written: Written,
+    written: PlotOptions,
     case: AllChanges,
 ) -> None:
     """Compare the links of several files.
@@ -71,12 +78,12 @@ _REFINED = {"spacings": "--spacings", "steps": "--time-steps", "omega_max": "--o
 
 
 def converge(
-    study: Study,
+    study: StudyRow,
     asked: Asked,
     *,
     link: LinkFile = None,
     what: str = "gain",
-    written: Written,
+    written: PlotOptions,
     case: AllChanges,
 ) -> None:
     """Refine the mesh, the time step or the band of waves.
@@ -102,7 +109,7 @@ def converge(
     written.write(found)
 
 
-def _chosen(study: Study, asked: Asked, what: str) -> Any:
+def _chosen(study: StudyRow, asked: Asked, what: str) -> Any:
     """Return the function that the options ask for; refuse options of other functions."""
     of = dict(zip(_REFINED, study.functions, strict=False))
     first = next((name for name in _REFINED if name in asked), "spacings")
@@ -168,7 +175,7 @@ class DaylightOptions:
 
 
 def ber(
-    study: Study,
+    study: StudyRow,
     asked: Asked,
     *,
     link: LinkFile = None,
@@ -178,7 +185,7 @@ def ber(
     uav: str | None = None,
     light: DaylightOptions,
     coupled: bool = False,
-    printed: Printed,
+    printed: PrintOptions,
     changes: RunChanges,
 ) -> None:
     """Evaluate a link in each wind.
@@ -242,7 +249,9 @@ def _plain(speed: float, performance: LinkPerformance) -> dict[str, Any]:
     }
 
 
-def sweep(study: Study, asked: Asked, file: Path, *, written: Output, trust: bool = False) -> None:
+def sweep(
+    study: StudyRow, asked: Asked, file: Path, *, written: FileOptions, trust: bool = False
+) -> None:
     """Run a study file, print and write its gains.
 
     Parameters
@@ -329,4 +338,6 @@ def study_commands() -> dict[str, StudyCommand]:
     """Return the commands of the table by their names."""
     text = Path(__file__).with_name("commands.toml").read_text(encoding="utf-8")
     rows = tomllib.loads(text).items()
-    return {name: StudyCommand(name, Study(**row), _OWN.get(name, on_link)) for name, row in rows}
+    return {
+        name: StudyCommand(name, StudyRow(**row), _OWN.get(name, on_link)) for name, row in rows
+    }

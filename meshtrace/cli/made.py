@@ -20,7 +20,7 @@ from meshtrace.errors import MISSING, Refused, one_line, require_word
 
 
 class Reader(NamedTuple):
-    """Reader of the text of an option, or of the texts of one that may be repeated."""
+    """Parser of the text of an option, or of the texts of a repeatable option."""
 
     metavar: str
     read: Callable[[str, Any], Any]
@@ -54,7 +54,7 @@ def _real(option: str, text: str) -> float:
 
 
 def _whole(option: str, text: str) -> int:
-    """Return an integer, also of a text such as 1e6."""
+    """Return an integer; the text may be in scientific notation, such as 1e6."""
     with suppress(ValueError):
         return int(text)
     with suppress(ValueError):
@@ -105,7 +105,7 @@ _READERS = {
 
 
 def reader_of(annotation: str, names: dict[str, Any]) -> tuple[Reader, tuple[str, ...]]:
-    """Return the reader of an annotation, and the words of one that has literals.
+    """Return the reader of an annotation, and the words of a literal type.
 
     `names` are those of the module of the annotation.
     """
@@ -139,7 +139,7 @@ _SHORT = {"output": ["-o"], "realizations": ["-n"], "verbose": ["-v"]}
 
 
 @dataclass
-class Study:
+class StudyRow:
     """A study as a command: a row of commands.toml."""
 
     help: str
@@ -152,7 +152,7 @@ class Study:
 
     @cached_property
     def functions(self) -> list[Callable[..., Any]]:
-        """The function, and others of its module that share the options."""
+        """The function, and further functions of its module that share the options."""
         module, _, names = self.study.partition(":")
         return [getattr(import_module(module), name) for name in names.split()]
 
@@ -160,7 +160,7 @@ class Study:
 class StudyCommand(TyperCommand):
     """A command whose study is imported when its options are needed."""
 
-    def __init__(self, name: str, study: Study, work: Callable[..., None]) -> None:
+    def __init__(self, name: str, study: StudyRow, work: Callable[..., None]) -> None:
         super().__init__(name, help=study.help, rich_markup_mode=None)
         self._study, self._work = study, work
 
@@ -247,7 +247,7 @@ class _Option(NamedTuple):
     parameter: inspect.Parameter
 
 
-def _function(study: Study, work: Callable[..., None]) -> Callable[..., None]:
+def _function(study: StudyRow, work: Callable[..., None]) -> Callable[..., None]:
     """Return the work of a study as a function of its options."""
     options = {name: _option(study, name) for name in study.options}
 
@@ -275,13 +275,13 @@ def _function(study: Study, work: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def _names(study: Study, name: str) -> list[str]:
+def _names(study: StudyRow, name: str) -> list[str]:
     """Return the names of the option of a parameter, the longest last."""
     given = [word for word in study.options[name].split() if word.startswith("-")]
     return given or [f"--{name.replace('_', '-')}"]
 
 
-def _option(study: Study, name: str) -> _Option:
+def _option(study: StudyRow, name: str) -> _Option:
     """Return the option of a parameter, described by the first function that has it."""
     functions = [one for one in study.functions if name in defaults(one)]
     reader, choices = reader_of(_annotation(functions[0], name), functions[0].__globals__)
@@ -302,7 +302,7 @@ def _option(study: Study, name: str) -> _Option:
     return _Option(names[-1], reader, made)
 
 
-def _help(study: Study, function: Callable[..., Any], name: str) -> str:
+def _help(study: StudyRow, function: Callable[..., Any], name: str) -> str:
     """Return the sentence about a parameter, with names of options in place of parameters."""
     text = sentences(function)[name].rstrip(".")
     if "=" in study.options[name]:  # the command has a default of its own

@@ -40,7 +40,7 @@ class Changes:
     trust: bool = False
 
     def scenario(self, link: Path | None, more: Mapping[str, Any] | None = None) -> Scenario:
-        """Return the scenario of a link file with these changes and more of them, by keys."""
+        """Return the scenario of a link file with these changes and further ones by key."""
         from meshtrace.scenario import Scenario, parse_setting
 
         own = {key: getattr(self, name, None) for name, key in _KEYS.items()}
@@ -145,7 +145,7 @@ def draw(result: Any, path: Path | None) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Output:
+class FileOptions:
     """File of a result.
 
     Parameters
@@ -169,7 +169,7 @@ class Output:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Printed(Output):
+class PrintOptions(FileOptions):
     """File of a result, and the format on the console.
 
     Parameters
@@ -182,7 +182,7 @@ class Printed(Output):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Written(Output):
+class PlotOptions(FileOptions):
     """File and picture of a result.
 
     Parameters

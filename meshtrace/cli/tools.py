@@ -18,7 +18,7 @@ from meshtrace.cli.options import (
     AllChanges,
     Changes,
     LinkFile,
-    Printed,
+    PrintOptions,
     WindChanges,
     check_output,
     check_plot,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 def run(
     *,
     link: LinkFile = None,
-    printed: Printed,
+    printed: PrintOptions,
     photons: str | None = None,
     rtol: str | None = None,
     estimator: str | None = None,

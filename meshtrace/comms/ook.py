@@ -92,7 +92,7 @@ class OokLink(Model, frozen=True):
     Gaussian threshold however lies too low for the skewed counts: a receiver that uses it at 1 or
     5 Mbit/s and 1e-3 makes nearly twice as many errors (model A at 1 Mbit/s: nearly three times).
     Set a real threshold with CP. Where a one has about a count or less (error rates above 0.3) all
-    Gaussian models are too optimistic: 0.35 stands for 0.40 at 10 Mbit/s.
+    Gaussian models are too optimistic: 0.35 in place of 0.40 at 10 Mbit/s.
 
     References
     ----------
@@ -138,7 +138,7 @@ class OokLink(Model, frozen=True):
 
     @classmethod
     def preset(cls, name: Preset, **fields: Any) -> Self:
-        """Return the physical receiver, that of the paper, or its empirical calibration.
+        """Return the physical receiver, the paper's receiver, or its empirical calibration.
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class OokLink(Model, frozen=True):
         Raises
         ------
         Refused
-            If the name is none of the three.
+            If the name is unknown.
         """
         require_word(name, get_args(Preset), "name")
         preset: dict[str, Any] = {}
@@ -288,7 +288,7 @@ class OokLink(Model, frozen=True):
         return self.sipm.saturated_rate(low), self.sipm.saturated_rate(high)
 
     def shot_levels(self, power: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the count rates whose Poisson noise is that of long zeros and long ones [s-1].
+        """Return the count rates with the Poisson noise of long zeros and long ones [s-1].
 
         Those of `levels`, times the Fano factor of saturated cells with renewal noise.
 

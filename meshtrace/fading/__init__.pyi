@@ -6,7 +6,7 @@ from .distribution import outage as outage
 from .distribution import scintillation_index as scintillation_index
 from .fits import DistributionFit as DistributionFit
 from .fits import GoodnessOfFit as GoodnessOfFit
-from .fits import Model as Model
+from .fits import Law as Law
 from .fits import fit_gamma_gamma as fit_gamma_gamma
 from .fits import fit_lognormal as fit_lognormal
 from .fits import goodness_of_fit as goodness_of_fit

@@ -298,7 +298,7 @@ def _first_crossing(rho: FloatArray) -> FloatArray:
 
 
 def series_block(block: int | None, g: FloatArray) -> int:
-    """Return the length of the blocks of a series, `block_length` if none is given."""
+    """Return the length of the blocks of a series, by default `block_length`."""
     block = block_length(g) if block is None else block
     require_whole(block, 1, max(1, g.size // 2), "block")
     return block

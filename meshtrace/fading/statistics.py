@@ -241,7 +241,7 @@ def _text(estimate: Estimate) -> str:
 
 
 def _seconds(estimate: Estimate) -> str:
-    """Return a time as text, "-" for one that the gains do not have."""
+    """Format a time, "-" if it is not defined."""
     return "-" if math.isnan(estimate.value) else f"{_text(estimate)} s"
 
 
@@ -366,7 +366,7 @@ def _series_part(
     relative_to: Reference,
     boot: dict[str, Any],
 ) -> dict[str, Any]:
-    """Return the fields of the statistics that a time series alone has."""
+    """Return the fields of the statistics that exist for time series only."""
     lag = checked_step(time, g.size) * np.arange(g.size // 2 + 1, dtype=np.float64)
     nothing = Estimate(math.nan, math.nan, math.nan)
     below = {"relative_to": relative_to, **boot}

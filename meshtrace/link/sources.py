@@ -74,7 +74,7 @@ class Source(
 
     @property
     def pattern(self) -> str:
-        """Kind of the angular pattern: that of the source in the water with the same pattern."""
+        """Kind of the angular pattern: the kind of the underwater source with the same pattern."""
         return str(getattr(self, "kind", ""))
 
 

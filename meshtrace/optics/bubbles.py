@@ -413,7 +413,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         return 4.0 / 3.0 * np.pi * self._density(z) * self._moment(3, z)
 
     def equal_area_radii(self, count: int, depth: float = 0.0) -> Floats:
-        """Return radii that each stand for the same share of the geometric cross-section.
+        """Return quantile radii of equal geometric cross-section.
 
         The quantiles (k + 1/2)/count, k = 0 .. count - 1, of the weight G r^2.
 

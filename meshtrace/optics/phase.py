@@ -26,7 +26,7 @@ from meshtrace.kernels import phase as kernel
 from meshtrace.kernels.phase import PhaseTables
 from meshtrace.models import Family, Floats
 from meshtrace.optics.phase_tables import (
-    Component,
+    MixtureComponent,
     Segments,
     bin_component,
     joined,
@@ -161,7 +161,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         """Return the mean of s."""
         return _segments(self).mean()
 
-    def _components(self) -> list[Component]:
+    def _components(self) -> list[MixtureComponent]:
         """Return the parts that tables are made of."""
         return [bin_component(_segments(self))]
 
@@ -445,7 +445,7 @@ class FournierForand(BuiltInPhase, frozen=True):
         s = y**exponent
         return float(np.sum(weight * (1.0 - self._cdf_s(s)) * exponent * s / y))
 
-    def _components(self) -> list[Component]:
+    def _components(self) -> list[MixtureComponent]:
         return [quantile_component(self._cdf_s, exponent=-1.0 / self._v)]
 
 
@@ -495,8 +495,8 @@ class HenyeyGreenstein(BuiltInPhase, frozen=True):
     def _mean_s(self) -> float:
         return (1.0 - self.g) / 2.0
 
-    def _components(self) -> list[Component]:
-        return [Component(1.0, kernel.Component.HENYEY_GREENSTEIN, (self.g,))]
+    def _components(self) -> list[MixtureComponent]:
+        return [MixtureComponent(1.0, kernel.Component.HENYEY_GREENSTEIN, (self.g,))]
 
 
 class Rayleigh(BuiltInPhase, frozen=True):
@@ -539,10 +539,10 @@ class Rayleigh(BuiltInPhase, frozen=True):
     def _mean_s(self) -> float:
         return 0.5
 
-    def _components(self) -> list[Component]:
+    def _components(self) -> list[MixtureComponent]:
         if self.gamma < 1e-10:
             return HenyeyGreenstein(g=0.0)._components()
-        return [Component(1.0, kernel.Component.RAYLEIGH, (self.gamma,))]
+        return [MixtureComponent(1.0, kernel.Component.RAYLEIGH, (self.gamma,))]
 
 
 class MixturePhase(BuiltInPhase, frozen=True):
@@ -594,7 +594,7 @@ class MixturePhase(BuiltInPhase, frozen=True):
     def _mean_s(self) -> float:
         return sum(w * c._mean_s() for w, c in self._shares)
 
-    def _components(self) -> list[Component]:
+    def _components(self) -> list[MixtureComponent]:
         return [
             part._replace(weight=w * part.weight)
             for w, c in self._shares

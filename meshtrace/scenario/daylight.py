@@ -78,7 +78,7 @@ def _made(model: str, table: Table) -> Daylight:
 
 
 def daylight_config(day: Daylight) -> Table:
-    """Return the table of a light, without the wavelength (that of the transmitter).
+    """Return the table of a light without its wavelength, which follows the transmitter.
 
     Irradiances, pattern and name that follow from the model and its options are left out.
     """

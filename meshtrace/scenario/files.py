@@ -188,7 +188,7 @@ Table = dict[str, Any]
 
 
 def as_table(value: Any, path: str, word: str = "") -> Table:
-    """Return a copy of a table; a bare word stands for a table with the key `word`."""
+    """Return a copy of a table; a bare word becomes a table with the key `word`."""
     if word and isinstance(value, str):
         return {word: value}
     if not isinstance(value, Mapping):
@@ -212,6 +212,6 @@ def plain(part: Any) -> Any:
 
 
 def without_shared_wind(table: Table, wind_speed: float) -> Table:
-    """Return the table without a wind speed that is that of the scenario."""
+    """Return the table without its wind speed if it equals the scenario's."""
     same = table.get("wind_speed") == wind_speed
     return {k: v for k, v in table.items() if not (same and k == "wind_speed")}

@@ -105,7 +105,7 @@ def _whitecaps(value: Any, wind_speed: float, printed: bool) -> Whitecaps | None
 
 
 def _over(base: Model, table: Table, path: str) -> Any:
-    """Return a model with the fields of a table, and those of tables inside it, replaced."""
+    """Return a model with the fields of a table and of its inner tables replaced."""
     for name, value in table.items():
         part, inner = getattr(base, name, None), f"{path}.{name}"
         if isinstance(part, Model):
@@ -122,13 +122,13 @@ def _over_preset(presets: Mapping[str, Model], value: Any, path: str) -> Any:
 
 
 def read_detector(value: Any) -> OokLink:
-    """Return the transmission of [detector]: fields that replace those of a preset."""
+    """Return the transmission of [detector]: a preset with replaced fields."""
     presets = {name: OokLink.preset(name) for name in get_args(Preset)}
     return _over_preset(presets, value, "detector")
 
 
 def read_uav(value: Any) -> Uav:
-    """Return the airframe of [uav]: fields that replace those of a known one."""
+    """Return the airframe of [uav]: a known airframe with replaced fields."""
     return _over_preset(UAVS, value, "uav")
 
 

@@ -140,7 +140,7 @@ def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
 
 
 def _follows_wind(model: Any) -> bool:
-    """Return whether the waves of a sea follow the wind; those of a measured one do not."""
+    """Return whether the waves of a sea follow the wind; measured waves do not."""
     field = model.model_fields.get("wind_speed")
     return field is not None and field.default is not None
 

@@ -193,7 +193,7 @@ class Flight(NamedTuple):
     time_step: float = 0.5
 
     def checked(self) -> Flight:
-        """Return the flight; refuse fields of other kinds."""
+        """Return the flight; refuse fields of a wrong type."""
         require_kind(self.uav, Uav, "flight.uav")
         require_kind(self.wind, Dryden | None, "flight.wind")
         require_kind(self.coupled, bool, "flight.coupled")

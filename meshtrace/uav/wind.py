@@ -22,7 +22,7 @@ from meshtrace.models import Floats, Model
 FOOT = 0.3048  # [m]
 HEIGHT_20FT = 20.0 * FOOT
 
-Preset = Literal["physical", "paper"]
+WindPreset = Literal["physical", "paper"]
 
 
 class LogProfile(Model, frozen=True):
@@ -118,7 +118,7 @@ class Dryden(Model, frozen=True):
     gust_variance: Literal["sigma^2", "sigma^2/pi"] = "sigma^2"
 
     @classmethod
-    def preset(cls, physics: Preset, **fields: Any) -> Dryden:
+    def preset(cls, physics: WindPreset, **fields: Any) -> Dryden:
         """Return gusts in the right form (`"physical"`) or as published (`"paper"`).
 
         Parameters
