@@ -7,9 +7,9 @@ from . import ook as ook
 from . import pulses as pulses
 from . import receivers as receivers
 from .decisions import Decision as Decision
+from .decisions import ReceiverModel as ReceiverModel
 from .devices import LedDriver as LedDriver
 from .devices import OpticalFrontEnd as OpticalFrontEnd
 from .devices import SiPM as SiPM
 from .devices import Tia as Tia
 from .ook import OokLink as OokLink
-from .receivers import ReceiverModel as ReceiverModel

@@ -15,10 +15,9 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.comms.decisions import non_negative, pattern_decision
+from meshtrace.comms.decisions import ReceiverModel, non_negative, pattern_decision
 from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia
 from meshtrace.comms.pulses import Eye, PulseFilters
-from meshtrace.comms.receivers import ReceiverModel
 from meshtrace.errors import Refused, require_between, require_kind, require_whole, require_word
 from meshtrace.link import Link, Receiver
 from meshtrace.models import Floats, Model, NonNegative

@@ -1,67 +1,27 @@
-"""Receiver models: their base and the six built-in ones.
+"""The six built-in receiver models.
 
 `OokLink` describes devices and levels; a `ReceiverModel` turns them into a bit error rate.
 """
 
 from __future__ import annotations
 
-import abc
 import functools
 import math
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.comms.decisions import (
     Decision,
+    ReceiverModel,
     compound_poisson_decision,
     gaussian_decision,
     generalized_poisson_decision,
     pattern_decision,
 )
-from meshtrace.models import Family, Floats
-
-if TYPE_CHECKING:
-    from meshtrace.comms.ook import OokLink
-
-
-class ReceiverModel(Family, default="W"):
-    """Base of all receiver models.
-
-    A subclass needs the method `decide`. It is then allowed as ``OokLink(model=Mine(...))``, and
-    in plain data by its import path "module:Mine" (link files need trust for it), or by the name
-    that a field such as ``kind: Literal["mine"] = "mine"`` gives it. Its methods get the
-    `OokLink` whose model it is.
-
-    docs/guides/own_receiver_model.md is an example.
-    """
-
-    has_pulses: ClassVar[bool] = False
-    """Whether the model follows pulses, so that an eye diagram exists."""
-
-    exact_counts: ClassVar[bool] = False
-    """Whether the model takes the law of Poisson counts itself, which renewal noise is not."""
-
-    def averaging_window(self, link: OokLink) -> float:
-        """Return the averaging window in front of the decision [s]."""
-        return 0.0
-
-    def moments(self, link: OokLink, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
-        """Return mean [s-1] and variance [s-2] of the sample for each bit pattern.
-
-        By default those of independent bits: levels of a zero and a one, Gaussian noise in
-        B = R_b / 2.
-        """
-        mean, shot = (np.stack(v, axis=-1) for v in (link.levels(power), link.shot_levels(power)))
-        thermal = link.tia.thermal_noise(link.sipm.gain)
-        noise = 2.0 * link.sipm.excess_noise_factor * shot + thermal
-        return mean, noise * 0.5 * link.bit_rate
-
-    @abc.abstractmethod
-    def decide(self, link: OokLink, power: Floats) -> Decision:
-        """Return bit error rate and threshold [s-1] at powers (n,) on the SiPM, all > 0 [W]."""
-
+from meshtrace.comms.ook import OokLink
+from meshtrace.models import Floats
 
 _DESIGN_BER = 1e-3
 
