@@ -24,7 +24,6 @@ from meshtrace.bench.scaling import thread_scaling, worker_scaling
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import Described, Refused
-from meshtrace.link import Link
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import Band, Elfouhaily, SpectralSea
@@ -68,11 +67,12 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
     photons, chains = 4_000_000 // scale, 20_000 // scale
     physics = link.physics.model_copy(update={"unresolved": "none"})
     bare = link.model_copy(update={"physics": physics})
+    down = link if link.direction == "down" else None
     dask = find_spec("distributed")
     return {
         "environment": environment(),
         "cores": os.cpu_count(),
-        "load": _load(),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         "analog": analog_rate(bare, mesh, photons),
         "analog_tilted": analog_rate(link, mesh, photons),
         "merit": figure_of_merit(link, near, chains, photons),
@@ -82,17 +82,11 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
         "background": _if_followed(lambda: background_light(link, sea)),
         "coverage": _if_followed(lambda: coverage_cost(link, sea, extent=5.0 / scale)),
         "first_run": first_run() if cold else None,
-        "downlink": _if_followed(lambda: _downlink(link, sea)),
+        "downlink": _if_followed(lambda: new_sea(down or link.mirrored(), sea)),
         "peak_memory_mib": _peak_memory(),
         "thread_scaling": thread_scaling(link, mesh, near, photons, 20 * chains),
         "worker_scaling": worker_scaling(scenario, 128 // scale) if dask else None,
     }
-
-
-def _downlink(link: Link, sea: Any) -> dict[str, Any]:
-    """Return the cost of a gain to 1 % in the air-to-water direction."""
-    down = link if link.direction == "down" else link.mirrored()
-    return new_sea(down, sea, rtol=0.01)
 
 
 def _if_followed(measure: Callable[[], dict[str, Any]]) -> dict[str, Any] | None:
@@ -187,11 +181,6 @@ def _times(counts: list[int], speedups: list[float]) -> str:
     """Format speedups as in "2: 1.95x"; the speedup of one thread only if no other is given."""
     rows = list(zip(counts, speedups, strict=True))
     return ", ".join(f"{n}: {speed:.2f}x" for n, speed in rows if n > 1 or len(rows) == 1)
-
-
-def _load() -> float | None:
-    """Return the mean number of processes that wanted a core in the last minute, if known."""
-    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
 
 
 def _load_text(result: dict[str, Any]) -> str:

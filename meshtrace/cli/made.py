@@ -196,7 +196,8 @@ class Group(NamedTuple):
 def described(command: Callable[..., None], **groups: Group) -> Callable[..., None]:
     """Return a command with the arguments and options that signature and docstring describe.
 
-    Keyword-only parameters are options, and dataclasses groups of options.
+    Keyword-only parameters are options, and dataclasses groups of options. Refusals of a value
+    name its option.
     """
     own = inspect.signature(command, eval_str=True).parameters
     for name, p in own.items():
@@ -205,19 +206,33 @@ def described(command: Callable[..., None], **groups: Group) -> Callable[..., No
             fields = inspect.signature(kind, eval_str=True).parameters.values()
             groups[name] = Group([_declared(kind, field) for field in fields], kind)
 
+    parts = [groups[n].options if n in groups else [_declared(command, p)] for n, p in own.items()]
+    parameters = [one for some in parts for one in some]
+
     def call(**given: Any) -> None:
         for name, group in groups.items():
             given[name] = group.value(**{one.name: given.pop(one.name) for one in group.options})
-        command(**given)
+        try:
+            command(**given)
+        except Refused as error:
+            option = next((_option_name(p) for p in parameters if p.name == error.field), "")
+            if error.source or not option:
+                raise
+            value = MISSING if error.value is None else error.value
+            raise Refused(option, value, error.allowed, error.hint) from error
 
-    options = [
-        groups[n].options if n in groups else [_declared(command, p)] for n, p in own.items()
-    ]
     call.__name__ = command.__name__
     call.__doc__ = (inspect.getdoc(command) or "").partition("\n\nParameters\n")[0]
-    signature = inspect.Signature([one for some in options for one in some])
-    call.__signature__ = signature  # type: ignore[attr-defined]
+    call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return call
+
+
+def _option_name(p: inspect.Parameter) -> str:
+    """Return the longest name of the option of a declared parameter, "" for an argument."""
+    declared = get_args(p.annotation)[1]
+    # typer keeps the first name as a default
+    names = (declared.default, *(declared.param_decls or ()))
+    return max((name for name in names if isinstance(name, str)), key=len, default="")
 
 
 def _declared(owner: Any, p: inspect.Parameter) -> inspect.Parameter:
@@ -259,20 +274,7 @@ def _function(study: StudyRow, work: Callable[..., None]) -> Callable[..., None]
         }
 
     asked = Group([option.parameter for option in options.values()], read)
-    call = described(work, study=Group([], lambda: study), asked=asked)
-
-    def run(**given: Any) -> None:
-        try:
-            call(**given)
-        except Refused as error:
-            if error.source or error.field not in options:
-                raise
-            name, value = options[error.field].name, error.value
-            value = MISSING if value is None else value
-            raise Refused(name, value, error.allowed, error.hint) from error
-
-    run.__signature__ = call.__signature__  # type: ignore[attr-defined]
-    return run
+    return described(work, study=Group([], lambda: study), asked=asked)
 
 
 def _names(study: StudyRow, name: str) -> list[str]:

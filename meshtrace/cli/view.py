@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,32 +15,18 @@ from meshtrace.cli.options import WindChanges
 from meshtrace.errors import MISSING, Described, Refused, require_finite
 
 if TYPE_CHECKING:
-    from meshtrace.daylight.light import Daylight
-    from meshtrace.link import Link
-    from meshtrace.mesh import MeshSource, TriangleMesh
-    from meshtrace.results.coverage import CoverageMap
-    from meshtrace.results.series import GainSeries
     from meshtrace.scenario import Scenario
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
 MOST_PATHS, MOST_FRAMES = 100_000, 10_000
 
-
-class Subject(NamedTuple):
-    """Subject of a view: a link over a surface at a time, and the data of a result."""
-
-    surface: MeshSource | TriangleMesh
-    link: Link | None = None
-    time: float = 0.0
-    coverage: CoverageMap | int | None = None
-    gain: GainSeries | None = None
-    daylight: Daylight | None = None
+Inputs = dict[str, Any]  # arguments of a view
 
 
 @dataclass(frozen=True, kw_only=True)
-class Files:
-    """Files to write; without one a window opens.
+class ViewOptions:
+    """Files to write (without one a window opens), light in the scene, frames of a movie.
 
     Parameters
     ----------
@@ -55,6 +40,20 @@ class Files:
         Write a picture (.png) or movie of the light pattern on the receiver's plane.
     export : FOLDER
         Write surface, paths and map as VTK files.
+    paths : N
+        Photon paths, in addition to received light [default: 100; movie: 0].
+    received : N
+        Paths of received light.
+    map_ : N
+        Photons of a coverage map at receiver height.
+    time : S
+        Time of the sea [s].
+    frames : N
+        Frames of the movie.
+    frame_rate : N
+        Frames per second, at natural speed [default: 30].
+    seed : N
+        Seed of the paths.
     """
 
     screenshot: Path | None = None
@@ -62,29 +61,17 @@ class Files:
     movie: Path | None = None
     light: Path | None = None
     export: Path | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class PathOptions:
-    """Light in the scene.
-
-    Parameters
-    ----------
-    paths : N
-        Photon paths, in addition to received light [default: 100; movie: 0].
-    received : N
-        Paths of received light.
-    map_ : N
-        Photons of a coverage map at receiver height.
-    """
-
     paths: Annotated[int | None, Span(0, MOST_PATHS)] = None
     received: Annotated[int | None, Span(1, MOST_PATHS)] = None
     map_: Annotated[int | None, Span(1)] = None
+    time: float | None = None
+    frames: Annotated[int, Span(2, MOST_FRAMES)] = 300
+    frame_rate: float | None = None
+    seed: Annotated[int, Span(0)] = 1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Style:
+class StyleOptions:
     """Appearance of the scene.
 
     Parameters
@@ -108,33 +95,13 @@ class Style:
     spacing: float | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Film:
-    """Frames of a movie.
-
-    Parameters
-    ----------
-    frames : N
-        Frames of the movie.
-    frame_rate : N
-        Frames per second, at natural speed [default: 30].
-    """
-
-    frames: Annotated[int, Span(2, MOST_FRAMES)] = 300
-    frame_rate: float | None = None
-
-
 @app.command()
 @described
 def view(
     file: Path | None = None,
     *,
-    files: Files,
-    light: PathOptions,
-    style: Style,
-    time: float | None = None,
-    film: Film,
-    seed: Annotated[int, Span(0)] = 1,
+    options: ViewOptions,
+    style: StyleOptions,
     changes: WindChanges,
 ) -> None:
     """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files.
@@ -143,48 +110,30 @@ def view(
     ----------
     file : [FILE]
         Link (.toml), result (.nc) or mesh (.stl, .ply, .obj); default: the paper's link.
-    time : S
-        Time of the sea [s].
-    seed : N
-        Seed of the paths.
     """
-    positive = {
-        "--extent": style.extent,
-        "--spacing": style.spacing,
-        "--frame-rate": film.frame_rate,
-    }
-    for option, value in positive.items():
-        if value is not None and not 0.0 < value < math.inf:
-            raise Refused(option, Described(f"{value:g}"), "numbers > 0")
-    if time is not None and not math.isfinite(time):
-        raise Refused("--time", Described(f"{time:g}"), "finite numbers [s]")
     with extra("viz", "viz"):
         from meshtrace.viz import SceneStyle
         from meshtrace.viz import view as show
-    subject = _subject(file, changes)
-    subject = subject._replace(
-        time=subject.time if time is None else time, coverage=light.map_ or subject.coverage
-    )
-    steps = film.frames if subject.gain is None else len(subject.gain.coordinate)
-    kernels = () if subject.link is None else ("forced",)
+    given: Inputs = {name: value for name, value in vars(options).items() if value is not None}
+    if photons := given.pop("map_", None):
+        given["coverage"] = photons
+    subject = {**_subject(file, changes), **given}
+    gain = subject.get("gain")
+    steps = options.frames if gain is None else len(gain.coordinate)
+    kernels = () if subject["link"] is None else ("forced",)
     with progress(steps, False, "drawing frames", *kernels) as (_, advance), extra("viz", "viz"):
         written = show(
-            **subject._asdict(),
-            paths=light.paths,
-            received=light.received,
-            **vars(files),
-            **vars(film),
+            **subject,
             title="meshtrace" if file is None else file.name,
             progress=advance,
-            seed=seed,
             style=SceneStyle(**vars(style)),
         )
     for path in written:
         typer.echo(f"written to {path}")
 
 
-def _subject(file: Path | None, changes: WindChanges) -> Subject:
-    """Return the contents of a file."""
+def _subject(file: Path | None, changes: WindChanges) -> Inputs:
+    """Return the link, the surface and the data of a file as arguments of a view."""
     from meshtrace.scenario import MeshFile
 
     suffix = ".toml" if file is None else file.suffix.lower()
@@ -201,20 +150,21 @@ def _subject(file: Path | None, changes: WindChanges) -> Subject:
     if suffix == ".nc":
         return _of_result(file)
     if suffix in MESH_SUFFIXES:
-        return Subject(MeshFile(file=str(file)).load())
+        return {"link": None, "surface": MeshFile(file=str(file)).load()}
     kinds = ", ".join((".toml", ".nc", *MESH_SUFFIXES))
     raise Refused(str(file), file.suffix, f"a file name in {kinds}")
 
 
-def _of_scenario(scenario: Scenario) -> Subject:
+def _of_scenario(scenario: Scenario) -> Inputs:
     from meshtrace.scenario import MeshFile
 
     still = isinstance(scenario.surface, MeshFile)
     surface = scenario.mesh() if still else scenario.case().surface
-    return Subject(surface, scenario.link, scenario.meshing.time, daylight=scenario.daylight)
+    at = {"time": scenario.meshing.time, "daylight": scenario.daylight}
+    return {"link": scenario.link, "surface": surface, **at}
 
 
-def _of_result(file: Path) -> Subject:
+def _of_result(file: Path) -> Inputs:
     """Return the inputs of a result file, with its map or its gain over time."""
     from meshtrace.results import load
     from meshtrace.results.coverage import CoverageMap
@@ -231,9 +181,9 @@ def _of_result(file: Path) -> Subject:
         subject = _of_scenario(Scenario.from_provenance(origin))
         if isinstance(result, CoverageMap):
             times = require_finite(origin.get("times", MISSING), "times", "times [s]")
-            return subject._replace(coverage=result, time=float(times.flat[0]))
+            return {**subject, "coverage": result, "time": float(times.flat[0])}
     except Refused as error:
         raise error.of(str(file)) from None
     if isinstance(result, GainSeries) and result.along == "time":
-        return subject._replace(gain=result, time=float(result.time[0]))
+        return {**subject, "gain": result, "time": float(result.time[0])}
     return subject

@@ -343,19 +343,6 @@ class HistogramPhase(BuiltInPhase, frozen=True, populate_by_name=True):
         return Segments(s[:-1], s[1:], np.ones_like(mass), mass / mass.sum())
 
 
-__all__ = [
-    "AnyPhase",
-    "FournierForand",
-    "HenyeyGreenstein",
-    "HistogramPhase",
-    "MixturePhase",
-    "Petzold",
-    "PhaseFunction",
-    "Rayleigh",
-    "TabulatedPhase",
-]
-
-
 class FournierForand(BuiltInPhase, frozen=True):
     r"""Fournier-Forand phase function: Mie scattering by a power-law size distribution.
 

@@ -211,7 +211,6 @@ def plain(part: Any) -> Any:
     return part.model_dump(mode="json", exclude_none=True)
 
 
-def without_shared_wind(table: Table, wind_speed: float) -> Table:
-    """Return the table without its wind speed if it equals the scenario's."""
-    same = table.get("wind_speed") == wind_speed
-    return {k: v for k, v in table.items() if not (same and k == "wind_speed")}
+def unshared(table: Table, **shared: Any) -> Table:
+    """Return the table without the values that it shares with other tables."""
+    return {k: v for k, v in table.items() if k not in shared or v != shared[k]}

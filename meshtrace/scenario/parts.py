@@ -18,7 +18,7 @@ from meshtrace.models import Model
 from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
 from meshtrace.optics.phase import FournierForand
 from meshtrace.optics.water import Water
-from meshtrace.scenario.files import Table, as_table, plain, validated, without_shared_wind
+from meshtrace.scenario.files import Table, as_table, plain, unshared, validated
 from meshtrace.uav.airframe import UAVS, Uav
 
 DEFAULT_WIND_SPEED = 5.0
@@ -180,9 +180,8 @@ def bubbles_config(link: Link, wind_speed: float) -> Table:
     """Return [bubbles] without the keys that follow the wind, the water or the transmitter."""
     if link.bubbles is None:
         return {"model": "none"}
-    config = without_shared_wind(link.bubbles.model_dump(mode="json"), wind_speed)
-    shared = _bubble_defaults(link)
-    kept = {k: v for k, v in config.items() if k not in shared or v != shared[k]}
+    shared = {"wind_speed": wind_speed, **_bubble_defaults(link)}
+    kept = unshared(link.bubbles.model_dump(mode="json"), **shared)
     return {"model": kept.pop("kind"), **kept}
 
 
@@ -190,5 +189,5 @@ def whitecaps_config(link: Link, wind_speed: float) -> Any:
     """Return the word or the table of the whitecaps."""
     if link.whitecaps is None:
         return "none"
-    config = without_shared_wind(link.whitecaps.model_dump(), wind_speed)
+    config = unshared(link.whitecaps.model_dump(), wind_speed=wind_speed)
     return config if "wind_speed" in config else config["model"]

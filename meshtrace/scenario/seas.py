@@ -24,7 +24,7 @@ from meshtrace.errors import (
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Family, Model
-from meshtrace.scenario.files import Table, as_table, validated, without_shared_wind
+from meshtrace.scenario.files import Table, as_table, unshared, validated
 
 _SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
 _SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "meshes", "time", "extent", "spacing")
@@ -255,10 +255,10 @@ def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
         del config["parts"]
         return {**config, "part": parts}
     if kind == "spectral":
-        config["spectrum"] = without_shared_wind(config["spectrum"], wind_speed)
+        config["spectrum"] = unshared(config["spectrum"], wind_speed=wind_speed)
         return config
     if _follows_wind(type(surface)):
-        config = without_shared_wind(config, wind_speed)
+        config = unshared(config, wind_speed=wind_speed)
     return {"spectrum": kind, **config}
 
 
