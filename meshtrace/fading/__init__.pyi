@@ -10,9 +10,9 @@ from .fits import Law as Law
 from .fits import fit_gamma_gamma as fit_gamma_gamma
 from .fits import fit_lognormal as fit_lognormal
 from .fits import goodness_of_fit as goodness_of_fit
+from .gains import Estimate as Estimate
 from .gains import Reference as Reference
 from .gains import remove_noise as remove_noise
-from .intervals import Estimate as Estimate
 from .laws import gamma_gamma as gamma_gamma
 from .resolving import BandFading as BandFading
 from .resolving import band_fading as band_fading

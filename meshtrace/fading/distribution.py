@@ -10,15 +10,18 @@ from numpy.typing import ArrayLike
 
 from meshtrace.errors import Refused, require_seed, require_whole
 from meshtrace.fading.gains import (
+    Estimate,
     FloatArray,
     Reference,
+    block_interval,
+    block_means,
     check_bootstrap,
     check_effective,
     checked,
     level_of,
     remove_noise,
+    wilson,
 )
-from meshtrace.fading.intervals import Estimate, block_interval, block_means, wilson
 
 # Below this number the jackknife of the BCa bootstrap has too little to work on.
 _FEWEST_ACCELERATED = 8

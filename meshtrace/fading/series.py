@@ -10,19 +10,17 @@ from numpy.typing import ArrayLike
 
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.fading.gains import (
+    Estimate,
     FloatArray,
     Reference,
+    block_interval,
+    block_means,
     check_bootstrap,
     checked,
     checked_gain,
     checked_step,
-    level_of,
-)
-from meshtrace.fading.intervals import (
-    Estimate,
-    block_interval,
-    block_means,
     exponential_limits,
+    level_of,
     poisson_limits,
 )
 

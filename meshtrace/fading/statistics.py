@@ -28,6 +28,7 @@ from meshtrace.fading.fits import (
 )
 from meshtrace.fading.gains import (
     MOST_RESAMPLES,
+    Estimate,
     FloatArray,
     Reference,
     check_bootstrap,
@@ -36,7 +37,6 @@ from meshtrace.fading.gains import (
     level_of,
     remove_noise,
 )
-from meshtrace.fading.intervals import Estimate
 from meshtrace.fading.series import (
     autocorrelation,
     block_length,
