@@ -210,16 +210,16 @@ def described(command: Callable[..., None], **groups: Group) -> Callable[..., No
     parameters = [one for some in parts for one in some]
 
     def call(**given: Any) -> None:
-        for name, group in groups.items():
-            given[name] = group.value(**{one.name: given.pop(one.name) for one in group.options})
         try:
+            for name, (options, value) in groups.items():
+                given[name] = value(**{one.name: given.pop(one.name) for one in options})
             command(**given)
         except Refused as error:
             option = next((_option_name(p) for p in parameters if p.name == error.field), "")
             if error.source or not option:
                 raise
-            value = MISSING if error.value is None else error.value
-            raise Refused(option, value, error.allowed, error.hint) from error
+            found = MISSING if error.value is None else error.value
+            raise Refused(option, found, error.allowed, error.hint) from error
 
     call.__name__ = command.__name__
     call.__doc__ = (inspect.getdoc(command) or "").partition("\n\nParameters\n")[0]
@@ -254,26 +254,15 @@ def _declared(owner: Any, p: inspect.Parameter) -> inspect.Parameter:
     return p.replace(kind=_KEYWORD, annotation=Annotated[kind, declared])
 
 
-class _Option(NamedTuple):
-    """Option of a parameter: its longest name, the reader of its text, typer's parameter."""
-
-    name: str
-    reader: Reader
-    parameter: inspect.Parameter
-
-
 def _function(study: StudyRow, work: Callable[..., None]) -> Callable[..., None]:
     """Return the work of a study as a function of its options."""
     options = {name: _option(study, name) for name in study.options}
 
     def read(**texts: Any) -> dict[str, Any]:
         given = {name: text for name, text in texts.items() if text is not None}
-        return {
-            name: options[name].reader.read(options[name].name, text)
-            for name, text in given.items()
-        }
+        return {name: options[name][0].read(name, text) for name, text in given.items()}
 
-    asked = Group([option.parameter for option in options.values()], read)
+    asked = Group([parameter for _, parameter in options.values()], read)
     return described(work, study=Group([], lambda: study), asked=asked)
 
 
@@ -283,10 +272,11 @@ def _names(study: StudyRow, name: str) -> list[str]:
     return given or [f"--{name.replace('_', '-')}"]
 
 
-def _option(study: StudyRow, name: str) -> _Option:
-    """Return the option of a parameter, described by the first function that has it."""
-    functions = [one for one in study.functions if name in defaults(one)]
-    reader, choices = reader_of(_annotation(functions[0], name), functions[0].__globals__)
+def _option(study: StudyRow, name: str) -> tuple[Reader, inspect.Parameter]:
+    """Return reader and option of a parameter, described by the first function that has it."""
+    functions = [one for one in study.functions if name in parameters_of(one)]
+    annotation = parameters_of(functions[0])[name].annotation
+    reader, choices = reader_of(annotation, functions[0].__globals__)
     text, names = _help(study, functions[0], name), _names(study, name)
     text += f": {', '.join(choices[:-1])} or {choices[-1]}" if choices else ""
     text += f"{reader.note}."
@@ -300,8 +290,7 @@ def _option(study: StudyRow, name: str) -> _Option:
     metavar = next((word for word in words if not word.startswith("=")), metavar)
     declared: Any = typer.Option(*names, metavar=metavar, help=text)
     kind = Annotated[reader.kind, declared]  # type: ignore[name-defined]
-    made = inspect.Parameter(name, _KEYWORD, default=default, annotation=kind)
-    return _Option(names[-1], reader, made)
+    return reader, inspect.Parameter(name, _KEYWORD, default=default, annotation=kind)
 
 
 def _help(study: StudyRow, function: Callable[..., Any], name: str) -> str:
@@ -322,22 +311,6 @@ def _typed(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _run_options(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the annotations of the options `**run` of a study."""
-    run = inspect.signature(function).parameters.get("run")
-    if run is None:
-        return {}
-    (kind,) = get_args(eval(run.annotation, function.__globals__))
-    return dict(kind.__annotations__)
-
-
-def _annotation(function: Callable[..., Any], name: str) -> str:
-    """Return the annotation of a parameter or of an option of the run."""
-    given = inspect.signature(function).parameters
-    of_run = _run_options(function)
-    return str(of_run[name].__forward_arg__ if name in of_run else given[name].annotation)
-
-
 def entries(owner: Any) -> dict[str, tuple[str, str]]:
     """Return type and text of each parameter of a function, or of a class and its bases."""
     found: dict[str, tuple[str, str]] = {}
@@ -352,13 +325,22 @@ def sentences(function: Callable[..., Any]) -> dict[str, str]:
     """Return the first sentence about each parameter, and each option of the run, in docstrings."""
     from meshtrace.engine.setup.options import StudyOptions
 
-    of_run = entries(StudyOptions) if _run_options(function) else {}
+    of_run = entries(StudyOptions) if "run" in inspect.signature(function).parameters else {}
     found = {**of_run, **entries(function)}
     return {name: re.split(r"(?<=\.) ", text, maxsplit=1)[0] for name, (_, text) in found.items()}
 
 
+def parameters_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    """Return the parameters of a function, and its options `**run` as parameters."""
+    found = dict(inspect.signature(function).parameters)
+    if run := found.pop("run", None):
+        (kind,) = get_args(eval(run.annotation, function.__globals__))
+        for name, hint in kind.__annotations__.items():
+            text = hint.__forward_arg__
+            found[name] = inspect.Parameter(name, _KEYWORD, default=None, annotation=text)
+    return found
+
+
 def defaults(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the parameters of a function and its options of the run, with their defaults."""
-    given = inspect.signature(function).parameters.items()
-    found = {name: p.default for name, p in given if name != "run"}
-    return found | dict.fromkeys(_run_options(function))
+    """Return the default values of a function and of its options of the run."""
+    return {name: p.default for name, p in parameters_of(function).items()}
