@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +13,7 @@ from meshtrace.cli.app import app
 from meshtrace.cli.console import extra, progress
 from meshtrace.cli.made import Span, described
 from meshtrace.cli.options import WindChanges
-from meshtrace.errors import MISSING, Described, Refused, require_finite
+from meshtrace.errors import MISSING, Described, Refused, require_between, require_finite
 
 if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
@@ -111,6 +112,8 @@ def view(
     file : [FILE]
         Link (.toml), result (.nc) or mesh (.stl, .ply, .obj); default: the paper's link.
     """
+    if options.frame_rate is not None:  # a view without a movie does not check it
+        require_between(options.frame_rate, 0.0, math.inf, "--frame-rate", allowed="numbers > 0")
     with extra("viz", "viz"):
         from meshtrace.viz import SceneStyle
         from meshtrace.viz import view as show
