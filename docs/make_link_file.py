@@ -10,8 +10,8 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import Source
 from meshtrace.models import Family, Model
-from meshtrace.optics.bubble_base import BubblePopulation
-from meshtrace.optics.phase_base import PhaseFunction
+from meshtrace.optics.bubbles import BubblePopulation
+from meshtrace.optics.phase import PhaseFunction
 from meshtrace.scenario import Scenario
 from meshtrace.scenario.files import unset_keys
 from meshtrace.surfaces import Spectrum, Spreading, Surface

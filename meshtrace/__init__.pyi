@@ -96,8 +96,8 @@ from .studies import time_step_study as time_step_study
 from .surfaces import FlatSea as FlatSea
 from .surfaces import JonswapSea as JonswapSea
 from .uav.airframe import Flight as Flight
+from .uav.airframe import Route as Route
 from .uav.airframe import Uav as Uav
-from .uav.route import Route as Route
 from .uav.wind import Dryden as Dryden
 
 __version__: str

@@ -12,8 +12,8 @@ import operator
 import os
 import re
 import stat
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Any, get_args
@@ -39,7 +39,7 @@ class Described(str):
 
 
 MISSING = Described("missing")
-"""Value of a field that has none."""
+"""Sentinel for a missing value."""
 
 
 class Refused(ValueError):
@@ -99,6 +99,15 @@ class Refused(ValueError):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the parts: workers of a sweep send refusals back."""
         return Refused, (self.field, self.value, self.allowed, self.hint, self.source)
+
+
+@contextmanager
+def within(*path: int | str) -> Iterator[None]:
+    """Raise the refusals of a block with their field's path inside a table or a list."""
+    try:
+        yield
+    except Refused as error:
+        raise error.inside(*path) from error.__cause__
 
 
 def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:
@@ -256,14 +265,14 @@ def require_writable(
 
 
 def _same(name: str | Path, path: str | Path, exists: bool) -> bool:
-    """Return whether two names are those of one file, which may not exist yet."""
+    """Return whether two names refer to one file, which may not exist yet."""
     if exists and os.path.exists(name):
         return os.path.samefile(name, path)
     return os.path.realpath(name) == os.path.realpath(path)
 
 
 def did_you_mean(word: Any, words: Iterable[str]) -> str:
-    """Return a hint at the words that are spelt alike, "" if none is."""
+    """Return a hint at words of similar spelling, or ""."""
     near = difflib.get_close_matches(str(word), list(words))
     return f"did you mean {' or '.join(near)}?" if near else ""
 
@@ -280,7 +289,7 @@ def join_path(path: str, *keys: int | str) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Return whether a value is a number; booleans are none."""
+    """Return True for int or float, but not bool."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 

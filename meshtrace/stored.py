@@ -13,6 +13,7 @@ import json
 import mmap
 import struct
 from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
@@ -43,7 +44,7 @@ _HOMES = {
     "comparison": "meshtrace.studies.comparison",
     "background": "meshtrace.results.background",
     "background-series": "meshtrace.results.background",
-    "fading": "meshtrace.fading.summary",
+    "fading": "meshtrace.fading.statistics",
     "performance": "meshtrace.studies.performance.tables",
     "depth-sweep": "meshtrace.studies.performance.tables",
     "convergence": "meshtrace.studies.convergence.study",
@@ -129,7 +130,8 @@ class Stored(WithArrays):
     """Result with a text, a notebook table, a Dataset and a file.
 
     Subclasses are frozen dataclasses (`repr=False`) with a `kind` and a `title`. Fields described
-    by a `Variable` become variables of the dataset, those named in `_attributes` its attributes.
+    by a `Variable` become variables of the dataset, fields in `_attributes` its attributes:
+    "field", or "field=name" for another name in files.
     """
 
     kind: ClassVar[str] = ""
@@ -162,15 +164,22 @@ class Stored(WithArrays):
         """Return the Dataset without kind, version and provenance."""
         import xarray as xr
 
-        return xr.Dataset(self.to_variables(), attrs={n: _plain(self, n) for n in self._attributes})
+        about = {name: _plain(self, field) for field, name in self._named()}
+        return xr.Dataset(self.to_variables(), attrs=about)
+
+    @classmethod
+    def _named(cls) -> list[tuple[str, str]]:
+        """Return fields and names of the attributes of the dataset."""
+        parts = (one.partition("=") for one in cls._attributes)
+        return [(field, name or field) for field, _, name in parts]
 
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> Self:
         """Return the result of a dataset of this kind; attributes that it lacks have defaults."""
         fields, hints = cls.arrays(data), get_type_hints(cls)
-        for name in cls._attributes:
+        for field, name in cls._named():
             if name in data.attrs:
-                fields[name] = _typed(data.attrs[name], hints[name])
+                fields[field] = _typed(data.attrs[name], hints[field])
         return cls(**{**fields, "provenance": provenance})
 
     def _origin_lines(self) -> list[str]:
@@ -247,8 +256,9 @@ class Stored(WithArrays):
 def _plain(result: Stored, name: str) -> Any:
     """Return a field as an attribute of a file: numbers and texts as they are, others as JSON."""
     value = getattr(result, name)
-    numbers = isinstance(value, tuple) and all(isinstance(v, int | float) for v in value)
-    return list(value) if numbers else value if np.isscalar(value) else json.dumps(value)
+    if value and isinstance(value, tuple) and all(isinstance(v, int | float) for v in value):
+        return list(value)
+    return value if np.isscalar(value) else json.dumps(value, default=vars)
 
 
 def _typed(value: Any, hint: Any) -> Any:
@@ -256,7 +266,8 @@ def _typed(value: Any, hint: Any) -> Any:
     from pydantic import TypeAdapter
 
     if isinstance(value, str) and hint is not str:
-        value = json.loads(value)
+        with suppress(ValueError):  # a word, or damaged: the type decides
+            value = json.loads(value)
     return TypeAdapter(hint).validate_python(
         np.asarray(value).tolist() if hasattr(value, "dtype") else value
     )
@@ -367,7 +378,7 @@ def _is_file(path: Any) -> bool:
 
 
 def _is_damaged(path: str | PathLike[str]) -> bool:
-    """Return whether a file has a digest at its end that differs from that of its bytes.
+    """Return whether the digest at the end of a file differs from the digest of its bytes.
 
     HDF5 notes the end of its bytes: the rest behind it is an intact or a damaged digest.
     """

@@ -16,7 +16,7 @@ from meshtrace.errors import Refused
 from meshtrace.link import CardioidalSky, Link, Receiver, Sun, UniformSky
 from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
-from meshtrace.optics.bubble_base import BubblePopulation
+from meshtrace.optics.bubbles import BubblePopulation
 
 from .checks import checked
 from .export import surface_sampler, to_pyvista

@@ -10,13 +10,20 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
-from meshtrace.bench.answers import background_light, coverage_cost, first_run, realization
-from meshtrace.bench.engine import analog_rate, figure_of_merit, new_sea, resolved_sea
+from meshtrace.bench.engine import (
+    analog_rate,
+    background_light,
+    coverage_cost,
+    figure_of_merit,
+    first_run,
+    new_sea,
+    realization,
+    resolved_sea,
+)
 from meshtrace.bench.scaling import thread_scaling, worker_scaling
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import Described, Refused
-from meshtrace.link import Link
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import Band, Elfouhaily, SpectralSea
@@ -42,7 +49,7 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
         in the minute before; `analog` and `analog_tilted` of `analog_rate`, without
         and with tilts for unresolved slopes; `merit` of `figure_of_merit`; `new_sea`;
         `resolved_sea`; `realization`, `background`, `coverage` and, if `cold`, `first_run` of
-        `meshtrace.bench.answers`; `downlink`, `new_sea` of the mirrored link to 1 %; each of
+        `meshtrace.bench.engine`; `downlink`, `new_sea` of the mirrored link to 1 %; each of
         these None where the link is refused; `peak_memory_mib` of this process;
         `thread_scaling`, `worker_scaling`, the latter None where dask is not installed.
 
@@ -60,11 +67,12 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
     photons, chains = 4_000_000 // scale, 20_000 // scale
     physics = link.physics.model_copy(update={"unresolved": "none"})
     bare = link.model_copy(update={"physics": physics})
+    down = link if link.direction == "down" else None
     dask = find_spec("distributed")
     return {
         "environment": environment(),
         "cores": os.cpu_count(),
-        "load": _load(),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         "analog": analog_rate(bare, mesh, photons),
         "analog_tilted": analog_rate(link, mesh, photons),
         "merit": figure_of_merit(link, near, chains, photons),
@@ -74,17 +82,11 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
         "background": _if_followed(lambda: background_light(link, sea)),
         "coverage": _if_followed(lambda: coverage_cost(link, sea, extent=5.0 / scale)),
         "first_run": first_run() if cold else None,
-        "downlink": _if_followed(lambda: _downlink(link, sea)),
+        "downlink": _if_followed(lambda: new_sea(down or link.mirrored(), sea)),
         "peak_memory_mib": _peak_memory(),
         "thread_scaling": thread_scaling(link, mesh, near, photons, 20 * chains),
         "worker_scaling": worker_scaling(scenario, 128 // scale) if dask else None,
     }
-
-
-def _downlink(link: Link, sea: Any) -> dict[str, Any]:
-    """Return the cost of a gain to 1 % in the air-to-water direction."""
-    down = link if link.direction == "down" else link.mirrored()
-    return new_sea(down, sea, rtol=0.01)
 
 
 def _if_followed(measure: Callable[[], dict[str, Any]]) -> dict[str, Any] | None:
@@ -176,18 +178,13 @@ def _scaling(threads: dict[str, Any], workers: dict[str, Any] | None) -> dict[st
 
 
 def _times(counts: list[int], speedups: list[float]) -> str:
-    """Return the speedups as text, as in "2: 1.95x"; that of one only if there are no others."""
+    """Format speedups as in "2: 1.95x"; the speedup of one thread only if no other is given."""
     rows = list(zip(counts, speedups, strict=True))
     return ", ".join(f"{n}: {speed:.2f}x" for n, speed in rows if n > 1 or len(rows) == 1)
 
 
-def _load() -> float | None:
-    """Return the mean number of processes that wanted a core in the last minute, if known."""
-    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
-
-
 def _load_text(result: dict[str, Any]) -> str:
-    """Return the load before the measurement, and what of it the numbers depend on."""
+    """Return the load average before the measurement, and the quantities that depend on it."""
     load = "not known" if result["load"] is None else f"{result['load']:.1f}"
     return (
         f"{load} on {result['cores']} cores before; CPU seconds of one thread, but wall time of "

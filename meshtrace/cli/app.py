@@ -77,7 +77,7 @@ def _message(error: Exception) -> str | None:
 
 
 def _refusal(error: Any) -> str:
-    """Return the refusal of an option's value, "" for other invalid arguments."""
+    """Return the refusal of an option's value, or "" for any other invalid argument."""
     import pydantic
 
     from meshtrace.models import allowed_by

@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from typer import Argument, Option
+import typer
 
-from meshtrace.cli.ber import ber
-from meshtrace.cli.console import progress
-from meshtrace.cli.made import Study, StudyCommand, defaults
-from meshtrace.cli.options import Case, LinkFile
-from meshtrace.cli.outputs import Written
-from meshtrace.cli.sweep import sweep
+from meshtrace.cli.console import COMPILING, extra, finite, kernels_are_compiled, progress
+from meshtrace.cli.made import StudyCommand, StudyRow, defaults, numbers
+from meshtrace.cli.options import (
+    AllChanges,
+    FileOptions,
+    LinkFile,
+    PlotOptions,
+    PrintOptions,
+    RunChanges,
+)
 from meshtrace.errors import Refused, require_word
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from meshtrace.studies.performance.tables import LinkPerformance
 
 Asked = dict[str, Any]  # options of the study that are given
 
+_MOST_ROWS = 200  # printed; the store holds all
+
 
 def on_link(
-    study: Study, asked: Asked, *, link: LinkFile = None, written: Written, case: Case
+    study: StudyRow, asked: Asked, *, link: LinkFile = None, written: PlotOptions, case: AllChanges
 ) -> None:
     """Run the study of one link."""
     scenario, (function, *_) = case.scenario(link), study.functions
@@ -37,14 +50,20 @@ def on_link(
 
 
 def compare(
-    study: Study,
+    study: StudyRow,
     asked: Asked,
+    links: list[Path],
     *,
-    links: list[Path] = Argument(metavar="A.TOML B.TOML ...", help="Two link files or more."),
-    written: Written,
-    case: Case,
+    written: PlotOptions,
+    case: AllChanges,
 ) -> None:
-    """Compare the links of several files."""
+    """Compare the links of several files.
+
+    Parameters
+    ----------
+    links : A.TOML B.TOML ...
+        Two link files or more.
+    """
     scenarios, (function,) = {path.stem: case.scenario(path) for path in links}, study.functions
     if len(scenarios) < len(links):
         raise Refused("links", ", ".join(map(str, links)), "files of different names")
@@ -59,15 +78,21 @@ _REFINED = {"spacings": "--spacings", "steps": "--time-steps", "omega_max": "--o
 
 
 def converge(
-    study: Study,
+    study: StudyRow,
     asked: Asked,
     *,
     link: LinkFile = None,
-    what: str = Option("gain", metavar="WORD", help="gain, or fading over the band of waves."),
-    written: Written,
-    case: Case,
+    what: str = "gain",
+    written: PlotOptions,
+    case: AllChanges,
 ) -> None:
-    """Refine the mesh, the time step or the band of waves."""
+    """Refine the mesh, the time step or the band of waves.
+
+    Parameters
+    ----------
+    what : WORD
+        gain, or fading over the band of waves.
+    """
     from meshtrace.studies.convergence.measure import is_wave_sum
 
     require_word(what, ("gain", "fading"), "--what")
@@ -84,8 +109,8 @@ def converge(
     written.write(found)
 
 
-def _chosen(study: Study, asked: Asked, what: str) -> Any:
-    """Return the function that the options ask for; refuse those of others."""
+def _chosen(study: StudyRow, asked: Asked, what: str) -> Any:
+    """Return the function that the options ask for; refuse options of other functions."""
     of = dict(zip(_REFINED, study.functions, strict=False))
     first = next((name for name in _REFINED if name in asked), "spacings")
     chosen = study.functions[-1] if what == "fading" else of[first]
@@ -111,6 +136,196 @@ def _surfaces(values: Asked) -> int | None:
     return len(values["omega_max"]) * values["realizations"]
 
 
+@dataclass(frozen=True, kw_only=True)
+class DaylightOptions:
+    """Light of the day at the receiver.
+
+    Parameters
+    ----------
+    daylight : NAME
+        clear, overcast, uniform, moon, night or none.
+    sun_zenith : DEG
+        Zenith angle of sun or moon.
+    sun_elevation : DEG
+        90 minus the zenith angle.
+    filter_nm : NM
+        Width of the optical filter.
+    """
+
+    daylight: str | None = None
+    sun_zenith: float | None = None
+    sun_elevation: float | None = None
+    filter_nm: float | None = None
+
+    def changes(self) -> dict[str, Any]:
+        """Return the settings of the link file; an angle without a model means a clear sky."""
+        zenith = self.sun_zenith
+        if self.sun_elevation is not None:
+            if zenith is not None:
+                raise Refused("--sun-elevation", self.sun_elevation, "without --sun-zenith")
+            if not 1.0 <= self.sun_elevation <= 90.0:
+                allowed = "1 to 90 (below the horizon: --daylight night)"
+                raise Refused("--sun-elevation", self.sun_elevation, allowed)
+            zenith = 90.0 - self.sun_elevation
+        filtered = {"detector.optics.filter_width_nm": self.filter_nm}
+        if self.daylight is None and zenith is None:
+            return filtered
+        model = self.daylight or "clear"
+        return {"daylight.model": model, "daylight.sun_zenith_deg": zenith, **filtered}
+
+
+def ber(
+    study: StudyRow,
+    asked: Asked,
+    *,
+    link: LinkFile = None,
+    realizations: int | None = None,
+    wind: str | None = None,
+    preset: str | None = None,
+    uav: str | None = None,
+    light: DaylightOptions,
+    coupled: bool = False,
+    printed: PrintOptions,
+    changes: RunChanges,
+) -> None:
+    """Evaluate a link in each wind.
+
+    Parameters
+    ----------
+    realizations
+        Independent seas per depth: 200, or 50 with --depths.
+    wind : LIST
+        Wind speeds [m/s], such as 0,5,13.
+    preset : NAME
+        physical, paper or paper-ranges.
+    uav : NAME
+        Airframe that tilts the receiver.
+    coupled
+        Apply the tilt to every photon.
+    """
+    from meshtrace.mesh import RandomSea
+    from meshtrace.studies.performance.tables import DepthSweep
+    from meshtrace.uav.airframe import Flight
+
+    given = {"detector.preset": preset, "uav.preset": uav, **light.changes()}
+    speeds = [None] if wind is None else numbers("--wind", wind)
+    scenarios = [changes.scenario(link, given | {"wind_speed": speed}) for speed in speeds]
+    printed.check(link)
+    if realizations is None:
+        realizations = 50 if "depths" in asked else 200
+    many = [coupled or isinstance(s.surface, RandomSea) for s in scenarios]
+    seas = sum(realizations if m else 1 for m in many) * len(asked.get("depths", [0]))
+    asked["realizations"] = realizations
+    flights = [Flight(s.uav, coupled=True) if coupled and s.uav else None for s in scenarios]
+    if coupled and None in flights:
+        raise Refused("--coupled", True, "with an aircraft that tilts the receiver")
+    with progress(seas, printed.json_, study.doing, study.kernels) as (_, advance):
+        found = [
+            (s.wind_speed, study.functions[0](s, flight=flight, progress=advance, **asked))
+            for s, flight in zip(scenarios, flights, strict=True)
+        ]
+    if printed.json_:
+        typer.echo(json.dumps([_plain(*one) for one in found], allow_nan=False))
+    else:
+        texts = [f"wind {speed:g} m/s\n\n{p.summary()}" for speed, p in found]
+        typer.echo("\n\n".join(texts))
+    winds_of, performances = zip(*found, strict=True)
+    result = performances[0] if len(found) == 1 else DepthSweep(winds_of, performances)
+    printed.save(result, printed.json_)
+
+
+def _plain(speed: float, performance: LinkPerformance) -> dict[str, Any]:
+    """Return the performance in a wind as plain data for JSON."""
+    ranges = zip(performance.bit_rates, performance.range_at_ber(), strict=True)
+    return {
+        "wind_speed": speed,
+        "limit": performance.limit,
+        "confidence": performance.confidence,
+        "status": performance.status,
+        "light": performance.light,
+        "figures": finite(performance.figures),
+        "ranges": [{"bit_rate": rate, "range": finite(value)} for rate, value in ranges],
+        "provenance": performance.provenance,
+    }
+
+
+def sweep(
+    study: StudyRow, asked: Asked, file: Path, *, written: FileOptions, trust: bool = False
+) -> None:
+    """Run a study file, print and write its gains.
+
+    Parameters
+    ----------
+    file : STUDY.TOML
+        Link file with a table [sweep].
+    trust
+        Run the modules that the link file names, as in module:Class.
+    """
+    _, sweep_file, store_of = study.functions
+    written.check(file)
+    asked["store"] = asked.get("store") or store_of(file)
+    if not kernels_are_compiled("forced"):
+        typer.echo(COMPILING, err=True)
+    try:
+        with extra("sweep", "batch"):
+            data = sweep_file(file, trust=trust, **asked)
+    except KeyboardInterrupt:
+        typer.echo(f"finished points are in {asked['store']}; the same command resumes", err=True)
+        raise
+    typer.echo("\n".join(_rows(data)))
+    if written.output is not None:
+        from meshtrace.stored import write_dataset
+
+        write_dataset(data, written.output)
+    for path in (asked["store"], written.output):
+        if path is not None:
+            typer.echo(f"\nwritten to {path}")
+    errors = [text for text in data["error"].values.ravel().tolist() if text]
+    if errors:
+        share = f"{len(errors)} of {data['error'].size} runs failed"
+        typer.echo(f"warning: {share}, the first: {errors[0]}", err=True)
+        raise typer.Exit(1)
+
+
+def _rows(data: xr.Dataset) -> list[str]:
+    """Return gains over the realizations as a table, one row for each point and receiver."""
+    import numpy as np
+
+    from meshtrace.tables import text_table
+
+    gain, stderr = data["gain"], data["gain_stderr"]
+    dims = [str(name) for name in gain.dims if name != "realization"]
+    n = data.sizes["realization"]
+    mean = gain.mean("realization").values
+    # each realization draws its own chains: their errors are independent
+    error = np.sqrt((stderr**2).sum("realization", skipna=False).values) / n
+    spread = gain.std("realization", ddof=1).values if n > 1 else mean
+    lit = [name for name in ("background_radiance", "ber") if name in data]
+    by_light = [data[name].mean("realization").values for name in lit]
+    rows = [
+        (
+            *(_label(data, name, i) for name, i in zip(dims, index, strict=True)),
+            f"{mean[index]:.4e}",
+            f"{error[index]:.1e}",
+            f"{spread[index]:.1e}" if n > 1 else "-",
+            *(f"{values[index]:.3e}" for values in by_light),
+        )
+        for index in list(np.ndindex(mean.shape))[:_MOST_ROWS]
+    ]
+    headings = [*dims, "gain", "stderr", "scatter", *(("background", "BER") if lit else ())]
+    lines = text_table(rows, headings).splitlines()
+    lines += [f"... {mean.size - len(rows)} more"] * (mean.size > len(rows))
+    if lit:
+        lines += ["", "background in W m-2 sr-1 nm-1", f"light of the BER: {data['ber'].light}"]
+    return lines
+
+
+def _label(data: xr.Dataset, name: str, i: int) -> str:
+    """Return a coordinate as text."""
+    value: Any = data[name].values[i] if name in data.coords else i
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
 _OWN: dict[str, Callable[..., None]] = {
     "ber": ber,
     "compare": compare,
@@ -123,4 +338,6 @@ def study_commands() -> dict[str, StudyCommand]:
     """Return the commands of the table by their names."""
     text = Path(__file__).with_name("commands.toml").read_text(encoding="utf-8")
     rows = tomllib.loads(text).items()
-    return {name: StudyCommand(name, Study(**row), _OWN.get(name, on_link)) for name, row in rows}
+    return {
+        name: StudyCommand(name, StudyRow(**row), _OWN.get(name, on_link)) for name, row in rows
+    }

@@ -1,28 +1,145 @@
-"""Commands made from studies: options by the signature, their help by the docstring."""
+"""Commands made from functions: options by signature, help by docstring, values by annotation."""
 
 from __future__ import annotations
 
 import inspect
+import math
 import re
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, is_dataclass
 from functools import cached_property
 from importlib import import_module
-from typing import Annotated, Any, NamedTuple, get_args
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 
 import typer
 from typer.core import TyperCommand
 
-from meshtrace.cli.reading import Reader, reader_of
-from meshtrace.errors import MISSING, Refused, one_line
+from meshtrace.errors import MISSING, Refused, one_line, require_word
+
+
+class Reader(NamedTuple):
+    """Parser of the text of an option, or of the texts of a repeatable option."""
+
+    metavar: str
+    read: Callable[[str, Any], Any]
+    kind: Any = str | None
+    note: str = ""
+
+
+def numbers(option: str, text: str) -> list[float]:
+    """Return the numbers of a list "1,2,3" or a range "start:stop:step", its end included."""
+    wrong = Refused(option, text, "numbers as in 1,2,3, or start:stop:step")
+    try:
+        if ":" not in text:
+            found = [float(word) for word in text.split(",")]
+        else:
+            start, stop, step = (float(word) for word in text.split(":"))
+            count = math.floor((stop - start) / step + 1e-9) + 1
+            if not (step > 0.0 and 1 <= count <= 10**7):
+                raise wrong
+            found = [start + step * i for i in range(count)]
+    except (ValueError, ZeroDivisionError, OverflowError) as error:
+        raise wrong from error
+    if not all(math.isfinite(value) for value in found):
+        raise wrong
+    return found
+
+
+def _real(option: str, text: str) -> float:
+    with suppress(ValueError):
+        return float(text)
+    raise Refused(option, text, "a number")
+
+
+def _whole(option: str, text: str) -> int:
+    """Return an integer; the text may be in scientific notation, such as 1e6."""
+    with suppress(ValueError):
+        return int(text)
+    with suppress(ValueError):
+        if float(text).is_integer():
+            return int(float(text))
+    raise Refused(option, text, "an integer")
+
+
+def _whole_or_text(option: str, text: str) -> int | str:
+    """Return an integer, or a text such as the address of a scheduler."""
+    return int(text) if text.lstrip("-").isdecimal() else text
+
+
+def _pair(option: str, text: str) -> tuple[float, float]:
+    found = numbers(option, text)
+    if len(found) != 2:
+        raise Refused(option, text, "two numbers, as in 1,2")
+    return found[0], found[1]
+
+
+def _intervals(option: str, texts: list[str]) -> dict[str, tuple[float, float]]:
+    """Return the bounds of each key of texts "key=low,high"."""
+    found = {}
+    for text in texts:
+        key, _, bounds = text.partition("=")
+        try:
+            found[key] = _pair(option, bounds)
+        except Refused as error:
+            allowed = "KEY=LOW,HIGH, as in receiver.fov_deg=6,90"
+            raise Refused(option, text, allowed) from error
+    return found
+
+
+_NUMBERS = Reader("LIST", numbers, note="; as 1,2,3 or start:stop:step")
+_READERS = {
+    "int": Reader("N", _whole),
+    "float": Reader("X", _real),
+    "str": Reader("NAME", lambda _, text: text),
+    "int | str": Reader("N", _whole_or_text),
+    "str | Path": Reader("PATH", lambda _, path: path, Path | None),
+    "tuple[float, float]": Reader("X,Y", _pair),
+    **dict.fromkeys(("ArrayLike", "Sequence[float]", "float | Sequence[float]"), _NUMBERS),
+    "Sequence[str]": Reader("NAME", lambda _, texts: texts, list[str] | None, "; repeatable"),
+    "Mapping[str, tuple[float, float]]": Reader(
+        "KEY=LOW,HIGH", _intervals, list[str] | None, "; repeatable"
+    ),
+}
+
+
+def reader_of(annotation: str, names: dict[str, Any]) -> tuple[Reader, tuple[str, ...]]:
+    """Return the reader of an annotation, and the words of a literal type.
+
+    `names` are those of the module of the annotation.
+    """
+    reader = _READERS.get(annotation.removesuffix(" | None"))
+    if reader is not None:
+        return reader, ()
+    words = _words(eval(annotation, names))
+
+    def word(option: str, text: str) -> str:
+        require_word(text, words, option)
+        return text
+
+    def several(option: str, text: str) -> list[str]:
+        return [word(option, one) for one in text.split(",")]
+
+    return Reader("WORD", several if annotation.startswith("Sequence[") else word), words
+
+
+def _words(annotation: Any) -> tuple[str, ...]:
+    """Return the words of all literals in an annotation."""
+    parts = get_args(annotation)
+    if get_origin(annotation) is Literal:
+        return parts
+    return tuple(word for part in parts for word in _words(part))
+
 
 _SECTION = re.compile(r"^Parameters\n-+\n(.*?)(?=^[^\n]+\n-+$|\Z)", re.MULTILINE | re.DOTALL)
 _KEYWORD = inspect.Parameter.KEYWORD_ONLY
-_ENTRY = re.compile(r"^(\w[\w, ]*?)(?: :.*)?\n((?: .*\n|\n)+)", re.MULTILINE)
+_ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : (.*))?\n((?: .*\n|\n)+)", re.MULTILINE)
+_SHORT = {"output": ["-o"], "realizations": ["-n"], "verbose": ["-v"]}
 
 
 @dataclass
-class Study:
+class StudyRow:
     """A study as a command: a row of commands.toml."""
 
     help: str
@@ -35,7 +152,7 @@ class Study:
 
     @cached_property
     def functions(self) -> list[Callable[..., Any]]:
-        """The function, and others of its module that share the options."""
+        """The function, and further functions of its module that share the options."""
         module, _, names = self.study.partition(":")
         return [getattr(import_module(module), name) for name in names.split()]
 
@@ -43,7 +160,7 @@ class Study:
 class StudyCommand(TyperCommand):
     """A command whose study is imported when its options are needed."""
 
-    def __init__(self, name: str, study: Study, work: Callable[..., None]) -> None:
+    def __init__(self, name: str, study: StudyRow, work: Callable[..., None]) -> None:
         super().__init__(name, help=study.help, rich_markup_mode=None)
         self._study, self._work = study, work
 
@@ -62,6 +179,13 @@ class StudyCommand(TyperCommand):
         return self._made.invoke(context)
 
 
+class Span(NamedTuple):
+    """Smallest and largest value of an option."""
+
+    low: float
+    high: float | None = None
+
+
 class Group(NamedTuple):
     """Options of which a command takes one value."""
 
@@ -69,72 +193,90 @@ class Group(NamedTuple):
     value: Callable[..., Any]
 
 
-def grouped(command: Callable[..., None], **groups: Group) -> Callable[..., None]:
-    """Replace the parameters of a command that are groups, or dataclasses, by their options."""
-    parameters = inspect.signature(command, eval_str=True).parameters
-    for name, p in parameters.items():
+def described(command: Callable[..., None], **groups: Group) -> Callable[..., None]:
+    """Return a command with the arguments and options that signature and docstring describe.
+
+    Keyword-only parameters are options, and dataclasses groups of options. Refusals of a value
+    name its option.
+    """
+    own = inspect.signature(command, eval_str=True).parameters
+    for name, p in own.items():
         if name not in groups and is_dataclass(p.annotation):
             kind: Any = p.annotation
-            groups[name] = Group(inspect.signature(kind, eval_str=True).parameters.values(), kind)
+            fields = inspect.signature(kind, eval_str=True).parameters.values()
+            groups[name] = Group([_declared(kind, field) for field in fields], kind)
+
+    parts = [groups[n].options if n in groups else [_declared(command, p)] for n, p in own.items()]
+    parameters = [one for some in parts for one in some]
 
     def call(**given: Any) -> None:
-        for name, group in groups.items():
-            given[name] = group.value(**{one.name: given.pop(one.name) for one in group.options})
-        command(**given)
+        try:
+            for name, (options, value) in groups.items():
+                given[name] = value(**{one.name: given.pop(one.name) for one in options})
+            command(**given)
+        except Refused as error:
+            option = next((_option_name(p) for p in parameters if p.name == error.field), "")
+            if error.source or not option:
+                raise
+            found = MISSING if error.value is None else error.value
+            raise Refused(option, found, error.allowed, error.hint) from error
 
-    options = [groups[n].options if n in groups else [p] for n, p in parameters.items()]
-    named = [one.replace(kind=_KEYWORD) for some in options for one in some]
-    call.__name__, call.__doc__ = command.__name__, command.__doc__
-    call.__signature__ = inspect.Signature(named)  # type: ignore[attr-defined]
+    call.__name__ = command.__name__
+    call.__doc__ = (inspect.getdoc(command) or "").partition("\n\nParameters\n")[0]
+    call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return call
 
 
-class _Option(NamedTuple):
-    """Option of a parameter: its longest name, the reader of its text, typer's parameter."""
+def _option_name(p: inspect.Parameter) -> str:
+    """Return the longest name of the option of a declared parameter, "" for an argument."""
+    declared = get_args(p.annotation)[1]
+    # typer keeps the first name as a default
+    names = (declared.default, *(declared.param_decls or ()))
+    return max((name for name in names if isinstance(name, str)), key=len, default="")
 
-    name: str
-    reader: Reader
-    parameter: inspect.Parameter
+
+def _declared(owner: Any, p: inspect.Parameter) -> inspect.Parameter:
+    """Return a parameter of a command, or of a group, as an argument or an option.
+
+    The type in the docstring is the metavariable; typer's own declarations are kept.
+    """
+    kind, *about = (
+        get_args(p.annotation) if get_origin(p.annotation) is Annotated else [p.annotation]
+    )
+    if about and not isinstance(about[0], Span):
+        return p.replace(kind=_KEYWORD)
+    low, high = about[0] if about else (None, None)
+    metavar, text = entries(owner)[p.name]
+    told: dict[str, Any] = {"metavar": metavar or None, "help": text, "min": low, "max": high}
+    word = p.name.rstrip("_").replace("_", "-")
+    names = [f"--{word}/--no-{word}" if p.default is True else f"--{word}", *_SHORT.get(p.name, ())]
+    declared: Any = typer.Option(*names, **told) if p.kind is _KEYWORD else typer.Argument(**told)
+    return p.replace(kind=_KEYWORD, annotation=Annotated[kind, declared])
 
 
-def _function(study: Study, work: Callable[..., None]) -> Callable[..., None]:
+def _function(study: StudyRow, work: Callable[..., None]) -> Callable[..., None]:
     """Return the work of a study as a function of its options."""
     options = {name: _option(study, name) for name in study.options}
 
     def read(**texts: Any) -> dict[str, Any]:
         given = {name: text for name, text in texts.items() if text is not None}
-        return {
-            name: options[name].reader.read(options[name].name, text)
-            for name, text in given.items()
-        }
+        return {name: options[name][0].read(name, text) for name, text in given.items()}
 
-    asked = Group([option.parameter for option in options.values()], read)
-    call = grouped(work, study=Group([], lambda: study), asked=asked)
-
-    def run(**given: Any) -> None:
-        try:
-            call(**given)
-        except Refused as error:
-            if error.source or error.field not in options:
-                raise
-            name, value = options[error.field].name, error.value
-            value = MISSING if value is None else value
-            raise Refused(name, value, error.allowed, error.hint) from error
-
-    run.__signature__ = call.__signature__  # type: ignore[attr-defined]
-    return run
+    asked = Group([parameter for _, parameter in options.values()], read)
+    return described(work, study=Group([], lambda: study), asked=asked)
 
 
-def _names(study: Study, name: str) -> list[str]:
+def _names(study: StudyRow, name: str) -> list[str]:
     """Return the names of the option of a parameter, the longest last."""
     given = [word for word in study.options[name].split() if word.startswith("-")]
     return given or [f"--{name.replace('_', '-')}"]
 
 
-def _option(study: Study, name: str) -> _Option:
-    """Return the option of a parameter, described by the first function that has it."""
-    functions = [one for one in study.functions if name in defaults(one)]
-    reader, choices = reader_of(_annotation(functions[0], name), functions[0].__globals__)
+def _option(study: StudyRow, name: str) -> tuple[Reader, inspect.Parameter]:
+    """Return reader and option of a parameter, described by the first function that has it."""
+    functions = [one for one in study.functions if name in parameters_of(one)]
+    annotation = parameters_of(functions[0])[name].annotation
+    reader, choices = reader_of(annotation, functions[0].__globals__)
     text, names = _help(study, functions[0], name), _names(study, name)
     text += f": {', '.join(choices[:-1])} or {choices[-1]}" if choices else ""
     text += f"{reader.note}."
@@ -148,11 +290,10 @@ def _option(study: Study, name: str) -> _Option:
     metavar = next((word for word in words if not word.startswith("=")), metavar)
     declared: Any = typer.Option(*names, metavar=metavar, help=text)
     kind = Annotated[reader.kind, declared]  # type: ignore[name-defined]
-    made = inspect.Parameter(name, _KEYWORD, default=default, annotation=kind)
-    return _Option(names[-1], reader, made)
+    return reader, inspect.Parameter(name, _KEYWORD, default=default, annotation=kind)
 
 
-def _help(study: Study, function: Callable[..., Any], name: str) -> str:
+def _help(study: StudyRow, function: Callable[..., Any], name: str) -> str:
     """Return the sentence about a parameter, with names of options in place of parameters."""
     text = sentences(function)[name].rstrip(".")
     if "=" in study.options[name]:  # the command has a default of its own
@@ -170,37 +311,36 @@ def _typed(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _run_options(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the annotations of the options `**run` of a study."""
-    run = inspect.signature(function).parameters.get("run")
-    if run is None:
-        return {}
-    (kind,) = get_args(eval(run.annotation, function.__globals__))
-    return dict(kind.__annotations__)
-
-
-def _annotation(function: Callable[..., Any], name: str) -> str:
-    """Return the annotation of a parameter or of an option of the run."""
-    given = inspect.signature(function).parameters
-    of_run = _run_options(function)
-    return str(of_run[name].__forward_arg__ if name in of_run else given[name].annotation)
+def entries(owner: Any) -> dict[str, tuple[str, str]]:
+    """Return type and text of each parameter of a function, or of a class and its bases."""
+    found: dict[str, tuple[str, str]] = {}
+    for one in reversed(getattr(owner, "__mro__", (owner,))):
+        section = _SECTION.search(f"{inspect.cleandoc(one.__doc__ or '')}\n")
+        for names, kind, text in _ENTRY.findall(section[1] if section else ""):
+            found |= dict.fromkeys(names.split(", "), (kind, one_line(text)))
+    return found
 
 
 def sentences(function: Callable[..., Any]) -> dict[str, str]:
     """Return the first sentence about each parameter, and each option of the run, in docstrings."""
     from meshtrace.engine.setup.options import StudyOptions
 
-    found: dict[str, str] = {}
-    for described in (StudyOptions, function) if _run_options(function) else (function,):
-        section = _SECTION.search(f"{inspect.getdoc(described)}\n")
-        for names, text in _ENTRY.findall(section[1] if section else ""):
-            first = re.split(r"(?<=\.) ", one_line(text), maxsplit=1)[0]
-            found |= dict.fromkeys(names.split(", "), first)
+    of_run = entries(StudyOptions) if "run" in inspect.signature(function).parameters else {}
+    found = {**of_run, **entries(function)}
+    return {name: re.split(r"(?<=\.) ", text, maxsplit=1)[0] for name, (_, text) in found.items()}
+
+
+def parameters_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    """Return the parameters of a function, and its options `**run` as parameters."""
+    found = dict(inspect.signature(function).parameters)
+    if run := found.pop("run", None):
+        (kind,) = get_args(eval(run.annotation, function.__globals__))
+        for name, hint in kind.__annotations__.items():
+            text = hint.__forward_arg__
+            found[name] = inspect.Parameter(name, _KEYWORD, default=None, annotation=text)
     return found
 
 
 def defaults(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the parameters of a function and its options of the run, with their defaults."""
-    given = inspect.signature(function).parameters.items()
-    found = {name: p.default for name, p in given if name != "run"}
-    return found | dict.fromkeys(_run_options(function))
+    """Return the default values of a function and of its options of the run."""
+    return {name: p.default for name, p in parameters_of(function).items()}

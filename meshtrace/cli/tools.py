@@ -7,23 +7,111 @@ import time
 import warnings
 from itertools import count
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from typer import Argument, Option
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import COMPILING, extra, finite, progress
-from meshtrace.cli.made import grouped
-from meshtrace.cli.options import AsJson, Changes, InWind, LinkFile, Trust
-from meshtrace.cli.outputs import check_output, check_plot, draw
+from meshtrace.cli.console import COMPILING, extra, finite, kernels_are_compiled, progress
+from meshtrace.cli.made import Span, described
+from meshtrace.cli.options import (
+    AllChanges,
+    Changes,
+    LinkFile,
+    PrintOptions,
+    WindChanges,
+    check_output,
+    check_plot,
+    draw,
+)
 from meshtrace.errors import Refused, require_word
 from meshtrace.files import atomic
 
+if TYPE_CHECKING:
+    from meshtrace.results.gain import GainResult
+    from meshtrace.scenario import Scenario
+
 
 @app.command()
-@grouped
-def new(*, link: LinkFile = None, changes: InWind) -> None:
+@described
+def run(
+    *,
+    link: LinkFile = None,
+    printed: PrintOptions,
+    photons: str | None = None,
+    rtol: str | None = None,
+    estimator: str | None = None,
+    case: AllChanges,
+    verbose: bool = False,
+) -> None:
+    """Simulate one link and print its channel gain.
+
+    Parameters
+    ----------
+    photons : N
+        Chains (forced) or photons (analog).
+    rtol : R
+        Target for the relative standard error, such as 0.01.
+    estimator : NAME
+        forced or analog.
+    verbose
+        Print samples and chains, too.
+    """
+    # words as yet, for the link file's own checks
+    options = {"run.photons": photons, "run.rtol": rtol, "run.estimator": estimator}
+    scenario, quiet = case.scenario(link, options), printed.json_
+    printed.check(link)
+    result, wall_time = _simulate(scenario, quiet)
+    data = _plain(result, wall_time) if quiet else None
+    text = result.summary(wall_time, verbose) if data is None else json.dumps(data, allow_nan=False)
+    typer.echo(text)
+    printed.save(result, quiet)
+
+
+def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
+    """Return the result of a scenario and its wall time [s], compiling beforehand if need be."""
+    known = scenario.run.photons if scenario.run.rtol is None else None
+    with progress(known, quiet, "following photons") as (say, advance):
+        if not kernels_are_compiled(scenario.run.estimator.kind):
+            scenario.mesh()  # reports a wrong link before the kernels compile
+            from meshtrace.cli.ahead import compiling_ahead
+
+            say(COMPILING)
+            with warnings.catch_warnings(), compiling_ahead(scenario):
+                warnings.simplefilter("ignore")
+                # in this thread: others end their compilation before Ctrl-C ends them
+                few = {"photons": min(scenario.run.photons, 64), "rtol": None, "threads": 1}
+                short = scenario.run.model_copy(update=few)
+                scenario.model_copy(update={"run": short}).simulate()
+        start = time.perf_counter()
+        result = scenario.simulate(advance)
+        return result, time.perf_counter() - start
+
+
+_GAINS = (
+    *("gain", "gain_stderr", "gain_db", "gain_bound", "gain_ballistic", "gain_scattered"),
+    "mesh_error",
+)
+
+
+def _plain(result: GainResult, wall_time: float) -> dict[str, Any]:
+    """Return a result as plain data for JSON, with null for non-finite values."""
+    return {
+        **{name: finite(getattr(result, name)) for name in _GAINS},
+        "photons": result.photons,
+        "photons_per_second": result.photons / wall_time,
+        "wall_time": wall_time,
+        "fates": {name: tally._asdict() for name, tally in result.fates.items()},
+        "chains": result.chains,
+        "scattered": [row._asdict() for row in result.scattered],
+        "misses": {"cast_again": result.misses[0], "given_up": result.misses[1]},
+        "provenance": result.provenance,
+    }
+
+
+@app.command()
+@described
+def new(*, link: LinkFile = None, changes: WindChanges) -> None:
     """Print a complete link file with a note on every key.
 
     Redirect it to a file: meshtrace new > link.toml
@@ -32,18 +120,26 @@ def new(*, link: LinkFile = None, changes: InWind) -> None:
 
 
 @app.command()
-@grouped
+@described
 def explore(
     *,
     link: LinkFile = None,
-    host: str = Option(
-        "127.0.0.1", metavar="ADDRESS", help="Address to listen on; default: this machine only."
-    ),
-    port: int = Option(8080, metavar="N", min=0, max=65_535, help="Port; 0 for a free one."),
-    browser: bool = Option(True, "--browser/--no-browser", help="Open the page in a browser."),
-    changes: InWind,
+    host: str = "127.0.0.1",
+    port: Annotated[int, Span(0, 65_535)] = 8080,
+    browser: bool = True,
+    changes: WindChanges,
 ) -> None:
-    """Explore a link in the browser: move its parts and see gain, rays, fading and coverage."""
+    """Explore a link in the browser: move its parts and see gain, rays, fading and coverage.
+
+    Parameters
+    ----------
+    host : ADDRESS
+        Address to listen on; default: this machine only.
+    port : N
+        Port; 0 for a free one.
+    browser
+        Open the page in a browser.
+    """
     from meshtrace.explorer.launch import explore as start
 
     title = "the link of the paper" if link is None else link.name
@@ -51,31 +147,42 @@ def explore(
 
 
 @app.command()
+@described
 def figures(
-    output: Path = Option(
-        Path("figures"), "--output", "-o", metavar="FOLDER", help="Folder of the figures."
-    ),
-    only: list[str] | None = Option(
-        None, metavar="NAME", help="Draw this figure only; repeatable. Names: see --list."
-    ),
-    quick: bool = Option(False, "--quick", help="Fewer photons and seas: minutes for all figures."),
-    profiles: list[Path] | None = Option(
-        None, metavar="A.NC", help="Temperature and salinity (AODN, Argo); repeatable."
-    ),
-    names: bool = Option(False, "--list", help="List the names of the figures."),
-    seed: int = Option(1, metavar="N", min=0, help="Seed of the random numbers."),
-    threads: int | None = Option(
-        None, metavar="N", min=1, max=1024, help="Number of threads; default: all cores."
-    ),
+    *,
+    output: Path = Path("figures"),
+    only: list[str] | None = None,
+    quick: bool = False,
+    profiles: list[Path] | None = None,
+    list_: bool = False,
+    seed: Annotated[int, Span(0)] = 1,
+    threads: Annotated[int | None, Span(1, 1024)] = None,
 ) -> None:
     """Redraw the figures of the paper, with data, tables and an index page.
 
     Finished figures are kept; an interrupted run resumes.
+
+    Parameters
+    ----------
+    output : FOLDER
+        Folder of the figures.
+    only : NAME
+        Draw this figure only; repeatable. Names: see --list.
+    quick
+        Fewer photons and seas: minutes for all figures.
+    profiles : A.NC
+        Temperature and salinity (AODN, Argo); repeatable.
+    list_
+        List the names of the figures.
+    seed : N
+        Seed of the random numbers.
+    threads : N
+        Number of threads; default: all cores.
     """
     from meshtrace.paper import FIGURES, Setting, make_figures
     from meshtrace.paper.runner import INDEX
 
-    if names:
+    if list_:
         typer.echo("\n".join(FIGURES))
         return
     if output.exists() and not output.is_dir():
@@ -99,17 +206,21 @@ def _report(name: str, record: dict[str, Any] | None) -> None:
 
 
 @app.command()
-def validate(
-    quick: bool = Option(False, "--quick", help="Use a twentieth of the photons."),
-    case: str | None = Option(
-        None, metavar="NAME", help="Run one reference case instead of the suite: w2a1."
-    ),
-    as_json: AsJson = False,
-) -> None:
+@described
+def validate(*, quick: bool = False, case: str | None = None, json_: bool = False) -> None:
     """Check the engine against closed forms, or against a reference case.
 
     Without a standard error, z is the deviation divided by the stated tolerance. The exit code is
     1 if any |z| exceeds 4.
+
+    Parameters
+    ----------
+    quick
+        Use a twentieth of the photons.
+    case : NAME
+        Run one reference case instead of the suite: w2a1.
+    json_
+        Print the result as JSON, without progress bar.
     """
     from meshtrace.validation import LIMIT, SUITE, format_table, w2a1
     from meshtrace.validation import validate as run_checks
@@ -117,7 +228,7 @@ def validate(
     if case is not None:
         require_word(case, ("w2a1",), "--case")
     with progress(
-        len(SUITE) if case is None else w2a1.STEPS, as_json, "checking", "forced", "analog"
+        len(SUITE) if case is None else w2a1.STEPS, json_, "checking", "forced", "analog"
     ) as (say, advance):
         done = count()
 
@@ -128,7 +239,7 @@ def validate(
 
         checks = run_checks(quick, step) if case is None else tuple(w2a1.checks(quick, step))
     failed = sum(not check.passed for check in checks)
-    if as_json:
+    if json_:
         rows = [finite(check.as_data()) for check in checks]
         typer.echo(json.dumps({"limit": LIMIT, "failed": failed, "checks": rows}, allow_nan=False))
     else:
@@ -144,41 +255,59 @@ def validate(
 
 
 @app.command()
+@described
 def bench(
-    link: Path | None = Argument(
-        None, metavar="[LINK.TOML]", help="Link file; default: the link of the paper at 13 m/s."
-    ),
-    output: Path | None = Option(None, "--output", "-o", help="Write the measurements as JSON."),
-    as_json: bool = Option(False, "--json", help="Print the measurements as JSON."),
-    quick: bool = Option(False, "--quick", help="Use a quarter of the photons."),
-    cold: bool = Option(False, "--cold", help="Also measure a first run, which compiles."),
-    trust: Trust = False,
+    link: Path | None = None,
+    *,
+    output: Path | None = None,
+    json_: bool = False,
+    quick: bool = False,
+    cold: bool = False,
+    trust: bool = False,
 ) -> None:
-    """Measure the speed of the engine, as ratios within one run."""
+    """Measure the speed of the engine, as ratios within one run.
+
+    Parameters
+    ----------
+    link : [LINK.TOML]
+        Link file; default: the link of the paper at 13 m/s.
+    output
+        Write the measurements as JSON.
+    json_
+        Print the measurements as JSON.
+    quick
+        Use a quarter of the photons.
+    cold
+        Also measure a first run, which compiles.
+    trust
+        Run the modules that the link file names, as in module:Class.
+    """
     from meshtrace.bench import bench as measure
     from meshtrace.bench import report
 
     check_output(output, link)
     changes = ["wind_speed=13", "bubbles=none"] if link is None else []
-    scenario = Changes(changes, trust).scenario(link)
+    scenario = Changes(set_=changes, trust=trust).scenario(link)
     result = measure(scenario, quick=quick, cold=cold)
     text = json.dumps(result, indent=1)
-    typer.echo(text if as_json else report(result))
+    typer.echo(text if json_ else report(result))
     if output is not None:
         with atomic(output) as temporary:
             temporary.write_text(text + "\n", encoding="utf-8")
 
 
 @app.command("plot")
-def plot_command(
-    file: Path = Argument(
-        metavar="RESULT", help="Result of any command (.nc), or the store of a sweep."
-    ),
-    output: Path | None = Option(
-        None, "--output", "-o", metavar="A.PNG", help="Picture; default: RESULT.png."
-    ),
-) -> None:
-    """Draw a result file."""
+@described
+def plot_command(file: Path, *, output: Path | None = None) -> None:
+    """Draw a result file.
+
+    Parameters
+    ----------
+    file : RESULT
+        Result of any command (.nc), or the store of a sweep.
+    output : A.PNG
+        Picture; default: RESULT.png.
+    """
     path = file.with_suffix(".png") if output is None else output
     check_plot(path, file, option="--output")
     draw(_content(file), path)

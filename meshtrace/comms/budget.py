@@ -105,7 +105,7 @@ def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike =
 
 
 def required_gain(link: OokLink, ber: float) -> float:
-    """Return the channel gain that a link needs for a bit error rate; infinite if none suffices.
+    """Return the channel gain that a link needs for a bit error rate; infinite if unattainable.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from meshtrace.comms.budget import ber_of_gains, faded_gains
 from meshtrace.comms.decisions import non_negative, soft_information
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Refused, require_between, require_kind, require_real
+from meshtrace.errors import require_between, require_kind
 from meshtrace.models import Floats
 
 
@@ -131,10 +131,8 @@ def wyner_capacity(peak_rate: float, dark_rate: float, mean_share: float = 1.0) 
     >>> round(wyner_capacity(1.0, 0.1) * math.log(2.0), 6)
     0.250556
     """
-    peak = require_real(peak_rate, "peak_rate", "finite, > 0")
-    dark = require_real(dark_rate, "dark_rate", "finite, >= 0")
-    if not (0.0 < peak < math.inf and 0.0 <= dark < math.inf):
-        raise Refused("peak_rate, dark_rate", (peak_rate, dark_rate), "finite, > 0 and >= 0")
+    peak = require_between(peak_rate, 0.0, math.inf, "peak_rate", allowed="finite, > 0")
+    dark = require_between(dark_rate, 0.0, math.inf, "dark_rate", "[)", "finite, >= 0")
     share = require_between(mean_share, 0.0, 1.0, "mean_share", "(]")
     s = min(dark / peak, 1e300)
     if s < 1e-300:

@@ -11,10 +11,9 @@ from meshtrace.comms.budget import ber_of_gains, faded_gains
 from meshtrace.comms.capacity import hard_information
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import (
-    Described,
     Refused,
-    require_array,
     require_between,
+    require_finite,
     require_real,
     require_whole,
 )
@@ -52,9 +51,7 @@ def mean_below(values: ArrayLike, limit: float, n: int) -> float:
     >>> round(mean_below([0.0, 1.0], 0.4, 2), 3)  # both draws are 0
     0.25
     """
-    sample = require_array(values, "values", "(m,) with m >= 1, finite")
-    if sample.ndim != 1 or not sample.size or not np.isfinite(sample).all():
-        raise Refused("values", Described(f"shape {sample.shape}"), "(m,) with m >= 1, finite")
+    sample = require_finite(values, "values", "(m,) with m >= 1, finite")
     limit = require_real(limit, "limit", "a number")
     require_whole(n, 1, _MOST_FADES, "n")
     low, high = float(sample.min()), float(sample.max())
@@ -176,7 +173,7 @@ def fade_margin_db(
 
     low, high = -_WIDEST_DB, _WIDEST_DB
     if missed(high):
-        raise Refused("outage", outage, f"one that {_WIDEST_DB:g} dB of margin reach")
+        raise Refused("outage", outage, f"attainable with {_WIDEST_DB:g} dB of margin")
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if missed(middle) else (low, middle)

@@ -12,15 +12,15 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.comms.compound_poisson import compound_poisson_decision
 from meshtrace.comms.decisions import (
     Decision,
+    ReceiverModel,
+    compound_poisson_decision,
     gaussian_decision,
     generalized_poisson_decision,
     pattern_decision,
 )
 from meshtrace.comms.ook import OokLink
-from meshtrace.comms.receiver_base import ReceiverModel
 from meshtrace.models import Floats
 
 _DESIGN_BER = 1e-3

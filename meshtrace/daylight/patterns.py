@@ -19,7 +19,7 @@ from meshtrace.errors import require_word
 from meshtrace.kernels.sources import LEAST_COS, Sky
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.models import Floats
-from meshtrace.optics.directions import unit_vector
+from meshtrace.optics.fresnel import unit_vector
 
 _GRADATION = ((4.0, -0.70), (1.1, -0.80), (0.0, -1.00), (-1.0, -0.55), (-1.0, -0.32), (-1.0, -0.15))
 _INDICATRIX = ((0.0, -1.0, 0.0), (2.0, -1.5, 0.15), (5.0, -2.5, 0.30), (10.0, -3.0, 0.45),

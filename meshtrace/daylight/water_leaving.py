@@ -9,7 +9,7 @@ import numpy as np
 from meshtrace.daylight.light import Daylight
 from meshtrace.daylight.patterns import sky_radiance
 from meshtrace.models import Floats
-from meshtrace.optics.bubble_base import BubblePopulation
+from meshtrace.optics.bubbles import BubblePopulation
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.water import Water
 

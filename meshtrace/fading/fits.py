@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from meshtrace.errors import Described, Refused, require_seed, require_whole, require_word
 from meshtrace.fading.gains import MOST_RESAMPLES, FloatArray, remove_noise
 
-Model = Literal["lognormal", "gamma-gamma"]
+Law = Literal["lognormal", "gamma-gamma"]
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class DistributionFit:
         Remark on the fit, empty if there is none.
     """
 
-    model: Model
+    model: Law
     parameters: dict[str, float]
     n: int
     n_free: int
@@ -71,7 +71,7 @@ class DistributionFit:
 class GoodnessOfFit(NamedTuple):
     """Kolmogorov-Smirnov distance `ks` of a fitted law from `n` samples, and its p-value."""
 
-    model: Model
+    model: Law
     ks: float
     p_value: float
     n: int
@@ -173,7 +173,7 @@ def fit_gamma_gamma(
 
 
 def goodness_of_fit(
-    model: Model,
+    model: Law,
     gain: ArrayLike,
     gain_stderr: ArrayLike | None = None,
     *,

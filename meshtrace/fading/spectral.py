@@ -204,7 +204,7 @@ def _require_view(link: Any, lever: Lever, slope: float) -> None:
 def _covariance(
     lever: Lever, spectrum: Any, missing: tuple[float, float], lags: Floats, heights: bool = False
 ) -> Floats:
-    """Integrate the density of pairs of crossings, less that of independent ones, over R."""
+    """Integrate the density of pairs of crossings minus the density of independent pairs over R."""
     variance = np.array(spectrum.along_and_across)
     scale = math.sqrt(lever.beta**2 * (variance.max() + max(missing)) + lever.aperture**2)
     low = 1e-4 * min(scale, lever.aperture)

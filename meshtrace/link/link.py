@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from meshtrace.errors import Described, Refused, require_real
+from meshtrace.errors import Described, Refused, require_real, within
 from meshtrace.link.physics import Physics, Whitecaps
 from meshtrace.link.receivers import (
     AnyAperture,
@@ -30,8 +30,7 @@ from meshtrace.link.sources import (
     WaterSource,
 )
 from meshtrace.models import Family, Floats, Model
-from meshtrace.optics.bubble_base import AnyBubbles
-from meshtrace.optics.bubbles import HallNovarini
+from meshtrace.optics.bubbles import AnyBubbles, HallNovarini
 from meshtrace.optics.water import Water
 
 _TYPICAL = 16.0  # [m], depth plus height of links that keep the metre
@@ -74,10 +73,8 @@ def _one_or_more(family: type[Family]) -> BeforeValidator:
             return family.read(value)
         parts = []
         for i, item in enumerate(value):
-            try:
+            with within(i):
                 parts.append(family.read(item))
-            except Refused as error:
-                raise error.inside(i) from None
         return tuple(parts)
 
     return BeforeValidator(read)
@@ -219,27 +216,16 @@ class Link(Model, frozen=True):
         lamp, end = self.transmitter, self.receiver
         if self.planes is not None:
             raise Refused("planes", Described("given"), "None for the other direction")
-        if isinstance(lamp, WaterSource) and type(lamp) in _ABOVE and isinstance(end, Receiver):
-            tilt = {"tilt_deg": lamp.zenith_deg, "tilt_azimuth_deg": lamp.azimuth_deg}
-            turn = {"tilt_deg": end.tilt_deg, "tilt_azimuth_deg": end.tilt_azimuth_deg}
-            low: dict[str, Any] = {"position": lamp.position, "depth": lamp.depth, **tilt}
-            high: dict[str, Any] = {"position": end.position, "height": end.height, **turn}
-            return self.replace(
-                transmitter=_ABOVE[type(lamp)](**_kept(lamp), **high),
-                receiver=WaterReceiver(**_kept(end), **low),
-            )
-        if isinstance(lamp, AirLamp) and isinstance(end, WaterReceiver):
-            turn = {"zenith_deg": end.tilt_deg, "azimuth_deg": end.tilt_azimuth_deg}
-            tilt = {"tilt_deg": lamp.tilt_deg, "tilt_azimuth_deg": lamp.tilt_azimuth_deg}
-            low = {"position": end.position, "depth": end.depth, **turn}
-            high = {"position": lamp.position, "height": lamp.height, **tilt}
-            return self.replace(
-                transmitter=_BELOW[type(lamp)](**_kept(lamp), **low),
-                receiver=Receiver(**_kept(end), **high),
-            )
-        kinds = ", ".join(item.kind for _, item in self.items()) or "none"
-        allowed = "one LED or beam and one receiver, on either side of the surface"
-        raise Refused("link", Described(kinds), allowed)
+        up = isinstance(lamp, WaterSource) and type(lamp) in _ABOVE and isinstance(end, Receiver)
+        if not up and not (isinstance(lamp, AirLamp) and isinstance(end, WaterReceiver)):
+            kinds = ", ".join(item.kind for _, item in self.items()) or "none"
+            allowed = "one LED or beam and one receiver, on either side of the surface"
+            raise Refused("link", Described(kinds), allowed)
+        source: Any = _ABOVE if up else _BELOW
+        return self.replace(
+            transmitter=_moved(source[type(lamp)], lamp, end),
+            receiver=_moved(WaterReceiver if up else Receiver, end, lamp),
+        )
 
     @property
     def wind_speed(self) -> float | None:
@@ -414,9 +400,19 @@ def _power_of_two(size: float) -> float:
     return float(2.0 ** round(math.log2(size))) if size > 0.0 else 0.0
 
 
-def _kept(end: Source | Aperture) -> dict[str, Any]:
-    """Return the given fields of a source or receiver but for place, axis and kind."""
-    return {name: getattr(end, name) for name in end.model_fields_set if name not in _PLACED}
+def _moved(kind: type[Any], own: Any, place: Any) -> Any:
+    """Return an end of a kind with the fields of one end, at the place and axis of another."""
+    kept = {name: getattr(own, name) for name in own.model_fields_set if name not in _PLACED}
+    level = "depth" if hasattr(place, "depth") else "height"
+    angles = zip(_axis(kind), _axis(type(place)), strict=True)
+    turned = {new: getattr(place, old) for new, old in angles}
+    return kind(**kept, position=place.position, **{level: getattr(place, level)}, **turned)
+
+
+def _axis(kind: type[Any]) -> tuple[str, str]:
+    """Return the fields of the axis of an end."""
+    water = issubclass(kind, WaterSource)
+    return ("zenith_deg", "azimuth_deg") if water else ("tilt_deg", "tilt_azimuth_deg")
 
 
 def _low_and_high(source: Source, end: Aperture) -> tuple[Source | Aperture, Source | Aperture]:

@@ -9,8 +9,9 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator
 
 from meshtrace.errors import Refused
-from meshtrace.models import Family, Finite, Model, Position, Positive
-from meshtrace.optics.directions import unit_vector
+from meshtrace.link.sources import Placed
+from meshtrace.models import Family, Finite, Model, Positive
+from meshtrace.optics.fresnel import unit_vector
 
 __all__ = [
     "IrradiancePlanes",
@@ -21,6 +22,7 @@ __all__ = [
 
 
 class Aperture(
+    Placed,
     Family,
     frozen=True,
     default="receiver",
@@ -30,22 +32,14 @@ class Aperture(
 
     Parameters
     ----------
-    position : tuple of float
-        Horizontal position (x, y) [m].
     radius : float
         Aperture radius [m], > 0.
     fov_deg : float
         Full angle of the field of view [deg], 0 < fov <= 180.
     """
 
-    position: Position = (0.0, 0.0)
     radius: Positive = 0.05
     fov_deg: float = Field(180.0, gt=0.0, le=180.0, allow_inf_nan=False)
-
-    @property
-    @abstractmethod
-    def center(self) -> tuple[float, float, float]:
-        """Centre of the disk [m]."""
 
     @property
     @abstractmethod
@@ -86,11 +80,6 @@ class Receiver(Aperture, frozen=True):
     tilt_azimuth_deg: Finite = 0.0
 
     @property
-    def center(self) -> tuple[float, float, float]:
-        """Centre of the disk [m]."""
-        return (*self.position, self.height)
-
-    @property
     def axis(self) -> tuple[float, float, float]:
         """Direction of light at normal incidence: opposite to the line of sight."""
         x, y, z = unit_vector(self.tilt_deg, self.tilt_azimuth_deg)
@@ -116,11 +105,6 @@ class WaterAperture(Aperture, frozen=True):
     depth: Positive = 1.0
     zenith_deg: float = Field(0.0, ge=0.0, le=180.0, allow_inf_nan=False)
     azimuth_deg: Finite = 0.0
-
-    @property
-    def center(self) -> tuple[float, float, float]:
-        """Centre of the disk [m]."""
-        return (*self.position, -self.depth)
 
     @property
     def axis(self) -> tuple[float, float, float]:
@@ -155,11 +139,6 @@ class WaterReceiver(Aperture, frozen=True):
     fov_deg: float = Field(60.0, gt=0.0, le=180.0, allow_inf_nan=False)
     tilt_deg: float = Field(0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
     tilt_azimuth_deg: Finite = 0.0
-
-    @property
-    def center(self) -> tuple[float, float, float]:
-        """Centre of the disk [m]."""
-        return (*self.position, -self.depth)
 
     @property
     def axis(self) -> tuple[float, float, float]:

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from meshtrace.models import Family, Finite, Model, NonNegative, Position, Positive
-from meshtrace.optics.directions import unit_vector
+from meshtrace.optics.fresnel import unit_vector
 
 __all__ = [
     "AirBeam",
@@ -25,7 +25,25 @@ __all__ = [
 ]
 
 
+class Placed(Model, frozen=True):
+    """Base of sources and apertures: a place.
+
+    Parameters
+    ----------
+    position : tuple of float
+        Horizontal position (x, y) [m].
+    """
+
+    position: Position = (0.0, 0.0)
+
+    @property
+    def center(self) -> tuple[float, float, float]:
+        """Centre of the part, at its height, its depth or still water [m]."""
+        return (*self.position, getattr(self, "height", 0.0 - getattr(self, "depth", 0.0)))
+
+
 class Source(
+    Placed,
     Family,
     frozen=True,
     default="led",
@@ -35,22 +53,14 @@ class Source(
 
     Parameters
     ----------
-    position : tuple of float
-        Horizontal position (x, y) [m].
     power_mw : float
         Emitted optical power [mW], > 0; the weight of the source in a list of sources.
     wavelength_nm : float
         Wavelength in vacuum [nm], 200 ... 1200.
     """
 
-    position: Position = (0.0, 0.0)
     power_mw: Positive = 100.0
     wavelength_nm: float = Field(470.0, ge=200.0, le=1200.0, allow_inf_nan=False)
-
-    @property
-    def center(self) -> tuple[float, float, float]:
-        """Centre of the source, or of the lit square at still water [m]."""
-        return (*self.position, 0.0)
 
     @property
     def axis(self) -> tuple[float, float, float]:
@@ -64,7 +74,7 @@ class Source(
 
     @property
     def pattern(self) -> str:
-        """Kind of the angular pattern: that of the source in the water with the same pattern."""
+        """Kind of the angular pattern: the kind of the underwater source with the same pattern."""
         return str(getattr(self, "kind", ""))
 
 
@@ -138,11 +148,6 @@ class WaterSource(Source, frozen=True):
     depth: float = Field(10.0, gt=0.0, le=12_000.0, allow_inf_nan=False)
     zenith_deg: float = Field(0.0, ge=0.0, le=180.0, allow_inf_nan=False)
     azimuth_deg: Finite = 0.0
-
-    @property
-    def center(self) -> tuple[float, float, float]:
-        """Centre of the source [m]."""
-        return (*self.position, -self.depth)
 
     @property
     def spread_deg(self) -> float:
@@ -235,11 +240,6 @@ class AirLamp(Source, frozen=True):
     height: Positive = 5.0
     tilt_deg: float = Field(0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
     tilt_azimuth_deg: Finite = 0.0
-
-    @property
-    def center(self) -> tuple[float, float, float]:
-        """Centre of the lamp [m]."""
-        return (*self.position, self.height)
 
     @property
     def axis(self) -> tuple[float, float, float]:

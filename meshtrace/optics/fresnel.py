@@ -1,12 +1,21 @@
-"""Reflection and refraction of light at a plane interface, on arrays."""
+"""Directions of light, and their reflection and refraction at a plane interface."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.errors import Refused, require_all
 from meshtrace.models import Floats
+
+
+def unit_vector(zenith_deg: float, azimuth_deg: float) -> tuple[float, float, float]:
+    """Return the unit vector of a zenith angle and an azimuth [deg]."""
+    zenith, azimuth = math.radians(zenith_deg), math.radians(azimuth_deg)
+    s = math.sin(zenith)
+    return s * math.cos(azimuth), s * math.sin(azimuth), math.cos(zenith)
 
 
 def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:

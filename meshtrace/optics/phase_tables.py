@@ -21,7 +21,7 @@ _FEWEST_INTERVALS, _MOST_INTERVALS = 4096, 65536
 _GUIDE_PER_BIN = 2
 
 
-class Component(NamedTuple):
+class MixtureComponent(NamedTuple):
     """One component of a mixture on its way into `PhaseTables`."""
 
     weight: float
@@ -98,7 +98,7 @@ def power_law_segments(s: Floats, value: Floats) -> Segments:
     return seg._replace(mass=mass / mass.sum())
 
 
-def quantile_component(cdf_s: Callable[[Floats], Floats], exponent: float) -> Component:
+def quantile_component(cdf_s: Callable[[Floats], Floats], exponent: float) -> MixtureComponent:
     """Tabulate s at equal steps of u, and s^(1/exponent) if s is a power of u.
 
     Linear interpolation of s in u errs in proportion to s''/s', which grows towards the forward
@@ -118,7 +118,9 @@ def quantile_component(cdf_s: Callable[[Floats], Floats], exponent: float) -> Co
         worst = max(error_y[:k0].max(initial=0.0), error_s[k0:].max(initial=0.0))
         if worst <= _QUANTILE_TOLERANCE or intervals == _MOST_INTERVALS:
             param = (float(intervals), float(k0), exponent)
-            return Component(1.0, kernel.Component.QUANTILES, param, np.append(y[: k0 + 1], s[k0:]))
+            return MixtureComponent(
+                1.0, kernel.Component.QUANTILES, param, np.append(y[: k0 + 1], s[k0:])
+            )
         intervals *= 2
 
 
@@ -134,7 +136,7 @@ def _invert(function: Callable[[Floats], Floats], u: Floats) -> Floats:
     return y
 
 
-def bin_component(seg: Segments) -> Component:
+def bin_component(seg: Segments) -> MixtureComponent:
     """Write pieces of non-zero mass as the rows and the guide table of `kernel.Component.BINS`."""
     seg = Segments(*(column[seg.mass > 0.0] for column in seg))
     with np.errstate(divide="ignore"):
@@ -147,10 +149,10 @@ def bin_component(seg: Segments) -> Component:
     steps = np.arange(_GUIDE_PER_BIN * len(low)) / (_GUIDE_PER_BIN * len(low))
     guide = np.searchsorted(low, steps, side="right") - 1
     nodes = np.vstack([rows, end]).ravel()
-    return Component(1.0, kernel.Component.BINS, (float(len(low)),), nodes, guide)
+    return MixtureComponent(1.0, kernel.Component.BINS, (float(len(low)),), nodes, guide)
 
 
-def joined(parts: Sequence[Component]) -> PhaseTables:
+def joined(parts: Sequence[MixtureComponent]) -> PhaseTables:
     """Return the components of a phase function as arrays."""
     param = np.zeros((len(parts), 4))
     for row, part in zip(param, parts, strict=True):

@@ -274,7 +274,7 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def _tabulated(type: str, wavelength: Floats) -> tuple[Floats, Floats]:
-    """Return a and b of a known type, those of Petzold's waters at any wavelength."""
+    """Return a and b of a known type; Petzold's values are returned at any wavelength."""
     family, _, name = type.partition("-")
     if family == "petzold":
         a, b = _PETZOLD[name]

@@ -4,18 +4,10 @@ A scenario is everything that one run depends on. This is the only package that 
 with `meshtrace.surfaces`, by late imports.
 """
 
-from meshtrace.engine.setup.options import Meshing, Run
-from meshtrace.scenario.files import KEYS, parse_setting
-from meshtrace.scenario.model import Scenario
-from meshtrace.scenario.parts import DEFAULT_WIND_SPEED
-from meshtrace.scenario.seas import MeshFile
-
-__all__ = [
-    "DEFAULT_WIND_SPEED",
-    "KEYS",
-    "MeshFile",
-    "Meshing",
-    "Run",
-    "Scenario",
-    "parse_setting",
-]
+from meshtrace.engine.setup.options import Meshing as Meshing
+from meshtrace.engine.setup.options import Run as Run
+from meshtrace.scenario.files import KEYS as KEYS
+from meshtrace.scenario.files import parse_setting as parse_setting
+from meshtrace.scenario.model import Scenario as Scenario
+from meshtrace.scenario.parts import DEFAULT_WIND_SPEED as DEFAULT_WIND_SPEED
+from meshtrace.scenario.seas import MeshFile as MeshFile

@@ -9,7 +9,7 @@ from typing import Any
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import MISSING, Described, Refused, require_keys, require_word
 from meshtrace.link import Link
-from meshtrace.scenario.tables import Table, as_table
+from meshtrace.scenario.files import Table, as_table
 
 _SUN = ("sun_zenith_deg", "sun_azimuth_deg")
 _IRRADIANCES = ("direct", "diffuse")
@@ -78,7 +78,7 @@ def _made(model: str, table: Table) -> Daylight:
 
 
 def daylight_config(day: Daylight) -> Table:
-    """Return the table of a light, without the wavelength (that of the transmitter).
+    """Return the table of a light without its wavelength, which follows the transmitter.
 
     Irradiances, pattern and name that follow from the model and its options are left out.
     """

@@ -1,4 +1,4 @@
-"""The text of a link file: reading it, its keys at the top, and single settings by dotted key."""
+"""The text of a link file and its tables: reading, keys, single settings by dotted key."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_keys, within
 from meshtrace.models import Model
 
 KEYS = (
@@ -181,3 +181,36 @@ def set_value(config: dict[str, Any], key: str, value: Any) -> None:
         if not isinstance(table, dict):
             raise Refused(key, value, "a key in a table")
     table[last] = value
+
+
+M = TypeVar("M", bound=Model)
+Table = dict[str, Any]
+
+
+def as_table(value: Any, path: str, word: str = "") -> Table:
+    """Return a copy of a table; a bare word becomes a table with the key `word`."""
+    if word and isinstance(value, str):
+        return {word: value}
+    if not isinstance(value, Mapping):
+        raise Refused(path, value, "a table")
+    return dict(value)
+
+
+def validated(model: type[M], value: Any, path: str, keys: Iterable[str] = ()) -> M:
+    """Return the model that a table describes; `keys` are further keys to name in errors."""
+    table = as_table(value, path)
+    require_keys(table, list(dict.fromkeys([*keys, *model.model_fields])), path)
+    with within(*filter(None, path.split("."))):
+        return model.model_validate(table)
+
+
+def plain(part: Any) -> Any:
+    """Return a model, or a tuple of them, as plain data."""
+    if isinstance(part, tuple):
+        return [plain(item) for item in part]
+    return part.model_dump(mode="json", exclude_none=True)
+
+
+def unshared(table: Table, **shared: Any) -> Table:
+    """Return the table without the values that it shares with other tables."""
+    return {k: v for k, v in table.items() if k not in shared or v != shared[k]}

@@ -14,7 +14,7 @@ from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Analog, Case, Estimator, Meshing, Run, run_keys
 from meshtrace.engine.simulate import simulate
-from meshtrace.errors import Described, Refused, require_keys, require_kind
+from meshtrace.errors import Described, Refused, require_keys, require_kind, within
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model, trusting
@@ -23,15 +23,18 @@ from meshtrace.scenario import parts, seas
 from meshtrace.scenario.daylight import daylight_config, read_daylight
 from meshtrace.scenario.files import (
     KEYS,
+    Table,
+    as_table,
     located,
     parse_toml,
+    plain,
     read_text,
     set_value,
+    validated,
     with_notes,
     with_unset_keys,
 )
 from meshtrace.scenario.seas import MeshFile
-from meshtrace.scenario.tables import Table, as_table, plain, validated
 from meshtrace.uav.airframe import Uav
 
 
@@ -196,7 +199,8 @@ class Scenario(Model, frozen=True):
         run = as_table(config.get("run", {}), "run")
         meshing = seas.read_sampling(sea)
         printed = config.get("physics") == "paper"
-        surface = seas.read_surface(sea, wind_speed, meshing, Path(folder), printed)
+        with within("sea"):
+            surface = seas.read_surface(sea, wind_speed, meshing, Path(folder), printed)
         link = parts.read_link(config, wind_speed)
         normals = {"normals": run.pop("normals")} if "normals" in run else {}
         run = {**parts.default_estimator(link), **run}

@@ -10,16 +10,15 @@ import math
 from collections.abc import Mapping
 from typing import Any, get_args
 
-from meshtrace.comms.ook import OokLink
-from meshtrace.comms.ook_setup import Preset
+from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.errors import Refused, is_number, require_keys, require_word
+from meshtrace.errors import Refused, require_between, require_keys, require_word, within
 from meshtrace.link import Link, Physics, Whitecaps
 from meshtrace.models import Model
 from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
 from meshtrace.optics.phase import FournierForand
 from meshtrace.optics.water import Water
-from meshtrace.scenario.tables import Table, as_table, plain, validated, without_shared_wind
+from meshtrace.scenario.files import Table, as_table, plain, unshared, validated
 from meshtrace.uav.airframe import UAVS, Uav
 
 DEFAULT_WIND_SPEED = 5.0
@@ -29,10 +28,8 @@ _FREE = ("physics", "transmitter", "receiver", "planes", "n_air")  # tables that
 
 def read_wind_speed(config: Mapping[str, Any]) -> float:
     """Return the wind speed at the top of a link file [m s-1]."""
-    wind_speed = config.get("wind_speed", DEFAULT_WIND_SPEED)
-    if not is_number(wind_speed) or not 0.0 <= wind_speed <= 60.0:
-        raise Refused("wind_speed", wind_speed, "0 <= wind_speed <= 60 m/s")
-    return float(wind_speed)
+    given, allowed = config.get("wind_speed", DEFAULT_WIND_SPEED), "0 <= wind_speed <= 60 m/s"
+    return require_between(given, 0.0, 60.0, "wind_speed", "[]", allowed)
 
 
 def read_link(config: Mapping[str, Any], wind_speed: float) -> Link:
@@ -85,7 +82,7 @@ def _bubbles(value: Any, wind_speed: float, link: Link, printed: bool) -> Bubble
         require_keys(table, ("model", *HallNovarini.model_fields), "bubbles")
         return None
     key = "kind" if "kind" in table else "model"
-    try:
+    with within("bubbles"):
         model = BubblePopulation.member(table.pop(key, "hall-novarini"), key)
         shared = {"wind_speed": wind_speed, **_bubble_defaults(link)}
         if printed:
@@ -94,8 +91,6 @@ def _bubbles(value: Any, wind_speed: float, link: Link, printed: bool) -> Bubble
         calm = {**shared, **table}.get("wind_speed") == 0.0
         table = {**shared, **table, **({"wind_speed": DEFAULT_WIND_SPEED} if calm else {})}
         bubbles = model.model_validate(table)
-    except Refused as error:
-        raise error.inside("bubbles") from None
     return None if calm else bubbles
 
 
@@ -110,7 +105,7 @@ def _whitecaps(value: Any, wind_speed: float, printed: bool) -> Whitecaps | None
 
 
 def _over(base: Model, table: Table, path: str) -> Any:
-    """Return a model with the fields of a table, and those of tables inside it, replaced."""
+    """Return a model with the fields of a table and of its inner tables replaced."""
     for name, value in table.items():
         part, inner = getattr(base, name, None), f"{path}.{name}"
         if isinstance(part, Model):
@@ -127,13 +122,13 @@ def _over_preset(presets: Mapping[str, Model], value: Any, path: str) -> Any:
 
 
 def read_detector(value: Any) -> OokLink:
-    """Return the transmission of [detector]: fields that replace those of a preset."""
+    """Return the transmission of [detector]: a preset with replaced fields."""
     presets = {name: OokLink.preset(name) for name in get_args(Preset)}
     return _over_preset(presets, value, "detector")
 
 
 def read_uav(value: Any) -> Uav:
-    """Return the airframe of [uav]: fields that replace those of a known one."""
+    """Return the airframe of [uav]: a known airframe with replaced fields."""
     return _over_preset(UAVS, value, "uav")
 
 
@@ -185,9 +180,8 @@ def bubbles_config(link: Link, wind_speed: float) -> Table:
     """Return [bubbles] without the keys that follow the wind, the water or the transmitter."""
     if link.bubbles is None:
         return {"model": "none"}
-    config = without_shared_wind(link.bubbles.model_dump(mode="json"), wind_speed)
-    shared = _bubble_defaults(link)
-    kept = {k: v for k, v in config.items() if k not in shared or v != shared[k]}
+    shared = {"wind_speed": wind_speed, **_bubble_defaults(link)}
+    kept = unshared(link.bubbles.model_dump(mode="json"), **shared)
     return {"model": kept.pop("kind"), **kept}
 
 
@@ -195,5 +189,5 @@ def whitecaps_config(link: Link, wind_speed: float) -> Any:
     """Return the word or the table of the whitecaps."""
     if link.whitecaps is None:
         return "none"
-    config = without_shared_wind(link.whitecaps.model_dump(), wind_speed)
+    config = unshared(link.whitecaps.model_dump(), wind_speed=wind_speed)
     return config if "wind_speed" in config else config["model"]

@@ -19,11 +19,12 @@ from meshtrace.errors import (
     is_number,
     reason_of,
     require_keys,
+    within,
 )
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Family, Model
-from meshtrace.scenario.tables import Table, as_table, validated, without_shared_wind
+from meshtrace.scenario.files import Table, as_table, unshared, validated
 
 _SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
 _SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "meshes", "time", "extent", "spacing")
@@ -104,7 +105,7 @@ def read_surface(
         model = Surface.member("spectral")
     elif _follows_wind(model):
         table, calm = _driven(table, wind_speed)
-    surface: Any = validated(model, table, "sea", keys)
+    surface: Any = validated(model, table, "", keys)
     if printed and "waves" in model.model_fields and surface.waves is None:
         surface = surface.replace(waves=paper_waves(surface.spectrum))
     return FlatSea() if calm else surface
@@ -115,16 +116,13 @@ def _measured(table: Table, wind_speed: float) -> Any:
     from meshtrace.surfaces import from_wavespectra
 
     if not isinstance(table["file"], str):
-        raise Refused("sea.file", table["file"], "a path")
+        raise Refused("file", table["file"], "a path")
     own = {key: value for key, value in table.items() if key not in ("spectrum", "file")}
     known = list(inspect.signature(from_wavespectra).parameters)[1:]
-    require_keys(own, [*known, "file", *_SEA_KEYS], "sea")
+    require_keys(own, [*known, "file", *_SEA_KEYS])
     if {"tail", "mss"} & own.keys():
         own.setdefault("wind_speed", wind_speed)
-    try:
-        return from_wavespectra(table["file"], **own)
-    except Refused as error:
-        raise error.inside("sea") from None
+    return from_wavespectra(table["file"], **own)
 
 
 def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
@@ -133,20 +131,16 @@ def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
 
     parts = table.pop("part")
     if not isinstance(parts, list) or not parts:
-        raise Refused("sea.part", parts, "tables [[sea.part]]")
+        raise Refused("part", parts, "tables [[sea.part]]")
     seas = []
     for i, part in enumerate(parts):
-        try:
-            seas.append(read_surface(as_table(part, "sea"), wind_speed, {}, folder, printed))
-        except Refused as error:
-            own = error.field.removeprefix("sea").removeprefix(".")
-            refused = Refused(own, error.value, error.allowed, error.hint)
-            raise refused.inside("sea", "part", i) from None
-    return validated(SumSea, {**table, "parts": tuple(seas)}, "sea", ("part", *_SEA_KEYS))
+        with within("part", i):
+            seas.append(read_surface(as_table(part, ""), wind_speed, {}, folder, printed))
+    return validated(SumSea, {**table, "parts": tuple(seas)}, "", ("part", *_SEA_KEYS))
 
 
 def _follows_wind(model: Any) -> bool:
-    """Return whether the waves of a sea follow the wind; those of a measured one do not."""
+    """Return whether the waves of a sea follow the wind; measured waves do not."""
     field = model.model_fields.get("wind_speed")
     return field is not None and field.default is not None
 
@@ -161,10 +155,10 @@ def _named(word: Any) -> type[Family]:
         except Refused as error:
             refused = error
     if isinstance(word, str) and ":" in word:
-        raise Refused("sea.spectrum", word, refused.allowed, refused.hint)
+        raise Refused("spectrum", word, refused.allowed, refused.hint)
     seas = (kind for kind in Surface.registered if kind != "spectral")
     words = list(dict.fromkeys([*seas, *_SEA_ALIASES, *Spectrum.registered]))
-    raise Refused("sea.spectrum", word, ", ".join(words), did_you_mean(word, words))
+    raise Refused("spectrum", word, ", ".join(words), did_you_mean(word, words))
 
 
 def _with_spectrum(
@@ -177,18 +171,16 @@ def _with_spectrum(
     from meshtrace.surfaces import Spectrum
 
     if isinstance(word, Mapping):
-        path: tuple[str, ...] = ("sea", "spectrum")
+        path: tuple[str, ...] = ("spectrum",)
         keys, own = _SEA_KEYS, {"kind": "jonswap", **word}
     else:
         fields = list(Spectrum.member(word).model_fields)
         fields += ["file"] if word == "tabulated" else []
-        path, keys = ("sea",), (*_SEA_KEYS, *fields)
+        path, keys = (), (*_SEA_KEYS, *fields)
         own = {"kind": word, **{key: table.pop(key) for key in fields if key in table}}
     own, calm = _driven(own, wind_speed)
-    try:
+    with within(*path):
         return {**table, "spectrum": Spectrum.read(own)}, keys, calm
-    except Refused as error:
-        raise error.inside(*path) from None
 
 
 def _driven(table: Table, wind_speed: float) -> tuple[Table, bool]:
@@ -201,10 +193,10 @@ def _driven(table: Table, wind_speed: float) -> tuple[Table, bool]:
 def _mesh_file(table: Table, sampling: Mapping[str, Any], folder: Path) -> MeshFile:
     for key, value in {**table, **sampling}.items():
         if key not in ("mesh", "extent"):
-            raise Refused(f"sea.{key}", value, "beside mesh only extent")
+            raise Refused(key, value, "beside mesh only extent")
     name = table["mesh"]
     if not isinstance(name, str) or not os.path.isfile(folder / name):
-        raise Refused("sea.mesh", name, "an STL, PLY or OBJ file")
+        raise Refused("mesh", name, "an STL, PLY or OBJ file")
     return MeshFile(file=str((folder / name).resolve()))
 
 
@@ -215,15 +207,15 @@ def _mesh_sequence(table: Table, folder: Path) -> Any:
     source = table.pop("meshes")
     names = source if isinstance(source, list) else [source]
     if not names or not all(isinstance(name, str) for name in names):
-        raise Refused("sea.meshes", source, "a folder, a pattern or a file")
+        raise Refused("meshes", source, "a folder, a pattern or a file")
     whole = [str(folder.resolve() / name) for name in names]
     keys = [key for key in MeshSequence.model_fields if key not in ("kind", "source")]
-    require_keys(table, ["meshes", *keys, "time"], "sea")
+    require_keys(table, ["meshes", *keys, "time"])
     try:
         return MeshSequence(whole if isinstance(source, list) else whole[0], **table)
     except Refused as error:
         field = "meshes" if error.field == "source" else error.field
-        raise Refused(f"sea.{field}", error.value, error.allowed, error.hint) from error.__cause__
+        raise Refused(field, error.value, error.allowed, error.hint) from error.__cause__
 
 
 def surface_from_provenance(provenance: Mapping[str, Any]) -> MeshSource | MeshFile:
@@ -235,10 +227,8 @@ def surface_from_provenance(provenance: Mapping[str, Any]) -> MeshSource | MeshF
     config = as_table(provenance.get("surface", MISSING), "surface")
     if config.get("kind") == "mesh":
         raise Refused("surface", "mesh", "a sea of meshtrace.surfaces or a mesh from a file")
-    try:
+    with within("surface"):
         return sea_from_config(config)
-    except Refused as error:
-        raise error.inside("surface") from error
 
 
 def wind_of(link: Link, surface: Any) -> float:
@@ -265,10 +255,10 @@ def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
         del config["parts"]
         return {**config, "part": parts}
     if kind == "spectral":
-        config["spectrum"] = without_shared_wind(config["spectrum"], wind_speed)
+        config["spectrum"] = unshared(config["spectrum"], wind_speed=wind_speed)
         return config
     if _follows_wind(type(surface)):
-        config = without_shared_wind(config, wind_speed)
+        config = unshared(config, wind_speed=wind_speed)
     return {"spectrum": kind, **config}
 
 

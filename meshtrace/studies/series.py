@@ -17,8 +17,7 @@ from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of, mean, stderr
-from meshtrace.uav.airframe import Flight
-from meshtrace.uav.route import Route
+from meshtrace.uav.airframe import Flight, Route
 
 if TYPE_CHECKING:
     import xarray as xr

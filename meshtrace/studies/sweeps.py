@@ -36,8 +36,7 @@ from meshtrace.parallel import paced
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
 from meshtrace.scenario.daylight import changes_irradiance, daylight_recipe
-from meshtrace.scenario.files import parse_toml, read_text
-from meshtrace.scenario.tables import as_table
+from meshtrace.scenario.files import as_table, parse_toml, read_text
 from meshtrace.stored import FORMAT_VERSION
 from meshtrace.studies.background import RAYS, checked_daylight, error_rate, transmission_of
 from meshtrace.studies.campaign import same

@@ -1,4 +1,4 @@
-"""Airframe of a hovering UAV: tilt of its receiver in a given wind, over time, and as a law.
+"""Hovering UAV: tilt of its receiver in a given wind, over time and as a law; its route.
 
 The airframe leans into the wind until thrust balances drag. `Uav.tilt` maps winds to tilts,
 `Uav.simulate_flight` gives records in time for a joint run with the sea, and `Uav.tilt_law` the
@@ -7,21 +7,24 @@ law of the tilt angle, exact or as the paper's Gamma approximation.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+import math
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
+from pydantic import model_validator
 
 from meshtrace.errors import (
     Described,
     Refused,
     require_array,
     require_between,
+    require_finite,
     require_kind,
     require_word,
 )
-from meshtrace.models import Floats, Model, Positive
+from meshtrace.models import Finite, Floats, Model, Position, Positive
 from meshtrace.uav.tilt import ExactTiltLaw, GammaTiltLaw, squared_wind_moments
 from meshtrace.uav.wind import Dryden
 
@@ -190,7 +193,7 @@ class Flight(NamedTuple):
     time_step: float = 0.5
 
     def checked(self) -> Flight:
-        """Return the flight; refuse fields of other kinds."""
+        """Return the flight; refuse fields of a wrong type."""
         require_kind(self.uav, Uav, "flight.uav")
         require_kind(self.wind, Dryden | None, "flight.wind")
         require_kind(self.coupled, bool, "flight.coupled")
@@ -205,3 +208,78 @@ UAVS: dict[str, Uav] = {
 }
 """Airframes by name. The paper's mass is 8.37 kg; drag coefficient and area are the paper's CFD
 estimates for all three."""
+
+
+class Place(NamedTuple):
+    """Horizontal position (n, 2) and height (n,) of a receiver [m]."""
+
+    position: Floats
+    height: Floats
+
+
+class Route(Model, frozen=True):
+    """Waypoints of a receiver, with straight lines at constant speed between them.
+
+    Parameters
+    ----------
+    times : sequence of float, length n
+        Times at the waypoints [s], increasing, n >= 2.
+    positions : sequence of (float, float), length n
+        Horizontal positions (x, y) [m].
+    heights : sequence of float, length n, optional
+        Heights above still water [m], > 0; by default that of the receiver of the link.
+
+    Raises
+    ------
+    Refused
+        If the lengths differ or the times do not increase.
+
+    Examples
+    --------
+    >>> route = Route(times=(0, 10), positions=((-5, 0), (5, 0)))
+    >>> route.at([0.0, 2.5], height=5.0).position
+    array([[-5. ,  0. ],
+           [-2.5,  0. ]])
+    """
+
+    times: tuple[Finite, ...]
+    positions: tuple[Position, ...]
+    heights: tuple[Positive, ...] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        n = len(self.times)
+        if n < 2 or np.any(np.diff(self.times) <= 0.0):
+            raise Refused("times", self.times, "two or more increasing times [s]")
+        for name in ("positions", "heights"):
+            value = getattr(self, name)
+            if value is not None and len(value) != n:
+                raise Refused(name, Described(f"{len(value)} of them"), f"{n}, one for each time")
+        return self
+
+    def at(self, times: Floats | list[float], height: float) -> Place:
+        """Return the places at times (n,) [s].
+
+        Parameters
+        ----------
+        times : ndarray, shape (n,)
+            Times [s] from the first waypoint to the last.
+        height : float
+            Height [m] of a route without heights.
+
+        Raises
+        ------
+        Refused
+            If a time lies outside of the route.
+        """
+        wanted = require_finite(times, "times", "times (n,) [s]")
+        require_between(height, 0.0, math.inf, "height")
+        first, last = self.times[0], self.times[-1]
+        outside = (wanted < first) | (wanted > last)
+        if outside.any():
+            raise Refused("times", float(wanted[outside][0]), f"{first:g} <= times <= {last:g}")
+        columns = np.transpose(self.positions)
+        position = np.stack([np.interp(wanted, self.times, c) for c in columns], axis=-1)
+        if self.heights is None:
+            return Place(position, np.full(len(wanted), height))
+        return Place(position, np.interp(wanted, self.times, self.heights))

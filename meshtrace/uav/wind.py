@@ -22,7 +22,7 @@ from meshtrace.models import Floats, Model
 FOOT = 0.3048  # [m]
 HEIGHT_20FT = 20.0 * FOOT
 
-Preset = Literal["physical", "paper"]
+WindPreset = Literal["physical", "paper"]
 
 
 class LogProfile(Model, frozen=True):
@@ -118,7 +118,7 @@ class Dryden(Model, frozen=True):
     gust_variance: Literal["sigma^2", "sigma^2/pi"] = "sigma^2"
 
     @classmethod
-    def preset(cls, physics: Preset, **fields: Any) -> Dryden:
+    def preset(cls, physics: WindPreset, **fields: Any) -> Dryden:
         """Return gusts in the right form (`"physical"`) or as published (`"paper"`).
 
         Parameters
@@ -246,7 +246,7 @@ class Dryden(Model, frozen=True):
         t = require_finite(times, "times", "two or more evenly spaced times (n,)")
         require_seed(seed)
         steps = np.diff(t)
-        if t.ndim != 1 or t.size < 2 or not np.allclose(steps, steps[:1], rtol=1e-6, atol=0.0):
+        if t.size < 2 or not np.allclose(steps, steps[:1], rtol=1e-6, atol=0.0):
             raise Refused("times", times, "two or more evenly spaced times (n,)")
         if not steps[0] > 0.0:
             raise Refused("times", times, "rising times")

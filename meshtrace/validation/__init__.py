@@ -4,7 +4,6 @@
 estimators against each other, are tests: they need more photons than a command should take.
 """
 
-from meshtrace.validation.check import LIMIT, Check, format_table
-from meshtrace.validation.closed_forms import SUITE, validate
+from meshtrace.validation.closed_forms import LIMIT, SUITE, Check, format_table, validate
 
 __all__ = ["LIMIT", "SUITE", "Check", "format_table", "validate"]

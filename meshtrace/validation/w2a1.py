@@ -19,7 +19,7 @@ from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.link import Led, Link, Physics, Receiver
 from meshtrace.mesh import SurfaceModel, WaveSum
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
-from meshtrace.validation.check import Check, exact
+from meshtrace.validation.closed_forms import Check, exact
 
 CHAINS, QUICK_CHAINS, SERIES_CHAINS = 16_384, 4096, 2048
 """Chains of a total, and of each time of a series."""
@@ -38,7 +38,7 @@ _RECEIVERS: dict[str, dict[str, Any]] = {
 }
 
 
-class Gain(NamedTuple):
+class CaseGain(NamedTuple):
     """Unscattered gain, and total gain with its standard error."""
 
     unscattered: float
@@ -73,17 +73,17 @@ def link(variant: str) -> Link:
     return Link(transmitter=Led(depth=depth), receiver=receiver, physics=Physics(unresolved="none"))
 
 
-def gain(case: str, chains: int = CHAINS, seed: int = 1) -> Gain:
+def gain(case: str, chains: int = CHAINS, seed: int = 1) -> CaseGain:
     """Return the gains of a case, such as "jonswap5/r25cm", by forced detection."""
     sea, variant = case.split("/")
     mesh = surface(sea).mesh(0.0, _HALF_WIDTH, _SPACING)
     typical = TypicalSea.of([mesh])
     parts = ForcedDetection(link(variant), chains, seed, sea=typical).evaluate(mesh)
-    return Gain(float(parts.ballistic[0]), float(parts.gain[0]), float(parts.stderr[0]))
+    return CaseGain(float(parts.ballistic[0]), float(parts.gain[0]), float(parts.stderr[0]))
 
 
-def series(sea: str, chains: int = SERIES_CHAINS, seed: int = 1) -> list[Gain]:
-    """Return the gains at the times of a series, with the same chains at all of them."""
+def series(sea: str, chains: int = SERIES_CHAINS, seed: int = 1) -> list[CaseGain]:
+    """Return the gains at the times of a series, with common chains."""
     row = reference()["series_frozen_phases"][f"{sea}/series"]
     moving, forced = surface(sea), None
     found = []
@@ -93,7 +93,7 @@ def series(sea: str, chains: int = SERIES_CHAINS, seed: int = 1) -> list[Gain]:
             typical = TypicalSea.of([mesh], MANY_SEAS)
             forced = ForcedDetection(link("r5cm"), chains, seed, sea=typical)
         parts = forced.evaluate(mesh)
-        found.append(Gain(*(float(v[0]) for v in (parts.ballistic, parts.gain, parts.stderr))))
+        found.append(CaseGain(*(float(v[0]) for v in (parts.ballistic, parts.gain, parts.stderr))))
     return found
 
 

@@ -8,23 +8,24 @@ from typer.testing import CliRunner
 
 import meshtrace as mt
 from meshtrace import cli
-from meshtrace.bench import (
+from meshtrace.bench import bench, engine, report
+from meshtrace.bench.engine import (
     analog_rate,
     background_light,
-    bench,
     best_of,
     coverage_cost,
-    engine,
     figure_of_merit,
     new_sea,
     realization,
-    report,
     resolved_sea,
+)
+from meshtrace.bench.scaling import (
+    counts_up_to,
+    makespan,
     speedup_by_jobs,
     thread_scaling,
     worker_scaling,
 )
-from meshtrace.bench.scaling import counts_up_to, makespan
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.parallel import job_times, ordered_map

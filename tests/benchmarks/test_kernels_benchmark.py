@@ -10,7 +10,7 @@ import pytest
 from throughput import SMOOTH, default_mesh, measure_against_plain, peak_memory
 
 import meshtrace as mt
-from meshtrace.bench import analog_rate
+from meshtrace.bench.engine import analog_rate
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.surfaces import FlatSea

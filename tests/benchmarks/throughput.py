@@ -14,7 +14,7 @@ from typing import Any
 from plain_tracer import plain_gain
 
 import meshtrace as mt
-from meshtrace.bench import best_of
+from meshtrace.bench.engine import best_of
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.meshing import mesh_for

@@ -10,8 +10,7 @@ from typer.main import get_command
 import meshtrace as mt
 from meshtrace import cli
 from meshtrace.cli.commands import study_commands
-from meshtrace.cli.made import sentences
-from meshtrace.cli.reading import reader_of
+from meshtrace.cli.made import reader_of, sentences
 from meshtrace.errors import Refused
 from meshtrace.results import load
 

@@ -126,7 +126,7 @@ def test_no_light_is_a_bound_in_json_and_in_the_file(tmp_path):
 def test_the_scatter_of_a_single_sea_is_a_dash():
     import xarray as xr
 
-    from meshtrace.cli.sweep import _rows
+    from meshtrace.cli.commands import _rows
 
     gain = xr.DataArray(np.array([[1.0], [2.0]]), dims=("depth", "realization"))
     data = xr.Dataset({"gain": gain, "gain_stderr": 0.1 * gain}, {"depth": [1.0, 2.0]})

@@ -10,10 +10,9 @@ import pytest
 from scipy.special import ndtr
 
 import meshtrace as mt
-from meshtrace.comms.decisions import Decision
+from meshtrace.comms.decisions import Decision, ReceiverModel
 from meshtrace.comms.devices import OpticalFrontEnd, SiPM
 from meshtrace.comms.ook import OokLink
-from meshtrace.comms.receiver_base import ReceiverModel
 from meshtrace.errors import Refused
 
 

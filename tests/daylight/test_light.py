@@ -12,7 +12,7 @@ import meshtrace as mt
 from meshtrace.daylight import sky, sky_radiance
 from meshtrace.daylight.patterns import PATTERNS, hemisphere
 from meshtrace.errors import Refused
-from meshtrace.optics.directions import unit_vector
+from meshtrace.optics.fresnel import unit_vector
 
 REFERENCE = json.loads(
     (Path(__file__).parents[1] / "data/daylight_downlink_reference.json").read_text()
@@ -95,7 +95,7 @@ def test_sun_over_toulon_at_noon_of_summer():
 
 def test_the_table_for_470_nm_is_that_of_pvlib():
     pytest.importorskip("pvlib")
-    from meshtrace.daylight.spectrum import clear_irradiance, default_irradiance
+    from meshtrace.daylight.light import clear_irradiance, default_irradiance
 
     for zenith in (5.0, 30.0, 48.19, 66.0, 81.0, 84.0):
         wanted = clear_irradiance(zenith)

@@ -8,7 +8,9 @@ import pytest
 from scipy import integrate, stats
 
 from meshtrace import fading, fields
-from meshtrace.fading import correlation, intervals, laws
+from meshtrace.fading import gains as gains_module
+from meshtrace.fading import laws
+from meshtrace.fading import series as series_module
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +86,7 @@ def test_effective_samples_of_repeated_gains():
 
 def test_block_means_against_slices():
     x = np.random.default_rng(15).uniform(size=50)
-    means = intervals.block_means((x, x**2), 7, 5, seed=3)
+    means = gains_module.block_means((x, x**2), 7, 5, seed=3)
     starts = np.random.default_rng(3).integers(0, 44, (5, 7))
     for k in range(5):
         drawn = np.concatenate([x[i : i + 7] for i in starts[k]])
@@ -104,7 +106,7 @@ def test_first_crossing_is_interpolated_or_infinite():
     e = math.exp(-1.0)
     rho = np.array([[1.0, 1.0, 1.0], [0.9, e + 0.1, 0.0], [0.8, e - 0.3, -1.0]])
     np.testing.assert_allclose(
-        correlation._first_crossing(rho), [math.inf, 1.25, 1.0 - e], rtol=1e-12
+        series_module._first_crossing(rho), [math.inf, 1.25, 1.0 - e], rtol=1e-12
     )
 
 

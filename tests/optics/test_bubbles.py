@@ -11,8 +11,7 @@ from scipy.special import wrightomega
 
 from meshtrace.errors import Refused
 from meshtrace.optics import bubbles as module
-from meshtrace.optics.bubble_base import integrate
-from meshtrace.optics.bubbles import HallNovarini
+from meshtrace.optics.bubbles import HallNovarini, integrate
 
 
 def printed(text):

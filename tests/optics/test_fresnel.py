@@ -1,6 +1,7 @@
 """Fresnel and Snell: reference values, reciprocity, energy, total internal reflection."""
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -117,9 +118,27 @@ def test_reflection_mirrors_at_the_plane():
     np.testing.assert_allclose(reflect(r, n), d, atol=1e-15)
 
 
+def walsh_reflectance(n):
+    """Return the reflectance of diffuse light from the side of the lower index, in closed form.
+
+    Walsh 1926, as in Duntley 1942, J. Opt. Soc. Am. 32, 61.
+    """
+    q = n * n
+    return (
+        0.5
+        + (n - 1.0) * (3.0 * n + 1.0) / (6.0 * (n + 1.0) ** 2)
+        + q * (q - 1.0) ** 2 / (q + 1.0) ** 3 * math.log((n - 1.0) / (n + 1.0))
+        - 2.0 * n**3 * (q + 2.0 * n - 1.0) / ((q + 1.0) * (q * q - 1.0))
+        + 8.0 * q**2 * (q * q + 1.0) / ((q + 1.0) * (q * q - 1.0) ** 2) * math.log(n)
+    )
+
+
 def test_hemispheric_reflectance():
-    assert hemispheric_reflectance(1.0, N) == pytest.approx(0.06593, abs=5e-6)
-    assert hemispheric_reflectance(N, 1.0) == pytest.approx(0.47195, abs=5e-6)
+    for n in (1.2, N, 1.5):
+        wanted = walsh_reflectance(n)
+        assert hemispheric_reflectance(1.0, n) == pytest.approx(wanted, rel=1e-8)
+        back = 1.0 - (1.0 - wanted) / n**2
+        assert hemispheric_reflectance(n, 1.0) == pytest.approx(back, rel=1e-9)
     root = Path(__file__).parents[2]
     whole = json.loads((root / "tests/data/daylight_downlink_reference.json").read_text())
     for place, ends in (("air", (1.0, N)), ("water", (N, 1.0))):

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, SerializeAsAny
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.models import GROUP, Family, Model, family, modules_of, trusting
+from meshtrace.models import GROUP, Family, Model, modules_of, trusting
 
 
 class Lens(Family, default="ball"):
@@ -87,7 +87,7 @@ def test_a_failure_of_an_import_is_told():
 
 def test_an_entry_point_names_a_kind(monkeypatch):
     found = [EntryPoint("plate", f"{__name__}:Plane", GROUP)]
-    monkeypatch.setattr(family, "entry_points", lambda group: found)
+    monkeypatch.setattr("meshtrace.models.entry_points", lambda group: found)
     assert Tube(lens="plate").lens == Plane()
 
 

@@ -4,18 +4,11 @@ import json
 import math
 
 import pytest
-from scipy.integrate import quad
 from typer.testing import CliRunner
 
 from meshtrace import cli
-from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.validation import Check, closed_forms, format_table, validate
-from meshtrace.validation.closed_forms import (
-    optics_checks,
-    slab_link,
-    unscattered_gain,
-    walsh_reflectance,
-)
+from meshtrace.validation.closed_forms import slab_link, unscattered_gain
 
 
 def test_z_takes_both_errors():
@@ -42,17 +35,6 @@ def test_table_marks_what_fails():
     assert lines[0].split()[:4] == ["quantity", "source", "expected", "got"]
 
 
-def test_closed_form_of_diffuse_reflectance_is_its_integral():
-    for n in (1.2, 1.33, 1.5):
-        expected = quad(
-            lambda mu, n=n: 2.0 * mu * float(fresnel_reflectance(mu, 1.0, n)),
-            0.0,
-            1.0,
-            epsrel=1e-10,
-        )[0]
-        assert walsh_reflectance(n) == pytest.approx(expected, rel=1e-9)
-
-
 def test_unscattered_gain_has_its_limit():
     """(m + 1) / 2 (r / (d + n h))^2 exp(-c d) T(0) for a small lens."""
     m = -math.log(2.0) / math.log(math.cos(math.radians(10.0)))
@@ -64,20 +46,8 @@ def test_unscattered_gain_has_its_limit():
 def test_every_check_passes_with_few_photons():
     """Closed forms of all families: by 4 standard errors, or 4 times the stated accuracy."""
     checks = validate(quick=True)
-    assert len(checks) == 17
+    assert len(checks) == 9
     assert [check for check in checks if not check.passed] == []
-
-
-def test_checks_see_a_wrong_program(monkeypatch):
-    """What is wrong fails, and nothing beside it."""
-    monkeypatch.setattr(closed_forms, "hemispheric_reflectance", lambda n1, n2: 0.066)
-    monkeypatch.setattr(closed_forms.FournierForand, "sample", lambda self, u: 0.3 * u)
-    failed = {check.quantity for check in optics_checks(100_000) if not check.passed}
-    assert failed == {
-        "diffuse reflectance, from the air",
-        "diffuse reflectance, from the water",
-        "Fournier-Forand, drawn: g",
-    }
 
 
 def test_checks_of_the_engine_see_a_wrong_index(monkeypatch):

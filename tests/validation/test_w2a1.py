@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from meshtrace import cli
 from meshtrace.validation import w2a1
-from meshtrace.validation.check import Check
+from meshtrace.validation.closed_forms import Check
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "w2a1"
 
@@ -137,9 +137,9 @@ def test_command(monkeypatch):
 
 def test_script(monkeypatch, tmp_path, capfd):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(w2a1, "gain", lambda name: w2a1.Gain(1.0, 1.0, 0.001))
+    monkeypatch.setattr(w2a1, "gain", lambda name: w2a1.CaseGain(1.0, 1.0, 0.001))
     monkeypatch.setattr(
-        w2a1, "series", lambda name: [w2a1.Gain(1.0, 1.0 + 0.001 * i, 0.001) for i in range(41)]
+        w2a1, "series", lambda name: [w2a1.CaseGain(1.0, 1.0 + 0.001 * i, 0.001) for i in range(41)]
     )
     runpy.run_path(str(EXAMPLE / "run.py"), run_name="__main__")
     assert "score 0 of 32" in capfd.readouterr().out

@@ -54,6 +54,6 @@ def test_the_sea_of_a_link_file_lies_under_its_daylight():
     from meshtrace.scenario import Scenario
 
     bright = Scenario.from_toml("[daylight]\ndirect = 1.0\ndiffuse = 0.5\n")
-    assert _of_scenario(bright).daylight == bright.daylight
+    assert _of_scenario(bright)["daylight"] == bright.daylight
     assert bright.daylight.direct == 1.0
-    assert _of_scenario(Scenario.from_toml("")).daylight is None
+    assert _of_scenario(Scenario.from_toml(""))["daylight"] is None

@@ -43,7 +43,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
-from meshtrace.optics.phase_base import PhaseFunction
+from meshtrace.optics.phase import PhaseFunction
 from meshtrace.parallel import ordered_map
 from meshtrace.results.background import PARTS
 from meshtrace.stored import SHIFTS

@@ -9,8 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack, get_ar
 
 import numpy as np
 
-from meshtrace.comms.ook import OokLink
-from meshtrace.comms.ook_setup import Preset
+from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.engine.setup.options import RunOptions, require_options
 from meshtrace.errors import (

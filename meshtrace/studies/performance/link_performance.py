@@ -12,8 +12,7 @@ from itertools import pairwise
 from typing import Any, Unpack
 
 from meshtrace.comms.background import DARK, warn_of_background, with_background
-from meshtrace.comms.ook import OokLink
-from meshtrace.comms.ook_setup import Preset
+from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (

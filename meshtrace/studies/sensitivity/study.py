@@ -11,8 +11,7 @@ from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
-from meshtrace.comms.ook import OokLink
-from meshtrace.comms.ook_setup import Preset
+from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.engine.setup.options import StudyOptions

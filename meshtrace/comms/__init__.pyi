@@ -1,0 +1,15 @@
+from . import budget as budget
+from . import capacity as capacity
+from . import decisions as decisions
+from . import devices as devices
+from . import interleaving as interleaving
+from . import ook as ook
+from . import pulses as pulses
+from . import receivers as receivers
+from .decisions import Decision as Decision
+from .decisions import ReceiverModel as ReceiverModel
+from .devices import LedDriver as LedDriver
+from .devices import OpticalFrontEnd as OpticalFrontEnd
+from .devices import SiPM as SiPM
+from .devices import Tia as Tia
+from .ook import OokLink as OokLink
