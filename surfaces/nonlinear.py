@@ -69,14 +69,8 @@ class Sheet(NamedTuple):
 
         N = (Dxy zy - zx (1 + Dyy), Dxy zx - zy (1 + Dxx), J)
         """
-        normal = np.stack(
-            [
-                self.dxy * self.zy - self.zx * (1.0 + self.dyy),
-                self.dxy * self.zx - self.zy * (1.0 + self.dxx),
-                self.jacobian,
-            ],
-            axis=-1,
-        )
+        along_x, along_y = _adjugate(self.dxx, self.dxy, self.dyy, self.zx, self.zy)
+        normal = np.stack([-along_x, -along_y, self.jacobian], axis=-1)
         return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
     def require_single(self) -> Sheet:

@@ -14,7 +14,7 @@ from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.models import Family
 
 from .parameters import TIME, Finite, Floats, grid_lines, points
-from .triangulate import GridLines, grid_axis, height_field, mesh_of_sheet
+from .triangulate import GridLines, height_field, mesh_of_sheet
 
 MOST_VERTICES = 10_000_000
 """Vertices of a mesh beyond which it is refused."""
@@ -166,7 +166,7 @@ class Surface(Family, ABC, frozen=True):
         self, time: float, center: tuple[float, float], lines: GridLines
     ) -> TriangleMesh:
         """Return the mesh of `mesh`."""
-        x_axis, y_axis = (grid_axis(middle, *lines) for middle in center)
+        x_axis, y_axis = map(lines.axis, center)
         self._require_modest(x_axis, y_axis, time)
         unresolved = self.unresolved_slopes(lines.spacing)
         return mesh_of_sheet(*self.sheet(x_axis, y_axis, time), unresolved)

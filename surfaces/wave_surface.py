@@ -19,7 +19,7 @@ from meshtrace.parallel import announce
 from .nonlinear import ChoppyWaves, Sheet, with_straight_rim
 from .parameters import TIME, Depth, Finite, Floats, Positive, grid_lines, points
 from .surface import VERTEX_BYTES, Surface
-from .triangulate import GridLines, grid_axis, mesh_of_sheet
+from .triangulate import GridLines, mesh_of_sheet
 from .waves import (
     FactorCache,
     GridFactors,
@@ -176,11 +176,11 @@ class WaveSurface(Surface, frozen=True):
         if not self.choppy:
             return super()._triangulated(time, center, lines)
         for middle in center:
-            grid_axis(middle, *lines)  # refuses values out of range
+            lines.axis(middle)  # refuses values out of range
         # whole spacings: the lines of meshes of half the spacing nest
         spacing = lines.spacing
         reach = math.ceil(self._sheet.reach / spacing) * spacing
-        x_axis, y_axis = (grid_axis(c, *lines.widened(reach)) for c in center)
+        x_axis, y_axis = map(lines.widened(reach).axis, center)
         self._require_modest(x_axis, y_axis, time)
         points, normals = self.sheet(x_axis, y_axis, time)
         _require_upward(points, spacing)
