@@ -53,7 +53,7 @@ class Sheet(NamedTuple):
 
     @property
     def jacobian(self) -> Floats:
-        """Horizontal area over that of the labels, J = (1 + Dxx)(1 + Dyy) - Dxy^2."""
+        """Ratio of horizontal areas, map over labels, J = (1 + Dxx)(1 + Dyy) - Dxy^2."""
         return (1.0 + self.dxx) * (1.0 + self.dyy) - self.dxy**2
 
     @property

@@ -176,7 +176,7 @@ class Page:
         self._refresh_views()
 
     def _moved(self, **_: Any) -> None:
-        """Send the controls that differ from the state; those of refused values return to it."""
+        """Move the state to the changed controls, and reset the controls of refused values."""
         page, now = self.server.state, self.session.state.settings
         shown = {key: _number(page[key]) if key in BY_NAME else page[key] for key in now}
         moves = {key: value for key, value in shown.items() if value != now[key]}

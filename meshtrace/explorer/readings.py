@@ -10,6 +10,7 @@ import numpy as np
 from meshtrace.comms.budget import link_budget
 from meshtrace.explorer.session import Session
 from meshtrace.explorer.stages import DURATION, LIMIT, Fading, Failed, Signal
+from meshtrace.viz import scenes
 
 BER_FLOOR = 1e-15
 """Bit error rate below which a number says nothing about a device."""
@@ -115,18 +116,10 @@ def map_note(session: Session) -> str:
 
 
 def caption(session: Session) -> str:
-    """Return link, wind, seed and gain as the caption of a picture."""
-    scenario, values = session.state.scenario, session.state.values
-    gain = session.answer("gain")
-    parts = [f"wind {scenario.wind_speed:g} m/s"]
-    ends = [name for name in ("depth", "height") if values[name] is not None]
-    parts += [f"{name} {values[name]:g} m" for name in ends]
-    seed = getattr(scenario.surface, "seed", None)
-    parts += [f"seed of the sea {seed}"] if seed is not None else []
-    parts += [f"time {session.state.time:.2f} s"]
-    if isinstance(gain, Signal) and session.fresh("gain"):
-        parts.append(f"gain {with_error(float(gain.gain.gains[0]), float(gain.gain.stderrs[0]))}")
-    return "meshtrace: " + ", ".join(parts)
+    """Return link, sea and gain as the caption of a picture."""
+    scenario, time, signal = session.state.scenario, session.state.time, session.answer("gain")
+    gain = signal.gain if isinstance(signal, Signal) and session.fresh("gain") else None
+    return f"meshtrace: {scenes.caption(scenario.link, scenario.surface, time, gain)}"
 
 
 def with_error(value: float, error: float) -> str:

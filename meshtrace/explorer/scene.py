@@ -105,7 +105,7 @@ class LiveScene:
 
     @property
     def shows_daylight(self) -> bool:
-        """Whether the colours of the sea are those of reflected daylight."""
+        """Whether the sea is coloured by the daylight that it reflects."""
         return self._light is not None
 
     def _sea(self, mesh: TriangleMesh) -> pv.PolyData:

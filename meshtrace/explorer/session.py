@@ -138,8 +138,8 @@ class Answer(NamedTuple):
     complete: bool
 
 
-class Stage(NamedTuple):
-    """A stage: its answers for a state, and the parts of the state that they depend on."""
+class Work(NamedTuple):
+    """Work of a stage: its answers for a state, and the parts of the state that they depend on."""
 
     run: Callable[[State, Check], Iterator[Any]]
     of_time: bool = True
@@ -147,10 +147,10 @@ class Stage(NamedTuple):
 
 
 STAGES = {
-    "gain": Stage(stages.gains, of_bits=True),
-    "rays": Stage(stages.rays),
-    "fading": Stage(stages.fading, of_time=False),
-    "map": Stage(stages.coverage),
+    "gain": Work(stages.gains, of_bits=True),
+    "rays": Work(stages.rays),
+    "fading": Work(stages.fading, of_time=False),
+    "map": Work(stages.coverage),
 }
 """Stages in the order of the work; the map is made on demand."""
 
@@ -268,7 +268,7 @@ class Session(Worker):
         self._on_answer(name)
 
 
-def _key(stage: Stage, state: State) -> Any:
+def _key(stage: Work, state: State) -> Any:
     """Return the part of a state that the answers of a stage depend on."""
     moves = tuple(m for m in state.moves if stage.of_bits or m[0] not in BITS_ALONE)
     return moves, state.time if stage.of_time else None
