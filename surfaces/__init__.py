@@ -26,8 +26,8 @@ from .spreading import IttcSpreading as IttcSpreading
 from .spreading import MitsuyasuSpreading as MitsuyasuSpreading
 from .spreading import Spreading as Spreading
 from .surface import FlatSea as FlatSea
+from .surface import SinusoidalSea as SinusoidalSea
 from .surface import Surface as Surface
 from .surface import TiltedPlane as TiltedPlane
-from .wave_surface import SinusoidalSea as SinusoidalSea
-from .wave_surface import WaveSurface as WaveSurface
+from .surface import WaveSurface as WaveSurface
 from .waves import WaveComponents as WaveComponents

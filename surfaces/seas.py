@@ -52,8 +52,7 @@ from .statistics import (
     real_slope_variance,
     unresolved_slope_variance,
 )
-from .surface import FlatSea, Surface
-from .wave_surface import WaveSurface
+from .surface import FlatSea, Surface, WaveSurface
 from .waves import WaveComponents, flat_components, wavenumber
 
 _ORDER_OMEGA_MAX = 3.0  # highest frequency of waves that make bound waves, over the peak's
