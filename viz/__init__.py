@@ -4,7 +4,6 @@ Everything here needs the `viz` extra; modules load when a name is first used. F
 here refuse arguments that do not match their annotations.
 """
 
-from functools import cache
 from importlib.util import find_spec
 from inspect import isfunction
 from typing import Any
@@ -17,9 +16,11 @@ if not all(find_spec(name) for name in ("matplotlib", "pyvista", "trame_vtk", "i
 _attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
-@cache
 def __getattr__(name: str) -> Any:
-    from .checks import checked
-
     found = _attribute(name)
-    return checked(found) if isfunction(found) else found
+    if isfunction(found):
+        from .checks import checked
+
+        found = checked(found)
+    globals()[name] = found  # lazy_loader keeps the function itself
+    return found

@@ -182,6 +182,13 @@ def test_wrong_values_are_refused(name, sound, tmp_path, monkeypatch):
     assert refused > 5
 
 
+def test_functions_are_checked_whenever_they_are_taken():
+    for _ in range(3):
+        with pytest.raises(Refused, match="result: 3, allowed: GainResult"):
+            viz.plot_gain(3)
+    assert viz.plot_gain is viz.plot_gain
+
+
 @pytest.mark.parametrize("call", [viz.view, viz.save_movie])
 def test_unknown_keywords_are_refused(call):
     with pytest.raises(Refused, match=r"recieved: 8, no such key, did you mean received\?"):
