@@ -414,12 +414,13 @@ def view(
     if movie and (link is None or isinstance(surface, TriangleMesh)):
         raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
     files: list[Path] = []
-    style, paths = shown.pop("style", SceneStyle()), shown.pop("paths", None)
+    style, paths = shown.get("style", SceneStyle()), shown.get("paths")
     if window or screenshot or html or export:
         traced = (100 if paths is None else paths or None) if link is not None else None
         found = _gain_of(link, surface, time, shown.get("seed", 1))
-        drawn = style.replace(off_screen=not window)
-        plotter = scene(link, surface, time=time, gain=found, paths=traced, style=drawn, **shown)
+        off = style.replace(off_screen=not window)
+        still: Shown = {**shown, "paths": traced, "style": off}
+        plotter = scene(link, surface, time=time, gain=found, **still)
         if screenshot:
             with atomic(screenshot) as temporary:
                 plotter.screenshot(temporary)
@@ -435,9 +436,9 @@ def view(
     if movie or light:
         times, film["frame_rate"] = _frames(gain, time, frames, frame_rate)
     if movie and isinstance(link, Link) and isinstance(surface, MeshSource):
-        shown["received"] = shown.get("received") or RECEIVED_SHOWN
-        film_of: Any = {"gain": gain, "paths": paths or None, "style": style, **film, **shown}
-        files.append(save_movie(link, surface, times, movie, **film_of))
+        received = shown.get("received") or RECEIVED_SHOWN
+        moving: Shown = {**shown, "paths": paths or None, "received": received}
+        files.append(save_movie(link, surface, times, movie, gain=gain, **film, **moving))
     if light:
         if link is None or not isinstance(surface, SurfaceModel):
             raise Refused("light", Described("of a mesh"), "a link over a sea")
