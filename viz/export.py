@@ -63,12 +63,7 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
     >>> to_pyvista(FlatSea().mesh(extent=1.0, spacing=0.5)).n_cells
     32
     """
-    allowed = "TriangleMesh, PhotonPaths, CoverageMap"
-    raise Refused("source", Described(type(source).__name__), allowed)
-
-
-@to_pyvista.register
-def _(source: TriangleMesh) -> pv.PolyData:
+    assert isinstance(source, TriangleMesh)
     data = pv.PolyData.from_regular_faces(source.vertices.copy(), source.faces.astype(int))
     nx, ny, nz = source.vertex_normals.T
     data.point_data["elevation"] = source.vertices[:, 2]
