@@ -1,69 +1,33 @@
 """Sea surfaces: wave spectra, random seas, and the triangle meshes made of them."""
 
-from .bands import Band
-from .foreign_mesh import from_trimesh
-from .measured import MeasuredSea, from_wavespectra
-from .seas import (
-    JonswapSea,
-    RandomSea,
-    SpectralSea,
-    SumSea,
-    resolved_sea,
-    sea_from_config,
-    sea_in_wind,
-)
-from .sequence import MeshSequence
-from .spectra import (
-    Elfouhaily,
-    Jonswap,
-    OchiHubble,
-    PiersonMoskowitz,
-    Spectrum,
-    TabulatedSpectrum,
-    Tma,
-    Torsethaugen,
-)
-from .spreading import (
-    Cos2sSpreading,
-    ElfouhailySpreading,
-    IttcSpreading,
-    MitsuyasuSpreading,
-    Spreading,
-)
-from .surface import FlatSea, Surface, TiltedPlane
-from .wave_surface import SinusoidalSea, WaveSurface
-from .waves import WaveComponents
-
-__all__ = [
-    "Band",
-    "Cos2sSpreading",
-    "Elfouhaily",
-    "ElfouhailySpreading",
-    "FlatSea",
-    "IttcSpreading",
-    "Jonswap",
-    "JonswapSea",
-    "MeasuredSea",
-    "MeshSequence",
-    "MitsuyasuSpreading",
-    "OchiHubble",
-    "PiersonMoskowitz",
-    "RandomSea",
-    "SinusoidalSea",
-    "SpectralSea",
-    "Spectrum",
-    "Spreading",
-    "SumSea",
-    "Surface",
-    "TabulatedSpectrum",
-    "TiltedPlane",
-    "Tma",
-    "Torsethaugen",
-    "WaveComponents",
-    "WaveSurface",
-    "from_trimesh",
-    "from_wavespectra",
-    "resolved_sea",
-    "sea_from_config",
-    "sea_in_wind",
-]
+from .bands import Band as Band
+from .foreign_mesh import from_trimesh as from_trimesh
+from .measured import MeasuredSea as MeasuredSea
+from .measured import from_wavespectra as from_wavespectra
+from .seas import JonswapSea as JonswapSea
+from .seas import RandomSea as RandomSea
+from .seas import SpectralSea as SpectralSea
+from .seas import SumSea as SumSea
+from .seas import resolved_sea as resolved_sea
+from .seas import sea_from_config as sea_from_config
+from .seas import sea_in_wind as sea_in_wind
+from .sequence import MeshSequence as MeshSequence
+from .spectra import Elfouhaily as Elfouhaily
+from .spectra import Jonswap as Jonswap
+from .spectra import OchiHubble as OchiHubble
+from .spectra import PiersonMoskowitz as PiersonMoskowitz
+from .spectra import Spectrum as Spectrum
+from .spectra import TabulatedSpectrum as TabulatedSpectrum
+from .spectra import Tma as Tma
+from .spectra import Torsethaugen as Torsethaugen
+from .spreading import Cos2sSpreading as Cos2sSpreading
+from .spreading import ElfouhailySpreading as ElfouhailySpreading
+from .spreading import IttcSpreading as IttcSpreading
+from .spreading import MitsuyasuSpreading as MitsuyasuSpreading
+from .spreading import Spreading as Spreading
+from .surface import FlatSea as FlatSea
+from .surface import SinusoidalSea as SinusoidalSea
+from .surface import Surface as Surface
+from .surface import TiltedPlane as TiltedPlane
+from .surface import WaveSurface as WaveSurface
+from .waves import WaveComponents as WaveComponents

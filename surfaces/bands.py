@@ -31,7 +31,7 @@ _LAYOUT = 20_260_501  # key of the places of waves within their bins, the same f
 _NEGLIGIBLE = 1e-9  # of a bin: rounding of its edges
 
 
-class Waves(NamedTuple):
+class Samples(NamedTuple):
     """Variance [m2], frequency [rad s-1] and direction from the wind [rad] of each wave."""
 
     variance: Floats
@@ -104,7 +104,7 @@ class Band(Model, frozen=True):
         edges[-1] = self.omega_max
         return edges
 
-    def waves(self, spectrum: Spectrum, spreading: Spreading) -> Waves:
+    def waves(self, spectrum: Spectrum, spreading: Spreading) -> Samples:
         """Return the waves of a sea in this band, arrays of shape (n_omega, n_theta)."""
         if self.drawn:
             return drawn_waves(self.edges, self.d_theta, spectrum, spreading)
@@ -115,7 +115,7 @@ class Band(Model, frozen=True):
         shares = direction_weights(spreading, centers, theta, self.d_theta, **state)
         variance = (spectrum(centers) * self.d_omega)[:, None] * shares
         omega = np.broadcast_to(centers[:, None], shares.shape)
-        return Waves(variance, omega, np.broadcast_to(theta, shares.shape))
+        return Samples(variance, omega, np.broadcast_to(theta, shares.shape))
 
 
 PAPER_BANDS = {
@@ -210,10 +210,10 @@ OwnWaves = Annotated[BandName | Band | None, BeforeValidator(_read)]
 MeshWaves = Annotated[
     BandName | Literal["fading"] | Positive | Band | None, BeforeValidator(_read_of_mesh)
 ]
-"""Field type of the waves of a mesh: those of a link's fading or up to a frequency, too."""
+"""Field type of the waves of a mesh: also "fading", or all up to a frequency."""
 
 
-def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Spreading) -> Waves:
+def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Spreading) -> Samples:
     r"""Return one wave for each cell of frequency and direction, drawn within the cell.
 
     .. math:: \sigma_{ij}^2 = \int_{\omega_i}^{\omega_{i+1}} S d\omega
@@ -241,7 +241,7 @@ def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Sp
     density = spreading.density(center, theta.ravel(), **sea_state(spectrum))
     shares = (density.reshape(len(width), *theta.shape) * weights).sum(axis=2) * cell
     shares /= shares.sum(axis=1, keepdims=True)
-    return Waves(variance[:, None] * shares, *drawn_places(edges, low, cell))
+    return Samples(variance[:, None] * shares, *drawn_places(edges, low, cell))
 
 
 def drawn_places(edges: Floats, low: Floats, width: Floats | float) -> tuple[Floats, Floats]:

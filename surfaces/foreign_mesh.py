@@ -151,17 +151,15 @@ def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArra
 
 def _merged(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
     """Return the distinct used vertices, in their first order, and the facets."""
+    import pandas as pd
+
     used, corner = np.unique(faces, return_inverse=True)
     vertices = vertices[used]
     if not np.isfinite(vertices).all():
         raise unfit("vertices not all finite", "finite coordinates [m]")
-    order = np.lexsort(vertices.T)
-    new = np.ones(len(order), dtype=bool)
-    new[1:] = (np.diff(vertices[order], axis=0) != 0.0).any(axis=1)
-    first = order[new]
-    group = np.empty_like(order)
-    group[order] = np.argsort(np.argsort(first))[np.cumsum(new) - 1]
-    return vertices[np.sort(first)], group[corner].reshape(-1, 3)
+    table = pd.DataFrame(vertices)
+    group = table.groupby([0, 1, 2], sort=False).ngroup().to_numpy()
+    return vertices[~table.duplicated().to_numpy()], group[corner].reshape(-1, 3)
 
 
 def _area_vectors(vertices: Floats, faces: NDArray[np.int64]) -> Floats:
@@ -191,23 +189,18 @@ def _outline(n: int, faces: NDArray[np.int64], cross: Floats, overhangs: bool) -
         _refuse_count("facets are vertical", up <= _STEEPEST_NORMAL_Z, len(faces))
     _refuse_count("edges join more than two facets", uses > 2, len(uses))
     if overhangs:
-        _refuse_turned(cross, forward)
+        against = np.count_nonzero(np.diff(np.sort(forward)) == 0)
+        allowed = "facets counter-clockwise seen from the air"
+        if against:
+            raise unfit(f"{against} edges between facets of opposite winding", allowed)
+        if not cross[:, 2].sum() > 0.0:
+            found = "turned over: its outline runs clockwise seen from above"
+            raise unfit(found, f"{allowed}, z up")
     reverse = np.sort(backward)
     at = np.minimum(np.searchsorted(reverse, forward), len(reverse) - 1)
     outline = edges[reverse[at] != forward]
     _refuse_many_pieces(n, edges, outline)
     return outline
-
-
-def _refuse_turned(cross: Floats, forward: NDArray[np.int64]) -> None:
-    """Refuse facets wound against each other, and a surface with the air below."""
-    against = np.count_nonzero(np.diff(np.sort(forward)) == 0)
-    if against:
-        found = f"{against} edges between facets of opposite winding"
-        raise unfit(found, "facets counter-clockwise seen from the air")
-    if not cross[:, 2].sum() > 0.0:
-        found = "turned over: its outline runs clockwise seen from above"
-        raise unfit(found, "facets counter-clockwise seen from the air, z up")
 
 
 def _refuse_count(what: str, wrong: NDArray[np.bool_], total: int) -> None:

@@ -53,7 +53,7 @@ class Sheet(NamedTuple):
 
     @property
     def jacobian(self) -> Floats:
-        """Horizontal area over that of the labels, J = (1 + Dxx)(1 + Dyy) - Dxy^2."""
+        """Ratio of horizontal areas, map over labels, J = (1 + Dxx)(1 + Dyy) - Dxy^2."""
         return (1.0 + self.dxx) * (1.0 + self.dyy) - self.dxy**2
 
     @property
@@ -69,14 +69,8 @@ class Sheet(NamedTuple):
 
         N = (Dxy zy - zx (1 + Dyy), Dxy zx - zy (1 + Dxx), J)
         """
-        normal = np.stack(
-            [
-                self.dxy * self.zy - self.zx * (1.0 + self.dyy),
-                self.dxy * self.zx - self.zy * (1.0 + self.dxx),
-                self.jacobian,
-            ],
-            axis=-1,
-        )
+        along_x, along_y = _adjugate(self.dxx, self.dxy, self.dyy, self.zx, self.zy)
+        normal = np.stack([-along_x, -along_y, self.jacobian], axis=-1)
         return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
     def require_single(self) -> Sheet:

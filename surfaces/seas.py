@@ -52,8 +52,7 @@ from .statistics import (
     real_slope_variance,
     unresolved_slope_variance,
 )
-from .surface import FlatSea, Surface
-from .wave_surface import WaveSurface
+from .surface import FlatSea, Surface, WaveSurface
 from .waves import WaveComponents, flat_components, wavenumber
 
 _ORDER_OMEGA_MAX = 3.0  # highest frequency of waves that make bound waves, over the peak's
@@ -222,7 +221,7 @@ class _BandedSea(RandomSea, frozen=True):
 
     @cached_property
     def band(self) -> Band:
-        """Band of the waves of the sum: that of `waves`, up to `omega_max`."""
+        """Band of the waves of the sum: `waves`, cut at `omega_max`."""
         found = self.waves or "mean"
         if isinstance(found, str):
             found = named_band(found, self.spectrum, self.spreading.half_range, self.order)
@@ -264,7 +263,7 @@ class _BandedSea(RandomSea, frozen=True):
 
     @property
     def short_waves(self) -> _BandedSea:
-        """The sea, or that of Elfouhaily's spectrum if its own has an omega^-5 tail.
+        """The sea, with Elfouhaily's spectrum in place of one with an omega^-5 tail.
 
         Such a tail, fitted up to some 3 omega_p, is no model of short waves: its slope variance
         grows without limit. Wind, fetch, depth, current, seed and nonlinearity are kept.

@@ -17,7 +17,7 @@ from .parameters import Floats, Range
 MAX_LINES = 20_001
 """Most lines of one axis; a finer grid is most likely a typing error."""
 
-DEFAULT_GROWTH = 1.1
+GROWTH = 1.1
 """Ratio of neighbouring steps in the coarsening part of a graded grid."""
 
 DEFAULT_COARSENING = 10.0
@@ -25,7 +25,20 @@ DEFAULT_COARSENING = 10.0
 
 
 class GridLines(NamedTuple):
-    """Extent and spacing of the lines of an axis, see `grid_axis`."""
+    """Extent and spacing of the lines of an axis.
+
+    Parameters
+    ----------
+    extent : float
+        Half-length of the axis [m].
+    spacing : float
+        Largest distance of neighbouring lines [m], or of those in the fine part.
+    fine_extent : float, optional
+        Half-length of a fine part [m], outside of which the lines move apart.
+    coarse_spacing : float, optional
+        Largest distance of neighbouring lines outside of it [m], at least `spacing`; by default
+        `DEFAULT_COARSENING` times `spacing`.
+    """
 
     extent: float
     spacing: float
@@ -37,140 +50,67 @@ class GridLines(NamedTuple):
         fine = None if self.fine_extent is None else self.fine_extent + reach
         return self._replace(extent=self.extent + reach, fine_extent=fine)
 
+    def axis(self, center: float = 0.0) -> Floats:
+        """Return the grid lines about a centre [m].
 
-def uniform_axis(extent: float, spacing: float, center: float = 0.0) -> Floats:
-    """Return equally spaced grid lines that cover |x - center| <= extent exactly.
+        Returns
+        -------
+        ndarray, shape (n,)
+            Increasing positions [m], symmetric about `center`, with lines at center -+ extent and
+            at center -+ fine_extent. Equally spaced lines number ceil(2 extent / spacing) + 1;
+            a fine part that is as long as the axis has them as well.
 
-    Parameters
-    ----------
-    extent : float
-        Half-length of the axis [m]; first and last line lie at center -+ extent.
-    spacing : float
-        Largest distance of neighbouring lines [m].
-    center : float
-        Middle of the axis [m].
+        Raises
+        ------
+        Refused
+            If a number is out of range, `coarse_spacing` comes without `fine_extent`, or the axis
+            would have more than `MAX_LINES` lines.
 
-    Returns
-    -------
-    ndarray, shape (n,)
-        Increasing positions [m], n = ceil(2 extent / spacing) + 1.
+        Notes
+        -----
+        Where 2 extent / spacing is not an integer the lines move closer than `spacing`, never
+        apart, so that the boundary is met. The steps outside the fine part follow
+        spacing `GROWTH`^i up to `coarse_spacing` and are then shrunk by one common factor so
+        that the last line meets the boundary.
 
-    Raises
-    ------
-    Refused
-        If an argument is out of range, or the axis would have more than `MAX_LINES` lines.
+        Examples
+        --------
+        >>> GridLines(1.0, 0.5).axis()
+        array([-1. , -0.5,  0. ,  0.5,  1. ])
+        >>> GridLines(2.0, 0.5, fine_extent=0.5).axis().round(2)
+        array([-2.  , -1.45, -0.95, -0.5 ,  0.  ,  0.5 ,  0.95,  1.45,  2.  ])
+        """
+        extent, spacing, fine_extent, coarse_spacing = self
+        for name, value, low in (("center", center, -math.inf), ("extent", extent, 0.0)):
+            Range(name, low, unit="m").check(value)
+        Range("spacing", 0.0, unit="m").check(spacing)
+        if fine_extent is None and coarse_spacing is not None:
+            raise Refused("coarse_spacing", coarse_spacing, "only with fine_extent")
+        if fine_extent is not None:
+            Range("fine_extent", 0.0, unit="m").check(fine_extent)
+            coarse = DEFAULT_COARSENING * spacing if coarse_spacing is None else coarse_spacing
+            Range("coarse_spacing", spacing, unit="m", closed=True).check(coarse)
+            if fine_extent < extent:
+                half = _graded(fine_extent, extent, spacing, coarse)
+                return center + np.concatenate([-half[:0:-1], half])
+        steps = _step_count(2.0 * extent, spacing)
+        return center + extent * ((2.0 * np.arange(steps + 1) - steps) / steps)
 
-    Notes
-    -----
-    Where 2 extent / spacing is not an integer the lines move closer than `spacing`, never
-    apart, so that the boundary is met.
 
-    Examples
-    --------
-    >>> uniform_axis(1.0, 0.5)
-    array([-1. , -0.5,  0. ,  0.5,  1. ])
-    """
-    _check(center, extent, spacing)
-    steps = _step_count(2.0 * extent, spacing)
-    return center + extent * ((2.0 * np.arange(steps + 1) - steps) / steps)
-
-
-def graded_axis(
-    center: float,
-    fine_extent: float,
-    extent: float,
-    spacing: float,
-    coarse_spacing: float,
-    growth: float = DEFAULT_GROWTH,
-) -> Floats:
-    """Return grid lines that are fine around the centre and grow coarser outwards.
-
-    Parameters
-    ----------
-    center : float
-        Middle of the axis [m].
-    fine_extent : float
-        Half-length of the fine part [m].
-    extent : float
-        Half-length of the axis [m].
-    spacing : float
-        Largest step in the fine part [m].
-    coarse_spacing : float
-        Largest step anywhere [m], at least `spacing`.
-    growth : float
-        Largest ratio of a step to its inner neighbour, > 1.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Increasing positions [m], symmetric about `center`, with lines at center -+ fine_extent
-        and at center -+ extent. A fine part that is as long as the axis gives `uniform_axis`.
-
-    Raises
-    ------
-    Refused
-        If an argument is out of range, or the axis would have more than `MAX_LINES` lines.
-
-    Notes
-    -----
-    The outer steps follow spacing growth^i up to `coarse_spacing` and are then shrunk by one
-    common factor so that the last line meets the boundary.
-
-    Examples
-    --------
-    >>> graded_axis(0.0, 1.0, 4.0, 0.5, 1.0, growth=2.0)
-    array([-4. , -3. , -2. , -1. , -0.5,  0. ,  0.5,  1. ,  2. ,  3. ,  4. ])
-    """
-    _check(center, extent, spacing)
-    Range("fine_extent", 0.0, unit="m").check(fine_extent)
-    Range("coarse_spacing", spacing, unit="m", closed=True).check(coarse_spacing)
-    Range("growth", 1.0).check(growth)
-    if fine_extent >= extent:
-        return uniform_axis(extent, spacing, center)
+def _graded(fine_extent: float, extent: float, spacing: float, coarse_spacing: float) -> Floats:
+    """Return the lines of a graded axis from its centre to its end [m]."""
     fine_steps = _step_count(fine_extent, spacing)
     inner = fine_extent * (np.arange(fine_steps + 1) / fine_steps)
     rest = extent - fine_extent
-    ceiling = math.log(coarse_spacing / spacing) / math.log(growth)
+    ceiling = math.log(coarse_spacing / spacing) / math.log(GROWTH)
     # beyond the ceiling every step is a coarse one, which bounds their number
     most = _step_count(rest, spacing, ceiling + 1.0 + rest / coarse_spacing)
-    exponents = np.arange(1, most + 1)
-    outer = spacing * growth ** np.minimum(exponents, ceiling)
+    outer = spacing * GROWTH ** np.minimum(np.arange(1, most + 1), ceiling)
     reach = np.cumsum(outer)
     needed = int(np.searchsorted(reach, rest * (1.0 - 1e-12))) + 1
     half = np.concatenate([inner, fine_extent + reach[:needed] * (rest / reach[needed - 1])])
     half[-1] = extent
-    return center + np.concatenate([-half[:0:-1], half])
-
-
-def grid_axis(
-    center: float,
-    extent: float,
-    spacing: float,
-    fine_extent: float | None = None,
-    coarse_spacing: float | None = None,
-) -> Floats:
-    """Return the uniform axis, or with `fine_extent` the graded one, of a sea's mesh.
-
-    `coarse_spacing` defaults to `DEFAULT_COARSENING` times `spacing`.
-
-    Raises
-    ------
-    Refused
-        If an argument is out of range, or `coarse_spacing` comes without `fine_extent`.
-    """
-    if fine_extent is None:
-        if coarse_spacing is not None:
-            raise Refused("coarse_spacing", coarse_spacing, "only with fine_extent")
-        return uniform_axis(extent, spacing, center)
-    if coarse_spacing is None:
-        coarse_spacing = DEFAULT_COARSENING * spacing
-    return graded_axis(center, fine_extent, extent, spacing, coarse_spacing)
-
-
-def _check(center: float, extent: float, spacing: float) -> None:
-    Range("center", unit="m").check(center)
-    Range("extent", 0.0, unit="m").check(extent)
-    Range("spacing", 0.0, unit="m").check(spacing)
+    return half
 
 
 def _step_count(length: float, spacing: float, enough: float = math.inf) -> int:

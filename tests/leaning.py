@@ -20,7 +20,7 @@ from meshtrace.surfaces.parameters import (
     grid_lines,
     points,
 )
-from meshtrace.surfaces.triangulate import GridLines, grid_axis, grid_points, mesh_of_sheet
+from meshtrace.surfaces.triangulate import GridLines, grid_points, mesh_of_sheet
 
 _STEPS = 60  # of Newton and bisection for the label over a place
 
@@ -141,6 +141,6 @@ class LeaningWave(Surface, frozen=True):
         self, time: float, center: tuple[float, float], lines: GridLines
     ) -> TriangleMesh:
         half = 0.5 * self.lean
-        s = grid_axis(center[0] - half, *lines.widened(half))
-        y = grid_axis(center[1], *lines)
+        s = lines.widened(half).axis(center[0] - half)
+        y = lines.axis(center[1])
         return mesh_of_sheet(*self.sheet(s, y, time), overhangs=not self.single_valued)

@@ -1,13 +1,26 @@
 """Visualisation: 3D scenes, movies, web pages, files for ParaView, and plots of results.
 
-Everything here needs the `viz` extra; modules load when a name is first used.
+Everything here needs the `viz` extra; modules load when a name is first used. Functions taken from
+here refuse arguments that do not match their annotations.
 """
 
 from importlib.util import find_spec
+from inspect import isfunction
+from typing import Any
 
 import lazy_loader
 
 if not all(find_spec(name) for name in ("matplotlib", "pyvista", "trame_vtk", "imageio")):
     raise ImportError('viz needs extra packages: pip install "meshtrace[viz]"')
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> Any:
+    found = _attribute(name)
+    if isfunction(found):
+        from .checks import checked
+
+        found = checked(found)
+    globals()[name] = found  # lazy_loader keeps the function itself
+    return found

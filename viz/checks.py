@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import inspect
+import typing
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, wraps
 from numbers import Integral, Real
 from types import NoneType, UnionType
-from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import LARGEST, Described, Refused
+from meshtrace.errors import LARGEST, Described, Refused, require_keys
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -33,27 +34,35 @@ def checked(function: Function) -> Function:
     Traceback (most recent call last):
     meshtrace.errors.Refused: width: 'x', allowed: a finite number
     """
-    signature, hints = inspect.signature(function), cache(lambda: get_type_hints(function))
+    signature, kinds = inspect.signature(function), cache(lambda: _kinds(function))
 
     @wraps(function)
     def call(*args: Any, **options: Any) -> Any:
-        check_values(signature.bind(*args, **options).arguments, hints())
+        hints = kinds()
+        require_keys(options, hints)
+        given = signature.bind(*args, **options)
+        for name, value in {**given.arguments, **options}.items():
+            if name in hints and not _matches(value, hints[name]):
+                shown = value if isinstance(value, _PLAIN) else Described(type(value).__name__)
+                raise Refused(name, shown, " or ".join(_words(hints[name])))
         return function(*args, **options)
 
     return cast(Function, call)
 
 
-def check_values(values: Mapping[str, Any], hints: Mapping[str, Any]) -> None:
-    """Refuse the first of the named values that does not match its annotation."""
-    for name, value in values.items():
-        if not _matches(value, hints[name]):
-            shown = value if isinstance(value, _PLAIN) else Described(type(value).__name__)
-            raise Refused(name, shown, " or ".join(_words(hints[name])))
+def _kinds(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the annotations of a function by name, with those of an unpacked TypedDict."""
+    found = typing.get_type_hints(function)
+    found.pop("return", None)
+    unpacked = [name for name, hint in found.items() if typing.get_origin(hint) is Unpack]
+    for name in unpacked:
+        found |= typing.get_type_hints(*typing.get_args(found.pop(name)))
+    return found
 
 
 def _matches(value: Any, hint: Any) -> bool:
     """Return whether a value is of the kind of an annotation."""
-    kind, parts = get_origin(hint) or hint, get_args(hint)
+    kind, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
     if hint is ArrayLike or kind is Any:
         return True  # the function converts and checks it
     if kind in (Union, UnionType):
@@ -83,7 +92,7 @@ def _is_number(value: Any, kind: type) -> bool:
 
 def _words(hint: Any) -> list[str]:
     """Return the allowed kinds in words."""
-    kind, parts = get_origin(hint) or hint, get_args(hint)
+    kind, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
     if kind in (Union, UnionType):
         return [word for part in parts if part is not NoneType for word in _words(part)]
     if kind is Literal:

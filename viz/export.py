@@ -7,7 +7,7 @@ import io
 import json
 import re
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import singledispatch
 from io import BytesIO
 from pathlib import Path
@@ -31,7 +31,6 @@ from meshtrace.files import atomic
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 
-from .checks import checked
 from .stage import Scene
 from .style import INK, SKY
 
@@ -64,12 +63,7 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
     >>> to_pyvista(FlatSea().mesh(extent=1.0, spacing=0.5)).n_cells
     32
     """
-    allowed = "TriangleMesh, PhotonPaths, CoverageMap"
-    raise Refused("source", Described(type(source).__name__), allowed)
-
-
-@to_pyvista.register
-def _(source: TriangleMesh) -> pv.PolyData:
+    assert isinstance(source, TriangleMesh)
     data = pv.PolyData.from_regular_faces(source.vertices.copy(), source.faces.astype(int))
     nx, ny, nz = source.vertex_normals.T
     data.point_data["elevation"] = source.vertices[:, 2]
@@ -118,6 +112,16 @@ def _height(source: CoverageMap) -> float:
     return 0.0
 
 
+def require_suffix(path: str | Path, suffixes: Iterable[str], field: str = "path") -> Path:
+    """Return the path of a file; refuse it without one of some suffixes."""
+    path = Path(path)
+    if path.suffix not in suffixes:
+        *others, last = suffixes
+        allowed = f"{', '.join(others)} or {last}" if others else last
+        raise Refused(field, str(path), f"a file name in {allowed}")
+    return path
+
+
 _XML: dict[type[pv.DataSet], Any] = {
     pv.PolyData: vtkIOXML.vtkXMLPolyDataWriter,
     pv.UnstructuredGrid: vtkIOXML.vtkXMLUnstructuredGridWriter,
@@ -126,7 +130,6 @@ _XML: dict[type[pv.DataSet], Any] = {
 _SUFFIXES = {pv.PolyData: (".vtp", ".vtu", ".ply", ".stl"), pv.ImageData: (".vti",)}
 
 
-@checked
 def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path) -> Path:
     """Write a surface, photon paths or a coverage map as a file for ParaView.
 
@@ -147,32 +150,24 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
     Refused
         If the suffix does not match the kind of data.
     """
-    path, data = Path(path), to_pyvista(source)
+    data = to_pyvista(source)
     allowed = _SUFFIXES[type(data)]
-    if isinstance(source, PhotonPaths):
-        allowed = allowed[:2]
-    if path.suffix not in allowed:
-        raise Refused("path", str(path), f"a file name in {', '.join(allowed)}")
+    path = require_suffix(path, allowed[:2] if isinstance(source, PhotonPaths) else allowed)
     if path.suffix == ".vtu":
         data = data.cast_to_unstructured_grid()
     with atomic(path) as temporary:
         if path.suffix in (".vtp", ".vtu", ".vti"):
-            temporary.write_bytes(_xml(data))
+            # by a text: VTK does not tell of a disk that is full
+            writer = _XML[type(data)]()
+            writer.SetInputData(data)
+            writer.WriteToOutputStringOn()
+            writer.Write()
+            temporary.write_bytes(writer.GetOutputString().encode())
         else:
             data.save(temporary)
     return path
 
 
-def _xml(data: pv.DataSet) -> bytes:
-    """Return a dataset in a format of VTK's XML: VTK does not tell of a disk that is full."""
-    writer = _XML[type(data)]()
-    writer.SetInputData(data)
-    writer.WriteToOutputStringOn()
-    writer.Write()
-    return bytes(writer.GetOutputString().encode())
-
-
-@checked
 def export_scene(scene: Scene, folder: str | Path) -> list[Path]:
     """Write the surface, paths and map of a scene as files for ParaView.
 
@@ -196,7 +191,6 @@ def export_scene(scene: Scene, folder: str | Path) -> list[Path]:
     ]
 
 
-@checked
 def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 300_000) -> Path:
     """Write the image of a plotter or a figure as a PNG of limited size.
 
@@ -220,9 +214,7 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
     Refused
         If the suffix is not .png, or the plotter has not been rendered.
     """
-    path = Path(path)
-    if path.suffix != ".png":
-        raise Refused("path", str(path), "a file name in .png")
+    path = require_suffix(path, (".png",))
     if isinstance(picture, Figure):
         buffer = BytesIO()
         picture.savefig(buffer, format="png")
@@ -273,7 +265,6 @@ _HEAD, _LIGHTS = (
 )
 
 
-@checked
 def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -> Path:
     """Write a scene as a self-contained interactive web page.
 
@@ -296,9 +287,7 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
     Refused
         If the suffix is not .html or .htm.
     """
-    path = Path(path)
-    if path.suffix not in (".html", ".htm"):
-        raise Refused("path", str(path), "a file name in .html")
+    path = require_suffix(path, (".html", ".htm"))
     page = _exported(plotter)
     head = Template(_HEAD).substitute(title=html.escape(title), ink=INK)
     page = re.sub(r"<title>.*?</title>", lambda _: head, page, count=1)

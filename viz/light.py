@@ -13,7 +13,6 @@ from meshtrace.errors import Refused
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 
-from .checks import checked
 from .export import surface_sampler, to_pyvista
 from .stage import Scene
 from .style import FATE_COLORS, INK, SEQUENTIAL
@@ -30,7 +29,6 @@ def fate_names(paths: PhotonPaths) -> np.ndarray:
     return names
 
 
-@checked
 def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") -> Scene:
     """Draw photon paths within the stage.
 
@@ -54,8 +52,6 @@ def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") ->
     Refused
         If the colour is unknown.
     """
-    if color not in ("fate", "weight"):
-        raise Refused("color", color, "fate or weight")
     scene.shown["received" if paths.received.all() else "paths"] = paths
     names, size = fate_names(paths), scene.stage.size
     for name, shade in reversed(FATE_COLORS.items()):
@@ -66,7 +62,10 @@ def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") ->
         clipped = to_pyvista(chosen).clip_box(scene.stage.bounds, invert=False)
         radius = (0.0016 if received else 0.001) * size
         tubes = clipped.extract_surface(algorithm=None).tube(radius=radius, n_sides=8)
-        look = _path_look(scene, color, shade)
+        look: Any = {"color": shade}
+        if color == "weight":
+            look = {"scalars": "weight", "cmap": SEQUENTIAL, "clim": (0.0, 1.0)}
+            look["scalar_bar_args"] = scene.bar("photon weight")
         scene.add_mesh(tubes, opacity=1.0 if received else 0.55, ambient=0.5, **look)
         _add_dots(scene, chosen, (Vertex.SCATTER,), 2.2 * radius, INK)
         if received:
@@ -76,7 +75,6 @@ def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") ->
     return scene
 
 
-@checked
 def select_paths(paths: PhotonPaths, rows: np.ndarray | slice) -> PhotonPaths:
     """Return some of the paths, chosen by index, mask or slice."""
     try:
@@ -85,13 +83,6 @@ def select_paths(paths: PhotonPaths, rows: np.ndarray | slice) -> PhotonPaths:
         )
     except (IndexError, TypeError) as error:
         raise Refused("rows", rows, f"indices, a mask or a slice of {len(paths.what)}") from error
-
-
-def _path_look(scene: Scene, color: PathColor, shade: str) -> dict[str, Any]:
-    if color == "fate":
-        return {"color": shade}
-    bar = scene.bar("photon weight")
-    return {"scalars": "weight", "cmap": SEQUENTIAL, "clim": (0.0, 1.0), "scalar_bar_args": bar}
 
 
 _CROSSINGS = (Vertex.SURFACE_OUT, Vertex.SURFACE_IN)
@@ -114,7 +105,6 @@ FOOTPRINT_RANGE_DB = 20.0
 """Lower end of the colours of the footprint, below its brightest spot."""
 
 
-@checked
 def add_footprint(scene: Scene, mesh: TriangleMesh, received: PhotonPaths) -> Scene:
     """Draw the crossings of the received light, in decibels below the brightest spot.
 
@@ -166,7 +156,6 @@ def _footprint(mesh: TriangleMesh, crossings: np.ndarray, blur: float) -> pv.Str
     return patch
 
 
-@checked
 def add_coverage(scene: Scene, coverage: CoverageMap) -> Scene:
     """Draw a map of the gain in the plane of the receiver, clipped to the stage."""
     scene.shown["map"] = coverage

@@ -35,7 +35,7 @@ _SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
     "bit_rate": (lambda rate: rate / 1e6, "Mbit/s"),
     "delay": (lambda seconds: 1e9 * seconds, "ns"),
 }
-"""Units along axes other than those of the variables, by name or unit."""
+"""Axis units that replace the units of variables, by name or unit of the variable."""
 
 _LONGEST = 52  # characters of a label beside axes
 _BESIDE = 8  # names of a legend that stands beside the axes
@@ -211,7 +211,7 @@ def lines(
 
 
 def band(ax: Axes, line: Line2D, low: Any, high: Any) -> None:
-    """Draw the limits of a curve as a band, those of markers without a line as bars."""
+    """Draw the limits of a curve as a band, or as bars if its markers have no line."""
     x, y, color = line.get_xdata(), np.asarray(line.get_ydata()), line.get_color()
     if y.size > 1 and line.get_linestyle() != "None":
         steps = line.get_drawstyle().partition("steps-")[2] or None

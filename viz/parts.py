@@ -12,44 +12,41 @@ import pyvista as pv
 from matplotlib.colors import to_rgb
 from scipy.spatial.transform import Rotation
 
-from meshtrace.errors import Refused
 from meshtrace.link import CardioidalSky, Link, Receiver, Sun, UniformSky
 from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.bubbles import BubblePopulation
 
-from .checks import checked
 from .export import surface_sampler, to_pyvista
 from .stage import Scene, Stage, Z, add_labels, round_range
 from .style import LED_COLOR, PALETTE, RECEIVER_COLOR, UAV_COLOR, plain_label, water_map
 from .water import SeaLight, ShadedSea
+
+SurfaceColor = Literal["water", "elevation", "slope", "slope_x", "slope_y", "plain"]
 
 SURFACE_COLORS = {
     "elevation": plain_label("elevation"),
     "slope": "slope of the surface",
     "slope_x": plain_label("slope_x"),
     "slope_y": plain_label("slope_y"),
-    "plain": "",
-    "water": "",
 }
-"""Looks of the surface, with the titles of the colour bars."""
+"""Titles of the colour bars of the surface."""
 
 BUBBLE_COLOR = EDGE_COLOR = "#FFFFFF"
 WATER_COLORS = ("#7DBBD2", "#1F5A8A")
 """Colours of the block of water, at the surface and at the bottom of the stage."""
 
 NEAR_OPACITY = 0.35
-"""Opacity of its near sides, relative to that of the far ones."""
+"""Opacity of the near sides of the water over the opacity of the far ones."""
 
 Vector = tuple[float, float, float]
 
 
-@checked
 def add_surface(
     scene: Scene,
     mesh: TriangleMesh,
     *,
-    color: str = "water",
+    color: SurfaceColor = "water",
     color_limit: float | None = None,
     edges: bool = False,
     opacity: float = 0.9,
@@ -85,8 +82,6 @@ def add_surface(
     Refused
         If the colour is unknown.
     """
-    if color not in SURFACE_COLORS:
-        raise Refused("color", color, ", ".join(SURFACE_COLORS))
     scene.shown["surface"] = mesh
     data: Any = to_pyvista(mesh)
     if color == "water":
@@ -149,7 +144,6 @@ def _within(data: pv.PolyData, bounds: Any) -> pv.PolyData:
     return data
 
 
-@checked
 def add_bubbles(
     scene: Scene, mesh: TriangleMesh, bubbles: BubblePopulation | None = None, *, near: bool = False
 ) -> Scene:
@@ -224,7 +218,6 @@ def _tint(z: np.ndarray, bottom: float, bubbles: BubblePopulation | None) -> np.
     return np.rint(255.0 * np.hstack([color, alpha])).astype(np.uint8)
 
 
-@checked
 def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
     """Draw every source: an LED or a beam with its cone, or the light of the sun or sky.
 
@@ -269,7 +262,6 @@ def _add_sky(scene: Scene, source: Any, labels: bool) -> None:
         add_labels(scene, [target - 1.1 * length * along], [source.kind.replace("-", " ")])
 
 
-@checked
 def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
     """Draw every receiver: its disk, enlarged for visibility, and its field of view."""
     stage = scene.stage
@@ -354,7 +346,6 @@ def cone_rim(
     return rim
 
 
-@checked
 def add_uav(scene: Scene, link: Link) -> Scene:
     """Draw a quadcopter above every receiver or lamp in the air, tilted as they are."""
     for center, up in carried(link):

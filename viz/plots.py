@@ -33,7 +33,6 @@ from meshtrace.studies.sensitivity.study import Sensitivities, swings
 from meshtrace.uav import Route
 
 from . import marks
-from .checks import checked
 from .plots_curves import plot_curves, plot_performance, plot_sweep, plot_winds
 from .style import INK, LED_COLOR, PALETTE, axis_label, label_of, verbatim
 
@@ -52,7 +51,6 @@ _COSTS = {
 """What each objective of an optimisation minimises."""
 
 
-@checked
 def plot(result: Stored | xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot a result of any kind, or the dataset of a sweep.
 
@@ -90,7 +88,6 @@ def plot(result: Stored | xr.Dataset, *, ax: Axes | None = None) -> Axes:
 # ---- gains -----------------------------------------------------------------------------------
 
 
-@checked
 def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     """Plot the fates of analog light, or the gain of forced detection by order of scattering.
 
@@ -120,7 +117,6 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-@checked
 def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
     """Plot the fates of the light: share of the launched weight, logarithmic.
 
@@ -155,7 +151,6 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-@checked
 def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the gain over time, or of each realization, with two standard errors.
 
@@ -191,7 +186,6 @@ def plot_series(series: GainSeries, *, ax: Axes | None = None) -> Axes:
         return plot_gain_series(series, ax=ax)
 
 
-@checked
 def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     """Plot the gain along the route of a receiver, from above.
 
@@ -226,7 +220,6 @@ def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     return marks.finished(ax, "x", "y", aspect="equal")
 
 
-@checked
 def plot_gain_pdf(
     series: GainSeries | xr.Dataset,
     *,
@@ -270,7 +263,6 @@ def plot_gain_pdf(
     return marks.finished(ax, "gain", "gain_pdf", ylim=(0.0, None))
 
 
-@checked
 def plot_gain_cdf(
     series: GainSeries | xr.Dataset,
     *,
@@ -332,7 +324,6 @@ def _dataset(result: GainSeries | CoverageMap | xr.Dataset, *names: str) -> xr.D
     return data
 
 
-@checked
 def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None = None) -> Axes:
     """Plot the autocorrelation of the gain with the coherence time at 1/e.
 
@@ -369,7 +360,6 @@ def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None
     return marks.finished(ax)
 
 
-@checked
 def plot_coverage(
     coverage: CoverageMap | xr.Dataset, *, decibel: bool = False, ax: Axes | None = None
 ) -> Axes:
@@ -420,7 +410,6 @@ def plot_coverage(
 # ---- signals and background ------------------------------------------------------------------
 
 
-@checked
 def plot_impulse_response(
     responses: ImpulseResponse | Mapping[str, ImpulseResponse],
     *,
@@ -471,7 +460,6 @@ def plot_impulse_response(
     return marks.finished(ax, y="impulse_response", xlabel=label, yscale="log", **limits)
 
 
-@checked
 def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = None) -> Axes:
     """Plot the background radiance by its parts, as bars or over time.
 
@@ -495,7 +483,6 @@ def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = 
     return marks.finished(ax, y="background_radiance")
 
 
-@checked
 def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
     """Plot an eye diagram over two bits: mean signal of each bit pattern, standard deviation.
 
@@ -542,9 +529,8 @@ def _cover(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:
 # ---- studies ---------------------------------------------------------------------------------
 
 
-@checked
 def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
-    """Plot the gains of links over that of the first one [dB], with two standard errors.
+    """Plot the gains of links relative to the first link [dB], with two standard errors.
 
     Parameters
     ----------
@@ -563,7 +549,6 @@ def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-@checked
 def plot_duplex(result: Duplex, *, ax: Axes | None = None) -> Axes:
     """Plot the gains of both directions over their means, over time or realizations.
 
@@ -585,7 +570,6 @@ def plot_duplex(result: Duplex, *, ax: Axes | None = None) -> Axes:
     return marks.finished(marks.lines(marks.axes(ax), data, "gain over its mean"), ylim=(0.0, None))
 
 
-@checked
 def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes:
     """Plot errors of the gain over the step of a study, with the fitted law.
 
@@ -621,7 +605,6 @@ def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes
     return _over_steps(ax, study.values, ylabel="error of the gain [%]")
 
 
-@checked
 def plot_fading_convergence(study: FadingConvergence, *, ax: Axes | None = None) -> Axes:
     """Plot the scintillation index over the highest frequency of the waves.
 
@@ -656,7 +639,6 @@ def _over_steps(ax: Axes, values: Floats, **settings: Any) -> Axes:
     return marks.finished(ax, **settings)
 
 
-@checked
 def plot_tornado(
     s: Sensitivities,
     *,
@@ -698,7 +680,6 @@ def plot_tornado(
     return ax
 
 
-@checked
 def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
     """Plot the cost of all candidates over the first variable, with the best one.
 
@@ -720,7 +701,6 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
     return marks.finished(ax, xlabel=label_of(o.variables[0]), ylabel=_COSTS[o.objective])
 
 
-@checked
 def plot_inference(f: Inference, *, ax: Axes | None = None) -> Axes:
     """Plot measured over fitted gains.
 

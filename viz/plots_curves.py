@@ -12,7 +12,6 @@ from meshtrace.comms.background import name_of_light
 from meshtrace.fields import FIELDS
 from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
 
-from .checks import checked
 from .marks import along, axes, curves, finished, lines, note, variable
 from .style import INK, label_of, verbatim
 
@@ -20,7 +19,6 @@ BER_SHOWN = (1e-9, 1.0)
 """Limits of the axis of error rates."""
 
 
-@checked
 def plot_curves(
     data: xr.Dataset, quantity: str, *, style: str = "-", ax: Axes | None = None
 ) -> Axes:
@@ -59,7 +57,6 @@ def plot_curves(
     return lines(axes(ax), data, quantity, (style,))
 
 
-@checked
 def plot_phase_function(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot `phase_function` [sr-1] over `theta` [rad], both logarithmic; see `plot_curves`."""
     ax = plot_curves(data, "phase_function", ax=ax)
@@ -68,7 +65,6 @@ def plot_phase_function(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-@checked
 def plot_phase_cdf(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot `phase_cdf`, the probability of a scattering angle up to `theta` [rad]."""
     ax = plot_curves(data, "phase_cdf", ax=ax)
@@ -77,7 +73,6 @@ def plot_phase_cdf(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-@checked
 def plot_bubble_profile(
     data: xr.Dataset, *, quantity: str = "b_bub", ax: Axes | None = None
 ) -> Axes:
@@ -89,13 +84,11 @@ def plot_bubble_profile(
     return finished(ax, quantity, "depth", xscale="log", ylim=(z.max(), z.min()))
 
 
-@checked
 def plot_spectrum(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot wave frequency spectra `spectrum` over `omega` [rad s-1]; see `plot_curves`."""
     return finished(plot_curves(data, "spectrum", ax=ax), ylim=(0.0, None))
 
 
-@checked
 def plot_spreading(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot directional spreadings `spreading` over `theta` [rad] off the wind."""
     ax = plot_curves(data, "spreading", ax=ax)
@@ -104,7 +97,6 @@ def plot_spreading(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     return finished(ax, xlabel=off, ylabel=label, ylim=(0.0, None))
 
 
-@checked
 def plot_sweep(
     data: xr.Dataset, *, quantity: str = "gain", log: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -177,7 +169,6 @@ def _over_parameters(data: xr.Dataset, quantity: str) -> tuple[xr.Dataset, list[
     return stacked.transpose("curve", last).assign_coords(curve=names), others
 
 
-@checked
 def plot_ber(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot bit error rates `ber`, logarithmic, over any dimension; see `plot_curves`.
 
@@ -207,7 +198,6 @@ def error_rates(ax: Axes, data: xr.Dataset, limit: float) -> Axes:
     return finished(ax, legend=marked, yscale="log", ylim=BER_SHOWN)
 
 
-@checked
 def plot_performance(
     performance: LinkPerformance, *, quantity: str = "ber", ax: Axes | None = None
 ) -> Axes:

@@ -4,25 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, get_type_hints
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
+from pydantic import Field
 
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.paths import PhotonPaths
 from meshtrace.engine.simulate import trace_paths
-from meshtrace.errors import Described, Refused, require_whole, require_word
+from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
+from meshtrace.models import Model, Positive
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
 from meshtrace.studies.coverage import coverage_map
 
-from .checks import check_values, checked
 from .light import PathColor, add_coverage, add_footprint, add_paths, select_paths
-from .parts import SURFACE_COLORS, add_bubbles, add_receiver, add_surface, add_transmitter, add_uav
+from .parts import (
+    SurfaceColor,
+    add_bubbles,
+    add_receiver,
+    add_surface,
+    add_transmitter,
+    add_uav,
+)
 from .stage import Scene, Stage, add_caption, add_compass, add_key, add_scale, look, stage_of
 from .style import SLIDE
 from .water import SeaLight, ShadedSea
@@ -39,9 +46,10 @@ ACRONYMS = {"jonswap": "JONSWAP", "tma": "TMA"}
 FOOTPRINT_PATHS = 2000
 """Number of paths of received light for the footprint."""
 
+_Pixels = Annotated[int, Field(ge=1, le=10_000)]
 
-@dataclass(frozen=True)
-class SceneStyle:
+
+class SceneStyle(Model, frozen=True):
     """Appearance of a scene.
 
     Parameters
@@ -65,8 +73,8 @@ class SceneStyle:
     extent, spacing : float, optional
         Half-width of the sea shown and its mesh spacing [m]; by default in proportion to the
         link. A small extent gives a close-up of the surface.
-    off_screen : bool, optional
-        Render without a window.
+    off_screen : bool
+        Render without a window, as always if `pyvista.OFF_SCREEN` is set.
     window_size : tuple of int
         Pixels.
 
@@ -76,34 +84,32 @@ class SceneStyle:
         If a value is not allowed.
     """
 
-    color: str = "water"
-    color_limit: float | None = None
+    color: SurfaceColor = "water"
+    color_limit: Positive | None = None
     path_color: PathColor = "fate"
     edges: bool = False
-    opacity: float = 0.88
+    opacity: float = Field(0.88, ge=0.0, le=1.0)
     footprint: bool = True
     bubbles: bool = True
     uav: bool = True
     labels: bool = True
-    extent: float | None = None
-    spacing: float | None = None
-    off_screen: bool | None = None
-    window_size: tuple[int, int] = SLIDE
-
-    def __post_init__(self) -> None:
-        check_values(vars(self), get_type_hints(type(self)))
-        for name in ("color_limit", "extent", "spacing"):
-            value = getattr(self, name)
-            if value is not None and not value > 0.0:
-                raise Refused(name, value, f"{name} > 0")
-        if not 0.0 <= self.opacity <= 1.0:
-            raise Refused("opacity", self.opacity, "0 <= opacity <= 1")
-        require_word(self.color, SURFACE_COLORS, "color")
-        for pixels in self.window_size:
-            require_whole(pixels, 1, 10_000, "window_size")
+    extent: Positive | None = None
+    spacing: Positive | None = None
+    off_screen: bool = False
+    window_size: tuple[_Pixels, _Pixels] = SLIDE
 
 
-@checked
+class Shown(TypedDict, total=False):
+    """Light and appearance of a scene, keywords of `scene` that movies and views take, too."""
+
+    paths: PhotonPaths | int | None
+    received: PhotonPaths | int | None
+    coverage: CoverageMap | int | None
+    seed: int
+    daylight: Daylight | None
+    style: SceneStyle
+
+
 def scene(
     link: Link | None,
     surface: MeshSource | TriangleMesh,
@@ -115,7 +121,7 @@ def scene(
     seed: int = 1,
     daylight: Daylight | None = None,
     gain: GainResult | None = None,
-    style: SceneStyle = SceneStyle(),
+    style: SceneStyle = SceneStyle(),  # noqa: B008
     plotter: Scene | None = None,
 ) -> Scene:
     """Show a link over a sea.
@@ -167,7 +173,7 @@ def scene(
     """
     stage = stage_of(link, surface, style.extent)
     if plotter is None:
-        plotter = Scene(stage, off_screen=style.off_screen, window_size=style.window_size)
+        plotter = Scene(stage, off_screen=style.off_screen or None, window_size=style.window_size)
     plotter.wipe()
     plotter.suppress_rendering = True  # once shown, it would be rendered after every part
     shown = shown_mesh(surface, stage, time, style.spacing)
@@ -176,9 +182,7 @@ def scene(
     if link is not None:
         add_bubbles(plotter, shown, bubbles)
         add_transmitter(plotter, link, shown, labels=style.labels)
-    look_of: Any = {
-        key: getattr(style, key) for key in ("color", "color_limit", "edges", "opacity")
-    }
+    look_of = style.model_dump(include={"color", "color_limit", "edges", "opacity"})
     if style.color == "water":
         light = SeaLight.of(link, daylight, wind_of(surface))
         longest, texels = longest_left_out(surface), texels_for(style.window_size)
@@ -229,7 +233,7 @@ def shown_mesh(
     return surface.mesh(time, stage.half, step, center=stage.center)
 
 
-def wind_of(surface: MeshSource | TriangleMesh) -> tuple[float | None, float]:
+def wind_of(surface: Any) -> tuple[float | None, float]:
     """Return the wind speed [m s-1] of a surface, if it has one, and the wind direction [deg]."""
     spectrum = getattr(surface, "spectrum", None)
     speed = getattr(surface, "wind_speed", getattr(spectrum, "wind_speed", None))
@@ -249,17 +253,15 @@ def texels_for(window_size: tuple[int, int]) -> int:
     return int(np.clip(2 ** round(math.log2(max(window_size[0], 1) / 1.5)), 64, 1024))
 
 
-def caption(
-    link: Link | None, surface: MeshSource | TriangleMesh, time: float, gain: GainResult | None
-) -> str:
+def caption(link: Link | None, surface: Any, time: float, gain: GainResult | None) -> str:
     """Return the caption of a scene: link, sea with wind and seed, time, gain."""
     parts = []
     if link is not None:
         ends = link.transmitters[0], link.receivers[0]
         parts.append(" to ".join(_place(item) for item in ends))
     speed = wind_of(surface)[0]
-    kind = None if isinstance(surface, TriangleMesh) else surface.to_config().get("kind", "user's")
-    words = ["mesh" if kind is None else f"{ACRONYMS.get(kind, kind)} sea"]
+    kind = getattr(surface, "kind", "mesh")
+    words = ["mesh" if kind == "mesh" else f"{ACRONYMS.get(kind, kind)} sea"]
     if speed is not None:
         words.append(f"wind {speed:g} m/s")
     if (seed := getattr(surface, "seed", None)) is not None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import matplotlib as mpl
 import numpy as np
@@ -16,8 +15,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.daylight.light import Daylight
-from meshtrace.engine.paths import PhotonPaths
 from meshtrace.engine.setup.options import Meshing
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, require_finite, require_whole, require_writable
@@ -32,11 +29,10 @@ from meshtrace.results.series import GainSeries
 from meshtrace.studies.caustics import light_pattern
 from meshtrace.studies.series import time_series
 
-from .checks import checked
-from .export import export_scene, save_html
+from .export import export_scene, require_suffix, save_html
 from .marks import seen_from_above
 from .plots import plot_gain_series
-from .scenes import RECEIVED_SHOWN, SceneStyle, scene
+from .scenes import RECEIVED_SHOWN, SceneStyle, Shown, scene
 from .style import PALETTE, RC, SKY, axis_label, water_map
 
 SIZE = (1280, 640)
@@ -52,7 +48,6 @@ _LIGHT_QUALITY = 4.0  # of the encoder: fine caustics that move leave little to 
 _CELLS = 150  # over the half-width of the map
 
 
-@checked
 def save_movie(
     link: Link,
     surface: MeshSource,
@@ -62,14 +57,9 @@ def save_movie(
     gain: GainSeries | None = None,
     frame_rate: float | None = None,
     photons: int = 1024,
-    paths: PhotonPaths | int | None = None,
-    received: PhotonPaths | int | None = None,
-    coverage: CoverageMap | int | None = None,
-    seed: int = 1,
-    daylight: Daylight | None = None,
     quality: float = 8.0,
-    style: SceneStyle = SceneStyle(),  # noqa: B008
     progress: Callable[[int], None] | None = None,
+    **shown: Unpack[Shown],
 ) -> Path:
     """Write a movie of a moving sea, with the gain so far drawn beside it.
 
@@ -88,14 +78,15 @@ def save_movie(
         Gain at these times; computed if not given.
     frame_rate : float, optional
         Frames per second of the movie; by default those at which the sea moves at natural speed.
-    photons, seed : int
-        Chains and seed of a gain that is computed here, and seed of the paths.
-    daylight, paths, received, coverage, style
-        As in `scene`; a `color_limit` common to all frames by default.
+    photons : int
+        Chains of a gain that is computed here.
     quality : float
         Quality of the pictures of an .mp4, 0 ... 10; a file grows by a tenth or a third per step.
     progress : callable, optional
         Called with 1 after each frame.
+    **shown
+        `paths`, `received`, `coverage`, `seed` (also of the gain), `daylight` and `style` as in
+        `scene`; a `color_limit` common to all frames by default.
 
     Returns
     -------
@@ -115,21 +106,20 @@ def save_movie(
         frame_rate = natural_rate(times)
     options = writer_options(path, frame_rate, quality)
     surface = resolve_band(link, surface, fading=True)
+    seed = shown.get("seed", 1)
     gain = gain or time_series(link, surface, times, photons=photons, seed=seed)
     if not np.array_equal(gain.coordinate, times):
         raise Refused("gain", Described("at other times"), "a series at the times of the frames")
     heights = surface.mesh(float(times[0]), extent=20.0, spacing=1.0).vertices[:, 2]
+    style, frame = shown.get("style", SceneStyle()), _GainFrame(gain)
     limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
-    frame = _GainFrame(gain)
-    style = replace(style, color_limit=limit, off_screen=True, window_size=frame.scene_size)
-    light: Any = {"paths": paths, "received": received, "coverage": coverage}
-    light |= {"seed": seed, "daylight": daylight, "style": style}
+    shown["style"] = style.replace(color_limit=limit, off_screen=True, window_size=frame.scene_size)
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         plotter = None
         try:
             for time in map(float, times):
-                plotter = scene(link, surface, time=time, **light, plotter=plotter)
+                plotter = scene(link, surface, time=time, plotter=plotter, **shown)
                 yield frame.draw(np.asarray(plotter.screenshot(return_img=True)), time)
         finally:
             if plotter is not None:
@@ -138,7 +128,6 @@ def save_movie(
     return _write_movie(path, frames(), len(times), options, progress)
 
 
-@checked
 def save_light(
     link: Link,
     surface: Any,
@@ -218,17 +207,15 @@ def natural_rate(times: NDArray[np.float64]) -> float:
 def writer_options(
     path: Path, frame_rate: float, quality: float = 8.0, stills: tuple[str, ...] = ()
 ) -> dict[str, Any]:
-    """Return the options of imageio for a movie, none for a still picture; refuse other files."""
-    if path.suffix in stills:
+    """Return the options of imageio for a movie (a still has none); refuse other files."""
+    if require_suffix(path, (*stills, ".mp4", ".gif")).suffix in stills:
         return {}
     if not frame_rate > 0.0:
         raise Refused("frame_rate", frame_rate, "> 0 frames per second")
     if path.suffix == ".gif":
         return {"duration": 1000.0 / frame_rate, "loop": 0}
-    if path.suffix == ".mp4":
-        crf = ["-crf", str(round(51 - 5.1 * quality)), "-preset", "slow"]
-        return {"fps": frame_rate, "quality": None, "output_params": crf}
-    raise Refused("path", str(path), f"a file name in {', '.join((*stills, '.mp4'))} or .gif")
+    crf = ["-crf", str(round(51 - 5.1 * quality)), "-preset", "slow"]
+    return {"fps": frame_rate, "quality": None, "output_params": crf}
 
 
 def _write_movie(
@@ -250,7 +237,7 @@ def _write_movie(
 
 
 def _figure(size: tuple[int, int], dpi: int) -> Figure:
-    """Return a figure of a size [pixel] with a canvas of its own."""
+    """Return a figure of a size [pixel] on an Agg canvas."""
     figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, facecolor=SKY)
     FigureCanvasAgg(figure)
     return figure
@@ -361,18 +348,11 @@ FRAME_RATE = 30.0
 """Frames per second of a movie without a given gain."""
 
 
-@checked
 def view(
     link: Link | None,
     surface: MeshSource | TriangleMesh,
     *,
     time: float = 0.0,
-    paths: PhotonPaths | int | None = None,
-    received: PhotonPaths | int | None = None,
-    coverage: CoverageMap | int | None = None,
-    seed: int = 1,
-    daylight: Daylight | None = None,
-    style: SceneStyle = SceneStyle(),  # noqa: B008
     screenshot: str | Path | None = None,
     html: str | Path | None = None,
     movie: str | Path | None = None,
@@ -383,6 +363,7 @@ def view(
     frame_rate: float | None = None,
     title: str = "meshtrace",
     progress: Callable[[int], None] | None = None,
+    **shown: Unpack[Shown],
 ) -> list[Path]:
     """Show a link over a sea in a window, or write pictures and data to files.
 
@@ -394,10 +375,6 @@ def view(
         The sea, or a mesh.
     time : float
         Time of the sea [s], at which the movie begins.
-    paths : PhotonPaths or int, optional
-        Photon paths, or the number to trace: 100 in pictures and none in movies by default.
-    received, coverage, seed, daylight, style
-        As in `scene`.
     screenshot, html, movie : path, optional
         Files to write: .png, .html, .mp4 or .gif. Without any file or folder a window opens.
     light : path, optional
@@ -414,6 +391,9 @@ def view(
         Heading of the web page.
     progress : callable, optional
         Called with 1 after each frame of the movie.
+    **shown
+        `paths`, `received`, `coverage`, `seed`, `daylight` and `style` as in `scene`; by default
+        100 paths in pictures and none in movies.
 
     Returns
     -------
@@ -434,12 +414,13 @@ def view(
     if movie and (link is None or isinstance(surface, TriangleMesh)):
         raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
     files: list[Path] = []
+    style, paths = shown.get("style", SceneStyle()), shown.get("paths")
     if window or screenshot or html or export:
         traced = (100 if paths is None else paths or None) if link is not None else None
-        drawn: Any = {"paths": traced, "received": received, "coverage": coverage, "seed": seed}
-        drawn |= {"daylight": daylight, "gain": _gain_of(link, surface, time, seed)}
-        shown = replace(style, off_screen=not window)
-        plotter = scene(link, surface, time=time, **drawn, style=shown)
+        found = _gain_of(link, surface, time, shown.get("seed", 1))
+        off = style.replace(off_screen=not window)
+        still: Shown = {**shown, "paths": traced, "style": off}
+        plotter = scene(link, surface, time=time, gain=found, **still)
         if screenshot:
             with atomic(screenshot) as temporary:
                 plotter.screenshot(temporary)
@@ -451,18 +432,17 @@ def view(
         if window:
             plotter.show(title=title)
         plotter.close()
+    film: Any = {"progress": progress}
+    if movie or light:
+        times, film["frame_rate"] = _frames(gain, time, frames, frame_rate)
     if movie and isinstance(link, Link) and isinstance(surface, MeshSource):
-        times, rate = _frames(gain, time, frames, frame_rate)
-        frames_of: Any = {"gain": gain, "frame_rate": rate, "progress": progress}
-        drawn = {"paths": paths or None, "received": received or RECEIVED_SHOWN}
-        drawn |= {"coverage": coverage, "seed": seed, "daylight": daylight}
-        files.append(save_movie(link, surface, times, movie, **frames_of, **drawn, style=style))
+        received = shown.get("received") or RECEIVED_SHOWN
+        moving: Shown = {**shown, "paths": paths or None, "received": received}
+        files.append(save_movie(link, surface, times, movie, gain=gain, **film, **moving))
     if light:
         if link is None or not isinstance(surface, SurfaceModel):
             raise Refused("light", Described("of a mesh"), "a link over a sea")
-        times, rate = _frames(gain, time, frames, frame_rate)
-        sizes: Any = {"extent": style.extent, "frame_rate": rate, "progress": progress}
-        files.append(save_light(link, surface, light, times, **sizes))
+        files.append(save_light(link, surface, light, times, extent=style.extent, **film))
     return files
 
 
@@ -498,11 +478,9 @@ def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
     for kind, name in outputs.items():
         if name is None:
             continue
-        path, suffixes = Path(name), SUFFIXES.get(kind)
-        if suffixes and path.suffix not in suffixes:
-            raise Refused(kind, str(name), f"a file name in {' or '.join(suffixes)}")
-        if suffixes:
-            require_writable(path, field=kind)
+        path = Path(name)
+        if kind in SUFFIXES:
+            require_writable(require_suffix(path, SUFFIXES[kind], kind), field=kind)
             continue
         folder = path if path.exists() else path.parent
         if not (folder.is_dir() and os.access(folder, os.W_OK)):

@@ -19,7 +19,6 @@ from meshtrace.link.sources import Source
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 
-from .checks import checked
 from .style import FONT_FILE, INK, PALETTE, SKY, SLIDE
 
 VIEW_ANGLE_DEG = 24.0
@@ -129,7 +128,12 @@ class Scene(pv.Plotter):
         self.shade: Callable[[], None] | None = None
         self.set_background(SKY)  # type: ignore[arg-type]
         self.enable_anti_aliasing("ssaa")
-        add_lights(self)
+        # a low sun behind the waves for glint, and light from above and from the front
+        low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
+        above = pv.Light(position=(-0.5, -0.4, 1.0), light_type="scene light", intensity=0.45)
+        for light in (low_sun, above, pv.Light(light_type="headlight", intensity=0.35)):
+            light.positional = False
+            self.add_light(light)
         look(self)
 
     def wipe(self) -> None:
@@ -179,17 +183,6 @@ class Scene(pv.Plotter):
         return bar
 
 
-def add_lights(scene: Scene) -> Scene:
-    """Add a low sun behind the waves for glint, and light from the front."""
-    low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
-    from_above = pv.Light(position=(-0.5, -0.4, 1.0), light_type="scene light", intensity=0.45)
-    for light in (low_sun, from_above, pv.Light(light_type="headlight", intensity=0.35)):
-        light.positional = False
-        scene.add_light(light)
-    return scene
-
-
-@checked
 def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 15.0) -> Scene:
     """Point the camera at the stage from an azimuth and elevation; the stage fills the window.
 
@@ -222,7 +215,6 @@ def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 15.0) 
     return scene
 
 
-@checked
 def add_scale(scene: Scene) -> Scene:
     """Draw a ruler of z beside the stage and a bar of round length in front of it.
 
@@ -266,7 +258,6 @@ def _left_of_the_stage(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return middle + across * right, right
 
 
-@checked
 def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0.0) -> Scene:
     """Draw a down-wind arrow in front of the near edge of the sea, with the wind speed [m s-1]."""
     s = scene.stage
@@ -282,7 +273,6 @@ def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0
     return scene
 
 
-@checked
 def add_caption(scene: Scene, text: str) -> Scene:
     """Write a caption along the lower edge, above the key."""
     scene.caption = text
@@ -290,7 +280,6 @@ def add_caption(scene: Scene, text: str) -> Scene:
     return scene
 
 
-@checked
 def add_key(scene: Scene) -> Scene:
     """Draw the legend of the colours along the lower edge."""
     left, bottom = 0.02, 0.02
@@ -305,7 +294,6 @@ def add_key(scene: Scene) -> Scene:
     return scene
 
 
-@checked
 def add_labels(
     scene: Scene, points: list[np.ndarray], texts: list[str], align: Side = "center"
 ) -> Scene:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -13,11 +13,6 @@ from matplotlib.font_manager import findfont
 
 from meshtrace.errors import one_line, require_word
 from meshtrace.fields import FIELDS
-
-from .checks import checked
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 PALETTE = {
     "blue": "#0072B2",
@@ -83,7 +78,6 @@ def use_style() -> None:
     mpl.rcParams.update(RC)
 
 
-@checked
 def axis_label(name: str) -> str:
     r"""Return the label of an axis: long name, symbol and units of a registered variable.
 
@@ -105,7 +99,9 @@ def axis_label(name: str) -> str:
     require_word(name, FIELDS, "name")
     field = FIELDS[name]
     label = f"{field.long_name} ${field.symbol}$"
-    return label if field.units == "1" else f"{label} [{_typeset(field.units)}]"
+    raised = re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", field.units)
+    units = "°" if field.units == "degree" else raised
+    return label if units == "1" else f"{label} [{units}]"
 
 
 def label_of(name: str) -> str:
@@ -143,13 +139,6 @@ def plain_label(name: str) -> str:
     return field.long_name if field.units == "1" else f"{field.long_name} [{field.units}]"
 
 
-def _typeset(units: str) -> str:
-    """Return UDUNITS with raised exponents, degrees as sign."""
-    if units == "degree":
-        return "°"
-    return re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", units)
-
-
 def water_map() -> ListedColormap:
     """Return a colour map from deep blue to pale green with uniform lightness steps.
 
@@ -169,7 +158,8 @@ def water_map() -> ListedColormap:
     at = np.linspace(0.0, len(hue) - 1.0, 256)
     light, c, h = (np.interp(at, np.arange(len(hue)), row) for row in (lightness, chroma, hue))
     lab = np.stack([light, c * np.cos(np.radians(h)), c * np.sin(np.radians(h))], axis=1)
-    return ListedColormap(_srgb(lab), name="water")
+    linear = np.clip((lab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0.0, 1.0)
+    return ListedColormap(to_srgb(linear), name="water")
 
 
 _TO_LMS = np.array(
@@ -186,11 +176,6 @@ _TO_RGB = np.array(
         [-0.0041960863, -0.7034186147, 1.7076147010],
     ]
 )
-
-
-def _srgb(lab: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return OKLab colours (n, 3) as sRGB, cut to 0..1."""
-    return to_srgb(np.clip((lab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0.0, 1.0))
 
 
 def to_srgb(linear: Any) -> Any:

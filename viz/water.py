@@ -131,7 +131,7 @@ def short_waves(
     time: float = 0.0,
     seed: int = 1,
 ) -> Roughened:
-    """Return the slopes of waves shorter than those of a mesh, on an n by n lattice of a size [m].
+    """Return the slopes of the waves that a mesh leaves out, on an n by n lattice of a size [m].
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def radiance(
     light: SeaLight,
     rest: tuple[float, float],
 ) -> NDArray[np.float64]:
-    """Return the light from a sea to a viewer over that of a white, level surface.
+    """Return the radiance from a sea to a viewer, relative to a white, level surface.
 
     Parameters
     ----------
@@ -247,7 +247,8 @@ def radiance(
         pi L / E, red to blue: rho L_sky + glint + (1 - rho) L_water.
     """
     day, n_water = light.day, light.water.n
-    view, normal = _unit(np.asarray(eye, points.dtype) - points), _unit_normals(slopes)
+    normal = _unit(np.column_stack([-slopes, np.ones(len(slopes), slopes.dtype)]))
+    view = _unit(np.asarray(eye, points.dtype) - points)
     cosine = np.clip(np.einsum("ij,ij->i", view, normal), 0.02, 1.0)
     mirrored = 2.0 * cosine[:, None] * normal - view
     mirrored[:, 2] = np.abs(mirrored[:, 2])  # light from below the horizon was reflected twice
@@ -281,12 +282,6 @@ def radiance(
 
 def _unit(vectors: Floats) -> Floats:
     return np.asarray(vectors / np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None])
-
-
-def _unit_normals(slopes: Floats) -> Floats:
-    normal = np.empty((len(slopes), 3), slopes.dtype)
-    normal[:, :2], normal[:, 2] = -slopes, 1.0
-    return _unit(normal)
 
 
 def screen_colors(light: Floats, foam: Floats | None = None) -> NDArray[np.uint8]:

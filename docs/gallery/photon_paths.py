@@ -6,8 +6,6 @@ Paths of photons by the fate of the light. Received ones are drawn in proportion
 carry; dots mark scattering, white ones the crossing of the surface.
 """
 
-from dataclasses import replace
-
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
@@ -34,7 +32,7 @@ plotter = viz.scene(
     sea,
     paths=150,
     received=20,
-    style=replace(style, edges=True, extent=2.0, spacing=0.1, opacity=0.5),
+    style=style.replace(edges=True, extent=2.0, spacing=0.1, opacity=0.5),
 )
 viz.save_picture(plotter, "photon_paths_surface.png")
 plotter.close()

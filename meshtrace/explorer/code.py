@@ -41,7 +41,7 @@ def as_toml(scenario: Scenario) -> str:
 
 
 def _difference(table: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of nested tables that differ from those of others; kinds are kept."""
+    """Return the entries of nested tables that differ from the defaults; kinds are kept."""
     found: dict[str, Any] = {}
     for key, value in table.items():
         other = default.get(key)

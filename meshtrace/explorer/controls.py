@@ -255,7 +255,7 @@ class State:
 
     @cached_property
     def detector(self) -> OokLink:
-        """Transmission that belongs to the link: that of the scenario, or the physical preset."""
+        """Transmission over the link, of the scenario or of the physical preset."""
         return OokLink.of_link(self.scenario.link, self.scenario.detector or "physical")
 
     @cached_property

@@ -85,7 +85,12 @@ def build(server: Any, window: Any, actions: Any, link: Link) -> Any:
         view = _scene(window)
         _views(link)
         _readings(actions)
-        _dialog()
+        with v3.VDialog(v_model=("text_shown",), max_width=760), v3.VCard(classes="pa-4"):
+            html.H2("{{ text_title }}", style="font-size:16px;font-weight:500;margin-bottom:8px")
+            html.Pre("{{ text }}", classes="mt-text", id="text")
+            with html.Div(style="display:flex;gap:10px;justify-content:flex-end;margin-top:10px"):
+                _part("copy", text=("text",))
+                v3.VBtn("Close", click="text_shown = false", variant="text", id="close")
     return view
 
 
@@ -149,7 +154,8 @@ def _scene(window: Any) -> SceneView:
             html.B("t = {{ time.toFixed(2) }} s", id="time")
         with html.Div(classes="mt-bar-scale", v_if="elevation.length"):
             html.Span("<span>elevation [m]</span>")
-            html.Div(style=f"background: linear-gradient(to right, {_gradient()})")
+            shades = ", ".join(to_hex(water_map()(share)) for share in np.linspace(0.0, 1.0, 9))
+            html.Div(style=f"background: linear-gradient(to right, {shades})")
             html.Span("<span>{{ elevation[0] }}</span><span>{{ elevation[1] }}</span>")
         with html.Div(classes="mt-key"):
             for text, color in _KEY.items():
@@ -224,19 +230,6 @@ def _rows(source: str, labels: dict[str, str]) -> None:
         for key, label in labels.items():
             html.Dt(label)
             html.Dd(f"{{{{ {source}.{key} }}}}", id=f"{source}-{key}")
-
-
-def _dialog() -> None:
-    with v3.VDialog(v_model=("text_shown",), max_width=760), v3.VCard(classes="pa-4"):
-        html.H2("{{ text_title }}", style="font-size:16px;font-weight:500;margin-bottom:8px")
-        html.Pre("{{ text }}", classes="mt-text", id="text")
-        with html.Div(style="display:flex;gap:10px;justify-content:flex-end;margin-top:10px"):
-            _part("copy", text=("text",))
-            v3.VBtn("Close", click="text_shown = false", variant="text", id="close")
-
-
-def _gradient() -> str:
-    return ", ".join(to_hex(water_map()(share)) for share in np.linspace(0.0, 1.0, 9))
 
 
 def views(state: State, scene: LiveScene) -> dict[str, Any]:

@@ -81,7 +81,7 @@ class Page:
         task = asyncio.create_task(self.server.start(**options, **quiet, disable_logging=True))
         task.add_done_callback(self._end)
         await self.server.ready
-        self.session.start()
+        self.session.answer_now()
         return task
 
     @property
@@ -129,18 +129,14 @@ class Page:
                 return await handler(request)
             finally:
                 self._browsers -= 1
-                self._pause_unseen()
+                if not self._browsers and self._loop is not None:  # nobody sees the sea
+                    with self.server.state as page:
+                        page.playing = False
 
         web_server.app.router.add_get("/index.html", index)
         web_server.app.router.add_post("/paraview/", session)
         guard(web_server.app, host, self._token, {"/", "/index.html", "/paraview/", "/ws"})
         web_server.app.middlewares.append(count)
-
-    def _pause_unseen(self) -> None:
-        """Stop the sea when the last browser of the session has left."""
-        if not self._browsers and self._loop is not None:
-            with self.server.state as page:
-                page.playing = False
 
     def _tell(self, error: BaseException) -> None:
         """Show an error as a line in the page; an internal one on the console, too."""
@@ -180,7 +176,7 @@ class Page:
         self._refresh_views()
 
     def _moved(self, **_: Any) -> None:
-        """Send the controls that differ from the state; those of refused values return to it."""
+        """Move the state to the changed controls, and reset the controls of refused values."""
         page, now = self.server.state, self.session.state.settings
         shown = {key: _number(page[key]) if key in BY_NAME else page[key] for key in now}
         moves = {key: value for key, value in shown.items() if value != now[key]}
@@ -301,13 +297,12 @@ class Page:
     async def _run(self) -> None:
         """Let the sea run in natural time until paused, in a loop over the series."""
         loop, session = asyncio.get_running_loop(), self.session
-        duration = stages.FADING_FRAMES / stages.FADING_RATE
         start = loop.time() - session.state.time
         try:
             while self.server.state.playing:
                 begun = loop.time()
-                state = session.show_time((begun - start) % duration)
-                paths = await loop.run_in_executor(None, functools.partial(_paths_at, state))
+                state = session.show_time((begun - start) % stages.DURATION)
+                paths = await loop.run_in_executor(None, _paths_at, state)
                 if session.state != state:  # moved meanwhile
                     await asyncio.sleep(0)
                     continue
@@ -327,10 +322,7 @@ class Page:
 
 
 def _paths_at(state: State) -> PhotonPaths | None:
-    try:
-        return next(stages.rays(state, lambda *_: None))
-    except Refused:
-        return None
+    return stages.unless_refused(lambda: next(stages.rays(state, lambda *_: None)))
 
 
 def _number(value: Any) -> Any:

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from meshtrace.comms.budget import link_budget
 from meshtrace.explorer.session import Session
-from meshtrace.explorer.stages import LIMIT, Fading, Failed, Gain
+from meshtrace.explorer.stages import DURATION, LIMIT, Fading, Failed, Signal
+from meshtrace.viz import scenes
 
 BER_FLOOR = 1e-15
 """Bit error rate below which a number says nothing about a device."""
@@ -43,15 +45,18 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
     empty |= {"notes": [], "value": None}
     if isinstance(found, Failed):
         return {**empty, **_NO_BITS, "notes": [found.reason]}
-    if not isinstance(found, Gain):
+    if not isinstance(found, Signal):
         return {**empty, **_NO_BITS}
-    share = found.unscattered / found.gain if found.gain > 0 and found.unscattered else 0.0
+    result, gain, sample, share = found.gain, float(found.gain.gains[0]), "photons", "–"
+    if result.gain_ballistic is not None:
+        unscattered = float(np.ravel(result.gain_ballistic)[0])
+        sample, share = "chains", f"{100.0 * unscattered / gain if gain > 0.0 else 0.0:.1f} %"
     texts_of = {
-        "value": found.gain,
-        "gain": with_error(found.gain, found.stderr),
-        "db": decibels(found.gain),
-        "unscattered": f"{100.0 * share:.1f} %" if found.unscattered is not None else "–",
-        "chains": f"{found.photons} {'photons' if found.unscattered is None else 'chains'}",
+        "value": gain,
+        "gain": with_error(gain, float(result.stderrs[0])),
+        "db": decibels(gain),
+        "unscattered": share,
+        "chains": f"{result.photons} {sample}",
         "notes": list(found.notes),
     }
     series = session.answer("fading")
@@ -61,25 +66,28 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
     return {**texts_of, **_bits(found)}
 
 
-def _bits(gain: Gain) -> dict[str, str]:
-    bits = gain.bits
-    if bits is None:
+def _bits(signal: Signal) -> dict[str, str]:
+    detector = signal.detector
+    if detector is None:
         return dict(_NO_BITS)
-    error = bits.power_stderr / bits.power if bits.power > 0.0 else 0.0
+    received, error = (float(detector.received_power(float(g))) for g in
+                       (signal.gain.gain, signal.gain.gain_stderr))  # fmt: skip
+    required = detector.required_power(LIMIT)
+    margin = float(link_budget(detector, signal.gain.gain, LIMIT).margin_optical_db)
     return {
-        "power": f"{power(bits.power)} ± {100.0 * error:.1g} %",
-        "required": power(bits.required) if np.isfinite(bits.required) else "none suffices",
-        "margin": _minus(f"{bits.margin_db:+.1f} dB") if np.isfinite(bits.margin_db) else "–",
-        "ber": bit_error_rate(bits.ber),
-        "light": bits.light or "dark",
-        "background": "–" if bits.background is None else rate(bits.background),
+        "power": f"{power(received)} ± {100.0 * error / received if received > 0.0 else 0.0:.1g} %",
+        "required": power(required) if np.isfinite(required) else "none suffices",
+        "margin": _minus(f"{margin:+.1f} dB") if np.isfinite(margin) else "–",
+        "ber": bit_error_rate(signal.ber),
+        "light": signal.light or "dark",
+        "background": f"{detector.background_rate:.2g} counts/s" if signal.light else "–",
     }
 
 
 def fading_reading(session: Session) -> dict[str, Any]:
     """Return the series relative to its mean, the scintillation index and the lowest gain."""
     found = session.answer("fading")
-    empty: dict[str, Any] = {"time": [], "gain": [], "duration": 12.0, "note": ""}
+    empty: dict[str, Any] = {"time": [], "gain": [], "duration": DURATION, "note": ""}
     empty |= dict.fromkeys(("index", "all_waves", "low"), "–")
     if isinstance(found, Failed):
         return {**empty, "note": found.reason}
@@ -93,7 +101,7 @@ def fading_reading(session: Session) -> dict[str, Any]:
     return {
         "time": found.time.tolist(),
         "gain": [round(float(g), 5) for g in relative],
-        "duration": found.duration,
+        "duration": DURATION,
         "index": index,
         "all_waves": "–" if found.index_of_all is None else f"{found.index_of_all:.2g}",
         "low": decibels(float(relative.min())),
@@ -108,19 +116,10 @@ def map_note(session: Session) -> str:
 
 
 def caption(session: Session) -> str:
-    """Return link, wind, seed and gain as the caption of a picture."""
-    scenario, values = session.state.scenario, session.state.values
-    gain = session.answer("gain")
-    parts = [f"wind {scenario.wind_speed:g} m/s"]
-    for name, unit in (("depth", "m deep"), ("height", "m high")):
-        if values[name] is not None:
-            parts.append(f"{name} {values[name]:g} {unit.split()[0]}")
-    seed = getattr(scenario.surface, "seed", None)
-    parts += [f"seed of the sea {seed}"] if seed is not None else []
-    parts += [f"time {session.state.time:.2f} s"]
-    if isinstance(gain, Gain) and session.fresh("gain"):
-        parts.append(f"gain {with_error(gain.gain, gain.stderr)}")
-    return "meshtrace: " + ", ".join(parts)
+    """Return link, sea and gain as the caption of a picture."""
+    scenario, time, signal = session.state.scenario, session.state.time, session.answer("gain")
+    gain = signal.gain if isinstance(signal, Signal) and session.fresh("gain") else None
+    return f"meshtrace: {scenes.caption(scenario.link, scenario.surface, time, gain)}"
 
 
 def with_error(value: float, error: float) -> str:
@@ -171,17 +170,6 @@ def power(watt: float) -> str:
         return "0 W"
     thousand = max(min(3 * math.floor(math.log10(watt) / 3.0), 0), -15)
     return f"{watt / 10.0**thousand:.4g} {_PREFIXES[thousand]}W"
-
-
-def rate(per_second: float) -> str:
-    """Return a rate of counts.
-
-    Examples
-    --------
-    >>> rate(1.234e7)
-    '1.2e+07 counts/s'
-    """
-    return f"{per_second:.2g} counts/s"
 
 
 def bit_error_rate(ber: float) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -106,7 +105,7 @@ class LiveScene:
 
     @property
     def shows_daylight(self) -> bool:
-        """Whether the colours of the sea are those of reflected daylight."""
+        """Whether the sea is coloured by the daylight that it reflects."""
         return self._light is not None
 
     def _sea(self, mesh: TriangleMesh) -> pv.PolyData:
@@ -236,14 +235,10 @@ class LiveScene:
     def _set(self, name: str, part: pv.PolyData | None) -> None:
         """Replace the points and cells of a part; None leaves nothing to see."""
         # not by visibility: the page draws parts white that were invisible at first
-        self._parts[name].shallow_copy(_nothing() if part is None or not part.n_points else part)
-
-
-def _nothing() -> pv.PolyData:
-    """Return a triangle without area, with the arrays that colour the parts."""
-    part = pv.PolyData(np.zeros((3, 3), np.float32), faces=[3, 0, 1, 2])
-    part.point_data["tint"] = np.zeros((3, 4), np.uint8)
-    return part
+        if part is None or not part.n_points:  # a triangle without area
+            part = pv.PolyData(np.zeros((3, 3), np.float32), faces=[3, 0, 1, 2])
+            part.point_data["tint"] = np.zeros((3, 4), np.uint8)
+        self._parts[name].shallow_copy(part)
 
 
 def _light(state: State, surface: Any) -> SeaLight | None:
@@ -292,31 +287,17 @@ def _link_parts(state: State, stage: Stage) -> dict[str, pv.PolyData | None]:
     }
     for source in link.transmitters:
         if isinstance(source, WaterSource | AirLamp):
-            found["lamp"].append(_sphere(source.center, 0.014 * size))
+            found["lamp"].append(pv.Sphere(radius=0.014 * size, center=source.center))
             found["beam"] += _cone(source.center, source.axis, source.spread_deg, stage)
     for receiver in link.receivers:
         x, y, z = receiver.axis
         found["view"] += _cone(receiver.center, (-x, -y, -z), receiver.fov_deg / 2.0, stage)
         found["receiver"].append(parts.receiver_disk(receiver, stage)[0].triangulate())
     found["uav"] = [parts.quadcopter(0.055 * size, *place) for place in parts.carried(link)]
-    return {name: _merged(pieces) for name, pieces in found.items()}
-
-
-def _merged(pieces: list[pv.PolyData]) -> pv.PolyData | None:
-    if len(pieces) > 1:
-        return pv.merge(pieces)
-    return pieces[0] if pieces else None
-
-
-@cache
-def _unit_sphere() -> pv.PolyData:
-    return pv.Sphere(radius=1.0)
-
-
-def _sphere(center: tuple[float, float, float], radius: float) -> pv.PolyData:
-    sphere = _unit_sphere().copy()
-    sphere.points = radius * sphere.points + np.array(center, np.float32)
-    return sphere
+    return {
+        name: pv.merge(pieces) if len(pieces) > 1 else next(iter(pieces), None)
+        for name, pieces in found.items()
+    }
 
 
 def _cone(

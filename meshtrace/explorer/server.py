@@ -24,7 +24,7 @@ MOST_SESSIONS = 16
 
 
 class Explorer:
-    """Web server that opens a page of its own for every visit with its token.
+    """Web server that opens a separate page for every visit with its token.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ class Worker:
         self.supersede()
 
     def join(self) -> None:
-        """Wait until the thread has ended, after `close`."""
+        """Wait until the thread has ended, after `close`: the interpreter must not end before."""
         self._thread.join()
 
     def wait(self, timeout: float | None = None) -> bool:
@@ -138,8 +138,8 @@ class Answer(NamedTuple):
     complete: bool
 
 
-class Stage(NamedTuple):
-    """A stage: its answers for a state, and the parts of the state that they depend on."""
+class Work(NamedTuple):
+    """Work of a stage: its answers for a state, and the parts of the state that they depend on."""
 
     run: Callable[[State, Check], Iterator[Any]]
     of_time: bool = True
@@ -147,16 +147,16 @@ class Stage(NamedTuple):
 
 
 STAGES = {
-    "gain": Stage(stages.gains, of_bits=True),
-    "rays": Stage(stages.rays),
-    "fading": Stage(stages.fading, of_time=False),
-    "map": Stage(stages.coverage),
+    "gain": Work(stages.gains, of_bits=True),
+    "rays": Work(stages.rays),
+    "fading": Work(stages.fading, of_time=False),
+    "map": Work(stages.coverage),
 }
 """Stages in the order of the work; the map is made on demand."""
 
 
-class Session:
-    """State of one user of the explorer, with a thread that answers its newest move.
+class Session(Worker):
+    """State of one user of the explorer, and the thread that answers its newest move.
 
     Parameters
     ----------
@@ -178,13 +178,9 @@ class Session:
         self._answers: dict[str, Answer] = {}
         self._on_answer = on_answer
         self._lock = threading.Lock()
-        self._worker = Worker(self._fail)
         self._map_wanted = False
         self.working = ""
-
-    def start(self) -> None:
-        """Start to answer the first state."""
-        self.answer_now()
+        super().__init__(self._fail)
 
     @property
     def state(self) -> State:
@@ -202,7 +198,7 @@ class Session:
         state = self._state.moved(values)
         if state != self._state:
             self._state, self._map_wanted = state, False
-            self._worker.supersede()
+            self.supersede()
             self.working = next(iter(STAGES))
             if answer:
                 self.answer_now()
@@ -214,9 +210,9 @@ class Session:
         return self._state
 
     def answer_now(self) -> None:
-        """Start to answer the present state, after `show_time` or a move without answer."""
+        """Start to answer the present state: the first, or one after a change without answer."""
         state, with_map = self._state, self._map_wanted
-        self._worker.submit(lambda ticket: self._work(ticket, state, with_map))
+        self.submit(lambda ticket: self._work(ticket, state, with_map))
 
     def make_map(self) -> None:
         """Make the map of the present state, after its other answers."""
@@ -232,18 +228,6 @@ class Session:
         """Return whether the latest answer of a stage belongs to the present state."""
         found = self._answers.get(name)
         return found is not None and found.key == _key(STAGES[name], self._state)
-
-    def wait(self, timeout: float | None = None) -> bool:
-        """Wait until the work is done, and return whether it is."""
-        return self._worker.wait(timeout)
-
-    def close(self) -> None:
-        """End the work after its present step."""
-        self._worker.close()
-
-    def join(self) -> None:
-        """Wait for the end of the work, after `close`: the interpreter must not end before."""
-        self._worker.join()
 
     def _work(self, ticket: Ticket, state: State, with_map: bool) -> None:
         for name, stage in STAGES.items():
@@ -284,7 +268,7 @@ class Session:
         self._on_answer(name)
 
 
-def _key(stage: Stage, state: State) -> Any:
+def _key(stage: Work, state: State) -> Any:
     """Return the part of a state that the answers of a stage depend on."""
     moves = tuple(m for m in state.moves if stage.of_bits or m[0] not in BITS_ALONE)
     return moves, state.time if stage.of_time else None

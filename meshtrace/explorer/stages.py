@@ -6,17 +6,17 @@ steps, which raises where a newer move has made the answer useless.
 
 from __future__ import annotations
 
+import math
 import threading
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from meshtrace.comms.background import warn_of_background, with_background
-from meshtrace.comms.budget import link_budget
 from meshtrace.comms.ook import OokLink
 from meshtrace.engine.backward.background import background
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
@@ -41,6 +41,7 @@ from meshtrace.results.tallies import error_of_groups
 from meshtrace.studies.campaign import Steps, campaign_of
 from meshtrace.studies.coverage import coverage_map
 
+Found = TypeVar("Found")
 Check = Callable[..., None]
 
 CHAINS = (1024, 8192)
@@ -57,6 +58,9 @@ RAY_CHAINS = 1024
 FADING_CHAINS = 1024
 FADING_RATE = 8.0  # [Hz]
 FADING_FRAMES = 96
+DURATION = FADING_FRAMES / FADING_RATE
+"""Time covered by a complete series [s]."""
+
 _MOST_ERROR = 0.2  # of a gain of the series, which is left out beyond
 _SHOWN_EVERY = 8  # frames, after which a part of the series is published
 
@@ -69,59 +73,29 @@ LIMIT = 1e-3
 _WARNINGS = threading.Lock()  # the list of caught warnings belongs to the process
 
 
-@dataclass(frozen=True)
-class Bits:
-    """Received power, margin and bit error rate.
+class Signal(NamedTuple):
+    """Gain of the first receiver, and the transmission over it.
 
     Attributes
     ----------
-    power, power_stderr : float
-        Optical power on the detector [W].
-    required : float
-        Power for a bit error rate of `LIMIT` [W]; infinite if none suffices.
-    margin_db : float
-        Optical margin [dB].
-    ber : float
-        Bit error rate.
-    background : float or None
-        Counts of background light [s-1]; None without light above the sea.
-    light : str
-        Name of that light.
-    """
-
-    power: float
-    power_stderr: float
-    required: float
-    margin_db: float
-    ber: float
-    background: float | None = None
-    light: str = ""
-
-
-@dataclass(frozen=True)
-class Gain:
-    """Gain of the first receiver.
-
-    Attributes
-    ----------
-    gain, stderr : float
-        Gain and its standard error.
-    unscattered : float or None
-        Part of the light that was not scattered.
-    photons : int
-        Chains or photons.
+    gain : GainResult
+        Result of the simulation.
     notes : tuple of str
         Warnings.
-    bits : Bits or None
-        None before they are known, and for links with several receivers.
+    light : str
+        Name of the light above the sea; "" without.
+    detector : OokLink or None
+        Transmission with the background light; None before that is known, and for links with
+        several receivers.
+    ber : float
+        Bit error rate of the detector.
     """
 
-    gain: float
-    stderr: float
-    unscattered: float | None
-    photons: int
+    gain: GainResult
     notes: tuple[str, ...] = ()
-    bits: Bits | None = None
+    light: str = ""
+    detector: OokLink | None = None
+    ber: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -132,8 +106,6 @@ class Fading:
     ----------
     time, gain : ndarray, shape (n,)
         Times [s] and gains.
-    duration : float
-        Time covered when complete [s].
     left_out : int
         Number of gains left out, with a relative standard error above 20 %.
     index : Estimate or None
@@ -144,7 +116,6 @@ class Fading:
 
     time: Floats
     gain: Floats
-    duration: float
     left_out: int = 0
     index: Estimate | None = None
     index_of_all: float | None = None
@@ -157,20 +128,20 @@ class Failed:
     reason: str
 
 
-def gains(state: State, check: Check) -> Iterator[Gain]:
+def gains(state: State, check: Check) -> Iterator[Signal]:
     """Yield the gain at the time of the state without and with bits, roughly, then refined."""
     analog = isinstance(state.channel.run.estimator, Analog)
     run: Any = {"time": state.time, "progress": check}
-    detector: OokLink | None = None
+    day, detector = state.scenario.daylight, None
     for photons in PHOTONS if analog else CHAINS:
         check()
-        result, notes = _noted(partial(simulate, state.channel, photons=photons, **run))
-        gain = _gain_of(result, notes)
-        yield gain
+        gain, notes = _noted(partial(simulate, state.channel, photons=photons, **run))
+        yield Signal(gain, notes)
         if len(state.scenario.link.receivers) == 1:
             if detector is None:
                 detector, more = _noted(partial(_detector, state))
-            yield replace(gain, bits=_bits_of(state, detector, gain), notes=notes + more)
+            ber = float(detector.ber(detector.received_power(float(gain.gain))))
+            yield Signal(gain, notes + more, day.light if day else "", detector, ber)
 
 
 def _noted(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
@@ -183,39 +154,20 @@ def _noted(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
 
 def _detector(state: State) -> OokLink:
     """Return the transmission of a state with the background light of its sea."""
-    scenario, detector = state.scenario, state.detector
-    if scenario.daylight is None:
-        return detector
-    found = background(scenario, time=state.time, photons=BACKGROUND_RAYS)
-    detector = with_background(detector, found)
+    if state.scenario.daylight is None:
+        return state.detector
+    found = background(state.scenario, time=state.time, photons=BACKGROUND_RAYS)
+    detector = with_background(state.detector, found)
     warn_of_background(detector, found)
     return detector
 
 
-def _gain_of(result: GainResult, notes: tuple[str, ...]) -> Gain:
-    unscattered = result.gain_ballistic
-    return Gain(
-        float(result.gains[0]),
-        float(result.stderrs[0]),
-        None if unscattered is None else float(np.ravel(unscattered)[0]),
-        result.photons,
-        notes,
-    )
-
-
-def _bits_of(state: State, detector: OokLink, gain: Gain) -> Bits:
-    """Return received power, margin and bit error rate of a gain."""
-    budget = link_budget(detector, gain.gain, LIMIT)
-    power = float(detector.received_power(gain.gain))
-    return Bits(
-        power,
-        float(detector.received_power(gain.stderr)),
-        1e-3 * 10.0 ** (0.1 * budget.required_dbm),
-        float(budget.margin_optical_db),
-        float(detector.ber(power)),
-        detector.background_rate if state.scenario.daylight else None,
-        state.scenario.daylight.light if state.scenario.daylight else "",
-    )
+def unless_refused(work: Callable[[], Found]) -> Found | None:
+    """Return the result of some work, None if it is refused."""
+    try:
+        return work()
+    except Refused:
+        return None
 
 
 def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
@@ -249,7 +201,6 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
     if not isinstance(sea, SurfaceModel):
         raise Refused("surface", Described(type(sea).__name__), "a sea that moves")
     times = np.arange(FADING_FRAMES) / FADING_RATE
-    duration = FADING_FRAMES / FADING_RATE
 
     def surface(i: int) -> tuple[MeshSource, float]:
         check()
@@ -261,32 +212,23 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
         mean, error = by_shift.mean(), error_of_groups(by_shift)
         gain[i] = np.nan if error > _MOST_ERROR * mean else mean
         if (i + 1) % _SHOWN_EVERY == 0 and i + 1 < FADING_FRAMES:
-            yield _series(times[: i + 1], gain[: i + 1], duration)
-    series = _series(times, gain, duration)
-    index_of_all = _index_of_all(campaign.link, sea)
-    yield replace(series, index=_index_of(series.gain), index_of_all=index_of_all)
+            yield _series(times[: i + 1], gain[: i + 1])
+    series = _series(times, gain)
+    g = series.gain
+    index = unless_refused(lambda: scintillation_index(g, block=block_length(g), resamples=399))
+    yield replace(series, index=index, index_of_all=index_of_all(campaign.link, sea))
 
 
-def _series(times: Floats, gain: Floats, duration: float) -> Fading:
+def _series(times: Floats, gain: Floats) -> Fading:
     """Return the gains that are certain enough."""
     kept = np.isfinite(gain)
-    return Fading(times[kept], gain[kept], duration, int((~kept).sum()))
+    return Fading(times[kept], gain[kept], int((~kept).sum()))
 
 
-def _index_of(gain: Floats) -> Estimate | None:
-    """Return the scintillation index of gains in time; None without light or fading."""
-    try:
-        return scintillation_index(gain, block=block_length(gain), resamples=399)
-    except Refused:
-        return None
-
-
-def _index_of_all(link: Link, sea: SurfaceModel) -> float | None:
+def index_of_all(link: Link, sea: SurfaceModel) -> float | None:
     """Return the closed form over all waves; None off the axis and without a spectrum."""
-    try:
-        return scintillation_of_spectrum(link, getattr(sea, "short_waves", sea), heights=True)
-    except Refused:
-        return None
+    short = getattr(sea, "short_waves", sea)
+    return unless_refused(lambda: scintillation_of_spectrum(link, short, heights=True))
 
 
 def coverage(state: State, check: Check) -> Iterator[CoverageMap]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -172,7 +171,7 @@ def uav_axes(setting: Setting) -> FigureOutput:
     tilts = [np.degrees(UAV.tilt_law(gusts(WIND, form)).mean()) for form in FORMS]
     receiver = mt.Receiver(tilt_deg=float(tilts[0]))
     made = mt.Link(receiver=receiver)
-    scene = viz.scene(made, FlatSea(), style=replace(STYLE, labels=False, color="plain"))
+    scene = viz.scene(made, FlatSea(), style=STYLE.replace(labels=False, color="plain"))
     _close_up(scene, receiver)
     picture = _shot(scene)
     attributes = {"units": "rad", "long_name": "mean tilt"}
@@ -245,12 +244,9 @@ def _numbers(sea: JonswapSea, axis: Any, seed: int, seas: int) -> list[Entry]:
     for i in range(seas):
         z = sea.with_seed(seed + i).grid(axis, axis)[0]
         spans.append((np.ptp(z), np.ptp(z[:, len(axis) // 2])))
-    square, line = (_mean(values) for values in zip(*spans, strict=True))
-    hs = components_hs(sea.components)
+    means, errors = np.mean(spans, axis=0), np.std(spans, axis=0, ddof=1) / np.sqrt(seas)
+    square, line = map(Number, means.tolist(), errors.tolist())
     words = {"wind": wind_name(sea.wind_speed), "u": sea.wind_speed}
+    hs = components_hs(sea.components)
     found: dict[str, Number | float] = {"square": square, "line": line, "hs": hs}
     return [row(key, (number, number), **words) for key, number in found.items()]
-
-
-def _mean(values: tuple[float, ...]) -> Number:
-    return Number(float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values))))

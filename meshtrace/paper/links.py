@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -25,13 +23,6 @@ WIND_COLORS = {
 }
 
 
-@contextmanager
-def style() -> Iterator[None]:
-    """Draw in the style of the gallery, independent of the user's settings."""
-    with mpl.rc_context(viz.style.RC):
-        yield
-
-
 def panels(
     rows: int = 1, columns: int = 1, *, width: float = 5.2, height: float = 3.9, **options: Any
 ) -> tuple[Figure, Any]:
@@ -47,16 +38,6 @@ def form_panels(**options: Any) -> tuple[Figure, dict[Form, Any]]:
     for ax, form in zip(axes[0], FORMS, strict=True):
         ax.set_title(FORM_NAMES[form])
     return picture, dict(zip(FORMS, axes[0], strict=True))
-
-
-def mark_printed(ax: Any, x: Sequence[float], y: Sequence[float]) -> None:
-    """Mark published numbers with stars."""
-    look: Any = {
-        "color": viz.style.PALETTE["orange"],
-        "markeredgecolor": viz.style.INK,
-        "markersize": 13,
-    }
-    ax.plot(x, y, "*", zorder=5, label="printed", **look)
 
 
 def wind_name(speed: float) -> str:
@@ -104,7 +85,7 @@ class Mean(NamedTuple):
 
     @property
     def fluctuation(self) -> Number:
-        """Standard deviation over the seas relative to the mean; the error is that of a normal."""
+        """Standard deviation over the seas relative to the mean, with the error of normal gains."""
         n = len(self.samples)
         value = float(self.samples.std(ddof=1) / self.samples.mean())
         return Number(value, value / float(np.sqrt(2.0 * (n - 1))))
@@ -141,7 +122,7 @@ def scenario(wind: float, form: Form, **tables: Any) -> mt.Scenario:
 
 
 def forced(wind: float, form: Form, **tables: Any) -> mt.Scenario:
-    """Return the link for forced detection: that of the published forms is without bubbles.
+    """Return the link for forced detection, without bubbles in the published forms.
 
     Their free paths through bubbles (E6) need the analog estimator: see `bubble_factor`.
     """
@@ -266,13 +247,12 @@ def _bubble_factors(wind: float, setting: Setting, analog: int, **tables: Any) -
     receivers = tables.pop("receiver", {})
     receivers = receivers if isinstance(receivers, list) else [receivers]
     places = [{key: one[key] for key in one if key != "radius"} for one in receivers]
-    known: list[Number] = []
-    for i, place in enumerate(places):
-        if place in places[:i]:
-            known.append(known[places.index(place)])
-        else:
-            known.append(bubble_factor(wind, "paper", setting, analog, receiver=place, **tables))
-    return known
+    first = [places.index(place) for place in places]
+    known = {
+        i: bubble_factor(wind, "paper", setting, analog, receiver=places[i], **tables)
+        for i in sorted(set(first))
+    }
+    return [known[i] for i in first]
 
 
 def ratio(a: Number, b: Number) -> Number:

@@ -62,9 +62,10 @@ def ff_cdf(setting: Setting) -> FigureOutput:
     right.set(xlabel=r"scattering angle $\theta$ [°]", ylabel="difference from the quadrature")
     right.legend()
     names = ("RMSE of the CDF", "MAE of the CDF", "Kolmogorov-Smirnov distance")
-    distances = map(_distances, differences)
+    sizes = [np.abs(difference) for difference in differences]
+    distances = [(np.sqrt(np.mean(e**2)), np.mean(e), e.max()) for e in sizes]
     numbers = [
-        row("distance", pair, name=name, key=key)
+        row("distance", map(float, pair), name=name, key=key)
         for name, key, *pair in zip(names, ("rmse", "mae", "ks"), *distances, strict=True)
     ]
     columns = zip(("cdf_quadrature", "cdf_exact", "cdf_printed"), curves.values(), strict=True)
@@ -73,12 +74,6 @@ def ff_cdf(setting: Setting) -> FigureOutput:
         {"theta": ("theta", theta, attrs("theta"))},
     )
     return FigureOutput(picture, data, numbers)
-
-
-def _distances(difference: Floats) -> tuple[float, float, float]:
-    """Return RMSE, MAE and largest distance."""
-    size = np.abs(difference)
-    return float(np.sqrt(np.mean(size**2))), float(np.mean(size)), float(size.max())
 
 
 def snell(setting: Setting) -> FigureOutput:
@@ -129,31 +124,22 @@ def _refracted(angle: Floats, n: float) -> Floats:
 def _draw_rays(ax: Any, n: float) -> None:
     ax.axhspan(-1.0, 0.0, color=viz.style.PALETTE["sky"], alpha=0.25, lw=0)
     ax.axhline(0.0, color=viz.style.INK, lw=1.0)
+
+    def ray(x: float, y: float, color: str, width: float, dashes: str = "-") -> None:
+        ax.plot([0.0, x], [0.0, y], dashes, color=viz.style.PALETTE[color], lw=width)
+
     for degrees in (10.0, 20.0, 30.0, 40.0, 55.0):
         angle = np.radians(degrees)
-        x0 = -np.tan(angle)
-        ax.plot([x0, 0.0], [-1.0, 0.0], color=viz.style.PALETTE["blue"], lw=1.2)
+        ray(-np.tan(angle), -1.0, "blue", 1.2)
         theta = float(_refracted(np.array([angle]), n)[0])
         if np.isfinite(theta):
-            ax.plot(
-                [0.0, np.sin(theta)],
-                [0.0, np.cos(theta)],
-                color=viz.style.PALETTE["vermilion"],
-                lw=1.6,
-            )
+            ray(np.sin(theta), np.cos(theta), "vermilion", 1.6)
         else:
-            ax.plot([0.0, -x0], [0.0, -1.0], color=viz.style.PALETTE["blue"], lw=0.9, ls=":")
+            ray(np.tan(angle), -1.0, "blue", 0.9, ":")
         wrong = np.arcsin(np.sin(angle) / n)
-        ax.plot(
-            [0.0, np.sin(wrong)],
-            [0.0, np.cos(wrong)],
-            color=viz.style.PALETTE["green"],
-            lw=1.2,
-            ls="--",
-        )
-    ax.annotate(
-        "", (0.0, 1.0), (0.0, -1.0), arrowprops={"arrowstyle": "->", "color": viz.style.INK}
-    )
+        ray(np.sin(wrong), np.cos(wrong), "green", 1.2, "--")
+    arrow = {"arrowstyle": "->", "color": viz.style.INK}
+    ax.annotate("", (0.0, 1.0), (0.0, -1.0), arrowprops=arrow)
     ax.text(-0.03, 1.0, "normal", ha="right", va="top", color=viz.style.INK)
     ax.text(-1.45, 0.06, "air, $n_2 = 1$", color=viz.style.INK)
     ax.text(-1.45, -0.12, f"water, $n_1 = {n:g}$", color=viz.style.INK)

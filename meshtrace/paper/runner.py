@@ -171,8 +171,11 @@ def make_figures(
     folder.mkdir(parents=True, exist_ok=True)
     records = []
     for one in figures:
-        record = _kept(folder, one, key(one, setting, quick))
-        if record is None:
+        kept = read_record(folder / f"{one.name}.json")
+        whole = all((folder / (one.name + kind)).is_file() for kind in _KINDS)
+        if whole and kept is not None and kept.get("key") == key(one, setting, quick):
+            record = {**kept, "kept": True}
+        else:
             report(one.name, None)
             record = _made(folder, one, setting, quick)
             write_index(folder)
@@ -196,23 +199,16 @@ def key(one: Figure, setting: Setting, quick: bool) -> str:
     return digest(inputs)
 
 
-def _kept(folder: Path, one: Figure, wanted: str) -> dict[str, Any] | None:
-    """Return the record of a finished figure."""
-    record = read_record(folder / f"{one.name}.json")
-    whole = all((folder / (one.name + kind)).is_file() for kind in _KINDS)
-    if record is None or record.get("key") != wanted or not whole:
-        return None
-    return {**record, "kept": True}
-
-
 def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str, Any]:
     """Make a figure and write its files, the record last."""
-    from meshtrace.paper.links import style
+    from matplotlib import rc_context
+
+    from meshtrace import viz
 
     record_path = folder / f"{one.name}.json"
     record_path.unlink(missing_ok=True)  # written last, so its presence marks the figure complete
     wall, cpu = time.perf_counter(), time.process_time()
-    with style(), warnings.catch_warnings():
+    with rc_context(viz.style.RC), warnings.catch_warnings():  # not the user's settings
         # the figures are those of the paper's bands, and their captions state the missing waves
         warnings.filterwarnings("ignore", "waves: .* give a scintillation index")
         output = one.make(setting, **one.effort(quick))
@@ -235,7 +231,6 @@ def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str,
 
 
 def _write(stem: Path, output: FigureOutput, rows: list[Row]) -> None:
-    import pandas as pd
     from matplotlib.image import imsave
 
     with atomic(stem.with_suffix(".png")) as temporary:

@@ -5,30 +5,24 @@ Profiles come from netCDF files as the AODN portal and the Argo programme give t
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused, one_line, require_array, require_kind, require_real
-from meshtrace.optics.water import quan_fry
-from meshtrace.paper.registry import Floats, Setting
-from meshtrace.stored import read_dataset
-
-if TYPE_CHECKING:
-    import xarray as xr
-import itertools
-
-import xarray as xr
-
 from meshtrace import viz
+from meshtrace.errors import Described, Refused, one_line, require_array, require_kind, require_real
 from meshtrace.fields import attrs
+from meshtrace.optics.water import quan_fry
 from meshtrace.paper.links import panels
-from meshtrace.paper.registry import Entry, FigureOutput, row
+from meshtrace.paper.registry import Entry, FigureOutput, Floats, Setting, row
+from meshtrace.stored import read_dataset
 
 STEEPEST = math.radians(80.0)
 """Largest angle from the vertical that `ray_deflection` follows."""
@@ -421,8 +415,8 @@ def stations(setting: Setting) -> FigureOutput:
     ax.set_aspect(1.0 / np.cos(np.radians(lat.mean())))
     ax.margins(0.25)
     numbers = [
-        row("distance", (None, _distance(p, q)), i=i, j=j)
-        for (i, p), (j, q) in itertools.combinations(enumerate(STATIONS, start=1), 2)
+        row("distance", (None, _distance(STATIONS[i], STATIONS[j])), i=i + 1, j=j + 1)
+        for i, j in itertools.combinations(range(len(STATIONS)), 2)
     ]
     degrees = {"units": "degrees_east"}, {"units": "degrees_north"}
     places = {"longitude": ("station", lon, degrees[0]), "latitude": ("station", lat, degrees[1])}

@@ -169,7 +169,7 @@ def test_a_missing_extra_is_a_hint(monkeypatch, missing):
         ),
         (["--movie", "a.avi"], "--movie: 'a.avi', allowed: a file name in .mp4 or .gif"),
         (["--export", "text.txt"], "export: 'text.txt', allowed: a folder to write to"),
-        (["--color", "depth"], "color: 'depth', allowed: elevation, slope"),
+        (["--color", "depth"], "color: 'depth', allowed: water, elevation"),
         (["--path-color", "age"], "color: 'age', allowed: fate or weight"),
         (["--extent", "nan"], "--extent: nan, allowed: a finite number"),
         (["--frame-rate", "0"], "--frame-rate: 0.0, allowed: numbers > 0"),

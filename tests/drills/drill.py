@@ -55,7 +55,7 @@ def work(kind, first, last):
     import hostile
 
     from meshtrace import parallel
-    from meshtrace.surfaces import surface, wave_surface
+    from meshtrace.surfaces import surface
 
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -69,8 +69,8 @@ def work(kind, first, last):
             warm(base)
     answer(outcome="ready")
     # larger meshes and works are allowed, and take minutes
-    parallel.announce = wave_surface.announce = refuse_long
-    surface.MOST_VERTICES, wave_surface.MOST_FACTORS = 40_000, 2_000_000
+    parallel.announce = surface.announce = refuse_long
+    surface.MOST_VERTICES, surface.MOST_FACTORS = 40_000, 2_000_000
     with tempfile.TemporaryDirectory(prefix="drill-") as root:
         for i in range(first, last):
             folder = Path(root) / "input"

@@ -58,8 +58,8 @@ def test_every_visit_has_a_session_that_is_released_at_the_end():
 
     pages = served(visits)
     for page in pages:
-        page.session._worker._thread.join(60.0)
-        assert not page.session._worker._thread.is_alive()
+        page.session._thread.join(60.0)
+        assert not page.session._thread.is_alive()
     assert (set(AVAILABLE_SERVERS), set(HELPERS_PER_SERVER)) == before
 
 

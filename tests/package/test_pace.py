@@ -52,7 +52,7 @@ def test_a_mesh_of_many_waves_is_announced_before_it_begins(monkeypatch):
     """It once took 80 s of a processor and 810 MB without a word."""
     sea = SpectralSea(spectrum=Elfouhaily(wind_speed=13.0), omega_max=200.0, choppy=True)
     steps = iter([0.0, 0.5])
-    monkeypatch.setattr("meshtrace.surfaces.wave_surface.perf_counter", lambda: next(steps))
+    monkeypatch.setattr("meshtrace.surfaces.surface.perf_counter", lambda: next(steps))
     with pytest.raises(
         LongWork, match=r"mesh of 1,5\d\d by 1,5\d\d vertices from 5,\d* waves, some"
     ):

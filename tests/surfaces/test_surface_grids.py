@@ -6,12 +6,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from meshtrace.surfaces.triangulate import (
+    DEFAULT_COARSENING,
+    GROWTH,
     MAX_LINES,
-    graded_axis,
-    grid_axis,
+    GridLines,
     grid_faces,
     triangulate,
-    uniform_axis,
 )
 
 modest = settings(max_examples=80, deadline=None, derandomize=True)
@@ -20,9 +20,9 @@ centers = st.floats(-100.0, 100.0)
 
 @given(center=centers, extent=st.floats(0.01, 200.0), spacing=st.floats(0.01, 30.0))
 @modest
-def test_uniform_axis(center, extent, spacing):
+def test_equally_spaced_lines(center, extent, spacing):
     assume(2 * extent / spacing < 5000)
-    axis = uniform_axis(extent, spacing, center)
+    axis = GridLines(extent, spacing).axis(center)
     assert axis[0] == center - extent
     assert axis[-1] == center + extent
     steps = np.diff(axis)
@@ -33,11 +33,11 @@ def test_uniform_axis(center, extent, spacing):
     assert len(axis) == max(1, math.ceil(2 * extent / spacing * (1 - 1e-12))) + 1
 
 
-def test_uniform_axis_meets_round_spacings():
-    assert len(uniform_axis(20.0, 0.1)) == 401
-    assert len(uniform_axis(0.07, 0.005)) == 29  # the quotient rounds to just above 28
-    assert len(uniform_axis(0.3, 0.1)) == 7
-    np.testing.assert_allclose(np.diff(uniform_axis(1.0, 0.3)), 2.0 / 7.0, rtol=1e-14)
+def test_equally_spaced_lines_meet_round_spacings():
+    assert len(GridLines(20.0, 0.1).axis()) == 401
+    assert len(GridLines(0.07, 0.005).axis()) == 29  # the quotient rounds to just above 28
+    assert len(GridLines(0.3, 0.1).axis()) == 7
+    np.testing.assert_allclose(np.diff(GridLines(1.0, 0.3).axis()), 2.0 / 7.0, rtol=1e-14)
 
 
 @given(
@@ -46,12 +46,11 @@ def test_uniform_axis_meets_round_spacings():
     ratio=st.floats(1.001, 20.0),
     spacing=st.floats(0.05, 1.0),
     coarsening=st.floats(1.0, 30.0),
-    growth=st.floats(1.02, 2.0),
 )
 @modest
-def test_graded_axis(center, fine_extent, ratio, spacing, coarsening, growth):
+def test_graded_lines(center, fine_extent, ratio, spacing, coarsening):
     extent, coarse_spacing = fine_extent * ratio, spacing * coarsening
-    axis = graded_axis(center, fine_extent, extent, spacing, coarse_spacing, growth)
+    axis = GridLines(extent, spacing, fine_extent, coarse_spacing).axis(center)
     assert axis[0] == center - extent
     assert axis[-1] == center + extent
     rounding = 1e-13 * (abs(center) + extent)
@@ -64,36 +63,34 @@ def test_graded_axis(center, fine_extent, ratio, spacing, coarsening, growth):
     assert steps[fine].max() <= spacing * (1 + 1e-9) + rounding
     assert steps.max() <= coarse_spacing * (1 + 1e-9) + rounding
     outer = steps[~fine]
-    assert outer[0] <= spacing * growth * (1 + 1e-9) + rounding
-    assert (outer[1:] <= outer[:-1] * growth * (1 + 1e-9) + 2 * rounding).all()
+    assert outer[0] <= spacing * GROWTH * (1 + 1e-9) + rounding
+    assert (outer[1:] <= outer[:-1] * GROWTH * (1 + 1e-9) + 2 * rounding).all()
 
 
-def test_graded_axis_saves_lines_and_degenerates_to_the_uniform_one():
-    graded = graded_axis(0.0, 2.0, 50.0, 0.1, 2.0)
-    assert len(graded) < 0.2 * len(uniform_axis(50.0, 0.1))
-    np.testing.assert_array_equal(graded_axis(1.0, 9.0, 5.0, 0.1, 1.0), uniform_axis(5.0, 0.1, 1.0))
+def test_graded_lines_are_fewer_and_degenerate_to_equally_spaced_ones():
+    graded, uniform = GridLines(50.0, 0.1, 2.0, 2.0), GridLines(50.0, 0.1)
+    assert len(graded.axis()) < 0.2 * len(uniform.axis())
+    whole = GridLines(5.0, 0.1, 9.0, 1.0)
+    np.testing.assert_array_equal(whole.axis(1.0), GridLines(5.0, 0.1).axis(1.0))
 
 
-def test_grid_axis_chooses():
-    np.testing.assert_array_equal(grid_axis(1.0, 5.0, 0.5), uniform_axis(5.0, 0.5, 1.0))
-    np.testing.assert_array_equal(
-        grid_axis(0.0, 50.0, 0.1, fine_extent=2.0), graded_axis(0.0, 2.0, 50.0, 0.1, 1.0)
-    )
+def test_default_of_the_coarse_spacing():
+    given = GridLines(50.0, 0.1, 2.0, 0.1 * DEFAULT_COARSENING)
+    np.testing.assert_array_equal(GridLines(50.0, 0.1, fine_extent=2.0).axis(), given.axis())
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: uniform_axis(-1.0, 0.1), "extent: -1.0, allowed: 0 < extent"),
-        (lambda: uniform_axis(1.0, 0.0), "spacing: 0.0, allowed: 0 < spacing"),
-        (lambda: uniform_axis(1.0, math.nan), "spacing: nan"),
-        (lambda: uniform_axis(1.0, 0.1, math.inf), "center: inf"),
-        (lambda: uniform_axis(20.0, 1e-5), f"allowed: at most {MAX_LINES} grid lines"),
-        (lambda: graded_axis(0.0, 0.0, 9.0, 0.1, 1.0), "fine_extent: 0.0"),
-        (lambda: graded_axis(0.0, 1.0, 9.0, 0.1, 0.05), "coarse_spacing: 0.05, allowed: 0.1 <="),
-        (lambda: graded_axis(0.0, 1.0, 9.0, 0.1, 1.0, 1.0), "growth: 1.0, allowed: 1 < growth"),
+        (lambda: GridLines(-1.0, 0.1).axis(), "extent: -1.0, allowed: 0 < extent"),
+        (lambda: GridLines(1.0, 0.0).axis(), "spacing: 0.0, allowed: 0 < spacing"),
+        (lambda: GridLines(1.0, math.nan).axis(), "spacing: nan"),
+        (lambda: GridLines(1.0, 0.1).axis(math.inf), "center: inf"),
+        (lambda: GridLines(20.0, 1e-5).axis(), f"allowed: at most {MAX_LINES} grid lines"),
+        (lambda: GridLines(9.0, 0.1, 0.0, 1.0).axis(), "fine_extent: 0.0"),
+        (lambda: GridLines(9.0, 0.1, 1.0, 0.05).axis(), "coarse_spacing: 0.05, allowed: 0.1 <="),
         (
-            lambda: grid_axis(0.0, 9.0, 0.1, coarse_spacing=1.0),
+            lambda: GridLines(9.0, 0.1, coarse_spacing=1.0).axis(),
             "coarse_spacing: 1.0, allowed: only with",
         ),
     ],

@@ -14,6 +14,7 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.viz.scenes import Shown
 from meshtrace.viz.stage import Scene, stage_of
 
 LINK, FLAT = mt.Link(), FlatSea()
@@ -116,7 +117,7 @@ def sound(scene):
         "add_scale": {"scene": scene},
         "look": {"scene": scene, "azimuth_deg": 0.0, "elevation_deg": 10.0},
         "axis_label": {"name": "gain"},
-        "SceneStyle": {name: getattr(style, name) for name in style.__dataclass_fields__},
+        "SceneStyle": {name: getattr(style, name) for name in type(style).model_fields},
         "hostile": [result, series, coverage, paths, impulse, mesh, LINK, FLAT, JonswapSea(),
                     curve("gain")["data"], xr.Dataset({"gain": ("x", ["a", "b"])})],
     }  # fmt: skip
@@ -167,16 +168,31 @@ def test_every_function_draws_its_sound_arguments(sound, tmp_path, monkeypatch):
 def test_wrong_values_are_refused(name, sound, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     arguments, random, refused = sound[name], Random(name), 0
-    parameters = inspect.signature(getattr(viz, name)).parameters
+    parameters = [n for n in inspect.signature(getattr(viz, name)).parameters if n != "shown"]
+    if name in ("save_movie", "view"):
+        parameters += Shown.__annotations__
     for argument in parameters:
         if argument == "progress":  # errors of a user's function are the user's
             continue
         # the first one, which holds the numbers, by all values; the others by some
         values = [*PLAIN, *sound["hostile"]]
-        first = argument == next(iter(parameters))
+        first = argument == parameters[0]
         for value in values if first else random.sample(values, 4):
             refused += check(name, {**arguments, argument: value}, tmp_path)
     assert refused > 5
+
+
+def test_functions_are_checked_whenever_they_are_taken():
+    for _ in range(3):
+        with pytest.raises(Refused, match="result: 3, allowed: GainResult"):
+            viz.plot_gain(3)
+    assert viz.plot_gain is viz.plot_gain
+
+
+@pytest.mark.parametrize("call", [viz.view, viz.save_movie])
+def test_unknown_keywords_are_refused(call):
+    with pytest.raises(Refused, match=r"recieved: 8, no such key, did you mean received\?"):
+        call(LINK, FLAT, recieved=8)
 
 
 def test_empty_results_are_refused(sound):

@@ -1,7 +1,5 @@
 """Scenes show every part of a link, where it is."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
@@ -307,7 +305,7 @@ def test_scenes_chain(shoot):
 
 
 def test_unknown_choices_are_refused(shoot):
-    with pytest.raises(ValueError, match=r"color: 'depth', allowed: elevation, slope"):
+    with pytest.raises(ValueError, match=r"color: 'depth', allowed: water, elevation"):
         shoot(color="depth")
     with pytest.raises(ValueError, match=r"color: 'photon', allowed: fate or weight"):
         shoot(received=straight(), path_color="photon")
@@ -342,7 +340,7 @@ def test_a_map_of_so_many_photons(shoot):
 def test_without_labels_no_text_is_written():
     style = viz.SceneStyle(**SMALL, spacing=0.4)
     for labels in (True, False):
-        plotter = viz.scene(LINK, SEA, style=replace(style, labels=labels))
+        plotter = viz.scene(LINK, SEA, style=style.replace(labels=labels))
         assert bool(plotter.texts) is labels
         plotter.close()
 
