@@ -44,13 +44,13 @@ _HOMES = {
     "background": "meshtrace.results.background",
     "background-series": "meshtrace.results.background",
     "fading": "meshtrace.fading.summary",
-    "performance": "meshtrace.studies.performance.tables",
-    "depth-sweep": "meshtrace.studies.performance.tables",
+    "performance": "meshtrace.studies.performance",
+    "depth-sweep": "meshtrace.studies.performance",
     "convergence": "meshtrace.studies.convergence.study",
-    "inference": "meshtrace.studies.inference.study",
-    "optimum": "meshtrace.studies.optimisation.study",
+    "inference": "meshtrace.studies.inference",
+    "optimum": "meshtrace.studies.optimisation",
     "sensitivity": "meshtrace.studies.sensitivity.result",
-    "fading-convergence": "meshtrace.studies.convergence.fading",
+    "fading-convergence": "meshtrace.studies.convergence.drivers",
 }
 """Modules of the results by kind, imported when a file asks for them."""
 

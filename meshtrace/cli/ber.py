@@ -17,7 +17,7 @@ from meshtrace.cli.reading import numbers
 from meshtrace.errors import Refused
 
 if TYPE_CHECKING:
-    from meshtrace.studies.performance.tables import LinkPerformance
+    from meshtrace.studies.performance import LinkPerformance
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def ber(
 ) -> None:
     """Evaluate a link in each wind."""
     from meshtrace.mesh import RandomSea
-    from meshtrace.studies.performance.tables import DepthSweep
+    from meshtrace.studies.performance import DepthSweep
     from meshtrace.uav.airframe import Flight
 
     given = {"detector.preset": preset, "uav.preset": uav, **light.changes()}

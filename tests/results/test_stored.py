@@ -17,7 +17,7 @@ from meshtrace.results import load
 from meshtrace.results.gain import bound_where_dark
 from meshtrace.results.provenance import _git_commit, environment
 from meshtrace.stored import FORMAT_VERSION, Stored, read_dataset, write_dataset
-from meshtrace.studies.convergence.fading import fading_study
+from meshtrace.studies.convergence.drivers import fading_study
 from meshtrace.studies.convergence.measure import Reference
 from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.surfaces import FlatSea, resolved_sea

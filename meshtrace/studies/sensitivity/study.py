@@ -39,8 +39,14 @@ from meshtrace.studies.neighbours import (
     has_moments,
     moments,
 )
-from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
-from meshtrace.studies.sensitivity.quantities import FADES, Of, Quantity
+from meshtrace.studies.sensitivity.parameters import (
+    FADES,
+    Of,
+    Parameter,
+    Quantity,
+    Setting,
+    parameters,
+)
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
 
 DEFAULT_CHAINS = 8192

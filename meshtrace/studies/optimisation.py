@@ -30,11 +30,9 @@ from meshtrace.scenario import Scenario
 from meshtrace.stored import Stored, Variable
 from meshtrace.studies.background import held_light
 from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of
+from meshtrace.studies.candidates import REWEIGHED, Custom, Goal, Objective, Sample
 from meshtrace.studies.neighbours import error_of
-from meshtrace.studies.optimisation.objectives import Custom, Goal, Objective
-from meshtrace.studies.optimisation.sample import REWEIGHED, Sample
-from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
-from meshtrace.studies.sensitivity.quantities import FADES
+from meshtrace.studies.sensitivity.parameters import FADES, Parameter, Setting, parameters
 from meshtrace.tables import text_table
 from meshtrace.uav.airframe import Flight
 
