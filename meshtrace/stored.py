@@ -12,7 +12,8 @@ import io
 import json
 import mmap
 import struct
-from collections.abc import Callable, Collection, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
@@ -125,7 +126,34 @@ class WithArrays:
         return found
 
 
-class Stored(WithArrays):
+def columns_of(rows: Sequence[Any]) -> dict[str, list[Any]]:
+    """Return the columns of rows with named fields, by name.
+
+    Those of rows within rows follow the name of their field: `gain_low` is `low` of `gain`, but
+    `gain` its `value`.
+    """
+    found = {}
+    for name in get_type_hints(type(rows[0])):
+        column = [getattr(row, name) for row in rows]
+        inner = columns_of(column) if hasattr(column[0], "_fields") else {"value": column}
+        found |= {f"{name}_{key}".removesuffix("_value"): inner[key] for key in inner}
+    return found
+
+
+def row_of(kind: Any, columns: Mapping[str, Sequence[Any]], i: int, prefix: str = "") -> Any:
+    """Return row i of the columns that `columns_of` made of rows of a kind."""
+    values = []
+    for name, hint in get_type_hints(kind).items():
+        key = f"{prefix}{name}"
+        if hasattr(hint, "_fields"):
+            values.append(row_of(hint, columns, i, f"{key}_"))
+        else:
+            value = columns[key.removesuffix("_value")][i]
+            values.append(bool(value) if hint is bool else value)
+    return kind(*values)
+
+
+class Stored(WithArrays, ABC):
     """Result with a text, a notebook table, a Dataset and a file.
 
     Subclasses are frozen dataclasses (`repr=False`) with a `kind` and a `title`. Fields described
@@ -154,9 +182,9 @@ class Stored(WithArrays):
                 lines.append(f"  {name.replace('_', ' '):<20} {text}")
         return "\n".join(lines + self._origin_lines())
 
+    @abstractmethod
     def _headline(self) -> str:
         """Return the most important numbers as one line."""
-        raise NotImplementedError
 
     def _content(self) -> xr.Dataset:
         """Return the Dataset without kind, version and provenance."""

@@ -11,13 +11,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, Unpack, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 import numpy as np
 
 from meshtrace.comms.background import DARK, name_of_light, warn_of_background, with_background
 from meshtrace.comms.budget import depth_at
-from meshtrace.comms.capacity import Capacity
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
 from meshtrace.comms.pulses import Eye
@@ -40,7 +39,7 @@ from meshtrace.models import Floats
 from meshtrace.results.background import Background
 from meshtrace.results.provenance import water_of
 from meshtrace.scenario import Scenario
-from meshtrace.stored import Stored
+from meshtrace.stored import Stored, columns_of, row_of
 from meshtrace.studies.background import background_over_seas, described, light_of
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.operating_point import (
@@ -190,8 +189,11 @@ class LinkPerformance(Stored):
         first = [f for f in self.figures[: len(self.ooks)] if not math.isnan(f.widest_filter_nm)]
         if not first:
             return []
+        named = {0.0: "none", math.inf: "any"}
         found = ", ".join(
-            f"{f.bit_rate / 1e6:g} Mbit/s {_filter_text(f.widest_filter_nm)}" for f in first
+            f"{f.bit_rate / 1e6:g} Mbit/s "
+            f"{named.get(f.widest_filter_nm, f'{f.widest_filter_nm:.3g} nm')}"
+            for f in first
         )
         return [f"widest filter for BER {self.limit:g} at {first[0].depth:g} m: {found}"]
 
@@ -248,76 +250,47 @@ class LinkPerformance(Stored):
     def _content(self) -> xr.Dataset:
         import xarray as xr
 
-        dims, shape = ("depth", "bit_rate"), (len(self.depths), len(self.ooks))
-        variables: dict[str, Any] = {}
-        for name in _ESTIMATES:
-            variables |= _limits(name, dims, self.estimates(name))
-        for name in Capacity._fields:
-            values = [getattr(f.capacity, name) for f in self.figures]
-            key = f"capacity_{name}"
-            variables[key] = (dims, np.reshape(values, shape), _attrs(key))
-        filters = [f.widest_filter_nm for f in self.figures]
-        key = "widest_filter_nm"
-        variables[key] = (dims, np.reshape(filters, shape), _attrs(key))
-        needed = [f.required_power for f in self.figures[: len(self.ooks)]]
-        variables["required_power"] = ("bit_rate", needed, _attrs("required_power"))
-        if len(self.depths) > 1:
-            variables |= _limits("range", ("bit_rate",), np.array(self.range_at_ber()))
-        coordinates = {
-            "depth": ("depth", list(self.depths), _attrs("depth")),
-            "bit_rate": ("bit_rate", list(self.bit_rates), _attrs("bit_rate")),
+        table, shape = columns_of(self.figures), (len(self.depths), len(self.ooks))
+        found = {
+            name: (("depth", "bit_rate"), np.reshape(column, shape), _attrs(name))
+            for name, column in table.items()
         }
+        found["depth"] = ("depth", list(self.depths), _attrs("depth"))
+        for name in ("bit_rate", "required_power"):
+            found[name] = ("bit_rate", table[name][: len(self.ooks)], _attrs(name))
+        if len(self.depths) > 1:
+            for end, ranges in zip(_ENDS, np.transpose(self.range_at_ber()), strict=True):
+                found[f"range{end}"] = ("bit_rate", ranges, _attrs("range"))
         about = {"ber_limit": self.limit, "confidence": self.confidence, "status": self.status}
-        about["light"] = self.light
-        return xr.Dataset(variables, coordinates, about)
+        return xr.Dataset(found, attrs={**about, "light": self.light})
 
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any) -> LinkPerformance:
-        depths, rates = (tuple(data[n].values.tolist()) for n in ("depth", "bit_rate"))
-        if len(provenance["ook"]) != len(rates):
+        about, points = data.attrs, data["depth"].size * data["bit_rate"].size
+        if len(provenance["ook"]) != data["bit_rate"].size:
             raise ValueError("other numbers of bit rates and transmissions")
-        figures = []
-        for i, j in np.ndindex(len(depths), len(rates)):
-            at = {name: v.item() for name, v in data.isel(depth=i, bit_rate=j).items()}
-            estimates = {name: Estimate(*(at[name + end] for end in _ENDS)) for name in _ESTIMATES}
-            rows = Capacity(*(at[f"capacity_{name}"] for name in Capacity._fields))
-            needed = at["required_power"]
-            point = OperatingPoint(
-                depth=depths[i], bit_rate=rates[j], required_power=needed, capacity=rows,
-                widest_filter_nm=at.get("widest_filter_nm", math.nan), **estimates,
-            )  # fmt: skip
-            figures.append(point)
+        table = data.to_dataframe(["depth", "bit_rate"]).reset_index().to_dict("list")
         return cls(
-            depths=depths,
+            depths=tuple(data["depth"].values.tolist()),
             ooks=tuple(OokLink.model_validate(ook) for ook in provenance["ook"]),
-            figures=tuple(figures),
+            figures=tuple(row_of(OperatingPoint, table, i) for i in range(points)),
             fades=(),
-            limit=float(data.attrs["ber_limit"]),
-            confidence=float(data.attrs["confidence"]),
-            status=str(data.attrs["status"]),
+            limit=float(about["ber_limit"]),
+            confidence=float(about["confidence"]),
+            status=str(about["status"]),
             provenance=provenance,
-            light=str(data.attrs.get("light", DARK)),
+            light=str(about["light"]),
         )
 
 
-def _filter_text(width_nm: float) -> str:
-    if width_nm == 0.0:
-        return "none"
-    return "any" if math.isinf(width_nm) else f"{width_nm:.3g} nm"
-
-
-_ESTIMATES = [name for name, kind in get_type_hints(OperatingPoint).items() if kind is Estimate]
 _FLOOR = 1e-15  # of bit error rates in texts
 _ENDS = ("", "_low", "_high")  # of the names of an estimate and of its limits
 
 
-def _limits(name: str, dims: tuple[str, ...], values: Floats) -> dict[str, Any]:
-    """Return the variables of an estimate and its limits, the last axis of the values."""
-    return {name + end: (dims, values[..., i], _attrs(name)) for i, end in enumerate(_ENDS)}
-
-
 def _attrs(name: str) -> dict[str, str]:
-    return attrs("gain_mean" if name == "gain" else name)
+    """Return the attributes of a figure or of a limit of it."""
+    base = name.removesuffix("_low").removesuffix("_high")
+    return attrs("gain_mean" if base == "gain" else base)
 
 
 def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
