@@ -28,7 +28,7 @@ from meshtrace.models import Floats
 from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
 from meshtrace.stored import Stored, Variable
-from meshtrace.studies.background import held_light
+from meshtrace.studies.background import electronics_of, held_light
 from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of
 from meshtrace.studies.candidates import REWEIGHED, Custom, Goal, Objective, Sample
 from meshtrace.studies.neighbours import error_of
@@ -257,16 +257,11 @@ def optimize(
     flight = flight and flight.checked()
     if not (isinstance(constraints, list | tuple) and all(map(callable, constraints))):
         raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")
-    if isinstance(link, Scenario) and link.detector is not None and ook == "physical":
-        ook = link.detector
-    electronics = None
-    if ook is not None:
-        electronics = OokLink.of_link(campaign.link, ook, bit_rate)
+    electronics, light = electronics_of(campaign, ook, bit_rate), ""
+    if electronics is not None:
         campaign = campaign.of(electronics.channel(campaign.link))
-    light = ""
-    if electronics is not None and objective in ("outage", "range", "margin"):
-        day = getattr(link, "daylight", None)
-        electronics, light = held_light(electronics, campaign.case, day, str(objective))
+        if objective in ("outage", "range", "margin"):
+            electronics, light = held_light(electronics, campaign, str(objective))
     goal = Goal(objective, quantile, electronics, limit)
     variables, bounds = _variables(campaign, over)
     spread = require_pair(hover_std, "hover_std", "two numbers >= 0 [m]")

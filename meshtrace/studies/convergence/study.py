@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 from meshtrace.fading import Estimate
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import Stored, Variable
 from meshtrace.studies.convergence.measure import (
     UNITS,
@@ -60,7 +61,7 @@ def fit_law(step: Floats, differences: Floats, anchor: float, spread: Floats | N
     """
     n, shifts = differences.shape
     h = step / step[0]
-    y, noise = differences.mean(axis=1), stderr(differences)
+    y, noise = differences.mean(axis=1), error_of_groups(differences, -1)
     shape, least = (h**2, 0.0) if spread is None else (spread, 1.0)
     sigma = h**2
     for _ in range(_REWEIGHTINGS):
@@ -131,11 +132,6 @@ def largest_step(step: Floats, error: Floats, limit: float) -> float:
     return float(step[j] * (step[j - 1] / step[j]) ** share)
 
 
-def stderr(samples: Floats) -> Floats:
-    """Return the standard error of the mean over the shifts, the last axis."""
-    return samples.std(axis=-1, ddof=1) / math.sqrt(samples.shape[-1])
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class ConvergenceStudy(Stored):
     """Gain of one link against a parameter of the discretisation.
@@ -201,7 +197,7 @@ class ConvergenceStudy(Stored):
     @property
     def gain_stderr(self) -> Floats:
         """Monte Carlo standard error of the gain, common to all steps."""
-        return stderr(self.samples.mean(axis=2))
+        return error_of_groups(self.samples.mean(axis=2), -1)
 
     @cached_property
     def _differences(self) -> Floats:
@@ -223,7 +219,7 @@ class ConvergenceStudy(Stored):
     @property
     def difference_stderr(self) -> Floats:
         """Standard error of `difference`, the Monte Carlo error left by the common chains."""
-        return stderr(self._differences)
+        return error_of_groups(self._differences, -1)
 
     @cached_property
     def fits(self) -> dict[str, Fit]:
