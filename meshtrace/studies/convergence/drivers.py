@@ -13,7 +13,7 @@ import numpy as np
 
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Meshing, StudyOptions
-from meshtrace.errors import Described, Refused, require_whole, require_word
+from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.fading.resolving import WITHIN, fading_band
 from meshtrace.fading.spectral import scintillation_of_spectrum
 from meshtrace.kernels.random import realization_seed
@@ -26,11 +26,9 @@ from meshtrace.studies.convergence.measure import (
     Reference,
     Stacked,
     Unresolved,
-    crest_of,
     descending,
     multiple_of,
     nested_mesh,
-    normal_kinds,
     placement_shifts,
     positive,
     spread,
@@ -132,15 +130,15 @@ def convergence_study(
         raise Refused("reference", reference, "None beside random slopes")
     campaign = campaign_of(link, surface, "convergence_study", **run)
     exact = wave_sum(campaign.sea) if reference else None
-    chains = _chains(campaign, normals, receiver, unresolved)
+    chains = CommonChains(campaign, normals, receiver, unresolved)
     link, sea, at = campaign.link, campaign.sea, campaign.meshing.time
     pairs = product(values, placement_shifts(placements))
     cases = [partial(nested_mesh, link, sea, at, spacing, shift) for spacing, shift in pairs]
     recorded = {"spacings": values, "placements": placements, "unresolved": unresolved}
-    found = chains.over(campaign, cases, len(values), recorded)
-    truth = chains.exact(exact, at, values[-1]) if exact else None
+    found = chains.over(cases, len(values), recorded)
+    truth = chains.exact(exact, values[-1]) if exact else None
     scatter = spread(found.samples.mean(axis=3))
-    return _study("spacing", values, campaign, chains, found, scatter, tolerance, truth, recorded)
+    return _study("spacing", values, chains, found, scatter, tolerance, recorded, truth)
 
 
 def band_limit_study(
@@ -194,7 +192,7 @@ def band_limit_study(
     step = campaign.meshing.spacing or 0.1
     widest = sea.model_copy(update={"omega_max": values[-1]})
     base, at, key = campaign.link, campaign.meshing.time, campaign.run.seed
-    chains = _chains(campaign, normals, receiver, unresolved, widest)
+    chains = CommonChains(campaign, normals, receiver, unresolved, widest)
 
     def mesh(limit: float, i: int) -> TriangleMesh:
         wide = sea.model_copy(update={"omega_max": limit, "seed": realization_seed(key, i)})
@@ -203,10 +201,10 @@ def band_limit_study(
     cases = [partial(mesh, *pair) for pair in product(values, range(realizations))]
     recorded = {"omega_max": values, "realizations": realizations, "spacing": step,
                 "unresolved": unresolved}  # fmt: skip
-    found = chains.over(campaign, cases, len(values), recorded)
+    found = chains.over(cases, len(values), recorded)
     gain = found.samples.mean(axis=3)
     scatter = spread(gain - gain[:, -1:])
-    return _study("omega_max", values, campaign, chains, found, scatter, tolerance, None, recorded)
+    return _study("omega_max", values, chains, found, scatter, tolerance, recorded)
 
 
 def time_step_study(
@@ -253,7 +251,7 @@ def time_step_study(
         if n % stride:
             raise Refused("duration", duration, f"multiples of the step {value:g} s")
     campaign = campaign_of(link, surface, "time_step_study", **run)
-    chains = _chains(campaign, normals, receiver)
+    chains = CommonChains(campaign, normals, receiver)
     begin, width, sea = campaign.meshing.time, campaign.meshing.spacing, campaign.sea
 
     def mesh(i: int) -> TriangleMesh:
@@ -262,7 +260,7 @@ def time_step_study(
 
     cases = [partial(mesh, i) for i in range(n + 1)]
     recorded = {"start": begin, "duration": duration, "steps": values}
-    frames = chains.over(campaign, cases, 1, recorded, photons=0)
+    frames = chains.over(cases, 1, recorded, photons=0)
     by_shift, ballistic = frames.samples[:, 0], frames.ballistic[:, 0]  # (kinds, frames, ...)
     each, shape = by_shift.mean(axis=2), (len(chains.kinds), len(values))
     found = Stacked(
@@ -273,33 +271,18 @@ def time_step_study(
         *(np.broadcast_to(seconds, shape) for seconds in frames[4:]),
     )
     scatter = np.stack([_interpolation_error(each, s) for s in strides], axis=1)
-    return _study("time_step", values, campaign, chains, found, scatter, tolerance, None, recorded)
-
-
-def _chains(
-    campaign: Campaign,
-    normals: Sequence[Normals],
-    receiver: int,
-    unresolved: Unresolved = "none",
-    highest: SurfaceModel | None = None,
-) -> CommonChains:
-    """Return the chains of a study, for crests no higher than those of the highest sea."""
-    require_word(unresolved, ("tilt", "none"), "unresolved")
-    kinds, run = normal_kinds(normals), campaign.run
-    crest = crest_of(campaign.link, highest or campaign.sea, campaign.meshing.time)
-    return CommonChains(campaign.link, run.photons, run.seed, kinds, receiver, crest, unresolved)
+    return _study("time_step", values, chains, found, scatter, tolerance, recorded)
 
 
 def _study(
     parameter: str,
     values: list[float],
-    campaign: Campaign,
     chains: CommonChains,
     found: Stacked,
     scatter: Floats,
     tolerance: float,
-    reference: Reference | None,
     recorded: dict[str, Any],
+    reference: Reference | None = None,
 ) -> ConvergenceStudy:
     """Return the study of the gains over all meshes, with its own options in the provenance."""
     return ConvergenceStudy(
@@ -310,7 +293,7 @@ def _study(
         scatter=scatter,
         reference=reference,
         tolerance=tolerance,
-        provenance=campaign.provenance(
+        provenance=chains.campaign.provenance(
             **recorded, normals=list(chains.kinds), receiver=chains.receiver
         ),
     )

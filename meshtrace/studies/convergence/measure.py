@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeGuard, cast
@@ -27,6 +27,7 @@ from meshtrace.errors import (
     require_between,
     require_names,
     require_whole,
+    require_word,
 )
 from meshtrace.kernels.scene import Scene
 from meshtrace.mesh import SurfaceModel, WaveSum
@@ -93,11 +94,6 @@ def nested_mesh(
     return mesh_for(link, mesh)[0]  # refuses one that does not suit the link
 
 
-def crest_of(link: Link, sea: SurfaceModel, time: float) -> float:
-    """Return the approximate height [m] of the sea in the region of the crossings."""
-    return float(nested_mesh(link, sea, time, 0.5, np.zeros(2)).bounds[1, 2])
-
-
 def probes(reach: float) -> tuple[Floats, Floats]:
     """Return the points (x, y) for the comparison of slopes."""
     axis = reach * ((2.0 * np.arange(_PROBES) + 1.0) / _PROBES - 1.0)
@@ -138,28 +134,42 @@ class Stacked(NamedTuple):
 
 
 class CommonChains:
-    """Set of chains that all surfaces of a study share."""
+    """Set of chains that all surfaces of a study share.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Link, sea and options.
+    normals : sequence of {"vertex", "facet"}
+        Kinds of normals, each with chains of its own.
+    receiver : int
+        Index of the receiver.
+    unresolved : {"none", "tilt"}
+        Slopes of the waves that each mesh leaves out.
+    highest : SurfaceModel, optional
+        Sea with the highest crests of all, by default that of the campaign.
+    """
 
     def __init__(
         self,
-        link: Link,
-        photons: int,
-        seed: int,
-        kinds: tuple[Normals, ...],
+        campaign: Campaign,
+        normals: Sequence[Normals],
         receiver: int,
-        crest: float,
         unresolved: Unresolved = "none",
+        highest: SurfaceModel | None = None,
     ) -> None:
+        require_word(unresolved, ("tilt", "none"), "unresolved")
+        link, highest = campaign.link, highest or campaign.sea
+        self.kinds, self.receiver, self.campaign = normal_kinds(normals), receiver, campaign
+        coarse = nested_mesh(link, highest, campaign.meshing.time, 0.5, np.zeros(2))
+        self._crest = float(coarse.bounds[1, 2])
         require_whole(receiver, 0, len(link.receivers) - 1, "receiver")
         physics = link.physics.model_copy(update={"unresolved": unresolved})
         one = {"receiver": link.receivers[receiver], "physics": physics}
-        self._inputs = link, photons, seed, kinds, receiver, crest, unresolved
+        self._inputs = campaign.alone, self.kinds, receiver, unresolved, highest
         self.link = link.model_copy(update=one)
         self.reach = crossing_reach(self.link)
-        self.kinds, self.receiver = kinds, receiver
-        self._key = photons, seed
-        self._crest = crest
-        self._forced = {kind: self._chains(kind) for kind in kinds}
+        self._forced = {kind: self._chains(kind) for kind in self.kinds}
 
     def __reduce__(self) -> Any:
         """Return the inputs: a worker makes the chains again."""
@@ -167,9 +177,9 @@ class CommonChains:
 
     def _chains(self, kind: Normals) -> ForcedDetection:
         """Return the chains over surfaces with one kind of normals."""
-        sea = TypicalSea(self._crest)
+        run, sea = self.campaign.run, TypicalSea(self._crest)
         return ForcedDetection(
-            self.link, *self._key, kind, sea=sea, search="thorough", scattered="chains"
+            self.link, run.photons, run.seed, kind, sea=sea, search="thorough", scattered="chains"
         )
 
     def measure(self, case: Case, photons: int = 0) -> Floats:
@@ -189,21 +199,17 @@ class CommonChains:
             parts = forced.evaluate(mesh, intersector)
             seconds = *times, clock.perf_counter() - start
             slopes = _slope_variance(intersector, kind, self.reach)
-            reflected = _total_reflection(self.link, intersector, kind, photons, self._key[1])
+            seed = self.campaign.run.seed
+            reflected = _total_reflection(self.link, intersector, kind, photons, seed)
             rows.append([*parts.shifts[0], parts.ballistic[0], slopes, reflected, *seconds])
         return np.array(rows)
 
-    def exact(self, sea: WaveSum, time: float, spacing: float) -> Reference:
+    def exact(self, sea: WaveSum, spacing: float) -> Reference:
         """Return the gain over the sum of waves, see `over_waves`."""
-        return over_waves(self._chains("vertex"), sea, time, spacing)
+        return over_waves(self._chains("vertex"), sea, self.campaign.meshing.time, spacing)
 
     def over(
-        self,
-        campaign: Campaign,
-        cases: Iterable[Case],
-        steps: int,
-        recorded: dict[str, Any],
-        photons: int = ANALOG_PHOTONS,
+        self, cases: list[Case], steps: int, recorded: dict[str, Any], photons: int = ANALOG_PHOTONS
     ) -> Stacked:
         """Return the gains over the meshes of a study: as many repeats of each step, in order.
 
@@ -215,11 +221,10 @@ class CommonChains:
         Refused
             If no light is received at a step: its gain has no relative error.
         """
-        jobs = list(cases)
         chosen = {"kinds": list(self.kinds), "receiver": self.receiver}
         identity = {**recorded, **chosen, "physics": self.link.physics.model_dump(mode="json")}
-        setup = partial(_measuring, self, jobs, photons)
-        rows = campaign.over(setup, range(len(jobs)), "meshes", identity, "meshes")
+        setup = partial(_measuring, self, cases, photons)
+        rows = self.campaign.over(setup, range(len(cases)), "meshes", identity, "meshes")
         by_case = np.stack(list(rows), axis=1)  # (kinds, cases, numbers)
         found = by_case.reshape(len(by_case), steps, -1, by_case.shape[-1])
         samples, (ballistic, *means) = found[..., :SHIFTS], np.moveaxis(found[..., SHIFTS:], -1, 0)
