@@ -72,7 +72,7 @@ def test_point_is_the_run_of_its_scenario():
         single.gain_stderr,
         single.gain_ballistic,
     ]
-    assert outcome.error == [""]
+    assert outcome.text == '[""]'
 
 
 def test_realizations_are_those_of_an_ensemble():
