@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +39,6 @@ from meshtrace.uav.wind import Dryden
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Result = TypeVar("Result")
 
 Setup = Callable[[], Callable[[Any], Any]]
 """Returns the function that gives the numbers of a step; called in the process that evaluates."""
@@ -328,11 +326,6 @@ def _gains(campaign: Campaign, steps: Steps, probed: int) -> Callable[[int], Flo
     first = {i: mesh(i) for i in range(min(1 if steps.links else probed, n))}
     typical = TypicalSea.of(first.values(), MANY_SEAS)
     common = [] if steps.links else [chains(link) for link in links]
-    return evaluate
-
-
-def same(evaluate: Callable[[Any], Result]) -> Callable[[Any], Result]:
-    """Return the function of a step that needs no setup."""
     return evaluate
 
 

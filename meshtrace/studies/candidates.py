@@ -18,7 +18,7 @@ from meshtrace.link import Led, Link
 from meshtrace.mesh import RandomSea
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.campaign import Campaign, same
+from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.neighbours import Neighbours
 from meshtrace.studies.sensitivity.parameters import Quantity
 from meshtrace.studies.store import digest_of
@@ -200,7 +200,7 @@ class Sample:
             campaign, self._seas, phases=random, fading=True,
             kept=self._seas, around=self._spread(link, 0),
         )  # fmt: skip
-        self._lights = lru_cache(_CASES)(self._light)
+        self._lights = lru_cache(_CASES)(partial(self._over_seas, self._near.light))
         self._identity = {
             "realizations": realizations,
             "hover_std": hover_std,
@@ -241,26 +241,13 @@ class Sample:
             ends.append(end.replace(position=place, **lean))
         return link.model_copy(update={name: tuple(ends)})
 
-    def _apart(self, link: Link, i: int) -> list[Link]:
-        """Return the links whose receivers are those of all places over sea i.
-
-        Lamps at several places are several links: their light would add up.
-        """
-        spread = self._spread(link, i)
-        if link.direction != "down":
-            return [spread]
-        return [link.model_copy(update={"transmitter": lamp}) for lamp in spread.transmitters]
-
-    def _light(self, link: Link) -> list[Light]:
-        """Return the light at each place over each sea."""
-        return self._over_seas(self._near.light, link)
-
     def gains(self, link: Link) -> Floats:
         """Return the gains of a candidate, kept in the store, shape (seas * places, shifts)."""
         candidate = digest_of(link.model_dump(mode="json"))
         name = f"candidates of seed {self._seed}"
-        evaluate = partial(same, lambda _: self._computed(link))
-        (found,) = self._near.campaign.over(evaluate, [candidate], name, self._identity)
+        (found,) = self._near.campaign.over(
+            lambda: lambda _: self._computed(link), [candidate], name, self._identity
+        )
         return found
 
     def _computed(self, link: Link) -> Floats:
@@ -272,7 +259,12 @@ class Sample:
                 same = same.replace(name, getattr(getattr(self._start, part), key))
             lights = self._lights(same)
             half = math.radians(0.5 * link.receivers[0].fov_deg)
-            if not any(_cuts_facets(light, half) for light in lights):
+            direct = [(light.shift < 0) & (np.abs(light.angle - half) < _EDGE) for light in lights]
+            cut = (
+                light.weight[near].sum() > _SMALL * light.weight.sum()
+                for light, near in zip(lights, direct, strict=True)
+            )
+            if not any(cut):  # facets with unscattered light that counts, by the edge of the view
                 return np.array([light.by_shift(self._factor(link, light)) for light in lights])
             sampled = [self._factor(link, light) * (light.shift >= 0) for light in lights]
             rows = [light.by_shift(part) for light, part in zip(lights, sampled, strict=True)]
@@ -283,7 +275,11 @@ class Sample:
         """Return the values of a candidate at all places over all seas."""
 
         def one(i: int) -> list[Any]:
-            return [value for at in self._apart(link, i) for value in evaluate(at, i)]
+            links = [self._spread(link, i)]
+            if link.direction == "down":  # the light of lamps at several places would add up
+                lamps = links[0].transmitters
+                links = [link.model_copy(update={"transmitter": lamp}) for lamp in lamps]
+            return [value for at in links for value in evaluate(at, i)]
 
         return [value for row in self._near.map(one) for value in row]
 
@@ -309,9 +305,3 @@ class Sample:
                 kept = sea != i
                 found.append((means[kept], self.weights[kept] * self._seas / (self._seas - 1)))
         return found
-
-
-def _cuts_facets(light: Light, half: float) -> bool:
-    """Return whether the edge of a view cuts facets with unscattered light that counts."""
-    near = (light.shift < 0) & (np.abs(light.angle - half) < _EDGE)
-    return bool(light.weight[near].sum() > _SMALL * light.weight.sum())

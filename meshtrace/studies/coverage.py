@@ -208,7 +208,11 @@ class _Mapped:
             sums = self._follow(each, more, sums, kept, progress)
             each += more
             gain, stderr = self._gain(sums)
-            more = 0 if rtol is None else _lacking(gain, stderr, rtol, each)
+            lack = 0.0 if rtol is None else (relative_errors(gain, stderr).max() / rtol) ** 2
+            wanted = math.ceil(each * min(1.1 * float(lack), _MOST_AT_ONCE))
+            # a map without any light is given up
+            lacks = lack > 1.0 and gain.max() > 0.0
+            more = max(min(wanted, Analog.most_photons) - each, 0) if lacks else 0
         records, origin = {"irradiance-map": self._grid}, self._origin(each, rtol)
         result = analog_result(self._case.link, sums, origin, records)
         warn_of_lost(result)
@@ -216,7 +220,10 @@ class _Mapped:
             warn_of_dark_map(result, records)
         bound = None
         if rtol is not None:
-            _warn_of_lack(int((relative_errors(gain, stderr) > rtol).sum()), gain.size, rtol)
+            cells = int((relative_errors(gain, stderr) > rtol).sum())
+            if cells:
+                text = f"rtol: {cells} of {gain.size} cells have not reached {rtol:g}"
+                warnings.warn(f"{text} with the most photons", FewSamplesWarning, stacklevel=3)
             bound = self._bound(gain, stderr, sums.photons)
         assert result.map is not None
         return CoverageMap(result.map.x, result.map.y, gain, stderr, origin, bound)
@@ -308,22 +315,3 @@ def _unpacked(item: Item) -> PhotonSums:
         else:
             found[name] = array if shape else int(array)
     return PhotonSums(**found)
-
-
-def _lacking(gain: Floats, stderr: Floats, rtol: float, photons: int) -> int:
-    """Return the photons that a map lacks; a map without any light is given up."""
-    lack = (float(relative_errors(gain, stderr).max()) / rtol) ** 2
-    if lack <= 1.0 or gain.max() == 0.0:
-        return 0
-    wanted = math.ceil(photons * min(1.1 * lack, _MOST_AT_ONCE))
-    return max(min(wanted, Analog.most_photons) - photons, 0)
-
-
-def _warn_of_lack(cells: int, of: int, rtol: float) -> None:
-    """Warn of cells above the tolerance after the most photons."""
-    if cells:
-        warnings.warn(
-            f"rtol: {cells} of {of} cells have not reached {rtol:g} with the most photons",
-            FewSamplesWarning,
-            stacklevel=4,
-        )

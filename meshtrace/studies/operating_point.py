@@ -182,6 +182,10 @@ def operating_point(
         ook = with_background(dark, found)
         widest = widest_filter_nm(dark, found, power.value, limit) if power.value > 0.0 else 0.0
     budget = link_budget(ook, gain, limit)
+    samples_of_law = samples.samples
+    if samples_of_law.size > _QUANTILES:
+        shares = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
+        samples_of_law = np.quantile(samples_of_law, shares)
     low, high = ook.led.levels(power)
     photons = 0.5 * (low + high) / (ook.bit_rate * photon_energy(ook.led.wavelength))
     return OperatingPoint(
@@ -197,7 +201,7 @@ def operating_point(
             ber_of_samples(ook, samples, quantile, confidence, seed), dark, samples, quantile, found
         ),
         outage=outage_of_samples(ook, samples, limit, quantile, confidence),
-        capacity=_capacity(ook, samples.samples),
+        capacity=capacity(ook, samples_of_law),
         widest_filter_nm=widest,
     )
 
@@ -269,10 +273,3 @@ def _joined_rates(*rates: float) -> Estimate:
     """Return the interval of an error rate, `_joined` in the logarithm."""
     logs = _joined(*(math.log(max(rate, 1e-300)) for rate in rates))
     return Estimate(*(math.exp(value) for value in logs))
-
-
-def _capacity(ook: OokLink, gain: Floats) -> Capacity:
-    """Return the capacity; of very many gains, from the quantiles of their law."""
-    if gain.size > _QUANTILES:
-        gain = np.quantile(gain, (np.arange(_QUANTILES) + 0.5) / _QUANTILES)
-    return capacity(ook, gain)

@@ -111,22 +111,17 @@ class Parameter(NamedTuple):
         if head == "detector":
             assert ook is not None
             return Setting(link, sea, ook.replace(rest, value))
-        link = _turned(link, self.name, value)
+        path, _, last = self.name.rpartition(".")
+        if last in _ABSOLUTE and value < 0.0:  # a positive angle of opposite azimuth
+            azimuth = f"{path}.{_ABSOLUTE[last]}"
+            link = link.replace(azimuth, _value(link, azimuth) + 180.0)
+            value = -value
+        link = link.replace(self.name, value)
         if self.name == "water.n" and getattr(link.bubbles, "n_water", None) == self.base:
             link = link.replace("bubbles.n_water", value)
         if ook is not None:
             ook = OokLink.of_link(link, ook)
         return Setting(link, sea, ook)
-
-
-def _turned(link: Link, name: str, value: float) -> Link:
-    """Return a link with another value; a negative zenith angle is one of opposite azimuth."""
-    path, _, last = name.rpartition(".")
-    if last in _ABSOLUTE and value < 0.0:
-        azimuth = f"{path}.{_ABSOLUTE[last]}"
-        link = link.replace(azimuth, _value(link, azimuth) + 180.0)
-        value = -value
-    return link.replace(name, value)
 
 
 def _sea_at(sea: Any, key: str, value: float) -> Any:
@@ -251,7 +246,10 @@ def parameters(
                 continue
             raise Refused("normals", "facet", f"vertex: the gain over facets jumps with {name}")
         try:
-            _require_inside(p, setting)
+            if not p.absolute and p.base == p.origin:
+                raise Refused(p.name, p.base, "a value other than 0, for relative steps")
+            for steps in (-1.0, 1.0):
+                p.at(setting, p.shifted(steps))
         except Refused:
             if wrt is not None:
                 raise
@@ -271,14 +269,6 @@ def _left_out(p: Parameter, setting: Setting) -> bool:
     if p.name.startswith("bubbles.") and last != "wind_speed":
         return True
     return last in _NOT_BY_DEFAULT or p.name.startswith("detector.") or p.name == "wind_speed"
-
-
-def _require_inside(p: Parameter, setting: Setting) -> None:
-    """Refuse a parameter whose steps leave its range."""
-    if not p.absolute and p.base == p.origin:
-        raise Refused(p.name, p.base, "a value other than 0, for relative steps")
-    for steps in (-1.0, 1.0):
-        p.at(setting, p.shifted(steps))
 
 
 Of = Literal["gain", "ber", "outage", "range", "margin"]
