@@ -132,7 +132,7 @@ def columns_of(rows: Sequence[Any]) -> dict[str, list[Any]]:
     Those of rows within rows follow the name of their field: `gain_low` is `low` of `gain`, but
     `gain` its `value`.
     """
-    found = {}
+    found: dict[str, list[Any]] = {}
     for name in get_type_hints(type(rows[0])):
         column = [getattr(row, name) for row in rows]
         inner = columns_of(column) if hasattr(column[0], "_fields") else {"value": column}

@@ -131,13 +131,15 @@ def coverage_map(
     view = {"axis": receiver.axis, "fov_deg": receiver.fov_deg}
     grid = IrradianceMap(height=receiver.center[2], extent=extent, step=step, **view)
     exact = rtol is not None and not isinstance(case.run.estimator, Analog)
-    mapped = _Mapped(case, receiver, grid, at, exact)
-    with Store(store, "coverage_map").loop("photons", mapped.identity()) as kept:
-        return mapped.run(photons, rtol, kept, progress)
+    mapped = _Mapped(case, receiver, grid, at, exact, progress)
+    with Store(store, "coverage_map").loop("photons", mapped.identity()) as mapped.kept:
+        return mapped.run(photons, rtol)
 
 
 class _Mapped:
     """Map of a receiver: link, surface and options, cells and times, and its unscattered light."""
+
+    kept: Kept
 
     def __init__(
         self,
@@ -146,11 +148,13 @@ class _Mapped:
         grid: IrradianceMap,
         times: list[float],
         exact: bool,
+        progress: Callable[[int], None] | None,
     ) -> None:
         options = case.run.estimator
         self._options = options if isinstance(options, Analog) else Analog()
         self._case = case._replace(run=case.run.replace(estimator=self._options))
         self._receiver, self._grid, self._times = receiver, grid, times
+        self._progress = progress
         half = 0.5 * grid.n * grid.step
         ends = (-grid.extent, 2.0 * half - grid.extent)
         corners = (receiver.replace(position=(x, y)) for x in ends for y in ends)
@@ -194,18 +198,12 @@ class _Mapped:
             "unscattered": self._image is None,
         }
 
-    def run(
-        self,
-        photons: int,
-        rtol: float | None,
-        kept: Kept,
-        progress: Callable[[int], None] | None,
-    ) -> CoverageMap:
+    def run(self, photons: int, rtol: float | None) -> CoverageMap:
         """Return the map by photons, which carry all light or what the image lacks."""
         more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
         each, sums = 0, None
         while sums is None or more > 0:
-            sums = self._follow(each, more, sums, kept, progress)
+            sums = self._follow(each, more, sums)
             each += more
             gain, stderr = self._gain(sums)
             lack = 0.0 if rtol is None else (relative_errors(gain, stderr).max() / rtol) ** 2
@@ -228,30 +226,23 @@ class _Mapped:
         assert result.map is not None
         return CoverageMap(result.map.x, result.map.y, gain, stderr, origin, bound)
 
-    def _follow(
-        self,
-        done: int,
-        photons: int,
-        sums: PhotonSums | None,
-        kept: Kept,
-        progress: Callable[[int], None] | None,
-    ) -> PhotonSums:
+    def _follow(self, done: int, photons: int, sums: PhotonSums | None) -> PhotonSums:
         """Follow more photons at each time, and add their tallies to those of all times."""
         for i, time in enumerate(self._times):
             first = self._options.first_photon + len(self._times) * done + i * photons
             key = f"{photons} from {first}"
-            if key in kept:
-                sums = _unpacked(kept[key])
-                if progress is not None:
-                    progress(photons)
+            if key in self.kept:
+                sums = _unpacked(self.kept[key])
+                if self._progress is not None:
+                    self._progress(photons)
                 continue
             case, options = self._case, self._options.replace(first_photon=first)
             sums = run_analog(
                 case.link, EmbreeIntersector(self._mesh(time), case.threads), options,
                 photons=photons, record=[self._grid], unscattered=self._image is None, sums=sums,
-                progress=progress, **case.how,
+                progress=self._progress, **case.how,
             )  # fmt: skip
-            kept.keep(key, *_packed(sums))
+            self.kept.keep(key, *_packed(sums))
         assert sums is not None
         return sums
 

@@ -221,11 +221,9 @@ class Model:
 
     def _at(self, number: int, x: tuple[float | None, ...]) -> Link:
         """Return a measured link with the unknowns that have a value."""
-        setting = Setting(self._links[number], self._campaign.surface, None)
-        for p, step in zip(self._unknowns, x, strict=True):
-            if step is not None:
-                setting = p.at(setting, p.moved(step))
-        return setting.link
+        pairs = zip(self._unknowns, x, strict=True)
+        values = ((p, p.moved(step)) for p, step in pairs if step is not None)
+        return Setting(self._links[number], self._campaign.surface).at(values).link
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -414,7 +412,7 @@ def infer(
     campaign = campaign_of(link, surface, "infer", several=False, photons=photons, **run)
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
-    setting = Setting(campaign.link, campaign.surface, None)
+    setting = Setting(campaign.link, campaign.surface)
     found = parameters(setting, keys, None, "vertex", "unknown") if keys else []
     for p in found:
         if p.name.split(".")[0] in ("sea", "wind_speed"):

@@ -278,7 +278,7 @@ def _variables(
     """Return the variables and their bounds (n, 2)."""
     if not isinstance(over, Mapping) or not over:
         raise Refused("over", over, "a table of names and bounds (low, high)")
-    setting = Setting(campaign.link, None, None)  # the keys of the link alone
+    setting = Setting(campaign.link, None)  # the keys of the link alone
     bounds = []
     for name, ends in over.items():
         pair = require_pair(ends, f"over.{name}", "(low, high), low < high")
@@ -343,10 +343,8 @@ class _Search:
         return np.where(self._log, logs, (values - low) / (high - low))
 
     def _link(self, values: Floats) -> Link:
-        setting = Setting(self._campaign.link, self._campaign.surface, None)
-        for p, value in zip(self._variables, values, strict=True):
-            setting = p.at(setting, float(value))
-        return setting.link
+        pairs = zip(self._variables, values.tolist(), strict=True)
+        return Setting(self._campaign.link, self._campaign.surface).at(pairs).link
 
     def _costs(self, values: Floats, sample: Sample | None = None) -> Floats:
         """Return the costs of a candidate: of all gains, and of the groups of the jackknife."""

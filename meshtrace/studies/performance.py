@@ -251,7 +251,7 @@ class LinkPerformance(Stored):
         import xarray as xr
 
         table, shape = columns_of(self.figures), (len(self.depths), len(self.ooks))
-        found = {
+        found: dict[str, Any] = {
             name: (("depth", "bit_rate"), np.reshape(column, shape), _attrs(name))
             for name, column in table.items()
         }

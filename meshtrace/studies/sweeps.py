@@ -92,10 +92,10 @@ class Study:
 
     base: str  # link file
     parameters: dict[str, list[Any]]
-    realizations: int
-    rtol: float | None
-    photons: int | None
-    seed: int
+    realizations: int = 1
+    rtol: float | None = 0.01
+    photons: int | None = None
+    seed: int = 1
     modules: tuple[str, ...] = ()  # of the user's classes, which another process imports first
 
     def check(self) -> None:
@@ -351,18 +351,13 @@ def sweep(
     """
     require_dask()
     given = link.get("daylight") if isinstance(link, Mapping) else None
-    study = _study(_base(link, surface), given, parameters, realizations, rtol, photons, seed)
+    options = {"realizations": realizations, "rtol": rtol, "photons": photons, "seed": seed}
+    study = _study(_base(link, surface), given, parameters, **options)
     return _swept(study, store, workers, timeout, progress)
 
 
 def _study(
-    base: Scenario,
-    light: Any,
-    parameters: Mapping[str, Sequence[Any]],
-    realizations: int = 1,
-    rtol: float | None = 0.01,
-    photons: int | None = None,
-    seed: int = 1,
+    base: Scenario, light: Any, parameters: Mapping[str, Sequence[Any]], **options: Any
 ) -> Study:
     """Return the checked study; `light` is the given table [daylight], None for a model."""
     import tomli_w
@@ -373,7 +368,7 @@ def _study(
         found = daylight_recipe(base.daylight) if light is None else light
         config["daylight"] = as_table(found, "daylight", "model")
     text = tomli_w.dumps(config)
-    study = Study(text, plain, realizations, rtol, photons, seed)
+    study = Study(text, plain, **options)
     study.check()
     return replace(study, modules=tuple(modules_of(f"{text}{plain}")))
 

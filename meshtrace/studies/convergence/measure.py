@@ -209,7 +209,11 @@ class CommonChains:
         return over_waves(self._chains("vertex"), sea, self.campaign.meshing.time, spacing)
 
     def over(
-        self, cases: list[Case], steps: int, recorded: dict[str, Any], photons: int = ANALOG_PHOTONS
+        self,
+        cases: Sequence[Case],
+        steps: int,
+        recorded: dict[str, Any],
+        photons: int = ANALOG_PHOTONS,
     ) -> Stacked:
         """Return the gains over the meshes of a study: as many repeats of each step, in order.
 
@@ -234,7 +238,7 @@ class CommonChains:
         return Stacked(samples, ballistic, slopes, reflected, *seconds)
 
 
-def _measuring(chains: CommonChains, jobs: list[Case], photons: int) -> Callable[[int], Floats]:
+def _measuring(chains: CommonChains, jobs: Sequence[Case], photons: int) -> Callable[[int], Floats]:
     """Return the function that measures a mesh by its number."""
     return lambda i: chains.measure(jobs[i], photons)
 

@@ -332,14 +332,9 @@ class ConvergenceStudy(Stored):
             ("scatter", ">9", ".4f", percent * self.scatter[k]),
             ("slope var.", ">12", ".6f", self.slope_variance[k]),
             ("total refl.", ">12", ".5f", self.total_reflection[k]),
-            *(
-                (f"{name} s", ">8", ".3f", seconds[k])
-                for name, seconds in (
-                    ("mesh", self.mesh_time),
-                    ("BVH", self.bvh_time),
-                    ("gain", self.evaluation_time),
-                )
-            ),
+            ("mesh s", ">8", ".3f", self.mesh_time[k]),
+            ("BVH s", ">8", ".3f", self.bvh_time[k]),
+            ("gain s", ">8", ".3f", self.evaluation_time[k]),
         ]
         lines = ["".join(format(head, width.replace("+", "")) for head, width, _, _ in columns)]
         for j in range(len(self.values)):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -47,7 +47,14 @@ class Setting(NamedTuple):
 
     link: Link
     sea: Any
-    ook: OokLink | None
+    ook: OokLink | None = None
+
+    def at(self, values: Iterable[tuple[Parameter, float]]) -> Setting:
+        """Return the setting with other values of parameters."""
+        setting = self
+        for p, value in values:
+            setting = p.at(setting, value)
+        return setting
 
 
 class Parameter(NamedTuple):

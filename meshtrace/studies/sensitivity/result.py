@@ -210,7 +210,7 @@ class Sensitivities(Stored):
         return Value(value, value * math.hypot(self.stderr / self.value, spread))
 
     def _content(self) -> xr.Dataset:
-        table = columns_of(self.table)
+        table: dict[str, Any] = dict(columns_of(self.table))
         table["suspicious"] = np.array(table["suspicious"], np.int8)
         named = ((_stored(name), column) for name, column in table.items())
         return super()._content().assign({k: ("parameter", v, attrs(k)) for k, v in named})

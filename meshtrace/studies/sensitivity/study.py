@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any, NamedTuple, Unpack
@@ -259,23 +259,21 @@ class _Rates(NamedTuple):
     bias: float = 0.0
 
 
+@dataclass(eq=False)
 class Study:
     """Evaluation of a quantity and its derivatives."""
 
-    def __init__(
-        self,
-        setting: Setting,
-        campaign: Campaign,
-        realizations: int,
-        quantity: Quantity,
-        steps: dict[str, float],
-        where: str = "",
-    ) -> None:
-        self.setting, self.quantity, self.campaign = setting, quantity, campaign.of(setting.link)
-        self._steps, self._where = steps, where
-        several = realizations > 1
+    setting: Setting
+    campaign: Campaign
+    realizations: int
+    quantity: Quantity
+    steps: dict[str, float]  # usual ones, by parameter
+    where: str = ""
+
+    def __post_init__(self) -> None:
+        self.campaign, several = self.campaign.of(self.setting.link), self.realizations > 1
         self.near = Neighbours(
-            self.campaign, realizations, phases=several, fading=several, kept=_KEPT
+            self.campaign, self.realizations, phases=several, fading=several, kept=_KEPT
         )
 
     def gains(self, name: str, *settings: Setting) -> Floats:
@@ -291,7 +289,7 @@ class Study:
 
     def _over(self, evaluate: Callable[[int], Floats], settings: int, name: str) -> Floats:
         steps = settings * self.near.seas
-        return self.near.over(evaluate, steps, f"{name}{self._where}", settings=settings)
+        return self.near.over(evaluate, steps, f"{name}{self.where}", settings=settings)
 
     @cached_property
     def base(self) -> Floats:
@@ -369,7 +367,7 @@ class Study:
 
         A small step sees none of the discontinuities that rare chains carry.
         """
-        return 3.0 * max(1.0, self._steps.get(p.name, p.step) / p.step)
+        return 3.0 * max(1.0, self.steps.get(p.name, p.step) / p.step)
 
     def _compared(self, found: list[Floats]) -> tuple[bool, str]:
         """Return the disagreement of the derivatives over two steps, if any."""
@@ -522,8 +520,9 @@ def swings(
         ends = {name: swing.ends(name, change) for name in names}
     found = []
     for name, pair in ends.items():
-        change, stderr = zip(*(swing.change(name, end) for end in pair), strict=True)
-        found.append(Swing(name, s.table[name].unit, pair, change, stderr))
+        (low, low_error), (high, high_error) = (swing.change(name, end) for end in pair)
+        unit = s.table[name].unit
+        found.append(Swing(name, unit, pair, (low, high), (low_error, high_error)))
     return sorted(found, key=lambda one: -max(map(abs, one.change)))
 
 
