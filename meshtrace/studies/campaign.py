@@ -15,7 +15,6 @@ from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_for, surface_config
 from meshtrace.engine.setup.options import (
-    Case,
     Forced,
     Meshing,
     Run,
@@ -134,11 +133,6 @@ class Campaign(NamedTuple):
             kind = Described(type(self.surface).__name__)
             raise Refused("surface", kind, "a sea (SurfaceModel), of any spacing")
         return self.surface
-
-    @property
-    def case(self) -> Case:
-        """Inputs of a single run of the first link."""
-        return Case(self.link, self.surface, self.run, self.meshing)
 
     def of(self, link: Link, name: str = "link") -> Campaign:
         """Return the campaign of another link; in one store each has a name of its own."""

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from meshtrace.engine.backward.view import only_aperture
 from meshtrace.engine.parts import Light
-from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.engine.setup.options import RunOptions, require_options
 from meshtrace.errors import (
     Described,
@@ -27,7 +26,6 @@ from meshtrace.errors import (
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS, Stored, Variable
 from meshtrace.studies.campaign import Campaign, campaign_of
@@ -426,8 +424,7 @@ def infer(
     if len(names) > known:
         raise Refused("unknown", names, f"at most {known}: measurements and priors")
     fit = _Fit(data, names, unknowns, priors, Model(campaign, data.keys, unknowns))
-    options = {"photons": photons, "seed": campaign.run.seed}
-    return fit.result(provenance(campaign.link, surface_config(campaign.surface), options))
+    return fit.result(campaign.provenance())
 
 
 class _Priors(NamedTuple):

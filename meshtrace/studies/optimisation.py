@@ -11,7 +11,6 @@ import numpy as np
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
-from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.engine.setup.options import RunOptions, require_options
 from meshtrace.errors import (
     Described,
@@ -25,7 +24,6 @@ from meshtrace.errors import (
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
 from meshtrace.stored import Stored, Variable
 from meshtrace.studies.background import electronics_of, held_light
@@ -469,8 +467,6 @@ class _Search:
             notes.append("no improvement found")
         error_of_value = goal.error(cost, stderr)
         value = goal.quantity(link, cost, self._sample.groups)
-        options = {**campaign.run.to_config(), **campaign.meshing.model_dump()}
-        origin = provenance(campaign.link, surface_config(campaign.surface), options)
         return Optimum(
             objective=goal.name,
             value=value,
@@ -485,5 +481,5 @@ class _Search:
             costs=np.array([found[0] for found in tried.values()]),
             validation=Validation(quantities[0], quantities[1], difference, error, improved),
             notes=tuple(notes),
-            provenance=origin | {"best": link.model_dump(mode="json")},
+            provenance=campaign.provenance() | {"best": link.model_dump(mode="json")},
         )

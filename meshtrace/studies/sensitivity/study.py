@@ -14,7 +14,6 @@ import numpy as np
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.ook_setup import Preset
 from meshtrace.engine.parts import Light
-from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
     Described,
@@ -27,7 +26,6 @@ from meshtrace.errors import (
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.results.provenance import provenance
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
@@ -420,9 +418,7 @@ def _result(study: Study, found: list[_Rates], asked: list[str]) -> Sensitivitie
     ]
     rows, factors = zip(*pairs, strict=True)
     covariance *= np.outer(factors, factors)
-    run = {**campaign.run.to_config(), **campaign.meshing.model_dump(mode="json")}
-    run.pop("threads")
-    origin = provenance(setting.link, surface_config(campaign.surface), run)
+    origin = campaign.provenance(setting.link)
     origin |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
     origin["ook"] = None if setting.ook is None else setting.ook.model_dump(mode="json")
     return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
