@@ -395,7 +395,7 @@ def _is_file(path: Any) -> bool:
 
 
 def _is_damaged(path: str | PathLike[str]) -> bool:
-    """Return whether a file has a digest at its end that differs from that of its bytes.
+    """Return whether the digest at the end of a file differs from the digest of its bytes.
 
     HDF5 notes the end of its bytes: the rest behind it is an intact or a damaged digest.
     """

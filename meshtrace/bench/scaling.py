@@ -168,10 +168,10 @@ def worker_scaling(
         If dask and distributed are not installed.
     """
     from meshtrace.studies.cluster import Cluster
-    from meshtrace.studies.sweeps import Study
+    from meshtrace.studies.sweeps import Sweep
 
     def run(workers: int, n: int = realizations) -> None:
-        study = Study(scenario.to_toml(), {}, n, None, chains, seed=1)
+        study = Sweep(scenario.to_toml(), {}, n, None, chains, seed=1)
         for _ in Cluster(workers).map(lambda: study.compute, list(study.tasks())):
             pass
 

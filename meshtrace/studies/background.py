@@ -104,7 +104,7 @@ def background_series(
 
 
 def light_of(campaign: Campaign, day: Daylight | None) -> Daylight | None:
-    """Return the light of a study, by default that of its scenario."""
+    """Return the light of a study, by default the one in its scenario."""
     own = getattr(campaign.scenario, "daylight", None)
     return checked_daylight(own if day is None else day, campaign.link)
 
@@ -193,7 +193,7 @@ def described(ook: OokLink, found: Background) -> str:
 def electronics_of(
     campaign: Campaign, ook: OokLink | Preset | None, bit_rate: float | None
 ) -> OokLink | None:
-    """Return the transmission of a link, by default ("physical") that of its scenario."""
+    """Return the transmission of a link; "physical" yields to the detector of its scenario."""
     own = getattr(campaign.scenario, "detector", None)
     chosen = own if ook == "physical" and own is not None else ook
     return None if chosen is None else OokLink.of_link(campaign.link, chosen, bit_rate)

@@ -243,7 +243,7 @@ class Campaign(NamedTuple):
 
     @property
     def alone(self) -> Campaign:
-        """The campaign without store, cluster and progress; that of a worker has one thread."""
+        """The campaign without store, cluster and progress; one thread for a worker."""
         run = self.run if self.cluster is None else self.run.replace(threads=1)
         return self._replace(run=run, scenario=None, cluster=None, store=Store(), progress=None)
 
@@ -348,7 +348,7 @@ def with_all_ends(links: Sequence[Link]) -> Link:
 
 
 def wind_over(sea: Any, link: Link, name: str) -> Dryden:
-    """Return the wind over a sea at the end in the air; `name` is that of the argument."""
+    """Return the wind over a sea at the end in the air; `name` is its argument."""
     speed = getattr(getattr(sea, "spectrum", sea), "wind_speed", None)
     if speed is None:
         raise Refused(name, None, "a wind, over a sea without wind speed")

@@ -41,7 +41,7 @@ def weighted_quantile(values: Floats, weights: Floats, quantile: float) -> float
 
 
 class Goal:
-    """An objective and the quantity that it stands for.
+    """Objective of an optimisation, its cost and its quantity.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class Goal:
         return scale.get(self.name, cost)
 
     def error(self, cost: float, stderr: float) -> float:
-        """Return the standard error of the quantity of that of the cost; of an outage nan."""
+        """Return the standard error of the quantity by the error of the cost; nan for an outage."""
         scale = {"gain": math.exp(-cost), "margin": _DB, "outage": math.nan}
         return stderr * scale.get(self.name, 1.0)
 

@@ -199,7 +199,7 @@ class _Mapped:
         }
 
     def run(self, photons: int, rtol: float | None) -> CoverageMap:
-        """Return the map by photons, which carry all light or what the image lacks."""
+        """Return the map by photons, which carry all light, or the light that the image lacks."""
         more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
         each, sums = 0, None
         while sums is None or more > 0:
@@ -227,7 +227,7 @@ class _Mapped:
         return CoverageMap(result.map.x, result.map.y, gain, stderr, origin, bound)
 
     def _follow(self, done: int, photons: int, sums: PhotonSums | None) -> PhotonSums:
-        """Follow more photons at each time, and add their tallies to those of all times."""
+        """Follow more photons at each time, and add their tallies to the sums."""
         for i, time in enumerate(self._times):
             first = self._options.first_photon + len(self._times) * done + i * photons
             key = f"{photons} from {first}"

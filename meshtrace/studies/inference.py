@@ -121,7 +121,7 @@ class Prediction(NamedTuple):
     covariance: Floats  # (n, n) of ln gain, by the chains
 
 
-class Model:
+class Predictor:
     """Predictions of all measurements with common chains.
 
     Parameters
@@ -423,7 +423,7 @@ def infer(
     known = len(data.value) + len(priors.axis)
     if len(names) > known:
         raise Refused("unknown", names, f"at most {known}: measurements and priors")
-    fit = _Fit(data, names, unknowns, priors, Model(campaign, data.keys, unknowns))
+    fit = _Fit(data, names, unknowns, priors, Predictor(campaign, data.keys, unknowns))
     return fit.result(campaign.provenance())
 
 
@@ -458,10 +458,10 @@ class _Fit(NamedTuple):
     names: list[str]
     unknowns: list[Parameter]
     priors: _Priors
-    model: Model
+    model: Predictor
 
     def _variance(self, found: Prediction) -> Floats:
-        """Return the variances of ln gain by the measurements alone; of counts that of Poisson."""
+        """Return the variances of ln gain by the measurements, Poisson's for counts."""
         relative = np.square(self.data.stderr / np.maximum(self.data.value, 1e-300))
         return np.where(self.data.counted, np.exp(-found.log), relative)
 

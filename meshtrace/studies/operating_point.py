@@ -254,7 +254,7 @@ def _estimate(values: Floats) -> Estimate:
 
 
 def _joined(value: float, low: float, high: float, brighter: float, darker: float) -> Estimate:
-    """Return an interval with that of an independent error added in quadrature."""
+    """Return an interval with an independent error added in quadrature."""
     return Estimate(
         value,
         value - math.hypot(value - low, value - brighter),

@@ -553,7 +553,7 @@ def link_performance(
 def _lights(
     ensemble: Ensemble, links: dict[float, Link], day: Daylight | None
 ) -> dict[float, Background | None]:
-    """Return the background at each depth; it is that of the receiver alone."""
+    """Return the background at each depth, once for each receiver."""
     if day is None:
         return dict.fromkeys(links)
     found: dict[Any, Background] = {}

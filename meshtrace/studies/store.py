@@ -41,7 +41,7 @@ class Item(NamedTuple):
 
 
 class Kept:
-    """Finished items of one loop by their keys; without a file none are kept."""
+    """Finished items of one loop by their keys; nothing is kept without a file."""
 
     def __init__(self, items: dict[str, Item], of: str = "", file: IO[bytes] | None = None) -> None:
         self._items, self._of, self._file = items, of, file

@@ -87,7 +87,7 @@ def tasks_of(values: list[range], realizations: int) -> Iterator[Task]:
 
 
 @dataclass(frozen=True)
-class Study:
+class Sweep:
     """All inputs of a sweep."""
 
     base: str  # link file
@@ -358,7 +358,7 @@ def sweep(
 
 def _study(
     base: Scenario, light: Any, parameters: Mapping[str, Sequence[Any]], **options: Any
-) -> Study:
+) -> Sweep:
     """Return the checked study; `light` is the given table [daylight], None for a model."""
     import tomli_w
 
@@ -368,13 +368,13 @@ def _study(
         found = daylight_recipe(base.daylight) if light is None else light
         config["daylight"] = as_table(found, "daylight", "model")
     text = tomli_w.dumps(config)
-    study = Study(text, plain, **options)
+    study = Sweep(text, plain, **options)
     study.check()
     return replace(study, modules=tuple(modules_of(f"{text}{plain}")))
 
 
 def _swept(
-    study: Study,
+    study: Sweep,
     store: str | Path | None,
     workers: int | str | None = None,
     timeout: float = DEFAULT_TIMEOUT,

@@ -6,7 +6,6 @@ import math
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeGuard, cast
 
 import numpy as np
@@ -115,7 +114,7 @@ def placement_shifts(n: int) -> Floats:
     return 0.5 * np.stack([along + across - 1.0, along - across], axis=1)
 
 
-Case = Callable[[], "TriangleMesh"]
+MakeMesh = Callable[[], "TriangleMesh"]
 """Makes a mesh of a study."""
 
 ANALOG_PHOTONS = 16_384  # of the share of total reflection
@@ -182,7 +181,7 @@ class CommonChains:
             self.link, run.photons, run.seed, kind, sea=sea, search="thorough", scattered="chains"
         )
 
-    def measure(self, case: Case, photons: int = 0) -> Floats:
+    def measure(self, case: MakeMesh, photons: int = 0) -> Floats:
         """Return the numbers of a mesh in a row for each kind of normals.
 
         Gain by shift, unscattered gain, mean square slope, share of total reflection, and the
@@ -210,7 +209,7 @@ class CommonChains:
 
     def over(
         self,
-        cases: Sequence[Case],
+        cases: Sequence[MakeMesh],
         steps: int,
         recorded: dict[str, Any],
         photons: int = ANALOG_PHOTONS,
@@ -227,7 +226,10 @@ class CommonChains:
         """
         chosen = {"kinds": list(self.kinds), "receiver": self.receiver}
         identity = {**recorded, **chosen, "physics": self.link.physics.model_dump(mode="json")}
-        setup = partial(_measuring, self, cases, photons)
+
+        def setup() -> Callable[[int], Floats]:
+            return lambda i: self.measure(cases[i], photons)
+
         rows = self.campaign.over(setup, range(len(cases)), "meshes", identity, "meshes")
         by_case = np.stack(list(rows), axis=1)  # (kinds, cases, numbers)
         found = by_case.reshape(len(by_case), steps, -1, by_case.shape[-1])
@@ -236,11 +238,6 @@ class CommonChains:
             raise Refused("gain", Described("no light received"), "light at every step")
         slopes, reflected, *seconds = (column.mean(axis=2) for column in means)
         return Stacked(samples, ballistic, slopes, reflected, *seconds)
-
-
-def _measuring(chains: CommonChains, jobs: Sequence[Case], photons: int) -> Callable[[int], Floats]:
-    """Return the function that measures a mesh by its number."""
-    return lambda i: chains.measure(jobs[i], photons)
 
 
 def _slope_variance(intersector: EmbreeIntersector, kind: Normals, reach: float) -> float:
@@ -409,7 +406,7 @@ def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> analytic.Wav
 
 
 def is_wave_sum(sea: Any) -> TypeGuard[WaveSum]:
-    """Return whether the elevation of a sea is a sum of waves; that of a choppy sea is not."""
+    """Return whether the elevation of a sea is a sum of waves, and the sea not choppy."""
     return isinstance(sea, WaveSum) and not getattr(sea, "choppy", False)
 
 

@@ -201,7 +201,7 @@ class ConvergenceStudy(Stored):
 
     @cached_property
     def _differences(self) -> Floats:
-        """Gain minus that of the exact surface or the finest step, (kinds, n, shifts)."""
+        """Gain minus the gain of the exact surface or the finest step, (kinds, n, shifts)."""
         mean = self.samples.mean(axis=2)
         anchor = mean[:, -1:] if self.reference is None else self.reference.samples
         return mean - anchor
@@ -375,7 +375,7 @@ class ConvergenceStudy(Stored):
 
 
 def _cell(value: float, width: str, digits: str) -> str:
-    """Return a value of the table, "-" for none."""
+    """Return a value of the table, "-" for nan."""
     return (
         format("-", width.replace("+", "")) if math.isnan(value) else format(value, width + digits)
     )

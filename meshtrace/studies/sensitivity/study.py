@@ -325,7 +325,7 @@ class Study:
         return found
 
     def _exactly(self, p: Parameter, change: Floats, method: str) -> _Rates:
-        """Return the derivatives of the quantity from those of the gains (seas, shifts)."""
+        """Return the derivatives of the quantity by the chain rule, from dh (seas, shifts)."""
         base, setting = self.base, self.setting
         sides = [p.at(setting, p.shifted(side * _DIRECT / p.step)).ook for side in (-1.0, 1.0)]
         gains = base - _DIRECT * change, base + _DIRECT * change
