@@ -12,7 +12,8 @@ import io
 import json
 import mmap
 import struct
-from collections.abc import Callable, Collection, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
 from os import PathLike
@@ -45,13 +46,13 @@ _HOMES = {
     "background": "meshtrace.results.background",
     "background-series": "meshtrace.results.background",
     "fading": "meshtrace.fading.statistics",
-    "performance": "meshtrace.studies.performance.tables",
-    "depth-sweep": "meshtrace.studies.performance.tables",
+    "performance": "meshtrace.studies.performance",
+    "depth-sweep": "meshtrace.studies.performance",
     "convergence": "meshtrace.studies.convergence.study",
-    "inference": "meshtrace.studies.inference.study",
-    "optimum": "meshtrace.studies.optimisation.study",
+    "inference": "meshtrace.studies.inference",
+    "optimum": "meshtrace.studies.optimisation",
     "sensitivity": "meshtrace.studies.sensitivity.result",
-    "fading-convergence": "meshtrace.studies.convergence.fading",
+    "fading-convergence": "meshtrace.studies.convergence.drivers",
 }
 """Modules of the results by kind, imported when a file asks for them."""
 
@@ -126,7 +127,34 @@ class WithArrays:
         return found
 
 
-class Stored(WithArrays):
+def columns_of(rows: Sequence[Any]) -> dict[str, list[Any]]:
+    """Return the columns of rows with named fields, by name.
+
+    Those of rows within rows follow the name of their field: `gain_low` is `low` of `gain`, but
+    `gain` its `value`.
+    """
+    found: dict[str, list[Any]] = {}
+    for name in get_type_hints(type(rows[0])):
+        column = [getattr(row, name) for row in rows]
+        inner = columns_of(column) if hasattr(column[0], "_fields") else {"value": column}
+        found |= {f"{name}_{key}".removesuffix("_value"): inner[key] for key in inner}
+    return found
+
+
+def row_of(kind: Any, columns: Mapping[str, Sequence[Any]], i: int, prefix: str = "") -> Any:
+    """Return row i of the columns that `columns_of` made of rows of a kind."""
+    values = []
+    for name, hint in get_type_hints(kind).items():
+        key = f"{prefix}{name}"
+        if hasattr(hint, "_fields"):
+            values.append(row_of(hint, columns, i, f"{key}_"))
+        else:
+            value = columns[key.removesuffix("_value")][i]
+            values.append(bool(value) if hint is bool else value)
+    return kind(*values)
+
+
+class Stored(WithArrays, ABC):
     """Result with a text, a notebook table, a Dataset and a file.
 
     Subclasses are frozen dataclasses (`repr=False`) with a `kind` and a `title`. Fields described
@@ -156,9 +184,9 @@ class Stored(WithArrays):
                 lines.append(f"  {name.replace('_', ' '):<20} {text}")
         return "\n".join(lines + self._origin_lines())
 
+    @abstractmethod
     def _headline(self) -> str:
         """Return the most important numbers as one line."""
-        raise NotImplementedError
 
     def _content(self) -> xr.Dataset:
         """Return the Dataset without kind, version and provenance."""

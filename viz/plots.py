@@ -25,10 +25,10 @@ from meshtrace.results.impulse import ImpulseResponse
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import Stored
 from meshtrace.studies.comparison import Comparison, Duplex
-from meshtrace.studies.convergence.fading import FadingConvergence
+from meshtrace.studies.convergence.drivers import FadingConvergence
 from meshtrace.studies.convergence.study import ConvergenceStudy
-from meshtrace.studies.inference.study import Inference
-from meshtrace.studies.optimisation.study import Optimum
+from meshtrace.studies.inference import Inference
+from meshtrace.studies.optimisation import Optimum
 from meshtrace.studies.sensitivity.study import Sensitivities, swings
 from meshtrace.uav import Route
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from meshtrace.comms.background import name_of_light
 from meshtrace.fields import FIELDS
-from meshtrace.studies.performance.tables import DepthSweep, LinkPerformance
+from meshtrace.studies.performance import DepthSweep, LinkPerformance
 
 from .marks import along, axes, curves, finished, lines, note, variable
 from .style import INK, label_of, verbatim

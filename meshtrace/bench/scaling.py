@@ -167,13 +167,12 @@ def worker_scaling(
     ModuleNotFoundError
         If dask and distributed are not installed.
     """
-    from meshtrace.studies.campaign import same
     from meshtrace.studies.cluster import Cluster
-    from meshtrace.studies.sweeps import Study
+    from meshtrace.studies.sweeps import Sweep
 
     def run(workers: int, n: int = realizations) -> None:
-        study = Study(scenario.to_toml(), {}, n, None, chains, seed=1)
-        for _ in Cluster(workers).map(partial(same, study.compute), list(study.tasks())):
+        study = Sweep(scenario.to_toml(), {}, n, None, chains, seed=1)
+        for _ in Cluster(workers).map(lambda: study.compute, list(study.tasks())):
             pass
 
     workers = counts_up_to(default_threads(most))

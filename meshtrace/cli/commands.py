@@ -26,7 +26,7 @@ from meshtrace.errors import Refused, require_word
 if TYPE_CHECKING:
     import xarray as xr
 
-    from meshtrace.studies.performance.tables import LinkPerformance
+    from meshtrace.studies.performance import LinkPerformance
 
 Asked = dict[str, Any]  # options of the study that are given
 
@@ -204,7 +204,7 @@ def ber(
         Apply the tilt to every photon.
     """
     from meshtrace.mesh import RandomSea
-    from meshtrace.studies.performance.tables import DepthSweep
+    from meshtrace.studies.performance import DepthSweep
     from meshtrace.uav.airframe import Flight
 
     given = {"detector.preset": preset, "uav.preset": uav, **light.changes()}

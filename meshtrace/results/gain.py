@@ -187,7 +187,7 @@ class GainResult(Stored):
         return ", ".join([*shown, self._samples])
 
     def _dark(self, bound: float) -> str:
-        """Return the bound of a gain without light; that of chains is no measurement of theirs."""
+        """Return the bound of a gain without light; chains have not measured it."""
         if self.fates:
             return f"dark to below {bound:.2g}"
         return f"not found with {self._samples}, below {bound:.2g}"
@@ -231,7 +231,7 @@ class GainResult(Stored):
         return "\n".join(lines)
 
     def _gain_lines(self, verbose: bool) -> list[str]:
-        """Return gain and errors of each receiver; that of the mesh where it matters."""
+        """Return gain and errors of each receiver, with the error of the mesh where it matters."""
         lines = []
         names = "gain", "gain_stderr", "gain_bound", "mesh_error"
         parts = "gain_ballistic", "gain_reflected"
@@ -276,7 +276,7 @@ class GainResult(Stored):
 
     @classmethod
     def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
-        """Return the fields that a dataset holds; those of a single receiver are numbers."""
+        """Return the fields that a dataset holds, as numbers for a single receiver."""
         found, fates = super().arrays(data), {}
         if data.attrs["scalar"]:
             each = {name for name, _, variable in cls._described() if variable.dims == "receiver"}

@@ -46,7 +46,7 @@ def water_of(provenance: dict[str, Any]) -> str:
 
 
 def _git_commit(root: Path) -> str:
-    """Return the commit of a checkout of this package, "unknown" if `root` is none."""
+    """Return the commit of a checkout of this package, "unknown" for other folders."""
     # an installed package may lie in the repository of another project
     project = root / "pyproject.toml"
     if not project.is_file() or 'name = "meshtrace"' not in project.read_text(encoding="utf-8"):

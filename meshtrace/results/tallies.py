@@ -23,9 +23,9 @@ def standard_error(total: Any, squares: Any, n: int) -> Any:
     return np.sqrt(np.maximum(np.asarray(squares) / n - mean**2, 0.0) / (n - 1))
 
 
-def error_of_groups(samples: Floats) -> Floats:
-    """Return the standard error of the mean of independent samples, along the first axis."""
-    return np.asarray(samples.std(axis=0, ddof=1) / math.sqrt(len(samples)))
+def error_of_groups(samples: Floats, axis: int = 0) -> Floats:
+    """Return the standard error of the mean of independent samples, along an axis."""
+    return np.asarray(samples.std(axis=axis, ddof=1) / math.sqrt(samples.shape[axis]))
 
 
 def merged_mean(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.comms.background import DARK, occupancy, with_background
-from meshtrace.comms.ook import OokLink
+from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.backward.background import background, background_over
 from meshtrace.engine.setup.meshing import mesh_for
@@ -22,6 +22,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea
 from meshtrace.models import Floats
 from meshtrace.results.background import PARTS, Background, BackgroundSeries
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of
@@ -102,7 +103,7 @@ def background_series(
 
 
 def light_of(campaign: Campaign, day: Daylight | None) -> Daylight | None:
-    """Return the light of a study, by default that of its scenario."""
+    """Return the light of a study, by default the one in its scenario."""
     own = getattr(campaign.scenario, "daylight", None)
     return checked_daylight(own if day is None else day, campaign.link)
 
@@ -130,15 +131,13 @@ def background_over_seas(
         return found[0]
     parts = np.array([f.part_radiance for f in found])
     rays = np.mean([f.part_radiance_stderr for f in found], axis=0)
-    total, n = parts.sum(axis=1), math.sqrt(len(found))
+    total, rays_in_all = parts.sum(axis=1), float(np.mean([f.radiance_stderr for f in found]))
     return replace(
         found[0],
         part_radiance=parts.mean(axis=0),
-        part_radiance_stderr=np.hypot(parts.std(axis=0, ddof=1) / n, rays),
+        part_radiance_stderr=np.hypot(error_of_groups(parts), rays),
         radiance=float(total.mean()),
-        radiance_stderr=math.hypot(
-            float(total.std(ddof=1)) / n, float(np.mean([f.radiance_stderr for f in found]))
-        ),
+        radiance_stderr=math.hypot(float(error_of_groups(total)), rays_in_all),
     )
 
 
@@ -190,8 +189,17 @@ def described(ook: OokLink, found: Background) -> str:
     )
 
 
-def held_light(ook: OokLink, case: Case, day: Daylight | None, of: str) -> tuple[OokLink, str]:
-    """Return a transmission under the background of a link, and the text of that light.
+def electronics_of(
+    campaign: Campaign, ook: OokLink | Preset | None, bit_rate: float | None
+) -> OokLink | None:
+    """Return the transmission of a link; "physical" yields to the detector of its scenario."""
+    own = getattr(campaign.scenario, "detector", None)
+    chosen = own if ook == "physical" and own is not None else ook
+    return None if chosen is None else OokLink.of_link(campaign.link, chosen, bit_rate)
+
+
+def held_light(ook: OokLink, campaign: Campaign, of: str) -> tuple[OokLink, str]:
+    """Return a transmission under the background of a scenario, and the text of that light.
 
     For studies of many links near one: all of them take its background.
 
@@ -200,19 +208,19 @@ def held_light(ook: OokLink, case: Case, day: Daylight | None, of: str) -> tuple
     Refused
         If the study is of the range of a receiver in the water, whose background follows its depth.
     """
-    day = checked_daylight(day, case.link)
+    day, link = light_of(campaign, None), campaign.link
     if day is None:
         return ook, DARK
-    if of == "range" and case.link.direction == "down":
+    if of == "range" and link.direction == "down":
         raise Refused("daylight", day.light, "none, for the range of a receiver in the water")
     found = background(
-        case.link,
-        case.surface,
+        link,
+        campaign.surface,
         day,
         photons=RAYS,
-        seed=case.run.seed,
-        mesh=case.meshing,
-        threads=case.run.threads,
+        seed=campaign.run.seed,
+        mesh=campaign.meshing,
+        threads=campaign.run.threads,
     )
     lit = with_background(ook, found)
     return lit, f"{described(lit, found)}; the same for all links"
@@ -251,7 +259,7 @@ def error_rate(
     values = rates()
     by_gain = 0.5 * float(rates(-1.0).mean() - rates(1.0).mean())
     by_light = 0.5 * float(rates(light=1.0).mean() - rates(light=-1.0).mean())
-    spread = float(values.std(ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else 0.0
+    spread = float(error_of_groups(values)) if len(values) > 1 else 0.0
     return float(values.mean()), math.hypot(by_gain, by_light, spread)
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_for, surface_config
 from meshtrace.engine.setup.options import (
-    Case,
     Forced,
     Meshing,
     Run,
@@ -39,8 +38,6 @@ from meshtrace.uav.wind import Dryden
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Result = TypeVar("Result")
 
 Setup = Callable[[], Callable[[Any], Any]]
 """Returns the function that gives the numbers of a step; called in the process that evaluates."""
@@ -136,11 +133,6 @@ class Campaign(NamedTuple):
             kind = Described(type(self.surface).__name__)
             raise Refused("surface", kind, "a sea (SurfaceModel), of any spacing")
         return self.surface
-
-    @property
-    def case(self) -> Case:
-        """Inputs of a single run of the first link."""
-        return Case(self.link, self.surface, self.run, self.meshing)
 
     def of(self, link: Link, name: str = "link") -> Campaign:
         """Return the campaign of another link; in one store each has a name of its own."""
@@ -251,7 +243,7 @@ class Campaign(NamedTuple):
 
     @property
     def alone(self) -> Campaign:
-        """The campaign without store, cluster and progress; that of a worker has one thread."""
+        """The campaign without store, cluster and progress; one thread for a worker."""
         run = self.run if self.cluster is None else self.run.replace(threads=1)
         return self._replace(run=run, scenario=None, cluster=None, store=Store(), progress=None)
 
@@ -331,11 +323,6 @@ def _gains(campaign: Campaign, steps: Steps, probed: int) -> Callable[[int], Flo
     return evaluate
 
 
-def same(evaluate: Callable[[Any], Result]) -> Callable[[Any], Result]:
-    """Return the function of a step that needs no setup."""
-    return evaluate
-
-
 def mean(samples: xr.DataArray, over: str) -> xr.DataArray:
     """Return the mean over a dimension."""
     return samples.mean(over, skipna=False)
@@ -361,7 +348,7 @@ def with_all_ends(links: Sequence[Link]) -> Link:
 
 
 def wind_over(sea: Any, link: Link, name: str) -> Dryden:
-    """Return the wind over a sea at the end in the air; `name` is that of the argument."""
+    """Return the wind over a sea at the end in the air; `name` is its argument."""
     speed = getattr(getattr(sea, "spectrum", sea), "wind_speed", None)
     if speed is None:
         raise Refused(name, None, "a wind, over a sea without wind speed")

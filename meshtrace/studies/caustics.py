@@ -168,7 +168,7 @@ def _labels(
 def _strips(
     sheet: tuple[Floats, Floats], labels: tuple[Floats, Floats], distance: float
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Yield points and normals (nx, ny, 3) at a distance [m] in between those of a sheet."""
+    """Yield points and normals (nx, ny, 3), interpolated between the points of a sheet."""
     splines = [RectBivariateSpline(*labels, a[..., i]) for a in sheet for i in range(3)]
     u, v = (np.arange(a[0], a[-1], distance) for a in labels)
     rows = max(2, _ROWS // len(v))

@@ -265,7 +265,14 @@ def _client(workers: int | str | None, timeout: float) -> Iterator[distributed.C
             ) as cluster,
             distributed.Client(cluster, set_as_default=False) as client,
         ):
-            client.register_plugin(_leave_interrupts())
+
+            class LeaveInterrupts(distributed.WorkerPlugin):
+                """Plugin that ignores Ctrl-C on workers: the client handles it."""
+
+                def setup(self, worker: distributed.Worker) -> None:
+                    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+            client.register_plugin(LeaveInterrupts())
             yield client
         return
     try:
@@ -299,14 +306,3 @@ def error_text(error: BaseException) -> str:
     """Return an error as one line."""
     text = one_line(error)
     return text if isinstance(error, ValueError) and text else f"{type(error).__name__}: {text}"
-
-
-def _leave_interrupts() -> distributed.WorkerPlugin:
-    """Return a plugin that ignores Ctrl-C on workers: the client handles it."""
-    import distributed
-
-    class LeaveInterrupts(distributed.WorkerPlugin):
-        def setup(self, worker: distributed.Worker) -> None:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    return LeaveInterrupts()

@@ -131,13 +131,15 @@ def coverage_map(
     view = {"axis": receiver.axis, "fov_deg": receiver.fov_deg}
     grid = IrradianceMap(height=receiver.center[2], extent=extent, step=step, **view)
     exact = rtol is not None and not isinstance(case.run.estimator, Analog)
-    mapped = _Mapped(case, receiver, grid, at, exact)
-    with Store(store, "coverage_map").loop("photons", mapped.identity()) as kept:
-        return mapped.run(photons, rtol, kept, progress)
+    mapped = _Mapped(case, receiver, grid, at, exact, progress)
+    with Store(store, "coverage_map").loop("photons", mapped.identity()) as mapped.kept:
+        return mapped.run(photons, rtol)
 
 
 class _Mapped:
     """Map of a receiver: link, surface and options, cells and times, and its unscattered light."""
+
+    kept: Kept
 
     def __init__(
         self,
@@ -146,11 +148,13 @@ class _Mapped:
         grid: IrradianceMap,
         times: list[float],
         exact: bool,
+        progress: Callable[[int], None] | None,
     ) -> None:
         options = case.run.estimator
         self._options = options if isinstance(options, Analog) else Analog()
         self._case = case._replace(run=case.run.replace(estimator=self._options))
         self._receiver, self._grid, self._times = receiver, grid, times
+        self._progress = progress
         half = 0.5 * grid.n * grid.step
         ends = (-grid.extent, 2.0 * half - grid.extent)
         corners = (receiver.replace(position=(x, y)) for x in ends for y in ends)
@@ -194,21 +198,19 @@ class _Mapped:
             "unscattered": self._image is None,
         }
 
-    def run(
-        self,
-        photons: int,
-        rtol: float | None,
-        kept: Kept,
-        progress: Callable[[int], None] | None,
-    ) -> CoverageMap:
-        """Return the map by photons, which carry all light or what the image lacks."""
+    def run(self, photons: int, rtol: float | None) -> CoverageMap:
+        """Return the map by photons, which carry all light, or the light that the image lacks."""
         more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
         each, sums = 0, None
         while sums is None or more > 0:
-            sums = self._follow(each, more, sums, kept, progress)
+            sums = self._follow(each, more, sums)
             each += more
             gain, stderr = self._gain(sums)
-            more = 0 if rtol is None else _lacking(gain, stderr, rtol, each)
+            lack = 0.0 if rtol is None else (relative_errors(gain, stderr).max() / rtol) ** 2
+            wanted = math.ceil(each * min(1.1 * float(lack), _MOST_AT_ONCE))
+            # a map without any light is given up
+            lacks = lack > 1.0 and gain.max() > 0.0
+            more = max(min(wanted, Analog.most_photons) - each, 0) if lacks else 0
         records, origin = {"irradiance-map": self._grid}, self._origin(each, rtol)
         result = analog_result(self._case.link, sums, origin, records)
         warn_of_lost(result)
@@ -216,35 +218,31 @@ class _Mapped:
             warn_of_dark_map(result, records)
         bound = None
         if rtol is not None:
-            _warn_of_lack(int((relative_errors(gain, stderr) > rtol).sum()), gain.size, rtol)
+            cells = int((relative_errors(gain, stderr) > rtol).sum())
+            if cells:
+                text = f"rtol: {cells} of {gain.size} cells have not reached {rtol:g}"
+                warnings.warn(f"{text} with the most photons", FewSamplesWarning, stacklevel=3)
             bound = self._bound(gain, stderr, sums.photons)
         assert result.map is not None
         return CoverageMap(result.map.x, result.map.y, gain, stderr, origin, bound)
 
-    def _follow(
-        self,
-        done: int,
-        photons: int,
-        sums: PhotonSums | None,
-        kept: Kept,
-        progress: Callable[[int], None] | None,
-    ) -> PhotonSums:
-        """Follow more photons at each time, and add their tallies to those of all times."""
+    def _follow(self, done: int, photons: int, sums: PhotonSums | None) -> PhotonSums:
+        """Follow more photons at each time, and add their tallies to the sums."""
         for i, time in enumerate(self._times):
             first = self._options.first_photon + len(self._times) * done + i * photons
             key = f"{photons} from {first}"
-            if key in kept:
-                sums = _unpacked(kept[key])
-                if progress is not None:
-                    progress(photons)
+            if key in self.kept:
+                sums = _unpacked(self.kept[key])
+                if self._progress is not None:
+                    self._progress(photons)
                 continue
             case, options = self._case, self._options.replace(first_photon=first)
             sums = run_analog(
                 case.link, EmbreeIntersector(self._mesh(time), case.threads), options,
                 photons=photons, record=[self._grid], unscattered=self._image is None, sums=sums,
-                progress=progress, **case.how,
+                progress=self._progress, **case.how,
             )  # fmt: skip
-            kept.keep(key, *_packed(sums))
+            self.kept.keep(key, *_packed(sums))
         assert sums is not None
         return sums
 
@@ -308,22 +306,3 @@ def _unpacked(item: Item) -> PhotonSums:
         else:
             found[name] = array if shape else int(array)
     return PhotonSums(**found)
-
-
-def _lacking(gain: Floats, stderr: Floats, rtol: float, photons: int) -> int:
-    """Return the photons that a map lacks; a map without any light is given up."""
-    lack = (float(relative_errors(gain, stderr).max()) / rtol) ** 2
-    if lack <= 1.0 or gain.max() == 0.0:
-        return 0
-    wanted = math.ceil(photons * min(1.1 * lack, _MOST_AT_ONCE))
-    return max(min(wanted, Analog.most_photons) - photons, 0)
-
-
-def _warn_of_lack(cells: int, of: int, rtol: float) -> None:
-    """Warn of cells above the tolerance after the most photons."""
-    if cells:
-        warnings.warn(
-            f"rtol: {cells} of {of} cells have not reached {rtol:g} with the most photons",
-            FewSamplesWarning,
-            stacklevel=4,
-        )

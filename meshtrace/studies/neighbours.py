@@ -6,7 +6,7 @@ import math
 import secrets
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,7 +22,7 @@ from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.campaign import Campaign, same
+from meshtrace.studies.campaign import Campaign
 
 Result = TypeVar("Result")
 
@@ -125,7 +125,7 @@ class Neighbours:
     ) -> Floats:
         """Return the numbers of steps of a loop, stacked; see `Campaign.over`."""
         known = {"seas": self.seas, **identity}
-        found = self.campaign.over(partial(same, evaluate), range(steps), name, known)
+        found = self.campaign.over(lambda: evaluate, range(steps), name, known)
         return np.array(list(found))
 
 

@@ -41,7 +41,7 @@ class Item(NamedTuple):
 
 
 class Kept:
-    """Finished items of one loop by their keys; without a file none are kept."""
+    """Finished items of one loop by their keys; nothing is kept without a file."""
 
     def __init__(self, items: dict[str, Item], of: str = "", file: IO[bytes] | None = None) -> None:
         self._items, self._of, self._file = items, of, file
@@ -273,7 +273,11 @@ def _held(path: Path) -> int:
         owner = _owner(handle)
         if not free or _lives_elsewhere(owner):
             os.close(handle)
-            raise _in_use(path, owner)
+            who = f"{owner.get('host', 'unknown')}:{owner.get('pid', '?')}"
+            age = max(time.time() - float(owner.get("since", time.time())), 0.0)
+            used = f"{str(path.with_suffix(''))!r} is in use by {who} for {duration(age)}"
+            allowed = f"another path, or none of that process and no {path.name}"
+            raise Refused("store", Described(used), allowed)
         try:
             if os.fstat(handle).st_ino == path.stat().st_ino:
                 return handle
@@ -302,10 +306,3 @@ def _lives_elsewhere(owner: dict[str, Any]) -> bool:
     except (psutil.Error, KeyError, ValueError, TypeError):
         return False
     return began <= float(owner.get("since", 0.0))  # else another process has its number
-
-
-def _in_use(path: Path, owner: dict[str, Any]) -> Refused:
-    who = f"{owner.get('host', 'unknown')}:{owner.get('pid', '?')}"
-    age = max(time.time() - float(owner.get("since", time.time())), 0.0)
-    used = Described(f"{str(path.with_suffix(''))!r} is in use by {who} for {duration(age)}")
-    return Refused("store", used, f"another path, or none of that process and no {path.name}")

@@ -16,7 +16,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -31,7 +31,7 @@ from meshtrace.fields import FIELDS, attrs
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
-from meshtrace.models import Floats, import_modules, modules_of, trusting
+from meshtrace.models import import_modules, modules_of, trusting
 from meshtrace.parallel import paced
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
@@ -39,7 +39,6 @@ from meshtrace.scenario.daylight import changes_irradiance, daylight_recipe
 from meshtrace.scenario.files import as_table, parse_toml, read_text
 from meshtrace.stored import FORMAT_VERSION
 from meshtrace.studies.background import RAYS, checked_daylight, error_rate, transmission_of
-from meshtrace.studies.campaign import same
 from meshtrace.studies.cluster import DEFAULT_TIMEOUT, Cluster, error_text, require_dask
 from meshtrace.studies.store import Item, Store
 
@@ -86,23 +85,16 @@ def tasks_of(values: list[range], realizations: int) -> Iterator[Task]:
             yield Task(point, first, min(first + BLOCK, realizations))
 
 
-class Outcome(NamedTuple):
-    """Numbers of a task, by realization."""
-
-    numbers: Floats  # (n, numbers * receivers + 1), of `Study.measured` and seconds
-    error: list[str]
-
-
 @dataclass(frozen=True)
-class Study:
+class Sweep:
     """All inputs of a sweep."""
 
     base: str  # link file
     parameters: dict[str, list[Any]]
-    realizations: int
-    rtol: float | None
-    photons: int | None
-    seed: int
+    realizations: int = 1
+    rtol: float | None = 0.01
+    photons: int | None = None
+    seed: int = 1
     modules: tuple[str, ...] = ()  # of the user's classes, which another process imports first
 
     def check(self) -> None:
@@ -117,16 +109,14 @@ class Study:
         for name, values in self.parameters.items():
             if not values:
                 raise Refused(name, values, "at least one value")
-            problems = [self._problem({name: value}) for value in values]
-            if problems[0] is not None and all(problems):
+            problems = []
+            for value in values:
+                try:
+                    self.scenario({name: value})
+                except ValueError as error:
+                    problems.append(error)
+            if len(problems) == len(values):
                 raise problems[0]
-
-    def _problem(self, changes: dict[str, Any]) -> ValueError | None:
-        try:
-            self.scenario(changes)
-        except ValueError as error:
-            return error
-        return None
 
     def scenario(self, changes: Mapping[str, Any]) -> Scenario:
         """Return the scenario of a point; its values override the options of the sweep."""
@@ -143,8 +133,15 @@ class Study:
         rows = zip(self.parameters.items(), task.point, strict=True)
         return {name: values[i] for (name, values), i in rows}
 
-    def compute(self, task: Task) -> Outcome:
-        """Run the realizations of a task; a failed one has an error text and no numbers."""
+    def compute(self, task: Task) -> Item:
+        """Run the realizations of a task; a failed one has an error text and no numbers.
+
+        Returns
+        -------
+        Item
+            Of each realization the numbers of `measured` by receiver, and the seconds that it took,
+            shape (n, measured * receivers + 1); their errors are a list as JSON.
+        """
         import_modules(self.modules)
         n = task.last - task.first
         found, error = np.full((n, len(self.measured) * self.receivers + 1), np.nan), [""] * n
@@ -155,7 +152,7 @@ class Study:
             except Exception as failure:
                 error[i] = error_text(failure)
             found[i, -1] = time.perf_counter() - start
-        return Outcome(found, error)
+        return Item(found, json.dumps(error))
 
     def _measure(self, task: Task, realization: int) -> NDArray[np.float64]:
         """Return the numbers of `measured`, each by receiver."""
@@ -213,7 +210,7 @@ class Study:
         }
 
 
-def dataset(identity: dict[str, Any], outcomes: Mapping[Task, Outcome]) -> xr.Dataset:
+def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
     """Return the results of a sweep as a Dataset, nan where points are not finished."""
     import xarray as xr
 
@@ -223,8 +220,8 @@ def dataset(identity: dict[str, Any], outcomes: Mapping[Task, Outcome]) -> xr.Da
     names, receivers = identity["measured"], identity["receivers"]
     numbers = np.full((*shape, len(names) * receivers + 1), np.nan)
     error = np.full(shape, "", object)
-    for task, outcome in outcomes.items():
-        numbers[task.region], error[task.region] = outcome
+    for task, item in items.items():
+        numbers[task.region], error[task.region] = item.numbers, json.loads(item.text)
     measured = numbers[..., :-1].reshape(*shape, len(names), receivers)
     variables: dict[str, Any] = {
         "seconds": (dims, numbers[..., -1], {"units": "s"}),
@@ -353,19 +350,14 @@ def sweep(
     """
     require_dask()
     given = link.get("daylight") if isinstance(link, Mapping) else None
-    study = _study(_base(link, surface), given, parameters, realizations, rtol, photons, seed)
+    options = {"realizations": realizations, "rtol": rtol, "photons": photons, "seed": seed}
+    study = _study(_base(link, surface), given, parameters, **options)
     return _swept(study, store, workers, timeout, progress)
 
 
 def _study(
-    base: Scenario,
-    light: Any,
-    parameters: Mapping[str, Sequence[Any]],
-    realizations: int = 1,
-    rtol: float | None = 0.01,
-    photons: int | None = None,
-    seed: int = 1,
-) -> Study:
+    base: Scenario, light: Any, parameters: Mapping[str, Sequence[Any]], **options: Any
+) -> Sweep:
     """Return the checked study; `light` is the given table [daylight], None for a model."""
     import tomli_w
 
@@ -375,13 +367,13 @@ def _study(
         found = daylight_recipe(base.daylight) if light is None else light
         config["daylight"] = as_table(found, "daylight", "model")
     text = tomli_w.dumps(config)
-    study = Study(text, plain, realizations, rtol, photons, seed)
+    study = Sweep(text, plain, **options)
     study.check()
     return replace(study, modules=tuple(modules_of(f"{text}{plain}")))
 
 
 def _swept(
-    study: Study,
+    study: Sweep,
     store: str | Path | None,
     workers: int | str | None = None,
     timeout: float = DEFAULT_TIMEOUT,
@@ -389,30 +381,23 @@ def _swept(
 ) -> xr.Dataset:
     """Return the results of a study, from its store or computed."""
     cluster = Cluster(workers, timeout).checked()
-    found: dict[Task, Outcome] = {}
     with Store(store, "sweep").loop("sweep", study.identity()) as kept:
         tasks = list(study.tasks())
-        found = {task: _outcome(kept[task.key]) for task in tasks if task.key in kept}
+        found = {task: kept[task.key] for task in tasks if task.key in kept}
         waiting = [task for task in tasks if task not in found]
         if waiting:
-            evaluate = partial(same, study.compute)
-            with (
-                _bar(len(waiting), progress) as (show, advance),
-                closing(cluster._replace(on_start=show).map(evaluate, waiting)) as results,
-            ):
-                for i, result in paced(results, len(waiting), f"{len(waiting):,} points"):
-                    task, n = waiting[i], waiting[i].last - waiting[i].first
-                    if isinstance(result, Exception):  # not kept: the next call tries again
-                        found[task] = Outcome(np.full((n, 1), np.nan), [error_text(result)] * n)
-                    else:
-                        found[task] = Outcome(*result)
-                        kept.keep(task.key, found[task].numbers, json.dumps(found[task].error))
-                    advance(1)
+            with _bar(len(waiting), progress) as (show, advance):
+                results = cluster._replace(on_start=show).map(lambda: study.compute, waiting)
+                with closing(results):
+                    for i, result in paced(results, len(waiting), f"{len(waiting):,} points"):
+                        task, n = waiting[i], waiting[i].last - waiting[i].first
+                        if isinstance(result, Exception):  # not kept: the next call tries again
+                            errors = json.dumps([error_text(result)] * n)
+                            found[task] = Item(np.full((n, 1), np.nan), errors)
+                        else:
+                            found[task] = kept.keep(task.key, *result)
+                        advance(1)
     return dataset(study.identity(), found)
-
-
-def _outcome(item: Item) -> Outcome:
-    return Outcome(item.numbers, json.loads(item.text))
 
 
 def read_store(path: Path) -> xr.Dataset:
@@ -431,7 +416,7 @@ def read_store(path: Path) -> xr.Dataset:
     items, identity = store.items("sweep"), store.identities["sweep"]
     sizes = [range(len(values)) for values in identity["parameters"].values()]
     tasks = tasks_of(sizes, identity["realizations"])
-    return dataset(identity, {t: _outcome(items[t.key]) for t in tasks if t.key in items})
+    return dataset(identity, {task: items[task.key] for task in tasks if task.key in items})
 
 
 @contextmanager
@@ -443,23 +428,10 @@ def _bar(
         yield lambda link: None, progress or (lambda done: None)
         return
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich.progress import MofNCompleteColumn, Progress
 
     console = Console(file=sys.stderr)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
+    columns = *Progress.get_default_columns(), MofNCompleteColumn()
     with Progress(*columns, console=console) as bar:
         row = bar.add_task("sweep", total=total)
         yield (

@@ -146,7 +146,7 @@ RANGES = [
     "-0.012058-0.5-5.967-renewal-wanted6",
 )
 def test_ranges_of_the_reference(name, radiance, width, fov, noise, wanted):
-    from meshtrace.studies.performance.tables import _range
+    from meshtrace.studies.performance import _range
 
     if name:
         assert wanted == pytest.approx(REFERENCE["ranges_m_ber1e-3"][name], abs=1e-9)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -16,8 +17,16 @@ from meshtrace.errors import Refused
 from meshtrace.results import load
 from meshtrace.results.gain import bound_where_dark
 from meshtrace.results.provenance import _git_commit, environment
-from meshtrace.stored import FORMAT_VERSION, Stored, read_dataset, write_dataset
-from meshtrace.studies.convergence.fading import fading_study
+from meshtrace.results.tallies import error_of_groups
+from meshtrace.stored import (
+    FORMAT_VERSION,
+    Stored,
+    columns_of,
+    read_dataset,
+    row_of,
+    write_dataset,
+)
+from meshtrace.studies.convergence.drivers import fading_study
 from meshtrace.studies.convergence.measure import Reference
 from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.surfaces import FlatSea, resolved_sea
@@ -338,3 +347,38 @@ def test_kills_while_saving_leave_a_whole_file(results, tmp_path, kills):
         process.wait()
         process.stdout.close()
         assert load(good).to_dataset().identical(expected)
+
+
+class Interval(NamedTuple):
+    value: float
+    low: float
+
+
+class Point(NamedTuple):
+    name: str
+    gain: Interval
+    doubtful: bool
+
+
+def test_rows_within_rows_are_columns_and_come_back():
+    rows = [Point("a", Interval(1.0, 0.5), True), Point("b", Interval(2.0, 1.5), False)]
+    table = columns_of(rows)
+    assert table == {
+        "name": ["a", "b"], "gain": [1.0, 2.0], "gain_low": [0.5, 1.5], "doubtful": [True, False],
+    }  # fmt: skip
+    assert [row_of(Point, {**table, "doubtful": [1, 0]}, i) for i in range(2)] == rows
+
+
+def test_a_result_has_a_line_of_text():
+    class Silent(Stored):
+        pass
+
+    with pytest.raises(TypeError, match="_headline"):
+        Silent()
+
+
+def test_errors_of_groups_are_those_along_an_axis():
+    samples = np.random.default_rng(2).normal(size=(3, 32, 4))
+    expected = [[np.std(one, ddof=1) / np.sqrt(32) for one in row.T] for row in samples]
+    np.testing.assert_allclose(error_of_groups(samples, 1), expected, rtol=1e-12)
+    np.testing.assert_array_equal(error_of_groups(samples[0]), error_of_groups(samples, 1)[0])

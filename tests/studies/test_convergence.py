@@ -22,6 +22,7 @@ from meshtrace.studies import (
     convergence_study,
     time_step_study,
 )
+from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.convergence.measure import (
     CommonChains,
     nested_mesh,
@@ -35,9 +36,13 @@ LINK = mt.Link()
 WAVE = SinusoidalSea(amplitude=0.06, wavelength=4.0, direction_deg=30.0, phase=3.0)
 
 
+def common(link, sea, photons=256, normals="vertex", time=0.0):
+    campaign = campaign_of(link, sea, photons=photons, mesh=mt.Meshing(time=time))
+    return CommonChains(campaign, (normals,), 0)
+
+
 def exact(link, sea, photons=256, spacing=0.125, time=0.0):
-    chains = CommonChains(link, photons, 1, ("vertex",), 0, 0.3)
-    return chains.exact(sea, time, spacing)
+    return common(link, sea, photons, time=time).exact(sea, spacing)
 
 
 @njit
@@ -68,7 +73,7 @@ def test_exact_flat_sea_is_the_closed_form():
 
 def test_exact_flat_sea_scatters_as_a_flat_mesh():
     reference = exact(LINK, SinusoidalSea(amplitude=0.0, wavelength=4.0))
-    chains = CommonChains(LINK, 256, 1, ("vertex",), 0, 0.3)
+    chains = common(LINK, FlatSea())
     (meshed,) = chains.measure(lambda: FlatSea().mesh(extent=8.0, spacing=1.0))
     np.testing.assert_allclose(reference.samples, meshed[:SHIFTS], rtol=1e-5)
 
@@ -177,7 +182,7 @@ def test_shift_by_a_cell_along_both_axes_is_the_same_mesh():
     meshes = [
         nested_mesh(LINK, WAVE, 0.0, 0.5, np.array(shift)) for shift in ((0.1, 0.2), (0.6, 0.7))
     ]
-    chains = CommonChains(LINK, 64, 1, ("vertex",), 0, 0.3)
+    chains = common(LINK, WAVE, 64)
     first, second = (chains.measure(lambda mesh=mesh: mesh)[0] for mesh in meshes)
     np.testing.assert_allclose(first[:SHIFTS], second[:SHIFTS], rtol=1e-9)
 
@@ -267,7 +272,7 @@ def test_result_does_not_depend_on_threads():
 
 def test_total_reflection_is_that_of_steep_waves():
     # from a plane tilted by 60 degrees light that goes straight up is totally reflected
-    chains = CommonChains(LINK, 64, 1, ("facet",), 0, 0.0)
+    chains = common(LINK, FlatSea(), 64, "facet")
     steep = SinusoidalSea(amplitude=0.3, wavelength=0.5).mesh(extent=8.0, spacing=0.0625)
     flat = FlatSea().mesh(extent=8.0, spacing=1.0)
     rows = [chains.measure(lambda mesh=mesh: mesh, photons=4096)[0] for mesh in (flat, steep)]

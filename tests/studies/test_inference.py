@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.studies.inference import model
+from meshtrace.studies import inference
 from meshtrace.surfaces import FlatSea
 
 DEPTHS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0)
@@ -157,12 +157,12 @@ def test_items_of_lists_are_named_in_either_way(truth):
 def test_reweighting_is_a_new_run():
     """The gain at other a and b from the same chains is that of a simulation."""
     from meshtrace.studies.campaign import campaign_of
-    from meshtrace.studies.inference.model import Model
+    from meshtrace.studies.inference import Predictor
     from meshtrace.studies.sensitivity.parameters import Setting, parameters
 
     sea, link = FlatSea(), mt.Link()
     unknowns = parameters(Setting(link, sea, None), ["water.a", "water.b"], None, "vertex")
-    model = Model(campaign_of(link, sea, photons=4096, threads=1), [{}], unknowns)
+    model = Predictor(campaign_of(link, sea, photons=4096, threads=1), [{}], unknowns)
     x = np.log([1.3, 0.7])
     new = link.replace("water.a", 1.3 * 0.114).replace("water.b", 0.7 * 0.037)
     expected = mt.simulate(new, sea, photons=16384)
@@ -203,6 +203,6 @@ def test_fits_over_a_mesh_keep_its_digest_and_do_not_depend_on_kept_chains(monke
             for d, g in ((8.0, 1e-4), (12.0, 3.5e-5))]  # fmt: skip
     kept = mt.infer(rows, mt.Link(), ["water.a"], surface=mesh, photons=256, threads=2)
     assert len(kept.provenance["surface"]["sha256"]) == 64
-    monkeypatch.setattr(model, "_LARGEST", 0)
+    monkeypatch.setattr(inference, "_LARGEST", 0)
     dropped = mt.infer(rows, mt.Link(), ["water.a"], surface=mesh, photons=256, threads=1)
     assert dropped.value == kept.value

@@ -7,8 +7,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.optimisation.objectives import weighted_quantile
-from meshtrace.studies.optimisation.sample import Sample
+from meshtrace.studies.candidates import Sample, weighted_quantile
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 ANGLE = "transmitter.half_angle_deg"

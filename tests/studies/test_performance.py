@@ -17,7 +17,7 @@ from meshtrace.comms.capacity import capacity
 from meshtrace.comms.ook import OokLink
 from meshtrace.results.series import GainSeries
 from meshtrace.scenario import Scenario
-from meshtrace.studies.performance.operating_point import (
+from meshtrace.studies.operating_point import (
     FadingSamples,
     ber_of_samples,
     outage_of_samples,

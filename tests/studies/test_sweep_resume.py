@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from meshtrace import cli
 from meshtrace.scenario import Scenario
-from meshtrace.studies.sweeps import Study, read_store, sweep
+from meshtrace.studies.sweeps import Sweep, read_store, sweep
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.process
@@ -36,7 +36,7 @@ if __name__ == "__main__":
 @pytest.fixture(scope="module")
 def expected():
     """Gains of all points, computed one after the other in this process."""
-    asked = Study(Scenario.from_config(LINK).to_toml(), PARAMETERS, 1, None, PHOTONS, 1)
+    asked = Sweep(Scenario.from_config(LINK).to_toml(), PARAMETERS, 1, None, PHOTONS, 1)
     gain = np.empty((12, 2, 1))
     for task in asked.tasks():
         gain[task.region] = asked.compute(task).numbers[:, 0]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeGuard, cast
 
 import numpy as np
@@ -27,6 +26,7 @@ from meshtrace.errors import (
     require_between,
     require_names,
     require_whole,
+    require_word,
 )
 from meshtrace.kernels.scene import Scene
 from meshtrace.mesh import SurfaceModel, WaveSum
@@ -93,11 +93,6 @@ def nested_mesh(
     return mesh_for(link, mesh)[0]  # refuses one that does not suit the link
 
 
-def crest_of(link: Link, sea: SurfaceModel, time: float) -> float:
-    """Return the approximate height [m] of the sea in the region of the crossings."""
-    return float(nested_mesh(link, sea, time, 0.5, np.zeros(2)).bounds[1, 2])
-
-
 def probes(reach: float) -> tuple[Floats, Floats]:
     """Return the points (x, y) for the comparison of slopes."""
     axis = reach * ((2.0 * np.arange(_PROBES) + 1.0) / _PROBES - 1.0)
@@ -119,7 +114,7 @@ def placement_shifts(n: int) -> Floats:
     return 0.5 * np.stack([along + across - 1.0, along - across], axis=1)
 
 
-Case = Callable[[], "TriangleMesh"]
+MakeMesh = Callable[[], "TriangleMesh"]
 """Makes a mesh of a study."""
 
 ANALOG_PHOTONS = 16_384  # of the share of total reflection
@@ -138,28 +133,42 @@ class Stacked(NamedTuple):
 
 
 class CommonChains:
-    """Set of chains that all surfaces of a study share."""
+    """Set of chains that all surfaces of a study share.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Link, sea and options.
+    normals : sequence of {"vertex", "facet"}
+        Kinds of normals, each with chains of its own.
+    receiver : int
+        Index of the receiver.
+    unresolved : {"none", "tilt"}
+        Slopes of the waves that each mesh leaves out.
+    highest : SurfaceModel, optional
+        Sea with the highest crests of all, by default that of the campaign.
+    """
 
     def __init__(
         self,
-        link: Link,
-        photons: int,
-        seed: int,
-        kinds: tuple[Normals, ...],
+        campaign: Campaign,
+        normals: Sequence[Normals],
         receiver: int,
-        crest: float,
         unresolved: Unresolved = "none",
+        highest: SurfaceModel | None = None,
     ) -> None:
+        require_word(unresolved, ("tilt", "none"), "unresolved")
+        link, highest = campaign.link, highest or campaign.sea
+        self.kinds, self.receiver, self.campaign = normal_kinds(normals), receiver, campaign
+        coarse = nested_mesh(link, highest, campaign.meshing.time, 0.5, np.zeros(2))
+        self._crest = float(coarse.bounds[1, 2])
         require_whole(receiver, 0, len(link.receivers) - 1, "receiver")
         physics = link.physics.model_copy(update={"unresolved": unresolved})
         one = {"receiver": link.receivers[receiver], "physics": physics}
-        self._inputs = link, photons, seed, kinds, receiver, crest, unresolved
+        self._inputs = campaign.alone, self.kinds, receiver, unresolved, highest
         self.link = link.model_copy(update=one)
         self.reach = crossing_reach(self.link)
-        self.kinds, self.receiver = kinds, receiver
-        self._key = photons, seed
-        self._crest = crest
-        self._forced = {kind: self._chains(kind) for kind in kinds}
+        self._forced = {kind: self._chains(kind) for kind in self.kinds}
 
     def __reduce__(self) -> Any:
         """Return the inputs: a worker makes the chains again."""
@@ -167,12 +176,12 @@ class CommonChains:
 
     def _chains(self, kind: Normals) -> ForcedDetection:
         """Return the chains over surfaces with one kind of normals."""
-        sea = TypicalSea(self._crest)
+        run, sea = self.campaign.run, TypicalSea(self._crest)
         return ForcedDetection(
-            self.link, *self._key, kind, sea=sea, search="thorough", scattered="chains"
+            self.link, run.photons, run.seed, kind, sea=sea, search="thorough", scattered="chains"
         )
 
-    def measure(self, case: Case, photons: int = 0) -> Floats:
+    def measure(self, case: MakeMesh, photons: int = 0) -> Floats:
         """Return the numbers of a mesh in a row for each kind of normals.
 
         Gain by shift, unscattered gain, mean square slope, share of total reflection, and the
@@ -189,18 +198,18 @@ class CommonChains:
             parts = forced.evaluate(mesh, intersector)
             seconds = *times, clock.perf_counter() - start
             slopes = _slope_variance(intersector, kind, self.reach)
-            reflected = _total_reflection(self.link, intersector, kind, photons, self._key[1])
+            seed = self.campaign.run.seed
+            reflected = _total_reflection(self.link, intersector, kind, photons, seed)
             rows.append([*parts.shifts[0], parts.ballistic[0], slopes, reflected, *seconds])
         return np.array(rows)
 
-    def exact(self, sea: WaveSum, time: float, spacing: float) -> Reference:
+    def exact(self, sea: WaveSum, spacing: float) -> Reference:
         """Return the gain over the sum of waves, see `over_waves`."""
-        return over_waves(self._chains("vertex"), sea, time, spacing)
+        return over_waves(self._chains("vertex"), sea, self.campaign.meshing.time, spacing)
 
     def over(
         self,
-        campaign: Campaign,
-        cases: Iterable[Case],
+        cases: Sequence[MakeMesh],
         steps: int,
         recorded: dict[str, Any],
         photons: int = ANALOG_PHOTONS,
@@ -215,11 +224,13 @@ class CommonChains:
         Refused
             If no light is received at a step: its gain has no relative error.
         """
-        jobs = list(cases)
         chosen = {"kinds": list(self.kinds), "receiver": self.receiver}
         identity = {**recorded, **chosen, "physics": self.link.physics.model_dump(mode="json")}
-        setup = partial(_measuring, self, jobs, photons)
-        rows = campaign.over(setup, range(len(jobs)), "meshes", identity, "meshes")
+
+        def setup() -> Callable[[int], Floats]:
+            return lambda i: self.measure(cases[i], photons)
+
+        rows = self.campaign.over(setup, range(len(cases)), "meshes", identity, "meshes")
         by_case = np.stack(list(rows), axis=1)  # (kinds, cases, numbers)
         found = by_case.reshape(len(by_case), steps, -1, by_case.shape[-1])
         samples, (ballistic, *means) = found[..., :SHIFTS], np.moveaxis(found[..., SHIFTS:], -1, 0)
@@ -227,11 +238,6 @@ class CommonChains:
             raise Refused("gain", Described("no light received"), "light at every step")
         slopes, reflected, *seconds = (column.mean(axis=2) for column in means)
         return Stacked(samples, ballistic, slopes, reflected, *seconds)
-
-
-def _measuring(chains: CommonChains, jobs: list[Case], photons: int) -> Callable[[int], Floats]:
-    """Return the function that measures a mesh by its number."""
-    return lambda i: chains.measure(jobs[i], photons)
 
 
 def _slope_variance(intersector: EmbreeIntersector, kind: Normals, reach: float) -> float:
@@ -400,7 +406,7 @@ def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> analytic.Wav
 
 
 def is_wave_sum(sea: Any) -> TypeGuard[WaveSum]:
-    """Return whether the elevation of a sea is a sum of waves; that of a choppy sea is not."""
+    """Return whether the elevation of a sea is a sum of waves, and the sea not choppy."""
     return isinstance(sea, WaveSum) and not getattr(sea, "choppy", False)
 
 

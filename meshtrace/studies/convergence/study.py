@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 from meshtrace.fading import Estimate
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import Stored, Variable
 from meshtrace.studies.convergence.measure import (
     UNITS,
@@ -60,7 +61,7 @@ def fit_law(step: Floats, differences: Floats, anchor: float, spread: Floats | N
     """
     n, shifts = differences.shape
     h = step / step[0]
-    y, noise = differences.mean(axis=1), stderr(differences)
+    y, noise = differences.mean(axis=1), error_of_groups(differences, -1)
     shape, least = (h**2, 0.0) if spread is None else (spread, 1.0)
     sigma = h**2
     for _ in range(_REWEIGHTINGS):
@@ -131,11 +132,6 @@ def largest_step(step: Floats, error: Floats, limit: float) -> float:
     return float(step[j] * (step[j - 1] / step[j]) ** share)
 
 
-def stderr(samples: Floats) -> Floats:
-    """Return the standard error of the mean over the shifts, the last axis."""
-    return samples.std(axis=-1, ddof=1) / math.sqrt(samples.shape[-1])
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class ConvergenceStudy(Stored):
     """Gain of one link against a parameter of the discretisation.
@@ -201,11 +197,11 @@ class ConvergenceStudy(Stored):
     @property
     def gain_stderr(self) -> Floats:
         """Monte Carlo standard error of the gain, common to all steps."""
-        return stderr(self.samples.mean(axis=2))
+        return error_of_groups(self.samples.mean(axis=2), -1)
 
     @cached_property
     def _differences(self) -> Floats:
-        """Gain minus that of the exact surface or the finest step, (kinds, n, shifts)."""
+        """Gain minus the gain of the exact surface or the finest step, (kinds, n, shifts)."""
         mean = self.samples.mean(axis=2)
         anchor = mean[:, -1:] if self.reference is None else self.reference.samples
         return mean - anchor
@@ -223,7 +219,7 @@ class ConvergenceStudy(Stored):
     @property
     def difference_stderr(self) -> Floats:
         """Standard error of `difference`, the Monte Carlo error left by the common chains."""
-        return stderr(self._differences)
+        return error_of_groups(self._differences, -1)
 
     @cached_property
     def fits(self) -> dict[str, Fit]:
@@ -336,14 +332,9 @@ class ConvergenceStudy(Stored):
             ("scatter", ">9", ".4f", percent * self.scatter[k]),
             ("slope var.", ">12", ".6f", self.slope_variance[k]),
             ("total refl.", ">12", ".5f", self.total_reflection[k]),
-            *(
-                (f"{name} s", ">8", ".3f", seconds[k])
-                for name, seconds in (
-                    ("mesh", self.mesh_time),
-                    ("BVH", self.bvh_time),
-                    ("gain", self.evaluation_time),
-                )
-            ),
+            ("mesh s", ">8", ".3f", self.mesh_time[k]),
+            ("BVH s", ">8", ".3f", self.bvh_time[k]),
+            ("gain s", ">8", ".3f", self.evaluation_time[k]),
         ]
         lines = ["".join(format(head, width.replace("+", "")) for head, width, _, _ in columns)]
         for j in range(len(self.values)):
@@ -384,7 +375,7 @@ class ConvergenceStudy(Stored):
 
 
 def _cell(value: float, width: str, digits: str) -> str:
-    """Return a value of the table, "-" for none."""
+    """Return a value of the table, "-" for nan."""
     return (
         format("-", width.replace("+", "")) if math.isnan(value) else format(value, width + digits)
     )

@@ -1,6 +1,6 @@
-"""Parameters of a link that sensitivities are taken by: names, base values, steps, changes.
+"""Parameters that sensitivities of a link are taken by, and quantities that they are taken of.
 
-Names are the keys of a link file with dots, list items by number: "water.a",
+Names of parameters are the keys of a link file with dots, list items by number: "water.a",
 "receiver.position.0", "transmitter.1.depth", "sea.hs", "detector.led.extinction_ratio".
 """
 
@@ -8,16 +8,28 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import brentq
+from scipy.special import ndtr
 
+from meshtrace.comms.budget import required_gain
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Described, Refused, did_you_mean, require_between, require_names
+from meshtrace.errors import (
+    Described,
+    Refused,
+    did_you_mean,
+    require_between,
+    require_names,
+    require_word,
+)
 from meshtrace.link import Link
 from meshtrace.mesh import RandomSea, WaveSum
-from meshtrace.models import Model
+from meshtrace.models import Floats, Model
+from meshtrace.studies.neighbours import without_each
 
 _ABSOLUTE = {"zenith_deg": "azimuth_deg", "tilt_deg": "tilt_azimuth_deg"}
 _ANGLE_STEP, _PLACE_STEP = 1.0, 0.01  # [deg], and over depth plus height
@@ -35,7 +47,14 @@ class Setting(NamedTuple):
 
     link: Link
     sea: Any
-    ook: OokLink | None
+    ook: OokLink | None = None
+
+    def at(self, values: Iterable[tuple[Parameter, float]]) -> Setting:
+        """Return the setting with other values of parameters."""
+        setting = self
+        for p, value in values:
+            setting = p.at(setting, value)
+        return setting
 
 
 class Parameter(NamedTuple):
@@ -99,22 +118,17 @@ class Parameter(NamedTuple):
         if head == "detector":
             assert ook is not None
             return Setting(link, sea, ook.replace(rest, value))
-        link = _turned(link, self.name, value)
+        path, _, last = self.name.rpartition(".")
+        if last in _ABSOLUTE and value < 0.0:  # a positive angle of opposite azimuth
+            azimuth = f"{path}.{_ABSOLUTE[last]}"
+            link = link.replace(azimuth, _value(link, azimuth) + 180.0)
+            value = -value
+        link = link.replace(self.name, value)
         if self.name == "water.n" and getattr(link.bubbles, "n_water", None) == self.base:
             link = link.replace("bubbles.n_water", value)
         if ook is not None:
             ook = OokLink.of_link(link, ook)
         return Setting(link, sea, ook)
-
-
-def _turned(link: Link, name: str, value: float) -> Link:
-    """Return a link with another value; a negative zenith angle is one of opposite azimuth."""
-    path, _, last = name.rpartition(".")
-    if last in _ABSOLUTE and value < 0.0:
-        azimuth = f"{path}.{_ABSOLUTE[last]}"
-        link = link.replace(azimuth, _value(link, azimuth) + 180.0)
-        value = -value
-    return link.replace(name, value)
 
 
 def _sea_at(sea: Any, key: str, value: float) -> Any:
@@ -239,7 +253,10 @@ def parameters(
                 continue
             raise Refused("normals", "facet", f"vertex: the gain over facets jumps with {name}")
         try:
-            _require_inside(p, setting)
+            if not p.absolute and p.base == p.origin:
+                raise Refused(p.name, p.base, "a value other than 0, for relative steps")
+            for steps in (-1.0, 1.0):
+                p.at(setting, p.shifted(steps))
         except Refused:
             if wrt is not None:
                 raise
@@ -261,9 +278,114 @@ def _left_out(p: Parameter, setting: Setting) -> bool:
     return last in _NOT_BY_DEFAULT or p.name.startswith("detector.") or p.name == "wind_speed"
 
 
-def _require_inside(p: Parameter, setting: Setting) -> None:
-    """Refuse a parameter whose steps leave its range."""
-    if not p.absolute and p.base == p.origin:
-        raise Refused(p.name, p.base, "a value other than 0, for relative steps")
-    for steps in (-1.0, 1.0):
-        p.at(setting, p.shifted(steps))
+Of = Literal["gain", "ber", "outage", "range", "margin"]
+
+FADES = ("ber", "outage", "range")
+"""Quantities that depend on the distribution of the gain over seas."""
+
+_POINTS = 200  # of the table of error rates
+_LEAST_OUTAGES = 30
+_LEAST_SEAS = 8
+_DB = 10.0 / math.log(10.0)
+
+
+class Quantity:
+    """A quantity of a link over seas.
+
+    Parameters
+    ----------
+    of : {"gain", "ber", "outage", "range", "margin"}
+        Mean gain; bit error rate averaged over the seas; probability that the bit error rate of a
+        sea misses the limit; depth at which the averaged rate meets it, or else at which the mean
+        gain is that of the link; mean over required gain.
+    limit : float
+        Bit error rate of a working link.
+
+    Notes
+    -----
+    `log` is the natural logarithm of the quantity; for "range" that of the factor by which the
+    light exceeds the need, whose zero is the range.
+    """
+
+    def __init__(self, of: Of, limit: float) -> None:
+        require_word(of, get_args(Of), "of")
+        self.of, self.limit = of, limit
+        self._laws: dict[str, Callable[[Floats], Floats]] = {}
+        self._needs: dict[str, float] = {}
+
+    @property
+    def unit(self) -> str:
+        """Unit of the quantity."""
+        return {"range": "m", "margin": "dB"}.get(self.of, "1")
+
+    def log(self, gains: Floats, ook: OokLink | None) -> float:
+        """Return the logarithm of the quantity for the gains (seas, shifts)."""
+        means = gains.mean(axis=1)
+        if not means.min() > 0.0:
+            raise Refused("link", float(means.min()), "a gain > 0 over each sea")
+        if self.of == "gain" or ook is None:
+            return math.log(means.mean())
+        if self.of == "margin":
+            return math.log(means.mean() / self._need(ook))
+        if self.of == "outage":
+            return self._outage(np.log(means / self._need(ook)))
+        logs = np.log(ook.received_power(means))
+        if self.of == "ber":
+            return math.log(np.exp(self.law(ook)(logs)).mean())
+        law = self.law(ook, rising=False)
+        goal = math.log(self.limit)
+        spread = 30.0
+
+        def excess(shift: float) -> float:
+            return math.log(np.exp(law(logs + shift)).mean()) - goal
+
+        if not excess(-spread) > 0.0 > excess(spread):
+            raise Refused("limit", self.limit, "a bit error rate that some power reaches")
+        return -float(brentq(excess, -spread, spread, xtol=1e-9))
+
+    def logs(self, gains: Floats, ook: OokLink | None) -> Floats:
+        """Return the logarithm for all gains and for the groups of the jackknife."""
+        return np.array([self.log(group, ook) for group in without_each(gains)])
+
+    def value(self, log: float) -> float:
+        """Return the quantity from its logarithm; for "range" the factor of the light."""
+        return _DB * log if self.of == "margin" else math.exp(log)
+
+    def slope(self, value: float) -> float:
+        """Return d quantity / d log; for "range" 1."""
+        return {"margin": _DB, "range": 1.0}.get(self.of, value)
+
+    def _outage(self, logs: Floats) -> float:
+        """Return the logarithm of the outage from the logarithms of gain over need.
+
+        With 30 outages at least: smoothed by a normal kernel. Otherwise: lognormal law.
+        """
+        if len(logs) < _LEAST_SEAS - 1:
+            raise Refused("realizations", len(logs), f">= {_LEAST_SEAS} for outages")
+        spread = float(logs.std(ddof=1))
+        if np.count_nonzero(logs < 0.0) >= _LEAST_OUTAGES:
+            width = 1.06 * spread * len(logs) ** -0.2
+            share = float(ndtr(-logs / width).mean())
+        else:
+            share = float(ndtr(-logs.mean() / spread))
+        return math.log(max(share, 1e-300))
+
+    def _need(self, ook: OokLink) -> float:
+        key = ook.model_dump_json()
+        if key not in self._needs:
+            self._needs[key] = required_gain(ook, self.limit)
+        return self._needs[key]
+
+    def law(self, ook: OokLink, rising: bool = True) -> Callable[[Floats], Floats]:
+        """Return ln BER over ln power, tabulated once for each receiver.
+
+        Without `rising` rates of an overloaded receiver stay at their minimum.
+        """
+        key = f"{rising}{ook.model_dump_json()}"
+        if key not in self._laws:
+            middle = math.log(ook.required_power(self.limit))
+            nodes = np.linspace(middle - 9.0, middle + 7.0, _POINTS)
+            rates = np.log(np.maximum(ook.ber(np.exp(nodes)), 1e-300))
+            table = PchipInterpolator(nodes, rates if rising else np.minimum.accumulate(rates))
+            self._laws[key] = lambda logs: table(np.clip(logs, nodes[0], nodes[-1]))
+        return self._laws[key]

@@ -12,7 +12,7 @@ import numpy as np
 from meshtrace.errors import Refused, require_keys, require_real
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import Stored, Variable
+from meshtrace.stored import Stored, Variable, columns_of, row_of
 from meshtrace.tables import text_table
 
 if TYPE_CHECKING:
@@ -75,8 +75,10 @@ class Row:
     def __getitem__(self, key: str) -> Any:
         return getattr(self, key)
 
-
-_COLUMNS = get_type_hints(Row)
+    @property
+    def log(self) -> float:
+        """Logarithmic derivative: the elasticity, or `relative` where that is nan."""
+        return self.relative if math.isnan(self.elasticity) else self.elasticity
 
 
 class Table(tuple[Row, ...]):
@@ -167,7 +169,7 @@ class Sensitivities(Stored):
 
         The common chains and seas correlate them.
         """
-        factor = np.array([_factor(row) for row in self.table])
+        factor = [row.derivative / row.log if row.log != 0.0 else 0.0 for row in self.table]
         return self.logs * np.outer(factor, factor)
 
     def predict(self, changes: Mapping[str, float]) -> Value:
@@ -197,10 +199,8 @@ class Sensitivities(Stored):
             if row.name in changes:
                 weight[i], bend = _step(row, changes[row.name])
                 curved += bend
-        rate = np.array(
-            [row.relative if math.isnan(row.elasticity) else row.elasticity for row in self.table]
-        )
-        change, spread = float(weight @ rate) + curved, math.sqrt(weight @ self.logs @ weight)
+        change = float(weight @ np.array([row.log for row in self.table])) + curved
+        spread = math.sqrt(weight @ self.logs @ weight)
         if self.of == "margin":
             decibels = 10.0 / math.log(10.0)
             return Value(self.value + decibels * change, math.hypot(self.stderr, decibels * spread))
@@ -210,36 +210,22 @@ class Sensitivities(Stored):
         return Value(value, value * math.hypot(self.stderr / self.value, spread))
 
     def _content(self) -> xr.Dataset:
-        columns = {}
-        for name, kind in _COLUMNS.items():
-            numbers = [row[name] for row in self.table]
-            key = _stored(name)
-            columns[key] = (
-                "parameter",
-                np.array(numbers, np.int8 if kind is bool else kind),
-                attrs(key),
-            )
-        return super()._content().assign(columns)
+        table: dict[str, Any] = dict(columns_of(self.table))
+        table["suspicious"] = np.array(table["suspicious"], np.int8)
+        named = ((_stored(name), column) for name, column in table.items())
+        return super()._content().assign({k: ("parameter", v, attrs(k)) for k, v in named})
 
     @classmethod
     def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
         """Return the fields that a dataset holds."""
-        columns = [
-            map(kind, data[_stored(name)].values.tolist()) for name, kind in _COLUMNS.items()
-        ]
-        rows = (Row(*values) for values in zip(*columns, strict=True))
+        table = {name: data[_stored(name)].values.tolist() for name in get_type_hints(Row)}
+        rows = (row_of(Row, table, i) for i in range(data.sizes["parameter"]))
         return super().arrays(data) | {"table": Table(rows)}
 
 
 def _stored(column: str) -> str:
     """Return the name of a column of the table in files."""
     return "parameter" if column == "name" else f"sensitivity_{column}"
-
-
-def _factor(row: Row) -> float:
-    """Return derivative over the logarithmic derivative of a row."""
-    log = row.relative if math.isnan(row.elasticity) else row.elasticity
-    return row.derivative / log if log != 0.0 else 0.0
 
 
 def _step(row: Row, value: float) -> tuple[float, float]:

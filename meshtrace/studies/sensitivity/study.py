@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any, NamedTuple, Unpack
@@ -13,7 +13,6 @@ import numpy as np
 
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.engine.parts import Light
-from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
     Described,
@@ -26,10 +25,10 @@ from meshtrace.errors import (
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.results.provenance import provenance
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.background import held_light
+from meshtrace.studies.background import electronics_of, held_light
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.neighbours import (
     Neighbours,
@@ -38,8 +37,14 @@ from meshtrace.studies.neighbours import (
     has_moments,
     moments,
 )
-from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
-from meshtrace.studies.sensitivity.quantities import FADES, Of, Quantity
+from meshtrace.studies.sensitivity.parameters import (
+    FADES,
+    Of,
+    Parameter,
+    Quantity,
+    Setting,
+    parameters,
+)
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
 
 DEFAULT_CHAINS = 8192
@@ -150,12 +155,14 @@ def sensitivities(
         raise Refused("realizations", realizations, f"1 over a surface of kind {kind}")
     require_between(limit, 0.0, 0.5, "limit")
     quantity = Quantity(of, limit)
-    setting = _setting(campaign, link, of, ook, bit_rate)
+    setting = Setting(campaign.link, campaign.surface, None)
     normals, light = campaign.meshing.normals, ""
-    if setting.ook is not None:
-        day = getattr(link, "daylight", None)
-        lit, light = held_light(setting.ook, campaign.case, day, of)
-        setting = setting._replace(ook=lit)
+    electronics = None if of == "gain" else electronics_of(campaign, ook, bit_rate)
+    if electronics is None and of not in ("gain", "range"):
+        raise Refused("ook", None, f"a transmission, for {of}")
+    if electronics is not None:
+        lit, light = held_light(electronics, campaign, of)
+        setting = setting._replace(link=electronics.channel(campaign.link), ook=lit)
     names = parameters(setting, wrt, step, normals)
     default = {p.name: p.step for p in parameters(setting, [p.name for p in names], None, normals)}
     if of == "range" and setting.ook is not None:
@@ -169,20 +176,6 @@ def sensitivities(
     with np.errstate(divide="ignore"):
         found = [study.derivatives(p, campaign.progress) for p in names]
     return replace(_result(study, found, asked), light=light)
-
-
-def _setting(
-    campaign: Campaign, link: Any, of: str, ook: OokLink | Preset | None, bit_rate: float | None
-) -> Setting:
-    """Return link, surface and, except for the gain, the electronics."""
-    if isinstance(link, Scenario) and link.detector is not None and ook == "physical":
-        ook = link.detector
-    if ook is None and of not in ("gain", "range"):
-        raise Refused("ook", None, f"a transmission, for {of}")
-    if ook is None or of == "gain":
-        return Setting(campaign.link, campaign.surface, None)
-    electronics = OokLink.of_link(campaign.link, ook, bit_rate)
-    return Setting(electronics.channel(campaign.link), campaign.surface, electronics)
 
 
 def _depth_key(link: Link) -> str:
@@ -208,19 +201,6 @@ def _at_range(
         if done:
             return setting
     raise Refused(_depth_key(campaign.link), Described("no range found"), "a link with a range")
-
-
-def _gain(near: Neighbours, inputs: list[tuple[Link, Any]], i: int) -> Floats:
-    """Return the gain of the first receiver by shift: of each link over each surface."""
-    link, surface = inputs[i // near.seas]
-    return near.gains(link, i % near.seas, surface)[0]
-
-
-def _moments_over(near: Neighbours, i: int) -> Floats:
-    """Return dh / d ln a and dh / d ln b by shift over realization i, shape (2, shifts)."""
-    link = near.campaign.link
-    found = moments(link, near.light(link, i)[0])
-    return np.array([found["water.a"], found["water.b"]])
 
 
 def edge_over(near: Neighbours, name: str, i: int) -> Floats:
@@ -255,8 +235,7 @@ def edge_of_view(light: Light, half_deg: float) -> tuple[Floats, Floats]:
         found.append(half_deg * light.by_shift(window))
     for wide, narrow in pairwise(found):
         bias = 4.0 / 3.0 * (wide - narrow)
-        noise = bias.std(ddof=1) / math.sqrt(SHIFTS)
-        if abs(bias.mean()) <= _CLEAR * noise:
+        if abs(bias.mean()) <= _CLEAR * error_of_groups(bias):
             break
     return wide, np.full(SHIFTS, bias.mean())
 
@@ -277,34 +256,37 @@ class _Rates(NamedTuple):
     bias: float = 0.0
 
 
+@dataclass(eq=False)
 class Study:
     """Evaluation of a quantity and its derivatives."""
 
-    def __init__(
-        self,
-        setting: Setting,
-        campaign: Campaign,
-        realizations: int,
-        quantity: Quantity,
-        steps: dict[str, float],
-        where: str = "",
-    ) -> None:
-        self.setting, self.quantity, self.campaign = setting, quantity, campaign.of(setting.link)
-        self._steps, self._where = steps, where
-        several = realizations > 1
+    setting: Setting
+    campaign: Campaign
+    realizations: int
+    quantity: Quantity
+    steps: dict[str, float]  # usual ones, by parameter
+    where: str = ""
+
+    def __post_init__(self) -> None:
+        self.campaign, several = self.campaign.of(self.setting.link), self.realizations > 1
         self.near = Neighbours(
-            self.campaign, realizations, phases=several, fading=several, kept=_KEPT
+            self.campaign, self.realizations, phases=several, fading=several, kept=_KEPT
         )
 
     def gains(self, name: str, *settings: Setting) -> Floats:
         """Return the gains of settings over all seas, shape (settings * seas, shifts)."""
-        base = self.setting.sea
+        base, near = self.setting.sea, self.near
         inputs = [(one.link, None if one.sea is base else one.sea) for one in settings]
-        return self._over(partial(_gain, self.near, inputs), len(inputs), name)
+
+        def of_first(i: int) -> Floats:
+            link, surface = inputs[i // near.seas]
+            return near.gains(link, i % near.seas, surface)[0]
+
+        return self._over(of_first, len(inputs), name)
 
     def _over(self, evaluate: Callable[[int], Floats], settings: int, name: str) -> Floats:
         steps = settings * self.near.seas
-        return self.near.over(evaluate, steps, f"{name}{self._where}", settings=settings)
+        return self.near.over(evaluate, steps, f"{name}{self.where}", settings=settings)
 
     @cached_property
     def base(self) -> Floats:
@@ -314,7 +296,13 @@ class Study:
     @cached_property
     def _moments(self) -> Floats:
         """Return dh / d ln a and dh / d ln b, shape (2, seas, shifts)."""
-        return self._over(partial(_moments_over, self.near), 1, "moments").swapaxes(0, 1)
+        near, link = self.near, self.setting.link
+
+        def both(i: int) -> Floats:
+            found = moments(link, near.light(link, i)[0])
+            return np.array([found["water.a"], found["water.b"]])
+
+        return self._over(both, 1, "moments").swapaxes(0, 1)
 
     def derivatives(self, p: Parameter, progress: Callable[[int], None] | None) -> _Rates:
         """Return the derivatives by a parameter."""
@@ -336,7 +324,7 @@ class Study:
         return found
 
     def _exactly(self, p: Parameter, change: Floats, method: str) -> _Rates:
-        """Return the derivatives of the quantity from those of the gains (seas, shifts)."""
+        """Return the derivatives of the quantity by the chain rule, from dh (seas, shifts)."""
         base, setting = self.base, self.setting
         sides = [p.at(setting, p.shifted(side * _DIRECT / p.step)).ook for side in (-1.0, 1.0)]
         gains = base - _DIRECT * change, base + _DIRECT * change
@@ -376,7 +364,7 @@ class Study:
 
         A small step sees none of the discontinuities that rare chains carry.
         """
-        return 3.0 * max(1.0, self._steps.get(p.name, p.step) / p.step)
+        return 3.0 * max(1.0, self.steps.get(p.name, p.step) / p.step)
 
     def _compared(self, found: list[Floats]) -> tuple[bool, str]:
         """Return the disagreement of the derivatives over two steps, if any."""
@@ -429,9 +417,7 @@ def _result(study: Study, found: list[_Rates], asked: list[str]) -> Sensitivitie
     ]
     rows, factors = zip(*pairs, strict=True)
     covariance *= np.outer(factors, factors)
-    run = {**campaign.run.to_config(), **campaign.meshing.model_dump(mode="json")}
-    run.pop("threads")
-    origin = provenance(setting.link, surface_config(campaign.surface), run)
+    origin = campaign.provenance(setting.link)
     origin |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
     origin["ook"] = None if setting.ook is None else setting.ook.model_dump(mode="json")
     return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
@@ -527,7 +513,11 @@ def swings(
     else:
         change = require_between(change, 0.0, 1.0, "change")
         ends = {name: swing.ends(name, change) for name in names}
-    found = [swing.of(name, pair) for name, pair in ends.items()]
+    found = []
+    for name, pair in ends.items():
+        (low, low_error), (high, high_error) = (swing.change(name, end) for end in pair)
+        unit = s.table[name].unit
+        found.append(Swing(name, unit, pair, (low, high), (low_error, high_error)))
     return sorted(found, key=lambda one: -max(map(abs, one.change)))
 
 
@@ -565,15 +555,9 @@ class _Swings:
             return p.base - far, p.base + far
         return p.origin + p.scale * (1.0 - change), p.origin + p.scale * (1.0 + change)
 
-    def of(self, name: str, ends: tuple[float, float]) -> Swing:
-        """Return the swing of a parameter."""
-        p = self._parameters[name]
-        (low, low_error), (high, high_error) = (self._one(p, end) for end in ends)
-        return Swing(name, p.unit, ends, (low, high), (low_error, high_error))
-
-    def _one(self, p: Parameter, value: float) -> tuple[float, float]:
-        """Return the change of the quantity at one value, and its error."""
-        setting = p.at(self._study.setting, value)
+    def change(self, name: str, value: float) -> tuple[float, float]:
+        """Return the change of the quantity at a value of a parameter, and its error."""
+        setting = self._parameters[name].at(self._study.setting, value)
         off = self._logs(setting) - self._base
         if self._quantity.of != "range":
             return _DB * float(off[0]), _DB * error_of(off)

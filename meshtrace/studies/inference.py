@@ -5,30 +5,223 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
-from meshtrace.engine.setup.meshing import surface_config
+from meshtrace.engine.backward.view import only_aperture
+from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.options import RunOptions, require_options
-from meshtrace.errors import Refused, require_keys, require_names, require_pair
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_array,
+    require_keys,
+    require_names,
+    require_pair,
+    require_real,
+)
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
-from meshtrace.stored import Stored, Variable
-from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.inference.model import (
-    SCALE,
-    Measurements,
-    Model,
-    Prediction,
-    read_measurements,
-)
+from meshtrace.stored import SHIFTS, Stored, Variable
+from meshtrace.studies.campaign import Campaign, campaign_of
+from meshtrace.studies.neighbours import Neighbours, has_moments, moments
 from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
+from meshtrace.studies.store import digest_of
 from meshtrace.surfaces import FlatSea
 from meshtrace.tables import text_table
+
+WATER = ("water.a", "water.b")
+SCALE = "scale"
+"""Unknown factor of all measurements: the calibration of the receiver."""
+
+_SCALE = Parameter(SCALE, 1.0, "1", absolute=False, origin=0.0, step=1.0)
+_LARGEST = 64  # measurements whose chains are kept
+_LIGHTS = 3  # of each: the base and the sides of a difference
+_STEP = 0.01  # of differences in the logarithm
+
+
+class Measurements(NamedTuple):
+    """Gains, or counts, with errors, and the values of the link that belong to each."""
+
+    value: Floats  # (n,)
+    stderr: Floats  # (n,) nan of counts, which follow the law of Poisson
+    keys: list[dict[str, Any]]  # (n,) values by dotted key
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Whether each measurement is a count."""
+        return np.isnan(self.stderr)
+
+
+def read_measurements(given: Any) -> Measurements:
+    """Return measurements from rows, or from a table of columns.
+
+    Raises
+    ------
+    Refused
+        If a value or an error is missing or not above 0, or no count is.
+    """
+    rows: list[Mapping[str, Any]]
+    if isinstance(given, Mapping) or hasattr(given, "columns"):
+        columns = {
+            str(key): np.atleast_1d(
+                require_array(given[key], f"measurements.{key}", "a column of values", None)
+            ).tolist()
+            for key in given
+        }
+        n = max((len(column) for column in columns.values()), default=0)
+        uneven = [key for key, column in columns.items() if len(column) not in (1, n)]
+        if uneven:
+            raise Refused(f"measurements.{uneven[0]}", Described("too short"), f"{n} values")
+        rows = [{k: c[i % len(c)] for k, c in columns.items()} for i in range(n)]
+    elif isinstance(given, Sequence) and all(isinstance(row, Mapping) for row in given):
+        rows = list(given)
+    else:
+        raise Refused("measurements", Described(type(given).__name__), "rows, or a table")
+    if not rows:
+        raise Refused("measurements", Described("empty"), "at least one")
+    values, errors, keys = [], [], []
+    for i, row in enumerate(rows):
+        rest, path = dict(row), f"measurements[{i}]"
+        if "counts" in rest and "stderr" not in rest and "gain" not in rest:
+            counts = rest.pop("counts")
+            number = require_real(counts, f"{path}.counts", "a number >= 0")
+            if not 0.0 <= number < math.inf:
+                raise Refused(f"{path}.counts", counts, "a number >= 0")
+            values.append(number)
+            errors.append(math.nan)
+        else:
+            name = "gain" if "gain" in rest or "counts" not in rest else "counts"
+            values.append(_positive(rest.pop(name, None), f"{path}.{name}"))
+            errors.append(_positive(rest.pop("stderr", None), f"{path}.stderr"))
+        keys.append(rest)
+    if not any(values):
+        raise Refused("measurements.counts", Described("all 0"), "a count > 0 in one of them")
+    return Measurements(np.array(values), np.array(errors), keys)
+
+
+def _positive(value: Any, path: str) -> float:
+    """Return a finite number above 0; refuse any other value."""
+    number = require_real(value, path, "a number > 0")
+    if not 0.0 < number < math.inf:
+        raise Refused(path, value, "a number > 0")
+    return number
+
+
+class Prediction(NamedTuple):
+    """Predicted gains with their derivatives and errors."""
+
+    log: Floats  # (n,) ln gain
+    slope: Floats  # (n, unknowns) d ln gain / d unknown: of ln p, or of p for offsets and angles
+    covariance: Floats  # (n, n) of ln gain, by the chains
+
+
+class Predictor:
+    """Predictions of all measurements with common chains.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The link at the starting values, the surface and the options.
+    keys : list of dict
+        Values of the link that belong to each measurement.
+    unknowns : list of Parameter
+        Unknown parameters of the link, and the scale; a and b of uniform water weigh the arrivals
+        again.
+    """
+
+    def __init__(
+        self, campaign: Campaign, keys: list[dict[str, Any]], unknowns: list[Parameter]
+    ) -> None:
+        link, self._campaign = campaign.link, campaign
+        self._of_link = np.array([p is not _SCALE for p in unknowns])
+        self._unknowns = [p for p in unknowns if p is not _SCALE]
+        self._links = []
+        for i, row in enumerate(keys):
+            at = link
+            for key, value in row.items():
+                try:
+                    at = at.replace(key, value)
+                except Refused as refused:
+                    raise refused.inside("measurements", i) from None
+            only_aperture(at)
+            self._links.append(at)
+        self._quick = has_moments(link)
+        alone = campaign.alone
+        self._near = lru_cache(_LARGEST)(lambda i: Neighbours(alone.of(self._links[i])))
+        self._light = lru_cache(_LIGHTS * _LARGEST)(
+            lambda i, x: self._near(i).light(self._at(i, x), 0)[0]
+        )
+        known = [link.model_dump(mode="json") for link in self._links]
+        names = [p.name for p in self._unknowns]
+        self._identity = {"measured": digest_of(known), "unknown": names}
+
+    def at(self, x: Floats) -> Prediction:
+        """Return the predictions at a point: ln(p / start), or p - start for offsets and angles."""
+        steps = [(i, *x[self._of_link].tolist()) for i in range(len(self._links))]
+        found = self._campaign.over(lambda: self._one, steps, "predictions", self._identity)
+        rows = np.array(list(found))
+        shifts, slopes = rows[:, :SHIFTS], rows[:, SHIFTS:]
+        means = shifts.mean(axis=1)
+        off = shifts / means[:, None] - 1.0
+        covariance = off @ off.T / (SHIFTS * (SHIFTS - 1))
+        by_all = np.ones((len(rows), len(x)))
+        by_all[:, self._of_link] = slopes
+        return Prediction(np.log(means) + x[~self._of_link].sum(), by_all, covariance)
+
+    def _one(self, step: tuple[Any, ...]) -> Floats:
+        """Return gains by shift and logarithmic slopes of one measurement."""
+        number, *values = step
+        x = tuple(values)
+        gains = self._gains(number, x)
+        slopes = []
+        for i, p in enumerate(self._unknowns):
+            if self._quick and p.name in WATER:
+                at, light = self._weighed(number, x)
+                slope = float(moments(at, light)[p.name].mean() / gains.mean())
+            else:
+                width = p.step if p.absolute else _STEP
+                sides = [
+                    self._gains(number, (*x[:i], x[i] + side * width, *x[i + 1 :])).mean()
+                    for side in (-1.0, 1.0)
+                ]
+                slope = math.log(sides[1] / sides[0]) / (2.0 * width)
+            slopes.append(slope)
+        return np.concatenate([gains, slopes])
+
+    def _gains(self, number: int, x: tuple[float, ...]) -> Floats:
+        _, light = self._weighed(number, x)
+        gains = light.by_shift(np.ones(len(light.weight)))
+        if not gains.mean() > 0.0:
+            raise Refused("measurements", Described("a dark link"), "links with light")
+        return gains
+
+    def _weighed(self, number: int, x: tuple[float, ...]) -> tuple[Link, Light]:
+        """Return a measured link at a point of the unknowns, and its light.
+
+        w' = w exp(-(a' - a + b' - b) L) (b' / b)^K
+        """
+        quick = [self._quick and p.name in WATER for p in self._unknowns]
+        traced = tuple(None if q else step for q, step in zip(quick, x, strict=True))
+        link, light = self._at(number, x), self._light(number, traced)
+        old, new = self._at(number, traced).water, link.water
+        if (old.a, old.b) != (new.a, new.b):
+            factor = np.exp((old.a - new.a + old.b - new.b) * light.water)
+            if new.b != old.b:
+                factor *= (new.b / old.b) ** light.order
+            light = light._replace(weight=light.weight * factor)
+        return link, light
+
+    def _at(self, number: int, x: tuple[float | None, ...]) -> Link:
+        """Return a measured link with the unknowns that have a value."""
+        pairs = zip(self._unknowns, x, strict=True)
+        values = ((p, p.moved(step)) for p, step in pairs if step is not None)
+        return Setting(self._links[number], self._campaign.surface).at(values).link
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -130,7 +323,6 @@ class Inference(Stored):
 DEFAULT_CHAINS = 4096
 """Chains of the prediction of each measurement."""
 
-_SCALE = Parameter(SCALE, 1.0, "1", absolute=False, origin=0.0, step=1.0)
 _FARTHEST = 5.0  # of a logarithm from its start
 _ANY_SCALE = 100.0  # of the logarithm of the scale
 _UNKNOWN = 1.0  # relative standard error beyond which no value is quoted
@@ -218,80 +410,64 @@ def infer(
     campaign = campaign_of(link, surface, "infer", several=False, photons=photons, **run)
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
-    setting = Setting(campaign.link, campaign.surface, None)
+    setting = Setting(campaign.link, campaign.surface)
     found = parameters(setting, keys, None, "vertex", "unknown") if keys else []
     for p in found:
         if p.name.split(".")[0] in ("sea", "wind_speed"):
             raise Refused("unknown", p.name, "keys of the link, or scale")
     of_link = iter(found)
     unknowns = [_SCALE if name == SCALE else next(of_link) for name in names]
-    fit = _Fit(data, names, unknowns, _priors(prior, names, unknowns))
-    fit.model = Model(campaign, data.keys, found)
-    options = {"photons": photons, "seed": campaign.run.seed}
-    return fit.result(provenance(campaign.link, surface_config(campaign.surface), options))
+    priors = _priors(prior, names, unknowns)
+    if not names or len(set(names)) < len(names):
+        raise Refused("unknown", names, "one or more names, each once")
+    known = len(data.value) + len(priors.axis)
+    if len(names) > known:
+        raise Refused("unknown", names, f"at most {known}: measurements and priors")
+    fit = _Fit(data, names, unknowns, priors, Predictor(campaign, data.keys, unknowns))
+    return fit.result(campaign.provenance())
 
 
-class _Prior(NamedTuple):
-    """Knowledge of an unknown in the coordinates of the fit."""
+class _Priors(NamedTuple):
+    """Knowledge of unknowns in the coordinates of the fit, arrays of one length."""
 
-    axis: int
-    mean: float
-    std: float
+    axis: Any
+    mean: Floats
+    std: Floats
 
 
-def _priors(prior: Any, names: list[str], unknowns: list[Parameter]) -> list[_Prior]:
+def _priors(prior: Any, names: list[str], unknowns: list[Parameter]) -> _Priors:
     """Return the priors in the coordinates of the fit."""
-    known = dict(zip(names, unknowns, strict=True))
-    rows = []
-    table = {} if prior is None else prior
+    rows, table = [], {} if prior is None else prior
     require_keys(table, names, "prior")
     for name, pair in table.items():
         mean, std = require_pair(pair, f"prior.{name}", "(mean, std), std > 0")
-        p = known[name]
+        axis = names.index(name)
+        p = unknowns[axis]
         if not std > 0.0 or not (mean > 0.0 or p.absolute):
             raise Refused(f"prior.{name}", pair, "(mean, std), std > 0")
         off = mean - (p.base if p.absolute else p.origin)
-        place = (off, std) if p.absolute else (math.log(off / p.scale), std / off)
-        rows.append(_Prior(names.index(name), *place))
-    return rows
+        rows.append((axis, *((off, std) if p.absolute else (math.log(off / p.scale), std / off))))
+    axes, means, stds = np.array(rows, float).reshape(-1, 3).T
+    return _Priors(axes.astype(int), means, stds)
 
 
-class _Fit:
+class _Fit(NamedTuple):
     """Least squares for the unknowns, given by their names and as parameters."""
 
-    model: Model
-
-    def __init__(
-        self,
-        data: Measurements,
-        names: list[str],
-        unknowns: list[Parameter],
-        priors: list[_Prior],
-    ) -> None:
-        if not names or len(set(names)) < len(names):
-            raise Refused("unknown", names, "one or more names, each once")
-        if len(names) > len(data.value) + len(priors):
-            allowed = f"at most {len(data.value) + len(priors)}: measurements and priors"
-            raise Refused("unknown", names, allowed)
-        self._data, self._names, self._unknowns, self._priors = data, names, unknowns, priors
-        self._link_axes = [i for i, name in enumerate(names) if name != SCALE]
-
-    def _predicted(self, x: Floats) -> Prediction:
-        """Return the predictions with the scale, and slopes by all unknowns."""
-        found = self.model.at(x[self._link_axes])
-        slope = np.ones((len(found.log), len(self._names)))
-        slope[:, self._link_axes] = found.slope
-        log = found.log + sum(x[i] for i, name in enumerate(self._names) if name == SCALE)
-        return Prediction(log, slope, found.covariance)
+    data: Measurements
+    names: list[str]
+    unknowns: list[Parameter]
+    priors: _Priors
+    model: Predictor
 
     def _variance(self, found: Prediction) -> Floats:
-        """Return the variances of ln gain by the measurements alone; of counts that of Poisson."""
-        relative = np.square(self._data.stderr / np.maximum(self._data.value, 1e-300))
-        return np.where(self._data.counted, np.exp(-found.log), relative)
+        """Return the variances of ln gain by the measurements, Poisson's for counts."""
+        relative = np.square(self.data.stderr / np.maximum(self.data.value, 1e-300))
+        return np.where(self.data.counted, np.exp(-found.log), relative)
 
     def _residuals(self, log: Floats, around: Floats) -> Floats:
         """Return predicted minus measured ln gain; of counts relative to a prediction `around`."""
-        value, counted = self._data.value, self._data.counted
+        value, counted = self.data.value, self.data.counted
         counts = (np.exp(log) - value) * np.exp(-around)
         return np.where(counted, counts, log - np.log(np.where(counted, 1.0, value)))
 
@@ -300,18 +476,17 @@ class _Fit:
         from scipy.optimize import least_squares
 
         sigma = np.sqrt(self._variance(last) + np.diag(last.covariance))
-        counted = self._data.counted
-        axes, means, stds = (np.array([p[k] for p in self._priors]) for k in range(3))
-        axes = axes.astype(int)
+        counted = self.data.counted
+        axes, means, stds = self.priors
 
         def residuals(x: Floats) -> Floats:
-            off = self._residuals(self._predicted(x).log, last.log)
+            off = self._residuals(self.model.at(x).log, last.log)
             return np.concatenate([off / sigma, (x[axes] - means) / stds])
 
         def jacobian(x: Floats) -> Floats:
             rows = np.zeros((len(axes), len(x)))
             rows[np.arange(len(axes)), axes] = 1.0 / stds
-            found = self._predicted(x)
+            found = self.model.at(x)
             growth = np.where(counted, np.exp(found.log - last.log), 1.0)
             return np.concatenate([found.slope * (growth / sigma)[:, None], rows])
 
@@ -323,24 +498,24 @@ class _Fit:
 
     def _limits(self) -> Floats:
         """Return the largest move of each unknown from its start."""
-        limits = [100.0 * p.step if p.absolute else _FARTHEST for p in self._unknowns]
-        return np.where([p is _SCALE for p in self._unknowns], _ANY_SCALE, limits)
+        limits = [100.0 * p.step if p.absolute else _FARTHEST for p in self.unknowns]
+        return np.where([p is _SCALE for p in self.unknowns], _ANY_SCALE, limits)
 
     def result(self, origin: dict[str, Any]) -> Inference:
         """Return the fit, with the identifiability at its start."""
-        x = np.zeros(len(self._names))
-        first = self._predicted(x)
-        if SCALE in self._names:  # start with the right mean
-            lit = self._data.value > 0.0
-            off = np.log(self._data.value[lit]) - first.log[lit]
-            x[self._names.index(SCALE)] = float(np.mean(off))
-        last = self._predicted(x)
+        x = np.zeros(len(self.names))
+        first = self.model.at(x)
+        if SCALE in self.names:  # start with the right mean
+            lit = self.data.value > 0.0
+            off = np.log(self.data.value[lit]) - first.log[lit]
+            x[self.names.index(SCALE)] = float(np.mean(off))
+        last = self.model.at(x)
         sigma = np.sqrt(self._variance(last) + np.diag(last.covariance))
         _, singular, rows = np.linalg.svd(first.slope / sigma[:, None], full_matrices=False)
         before = _relative(singular, rows)
-        for _ in range(_SCORINGS if self._data.counted.any() else _ROUNDS):
+        for _ in range(_SCORINGS if self.data.counted.any() else _ROUNDS):
             previous, x = x, self._solved(x, last)
-            last = self._predicted(x)
+            last = self.model.at(x)
             if np.abs(x - previous).max() < _SETTLED:
                 break
         variance = self._variance(last)
@@ -348,31 +523,32 @@ class _Fit:
         whitened = last.slope / sigma[:, None]
         noise = (np.diag(variance) + last.covariance) / np.outer(sigma, sigma)
         information, spread = whitened.T @ whitened, whitened.T @ noise @ whitened
-        for prior in self._priors:
+        for axis, _, std in zip(*self.priors, strict=True):
             for matrix in (information, spread):
-                matrix[prior.axis, prior.axis] += prior.std**-2
+                matrix[axis, axis] += std**-2
         inverse = np.linalg.pinv(information, rcond=_LEAST**2, hermitian=True)
         covariance = inverse @ spread @ inverse
         after = _relative(*np.linalg.svd(whitened, full_matrices=False)[1:])
         off = self._residuals(last.log, last.log) / sigma
-        chi2 = float(off @ off) + sum(((x[p.axis] - p.mean) / p.std) ** 2 for p in self._priors)
-        absolute = np.array([p.absolute for p in self._unknowns])
-        moves = list(zip(self._unknowns, x, strict=True))
+        priors = zip(*self.priors, strict=True)
+        chi2 = float(off @ off) + sum(((x[axis] - mean) / std) ** 2 for axis, mean, std in priors)
+        absolute = np.array([p.absolute for p in self.unknowns])
+        moves = list(zip(self.unknowns, x, strict=True))
         values = [p.moved(step) for p, step in moves]
         scales = [1.0 if p.absolute else abs(p.scale) * math.exp(step) for p, step in moves]
         hidden = ~absolute & ((before > _UNKNOWN) | (after > _UNKNOWN))
         return Inference(
-            unknown=tuple(self._names),
-            unit=tuple(p.unit for p in self._unknowns),
+            unknown=tuple(self.names),
+            unit=tuple(p.unit for p in self.unknowns),
             estimate=np.where(hidden, math.nan, values),
             error=np.where(hidden, math.nan, np.sqrt(np.diag(covariance)) * scales),
             covariance=covariance,
             free_error=before,
             singular_values=singular,
-            weakest=_words(self._names, absolute, singular, rows),
+            weakest=_words(self.names, absolute, singular, rows),
             chi2=chi2,
-            degrees=len(self._data.value) + len(self._priors) - len(self._names),
-            measured=self._data.value,
+            degrees=len(self.data.value) + len(self.priors.axis) - len(self.names),
+            measured=self.data.value,
             predicted=np.exp(last.log),
             provenance=origin,
         )

@@ -181,7 +181,18 @@ def operating_point(
     if found is not None:
         ook = with_background(dark, found)
         widest = widest_filter_nm(dark, found, power.value, limit) if power.value > 0.0 else 0.0
+    ber = ber_of_samples(ook, samples, quantile, confidence, seed)
+    if found is not None and found.radiance != 0.0 and ber.value != 0.0:
+        # the error of the background joins the interval
+        step = quantile * found.radiance_stderr / found.radiance
+        lights = [with_background(dark, found, max(1.0 + s, 0.0)) for s in (-step, step)]
+        rates = [float(ber_of_gains(one, samples.samples.ravel()).mean()) for one in lights]
+        ber = _joined_rates(*ber, *rates)
     budget = link_budget(ook, gain, limit)
+    samples_of_law = samples.samples
+    if samples_of_law.size > _QUANTILES:
+        shares = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
+        samples_of_law = np.quantile(samples_of_law, shares)
     low, high = ook.led.levels(power)
     photons = 0.5 * (low + high) / (ook.bit_rate * photon_energy(ook.led.wavelength))
     return OperatingPoint(
@@ -193,25 +204,11 @@ def operating_point(
         photons_per_bit=_estimate(photons),
         margin_optical_db=_estimate(budget.margin_optical_db),
         margin_electrical_db=_estimate(budget.margin_electrical_db),
-        ber=_under_light(
-            ber_of_samples(ook, samples, quantile, confidence, seed), dark, samples, quantile, found
-        ),
+        ber=ber,
         outage=outage_of_samples(ook, samples, limit, quantile, confidence),
-        capacity=_capacity(ook, samples.samples),
+        capacity=capacity(ook, samples_of_law),
         widest_filter_nm=widest,
     )
-
-
-def _under_light(
-    ber: Estimate, dark: OokLink, samples: FadingSamples, quantile: float, found: Background | None
-) -> Estimate:
-    """Return an error rate with the error of the background added to its interval."""
-    if found is None or found.radiance == 0.0 or ber.value == 0.0:
-        return ber
-    step = quantile * found.radiance_stderr / found.radiance
-    lights = [with_background(dark, found, max(1.0 + s, 0.0)) for s in (-step, step)]
-    rates = [float(ber_of_gains(one, samples.samples.ravel()).mean()) for one in lights]
-    return _joined_rates(*ber, *rates)
 
 
 def ber_of_samples(
@@ -257,7 +254,7 @@ def _estimate(values: Floats) -> Estimate:
 
 
 def _joined(value: float, low: float, high: float, brighter: float, darker: float) -> Estimate:
-    """Return an interval with that of an independent error added in quadrature."""
+    """Return an interval with an independent error added in quadrature."""
     return Estimate(
         value,
         value - math.hypot(value - low, value - brighter),
@@ -269,10 +266,3 @@ def _joined_rates(*rates: float) -> Estimate:
     """Return the interval of an error rate, `_joined` in the logarithm."""
     logs = _joined(*(math.log(max(rate, 1e-300)) for rate in rates))
     return Estimate(*(math.exp(value) for value in logs))
-
-
-def _capacity(ook: OokLink, gain: Floats) -> Capacity:
-    """Return the capacity; of very many gains, from the quantiles of their law."""
-    if gain.size > _QUANTILES:
-        gain = np.quantile(gain, (np.arange(_QUANTILES) + 0.5) / _QUANTILES)
-    return capacity(ook, gain)

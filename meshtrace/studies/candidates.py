@@ -1,14 +1,16 @@
-"""Common seas, hover errors, tilts and chains for averages over candidates of a link."""
+"""Candidates of an optimisation: objectives, and common seas, hover errors, tilts and chains."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
+from meshtrace.comms.budget import required_gain
+from meshtrace.comms.ook import OokLink
 from meshtrace.engine.parts import Light
 from meshtrace.errors import Refused
 from meshtrace.kernels.random import realization_seed
@@ -16,10 +18,131 @@ from meshtrace.link import Led, Link
 from meshtrace.mesh import RandomSea
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.campaign import Campaign, same
+from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.neighbours import Neighbours
+from meshtrace.studies.sensitivity.parameters import Quantity
 from meshtrace.studies.store import digest_of
 from meshtrace.uav.airframe import Flight
+
+Objective = Literal["outage", "gain", "range", "margin"]
+Custom = Callable[[Link, Floats, Floats], float]
+
+_DARK = 1e-30  # gain that stands for no light
+_DB = 10.0 / math.log(10.0)
+Evaluate = Callable[[Link], Sequence[tuple[Floats, Floats]]]
+"""Gains and weights of a link: of all, and of the groups of the jackknife."""
+
+
+def weighted_quantile(values: Floats, weights: Floats, quantile: float) -> float:
+    """Return a quantile of weighted values, linear between the middles of their weights."""
+    order = np.argsort(values)
+    middle = np.cumsum(weights[order]) - 0.5 * weights[order]
+    return float(np.interp(quantile, middle / weights.sum(), values[order]))
+
+
+class Goal:
+    """Objective of an optimisation, its cost and its quantity.
+
+    Parameters
+    ----------
+    objective : {"outage", "gain", "range", "margin"} or callable
+        "outage": the quantile of -ln(gain / need), smooth where the outage of a sample is a
+        step function. A callable takes (link, gains, weights) and returns a number to minimise.
+    quantile : float
+        Quantile of the gain for "outage".
+    ook : OokLink or None
+        Transmission.
+    limit : float
+        Bit error rate of a working link.
+    """
+
+    def __init__(
+        self, objective: Objective | Custom, quantile: float, ook: OokLink | None, limit: float
+    ) -> None:
+        if not callable(objective) and objective not in get_args(Objective):
+            raise Refused(
+                "objective", objective, f"{', '.join(get_args(Objective))}, or a function"
+            )
+        if ook is None and objective in ("outage", "range", "margin"):
+            raise Refused("ook", None, f"a transmission, for {objective}")
+        self.objective = objective
+        self._quantile, self._ook, self._limit = quantile, ook, limit
+        self._rates = Quantity("range", limit)
+
+    @property
+    def name(self) -> str:
+        """Name of the objective."""
+        return "custom" if callable(self.objective) else self.objective
+
+    def costs(self, link: Link, evaluate: Evaluate) -> Floats:
+        """Return the number to minimise: of all gains, then of the groups of the jackknife."""
+        if self.objective == "range":
+            return self._ranges(link, evaluate)
+        return np.array([self._cost(link, *group) for group in evaluate(link)])
+
+    def _cost(self, link: Link, gains: Floats, weights: Floats) -> float:
+        if callable(self.objective):
+            return float(self.objective(link, gains, weights))
+        mean = math.log(max(float(gains @ weights) / float(weights.sum()), _DARK))
+        if self.objective == "gain":
+            return -mean
+        need = math.log(self._need(link))
+        if self.objective == "margin":
+            return need - mean
+        logs = np.log(np.maximum(gains, _DARK))
+        return need - weighted_quantile(logs, weights, self._quantile)
+
+    def quantity(self, link: Link, cost: float, evaluate: Evaluate) -> float:
+        """Return the quantity of the objective: gain, outage, range [m] or margin [dB]."""
+        if self.objective == "outage":
+            gains, weights = evaluate(link)[0]
+            return float(weights[gains < self._need(link)].sum() / weights.sum())
+        scale = {"gain": math.exp(-cost), "range": -cost, "margin": -_DB * cost}
+        return scale.get(self.name, cost)
+
+    def error(self, cost: float, stderr: float) -> float:
+        """Return the standard error of the quantity by the error of the cost; nan for an outage."""
+        scale = {"gain": math.exp(-cost), "margin": _DB, "outage": math.nan}
+        return stderr * scale.get(self.name, 1.0)
+
+    def _need(self, link: Link) -> float:
+        assert self._ook is not None
+        return required_gain(OokLink.of_link(link, self._ook), self._limit)
+
+    def _ranges(self, link: Link, evaluate: Evaluate) -> Floats:
+        """Return minus the depths of an averaged error rate equal to the limit."""
+        assert self._ook is not None
+        ook = OokLink.of_link(link, self._ook)
+        depth = link.depth
+        found: list[tuple[float, Floats]] = []
+        for _ in range(8):
+            groups = evaluate(link.at_depth(depth))
+            excess = np.array([self._excess(ook, *group) for group in groups])
+            found.append((depth, excess))
+            if len(found) == 1:
+                depth += -1.0 if excess[0] < 0.0 else 1.0
+                continue
+            (d0, e0), (d1, e1) = found[-2:]
+            slope = (e1[0] - e0[0]) / (d1 - d0)
+            ends = d1 - e1 / slope
+            if abs(ends[0] - d1) < 0.02:
+                return -ends
+            depth = float(np.clip(ends[0], 0.5 * d1, 2.0 * d1))
+        raise Refused("transmitter.depth", depth, "a link with a range")
+
+    def _excess(self, ook: OokLink, gains: Floats, weights: Floats) -> float:
+        """Return the logarithm of the ratio of the light to the need."""
+        law = self._rates.law(ook, rising=False)
+        logs = np.log(np.maximum(ook.received_power(gains), _DARK))
+        low, high = -20.0, 20.0
+        for _ in range(40):
+            shift = 0.5 * (low + high)
+            if float(np.exp(law(logs + shift)) @ weights) / float(weights.sum()) > self._limit:
+                low = shift
+            else:
+                high = shift
+        return -0.5 * (low + high)
+
 
 _POSITIONS = 12  # of the receiver over each of several seas
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # azimuths that fill a disk evenly
@@ -77,7 +200,7 @@ class Sample:
             campaign, self._seas, phases=random, fading=True,
             kept=self._seas, around=self._spread(link, 0),
         )  # fmt: skip
-        self._lights = lru_cache(_CASES)(self._light)
+        self._lights = lru_cache(_CASES)(partial(self._over_seas, self._near.light))
         self._identity = {
             "realizations": realizations,
             "hover_std": hover_std,
@@ -118,26 +241,13 @@ class Sample:
             ends.append(end.replace(position=place, **lean))
         return link.model_copy(update={name: tuple(ends)})
 
-    def _apart(self, link: Link, i: int) -> list[Link]:
-        """Return the links whose receivers are those of all places over sea i.
-
-        Lamps at several places are several links: their light would add up.
-        """
-        spread = self._spread(link, i)
-        if link.direction != "down":
-            return [spread]
-        return [link.model_copy(update={"transmitter": lamp}) for lamp in spread.transmitters]
-
-    def _light(self, link: Link) -> list[Light]:
-        """Return the light at each place over each sea."""
-        return self._over_seas(self._near.light, link)
-
     def gains(self, link: Link) -> Floats:
         """Return the gains of a candidate, kept in the store, shape (seas * places, shifts)."""
         candidate = digest_of(link.model_dump(mode="json"))
         name = f"candidates of seed {self._seed}"
-        evaluate = partial(same, lambda _: self._computed(link))
-        (found,) = self._near.campaign.over(evaluate, [candidate], name, self._identity)
+        (found,) = self._near.campaign.over(
+            lambda: lambda _: self._computed(link), [candidate], name, self._identity
+        )
         return found
 
     def _computed(self, link: Link) -> Floats:
@@ -149,7 +259,12 @@ class Sample:
                 same = same.replace(name, getattr(getattr(self._start, part), key))
             lights = self._lights(same)
             half = math.radians(0.5 * link.receivers[0].fov_deg)
-            if not any(_cuts_facets(light, half) for light in lights):
+            direct = [(light.shift < 0) & (np.abs(light.angle - half) < _EDGE) for light in lights]
+            cut = (
+                light.weight[near].sum() > _SMALL * light.weight.sum()
+                for light, near in zip(lights, direct, strict=True)
+            )
+            if not any(cut):  # facets with unscattered light that counts, by the edge of the view
                 return np.array([light.by_shift(self._factor(link, light)) for light in lights])
             sampled = [self._factor(link, light) * (light.shift >= 0) for light in lights]
             rows = [light.by_shift(part) for light, part in zip(lights, sampled, strict=True)]
@@ -160,7 +275,11 @@ class Sample:
         """Return the values of a candidate at all places over all seas."""
 
         def one(i: int) -> list[Any]:
-            return [value for at in self._apart(link, i) for value in evaluate(at, i)]
+            links = [self._spread(link, i)]
+            if link.direction == "down":  # the light of lamps at several places would add up
+                lamps = links[0].transmitters
+                links = [link.model_copy(update={"transmitter": lamp}) for lamp in lamps]
+            return [value for at in links for value in evaluate(at, i)]
 
         return [value for row in self._near.map(one) for value in row]
 
@@ -186,9 +305,3 @@ class Sample:
                 kept = sea != i
                 found.append((means[kept], self.weights[kept] * self._seas / (self._seas - 1)))
         return found
-
-
-def _cuts_facets(light: Light, half: float) -> bool:
-    """Return whether the edge of a view cuts facets with unscattered light that counts."""
-    near = (light.shift < 0) & (np.abs(light.angle - half) < _EDGE)
-    return bool(light.weight[near].sum() > _SMALL * light.weight.sum())

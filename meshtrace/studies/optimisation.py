@@ -10,7 +10,6 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack, get_ar
 import numpy as np
 
 from meshtrace.comms.ook import OokLink, Preset
-from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.engine.setup.options import RunOptions, require_options
 from meshtrace.errors import (
     Described,
@@ -24,16 +23,13 @@ from meshtrace.errors import (
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.results.provenance import provenance
 from meshtrace.scenario import Scenario
 from meshtrace.stored import Stored, Variable
-from meshtrace.studies.background import held_light
+from meshtrace.studies.background import electronics_of, held_light
 from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of
+from meshtrace.studies.candidates import REWEIGHED, Custom, Goal, Objective, Sample
 from meshtrace.studies.neighbours import error_of
-from meshtrace.studies.optimisation.objectives import Custom, Goal, Objective
-from meshtrace.studies.optimisation.sample import REWEIGHED, Sample
-from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
-from meshtrace.studies.sensitivity.quantities import FADES
+from meshtrace.studies.sensitivity.parameters import FADES, Parameter, Setting, parameters
 from meshtrace.tables import text_table
 from meshtrace.uav.airframe import Flight
 
@@ -258,16 +254,11 @@ def optimize(
     flight = flight and flight.checked()
     if not (isinstance(constraints, list | tuple) and all(map(callable, constraints))):
         raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")
-    if isinstance(link, Scenario) and link.detector is not None and ook == "physical":
-        ook = link.detector
-    electronics = None
-    if ook is not None:
-        electronics = OokLink.of_link(campaign.link, ook, bit_rate)
+    electronics, light = electronics_of(campaign, ook, bit_rate), ""
+    if electronics is not None:
         campaign = campaign.of(electronics.channel(campaign.link))
-    light = ""
-    if electronics is not None and objective in ("outage", "range", "margin"):
-        day = getattr(link, "daylight", None)
-        electronics, light = held_light(electronics, campaign.case, day, str(objective))
+        if objective in ("outage", "range", "margin"):
+            electronics, light = held_light(electronics, campaign, str(objective))
     goal = Goal(objective, quantile, electronics, limit)
     variables, bounds = _variables(campaign, over)
     spread = require_pair(hover_std, "hover_std", "two numbers >= 0 [m]")
@@ -284,7 +275,7 @@ def _variables(
     """Return the variables and their bounds (n, 2)."""
     if not isinstance(over, Mapping) or not over:
         raise Refused("over", over, "a table of names and bounds (low, high)")
-    setting = Setting(campaign.link, None, None)  # the keys of the link alone
+    setting = Setting(campaign.link, None)  # the keys of the link alone
     bounds = []
     for name, ends in over.items():
         pair = require_pair(ends, f"over.{name}", "(low, high), low < high")
@@ -349,10 +340,8 @@ class _Search:
         return np.where(self._log, logs, (values - low) / (high - low))
 
     def _link(self, values: Floats) -> Link:
-        setting = Setting(self._campaign.link, self._campaign.surface, None)
-        for p, value in zip(self._variables, values, strict=True):
-            setting = p.at(setting, float(value))
-        return setting.link
+        pairs = zip(self._variables, values.tolist(), strict=True)
+        return Setting(self._campaign.link, self._campaign.surface).at(pairs).link
 
     def _costs(self, values: Floats, sample: Sample | None = None) -> Floats:
         """Return the costs of a candidate: of all gains, and of the groups of the jackknife."""
@@ -477,8 +466,6 @@ class _Search:
             notes.append("no improvement found")
         error_of_value = goal.error(cost, stderr)
         value = goal.quantity(link, cost, self._sample.groups)
-        options = {**campaign.run.to_config(), **campaign.meshing.model_dump()}
-        origin = provenance(campaign.link, surface_config(campaign.surface), options)
         return Optimum(
             objective=goal.name,
             value=value,
@@ -493,5 +480,5 @@ class _Search:
             costs=np.array([found[0] for found in tried.values()]),
             validation=Validation(quantities[0], quantities[1], difference, error, improved),
             notes=tuple(notes),
-            provenance=origin | {"best": link.model_dump(mode="json")},
+            provenance=campaign.provenance() | {"best": link.model_dump(mode="json")},
         )

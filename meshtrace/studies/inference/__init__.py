@@ -1,1 +1,0 @@
-"""Inference of the parameters of a link from measured gains."""

@@ -1,1 +1,0 @@
-"""Optimisation of a link over common seas, validated on fresh ones."""

@@ -1,1 +1,0 @@
-"""Performance of a link: bit error rate, outage and range."""
