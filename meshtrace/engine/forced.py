@@ -40,7 +40,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map, paced
-from meshtrace.results.tallies import Arrivals
+from meshtrace.results.tallies import Arrivals, error_of_groups
 from meshtrace.stored import SHIFTS
 
 Scattered = Literal["auto", "chains", "joined"]
@@ -338,8 +338,7 @@ class ForcedDetection:
                 break
             sums = [[self._from_point(aimed, s, r, p).sum() for p in row] for row in some]
             found = np.concatenate([found, sums], axis=1)
-            error = found.mean(axis=1).std(ddof=1) / math.sqrt(SHIFTS)
-            if error < _SMOOTH * found.mean():
+            if error_of_groups(found.mean(axis=1)) < _SMOOTH * found.mean():
                 break
         return found
 

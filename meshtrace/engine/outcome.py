@@ -25,7 +25,13 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.gain import Fate, FateTally, GainResult, ScatteredSamples, bound_where_dark
-from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, standard_error
+from meshtrace.results.tallies import (
+    Arrivals,
+    IrradianceMap,
+    Planes,
+    error_of_groups,
+    standard_error,
+)
 from meshtrace.stored import SHIFTS
 
 LEFT_DOMAIN_WARNING = 1e-4
@@ -311,7 +317,7 @@ def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> Plane
         error = np.full(flux.shape[1:], np.nan)
         if sums.photons >= 2 * SHIFTS:
             groups = flux / photons[:, None, None, None]
-            error = groups.std(axis=0, ddof=1) / np.sqrt(SHIFTS)
+            error = error_of_groups(groups)
         radiance = Planes.radiance_of(flux.sum(axis=0) / sums.photons, error)
     return Planes(np.array(link.planes.depths), *columns, **radiance)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -18,6 +17,7 @@ from meshtrace.engine.photons.targets import REFLECTED, SCATTERED
 from meshtrace.engine.setup.ends import ForcedLink
 from meshtrace.models import Floats
 from meshtrace.results.gain import ScatteredSamples
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import SHIFTS
 
 
@@ -97,7 +97,7 @@ class Parts:
     @property
     def stderr(self) -> Floats:
         """Standard error of the gain of each receiver."""
-        return self.shifts.std(axis=1, ddof=1) / math.sqrt(SHIFTS)
+        return error_of_groups(self.shifts, axis=1)
 
 
 class ChainSums:

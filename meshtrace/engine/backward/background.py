@@ -41,6 +41,7 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.background import PARTS, Background
 from meshtrace.results.provenance import provenance
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import SHIFTS
 
 _BOUNCES = 8
@@ -210,14 +211,13 @@ def background_over(
     aperture = only_aperture(case.link)
     seen = seen_from_air if aperture.center[2] > 0.0 else seen_from_water
     by_shift = seen(case, mesh, day, photons)
-    error = math.sqrt(SHIFTS)
     total = by_shift.sum(axis=1)
     sin2 = math.sin(math.radians(0.5 * aperture.fov_deg)) ** 2
     return Background(
         part_radiance=by_shift.mean(axis=0),
-        part_radiance_stderr=by_shift.std(axis=0, ddof=1) / error,
+        part_radiance_stderr=error_of_groups(by_shift),
         radiance=float(total.mean()),
-        radiance_stderr=float(total.std(ddof=1)) / error,
+        radiance_stderr=float(error_of_groups(total)),
         acceptance=math.pi**2 * aperture.radius**2 * sin2,
         wavelength_nm=day.wavelength_nm,
         provenance=origin,

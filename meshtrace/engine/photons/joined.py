@@ -44,6 +44,7 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.results.gain import ScatteredSamples
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import SHIFTS
 
 _ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
@@ -116,7 +117,7 @@ class JoinedParts:
     @property
     def stderr(self) -> Floats:
         """Standard errors of the parts, shape (3, receivers)."""
-        return self.groups.std(axis=2, ddof=1) / math.sqrt(SHIFTS)
+        return error_of_groups(self.groups, axis=2)
 
 
 class JoinedPhotons:
