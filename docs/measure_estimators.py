@@ -368,7 +368,10 @@ def best(found: dict[str, Any]) -> np.ndarray | None:
 
 
 def z_value(found: dict[str, Any], estimator: str, part: str, analog: str) -> str:
-    """Return the difference from analog photons in standard errors, over widened apertures."""
+    """Return the difference from analog photons in standard errors, over widened apertures.
+
+    A dash where no analog photon arrives.
+    """
     entry, other = found.get(estimator, {}), found.get(analog)
     entry = entry.get("wide", entry)
     if part not in entry or not other or "all" not in other:
@@ -378,7 +381,9 @@ def z_value(found: dict[str, Any], estimator: str, part: str, analog: str) -> st
     error = np.array(entry[part]["scatter"]) / math.sqrt(entry["seeds"])
     errors = error, np.array(unscattered["stderr"]), np.array(other["all"]["stated"])
     z = (own - np.array(other["all"]["mean"])) / np.sqrt(sum(np.square(e) for e in errors))
-    return cell(f"{x:+.1f}" if abs(x) <= 3.0 else f"**{x:+.1f}**" for x in z)
+    texts = [f"{x:+.1f}" if abs(x) <= 3.0 else f"**{x:+.1f}**" for x in z]
+    hit = np.array(other["all"]["mean"]) > 0.0
+    return cell(t if h else "–" for t, h in zip(texts, hit, strict=True))
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
@@ -406,7 +411,7 @@ def analog_table(found: dict[str, dict[str, Any]]) -> str:
     rows = []
     for name, row in found.items():
         radius = LINKS[name].wide or LINKS[name].link.receivers[0].radius
-        once = [z_value(row, e, "scattered", "analog, killed") for e in RUNS if e in _SCATTERED]
+        once = [z_value(row, e, "scattered", "analog, killed") for e in _SCATTERED]
         whole = light(row.get("analog"), "all"), z_value(row, "joined", "both", "analog")
         rows.append([name, f"{radius:g}", *whole, light(row.get("analog, killed"), "all"), *once])
     return table(head, rows)

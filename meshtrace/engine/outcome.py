@@ -38,7 +38,7 @@ LEFT_DOMAIN_WARNING = 1e-4
 MESH_ERROR_WARNING = 3e-3
 """Share of a gain above which the error of the mesh is warned of."""
 
-_FEW = {"chains": 100.0, "joined photons": 200.0}
+_FEW = {"chains": 100.0, "joined photons": 400.0}
 """Effective samples below which an error is uncertain itself."""
 
 _FEW_SHARE = {"chains": 0.1, "joined photons": 0.15}

@@ -68,7 +68,7 @@ def simulate(
         Chains (10 000 by default) or photons (1 000 000).
     rtol : float, optional
         Relative standard error to reach in every gain, with scattered light worth at least 100
-        equal samples where it matters; `photons` is then the first guess.
+        equal samples (400 joined photons) where it matters; `photons` is then the first guess.
     seed : int, optional
         Key of the random numbers, 0 <= seed < 2^64, 1 by default.
     mesh : Meshing, optional
