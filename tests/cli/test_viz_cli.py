@@ -171,7 +171,7 @@ def test_a_missing_extra_is_a_hint(monkeypatch, missing):
         (["--export", "text.txt"], "export: 'text.txt', allowed: a folder to write to"),
         (["--color", "depth"], "color: 'depth', allowed: water, elevation"),
         (["--path-color", "age"], "color: 'age', allowed: fate or weight"),
-        (["--extent", "nan"], "--extent: nan, allowed: a finite number"),
+        (["--extent", "nan"], "--extent: nan, allowed: finite numbers"),
         (["--frame-rate", "0"], "--frame-rate: 0.0, allowed: numbers > 0"),
         (["--time", "inf"], "--time: inf, allowed: a finite number"),
         (["--spacing", "1e-9"], "spacing: 1e-09, allowed: >= 0.00"),

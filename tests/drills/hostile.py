@@ -479,7 +479,7 @@ def _sweep(path, gain):
 
     def fill(self, setup, tasks):
         for i in range(len(tasks)):
-            yield i, (np.full((1, 4), gain), [""])
+            yield i, (np.full((1, 4), gain), '[""]')
 
     module.Cluster.map = fill
     try:

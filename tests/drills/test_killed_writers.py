@@ -154,12 +154,12 @@ def writer(name, gain, viz, monkeypatch):
 
     camera = _Camera()
     if name == "view.png":
-        return lambda path: export.save_picture.__wrapped__(camera, path), picture
+        return lambda path: export.save_picture(camera, path), picture
     if name == "view.html":
         monkeypatch.setattr(
             export, "_exported", lambda plotter: f"<title></title><body>{'x' * 10**6}</body></html>"
         )
-        return lambda path: export.save_html.__wrapped__(camera, path), page
+        return lambda path: export.save_html(camera, path), page
     times = np.arange(3.0)
     ones = np.ones(3)
     series = mt.GainSeries("time", times, ones, ones, ones, 0.0)

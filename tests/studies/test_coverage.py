@@ -71,6 +71,7 @@ def test_cells_have_the_gain_of_a_receiver_there(sea, site):
         assert p > sidak(ALPHA, 9 * len(cells)), (i, j, found.gain[i, j], gain)
 
 
+@pytest.mark.filterwarnings("ignore::meshtrace.FewSamplesWarning")
 @pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
 @pytest.mark.thorough
 def test_cells_of_scattered_light_alone():

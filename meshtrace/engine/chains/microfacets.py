@@ -63,7 +63,6 @@ from meshtrace.kernels.vectors import (
 MOST_SLOPE = 7.0  # standard deviations beyond which a slope does not occur
 PART_SLOPE = 0.7  # standard deviations by which the slope may change over a part of a facet
 PART_BEAM = 0.2  # longest edge of a part over the width of the beam
-_GAUSSIAN = 0.3  # the same for a Gaussian beam, over which equal parts converge exponentially
 RIM_BEAM = 0.02  # the same where a beam with a sharp rim ends
 MOST_PARTS = 48
 """Parts along an edge of a facet of a map; facets with more are too large for the blur."""
@@ -71,6 +70,7 @@ MOST_PARTS = 48
 _CLIPPED = 2.0 * MOST_SLOPE
 _FEW = 16  # parts along an edge: facets of more are cut where light may cross
 _FINE = 1.5  # parts of facets of several: few neighbours of the same cut cancel errors at edges
+_HALF_FINER = 2.0  # the same where the light is smooth: all facets in a narrow beam are cut alike
 _FINER = 4.0  # parts of those of more than a few: no neighbours of the same cut do
 _FINEST = 1.0 / 64.0  # of the longest edge, at the edge of the field of view
 _SHIFT = 0.7548776662466927  # plastic number^-1: shifts of lattices fill the square evenly
@@ -221,7 +221,7 @@ def _facet_light(f, dark, rule, stack, scene):
         smooth, sharp = _parts_along(f, i, j, side, scene)
         n = max(smooth, sharp, 1.0)
         if abs(side) < _NODES:
-            n = max(_FINE * smooth, _FINER * sharp, 1.0)
+            n = max(_HALF_FINER * smooth, _FINER * sharp, 1.0)
             if not is_lit(f, _NODES, i, j, side, dark, scene):
                 continue
         if n > _FEW and abs(side) > 1:
@@ -252,14 +252,13 @@ def _parts_along(f, i, j, side, scene):
     share = abs(side) / _NODES
     p = unscattered.node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
     h = unscattered.spatial_radius(facet) * share
-    beam = _GAUSSIAN if emitter.kind == SourceKind.GAUSSIAN_BEAM else PART_BEAM
     width = beam_width(emitter) * -emitter.position.z
     margin, flight = _margin(p, Vec2(0.0, 0.0), scene)
     if margin < -_NEAR * (h + scene.target.radius):
         return 1.0, 1.0
     # everywhere in view, see `_FINER`
     view = unscattered.view_radius(flight, scene.target, scene.interface.fov)
-    edge = max(unscattered.VIEW_SHARE * view, _FINEST * beam * width)
+    edge = max(unscattered.VIEW_SHARE * view, _FINEST * PART_BEAM * width)
     if emitter.kind == SourceKind.TOP_HAT_BEAM and _is_rim(p, h, emitter):
         edge = min(edge, RIM_BEAM * width)
     nodes = unscattered.nodes_of(f, _NODES, i, j, side, scene.surface)
@@ -267,7 +266,7 @@ def _parts_along(f, i, j, side, scene):
     if change > _FEW * PART_SLOPE:
         change = min(change, _clipped_change(f, *nodes, scene))
     longest = 2.0 * facet.radius * share
-    return longest / (beam * width), max(change / PART_SLOPE, longest / edge)
+    return longest / (PART_BEAM * width), max(change / PART_SLOPE, longest / edge)
 
 
 @outlined
