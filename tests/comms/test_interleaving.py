@@ -56,7 +56,7 @@ def test_interleaved_outage_against_drawn_code_words(m):
     assert z_test(float(missed), stderr, expected) > ALPHA
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_margins_fall_with_the_number_of_fades():
     margins = [fade_margin_db(LINK, GAMMA, RATE, m, 1e-2) for m in (1, 4, 16, 64)]
     # one fade: the 1 % quantile of the gain has to suffice

@@ -112,7 +112,7 @@ def test_the_level_sea_mirrors_one_sun():
     assert mt.background(link(29.0), FlatSea(), day).parts["glint"] == 0.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_glint_of_a_smooth_sea_is_the_limit_of_small_unresolved_slopes():
     sea, mesh = SinusoidalSea(amplitude=0.03, wavelength=4.0), mt.Meshing(extent=8.0, spacing=0.1)
     smooth = sea.mesh(extent=8.0, spacing=0.1)

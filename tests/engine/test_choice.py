@@ -42,7 +42,7 @@ def test_tails_too_small_to_be_squared_are_no_clear_light():
     assert not is_clear(pilot(1e-160, 0.5, 1000)).any()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_every_seed_finds_light_that_scattering_alone_brings():
     """Chains reach the aperture by tails only, and the third seed once took their word."""
     water = mt.Water.from_type("jerlov-IB", 500.0)

@@ -311,7 +311,7 @@ def test_scattered_gain_of_links_without_direct_light(name):
 
 @pytest.mark.parametrize("rtol", [0.6, 0.4])
 @pytest.mark.thorough
-@pytest.mark.slow_but("0.4")
+@pytest.mark.slow_but("0.6")
 def test_a_tolerance_is_not_met_by_an_error_of_few_samples(rtol):
     """512 photons are worth some ten: over seeds the error that they state is too small."""
     link = mt.Link(

@@ -348,6 +348,7 @@ def test_the_map_is_shown_in_plan_and_scene(page):
     assert (np.abs(picture(page, ".mt-scene") - before).sum(axis=2) > 30).mean() > 0.002
 
 
+@pytest.mark.slow
 def test_the_saved_picture_shows_scene_and_caption(page):
     page.execute_script(
         "window.saved = []; HTMLAnchorElement.prototype.click = function () {"

@@ -170,7 +170,7 @@ def test_study_of_the_fading(tmp_path):
 
 
 @pytest.mark.statistical
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_study_measures():
     link = mt.Link(water=NO_SCATTERING.water, receiver=mt.Receiver(height=1.0))
     study = fading_study(

@@ -174,7 +174,7 @@ def _at(config, path):
 
 
 @settings(
-    examples(120),
+    examples(50),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 @given(retouched())

@@ -384,7 +384,7 @@ def test_default_table_is_shipped(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_other_parameters_are_computed_once(tmp_path, monkeypatch):
     """Small bubbles and few sizes: quick to compute."""
     monkeypatch.setenv("MESHTRACE_CACHE_DIR", str(tmp_path))

@@ -20,6 +20,7 @@ from meshtrace.results.provenance import environment
 DIGITS = Path(__file__).with_name("digits.json")
 MOST_NUMBERS = 40  # of an array kept as it is; of a longer one, sums
 COSTS = ("mesh_time", "bvh_time", "evaluation_time")
+SLOW = ("optimum hover", "performance coupled", "compare lit", "compare lit seas")
 
 
 def machine():
@@ -48,7 +49,9 @@ def reduced(value):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in CASES]
+)
 def test_digits_are_those_kept(name, request):
     kept = json.loads(DIGITS.read_text())
     update = request.config.getoption("--update-golden")

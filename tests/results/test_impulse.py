@@ -139,7 +139,7 @@ def test_moments_are_those_of_the_arrivals(forced):
     assert i.delay.min() == 0.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_errors_of_the_delays_are_the_scatter_over_seeds():
     """Reported error against the scatter of 24 seeds, chi-square."""
     from scipy import stats

@@ -192,7 +192,7 @@ def test_overcast_skies_name_their_hidden_sun():
 
 
 @pytest.mark.filterwarnings("ignore::meshtrace.DaylightWarning")
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_error_of_the_background_widens_the_interval():
     from meshtrace.surfaces import JonswapSea
 

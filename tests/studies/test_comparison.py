@@ -37,7 +37,7 @@ def test_gains_are_those_of_single_runs():
         assert abs(one.gain - found.gain[i]) < 3.9 * error
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_errors_of_differences_are_true():
     """Chi-square of 64 seeds about their mean: 42 to 90 with 97 % for true errors."""
     links = {"a": LINK, "b": LINK.replace("water.b", 0.05)}

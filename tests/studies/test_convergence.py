@@ -145,7 +145,7 @@ def test_fitted_intervals_hold_the_truth():
     assert sum(fit.order.low <= 2.0 <= fit.order.high for fit in fits) >= 85
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_fitted_intervals_hold_the_truth_under_noise_of_placements():
     # as meshes give it: all steps err by a share of their scatter, far above Monte Carlo noise
     rng = np.random.default_rng(6)

@@ -46,7 +46,6 @@ def mesh_of(link, sea):
 @pytest.mark.slow_but(
     "flat-on axis",
     "flat-aside",
-    "random slopes-on axis",
     "random slopes-aside",
     "smooth waves-aside",
 )

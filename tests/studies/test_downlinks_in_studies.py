@@ -130,7 +130,7 @@ def test_the_gain_of_an_optimum_is_that_of_its_link(variable, best):
     assert abs(found.value - one.gain) < 4.0 * np.hypot(found.stderr, one.gain_stderr)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_an_aircraft_that_hovers_with_the_lamp():
     options = {"realizations": 1, "photons": 32, "method": "bounded"}
     with warnings.catch_warnings():

@@ -24,7 +24,7 @@ def test_the_gain_on_the_axis_is_best_at_the_bound():
     assert o.best == mt.Link().replace(ANGLE, 3.0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_half_angle_for_hover_errors_of_a_metre():
     o = mt.optimize(
         mt.Link(), FlatSea(), {ANGLE: (3.0, 30.0)}, "outage", hover_std=(1.0, 1.0),
@@ -87,7 +87,7 @@ def test_custom_and_global():
         assert o.values[0] == pytest.approx(8.0, abs=0.2)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_range():
     o = mt.optimize(
         mt.Link().replace("transmitter.depth", 50.0), FlatSea(), {ANGLE: (8.0, 12.0)}, "range",

@@ -80,7 +80,7 @@ def test_euler_relation_gives_the_depth_derivative_on_the_axis(depth):
     assert a + b - h - r == pytest.approx(d, abs=1e-4)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_reference_with_scattering():
     expected = REFERENCE["with_scattering"]["flat-10"]
     keys = [key for key in NAMES if key in expected]
@@ -117,7 +117,7 @@ def test_radius_on_the_axis(wind_speed):
     assert row.elasticity == pytest.approx(1.9998, abs=3e-4)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_discontinuity_missed_by_a_small_step_is_suspicious(monkeypatch):
     # chains that do not stretch with the depth: vertices surface, carried by rare chains
     monkeypatch.setattr(FrozenForced, "_stretched", lambda self, arrays: self._base.drawer.nominals)

@@ -165,7 +165,7 @@ def test_scintillation_index_is_free_of_what_realizations_do_not_share(own, comm
     assert found.mean_stderr >= s.mean_stderr
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_chains_do_not_share_is_the_scatter_about_many_chains():
     """Few chains against many over the same seas: what differs from sea to sea."""
     seas = [SEA.with_seed(k) for k in range(16)]

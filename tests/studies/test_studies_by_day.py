@@ -129,7 +129,7 @@ def test_a_comparison_has_background_and_error_rate_of_each_light(tmp_path):
     assert "BER" not in plain.summary()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_comparison_averages_the_error_rate_over_seas():
     link = mt.Link(transmitter=mt.Led(depth=24.0), receiver=mt.Receiver(fov_deg=20.0))
     sea = sea_in_wind(5.0)
@@ -219,7 +219,7 @@ FLIGHT = mt.Flight(mt.Uav(), mt.Dryden(wind_speed=13.0))
 UP = mt.Link(receiver=mt.Receiver(fov_deg=20.0), transmitter=mt.Led(depth=20.0))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_background_of_a_flight_has_its_tilts():
     times = [0.0, 0.5, 1.0]
     found = mt.background_series(UP, WAVE, DAY, times, photons=256, flight=FLIGHT)
@@ -239,7 +239,7 @@ def test_the_background_of_a_flight_has_its_tilts():
 
 @pytest.mark.parametrize("coupled", [False, True])
 @pytest.mark.thorough
-@pytest.mark.slow_but("True")
+@pytest.mark.slow_but("False")
 def test_error_rates_of_a_flight_by_day(coupled):
     options = {"photons": 64, "realizations": 2, "wind_speed": 13.0}
     flown = {"flight": mt.Flight(coupled=coupled)}

@@ -140,7 +140,7 @@ def test_exact_tail_is_relatively_accurate():
     assert exact.squared_wind_sf(180.0) == pytest.approx(tail, rel=1e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_simulated_tilts_follow_the_exact_law_and_not_the_gamma_law():
     """KS at alpha 1e-4; one sample a minute is independent (correlation below 5e-4)."""
     wind = Dryden(wind_speed=5.0, height=5.0)

@@ -108,7 +108,7 @@ def test_a_movie_of_meshes_from_files(tmp_path, monkeypatch):
     assert limits == [pytest.approx(0.12)]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_digits_of_the_gallery_are_those_of_their_time(tmp_path):
     """A coarse encoder leaves the digits of the frame before in the title: by 250 of 255 at 2.8."""
     script = Path(__file__).parents[2] / "docs" / "gallery" / "movie.py"

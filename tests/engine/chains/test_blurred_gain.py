@@ -105,6 +105,7 @@ def test_unscattered_light_of_other_links(name, normals):
 
 @pytest.mark.parametrize("omega_max", [4.0, 8.0])
 @pytest.mark.thorough
+@pytest.mark.slow_but("4.0")
 def test_chains_that_try_crossings_against_searched_ones(omega_max):
     receivers = (mt.Receiver(radius=0.1), mt.Receiver(radius=0.1, position=(2.0, 1.0), tilt_deg=10))
     link = mt.Link(water=mt.Water(b=0.1), receiver=receivers)

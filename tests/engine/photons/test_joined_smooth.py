@@ -68,7 +68,7 @@ def mesh_of(sea):
 @pytest.mark.statistical
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.slow_but("sinusoid", "waves", "down")
+@pytest.mark.slow_but("waves")
 def test_analog_photons_agree(name):
     """With light reflected first, and without; unscattered light is that of the facets."""
     link, sea, normals = CASES[name]
