@@ -28,7 +28,7 @@ from meshtrace.engine.setup.options import (
     read_records,
     resolve,
 )
-from meshtrace.errors import Described, Refused, require_whole
+from meshtrace.errors import Described, Refused, require_function, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.parallel import default_threads
@@ -106,6 +106,7 @@ def simulate(
     >>> round(r.gain * 1e5, 1)
     6.0
     """
+    require_function(progress, "progress")
     own = {"estimator": estimator, "photons": photons, "rtol": rtol, "seed": seed}
     given: dict[str, Any] = {**own, "threads": threads}
     given = {key: value for key, value in given.items() if value is not None}

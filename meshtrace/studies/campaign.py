@@ -22,7 +22,7 @@ from meshtrace.engine.setup.options import (
     require_options,
     resolve,
 )
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_function
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, RandomSea, SurfaceModel, TriangleMesh
@@ -393,6 +393,7 @@ def campaign_of(
     require_options(run, StudyOptions)
     options: dict[str, Any] = {name: value for name, value in run.items() if value is not None}
     store, progress = Store(options.pop("store", None), study), options.pop("progress", None)
+    require_function(progress, "progress")
     workers = options.pop("workers", None)
     scenario = link if isinstance(link, Scenario) else None
     if scenario is None:

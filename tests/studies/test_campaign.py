@@ -116,6 +116,7 @@ def test_every_option_of_a_run_is_documented():
         ({"spacing": 0.5}, r"spacing: 0\.5, allowed: mesh=Meshing\(spacing=\.\.\.\)"),
         ({"mesh": 0.5}, "mesh: "),
         ({"progress": 3, "rtol": 0.1}, "rtol: "),
+        ({"progress": False}, "progress: [Ff]alse, allowed: a function"),
     ],
 )
 def test_other_options_are_refused(options, message):
