@@ -473,7 +473,7 @@ def _untrusted(kind: str) -> str:
 
 
 def _found(kind: str) -> Any:
-    """Return the object of an entry point or of an import path "module:Class", None if none."""
+    """Return the object of an entry point or an import path "module:Class", or None."""
     module = _module_of(kind)
     if not module:
         return next((e.load() for e in entry_points(group=GROUP) if e.name == kind), None)

@@ -251,7 +251,7 @@ class _BandedSea(RandomSea, frozen=True):
         return waves._replace(phase=2.0 * math.pi * phase)
 
     def slope_spectrum(self, omega_max: float | None = None) -> SlopeSpectrum:
-        """Return the slopes of all waves of the spectrum, or of those up to a frequency [rad/s]."""
+        """Return the slopes of all waves of the spectrum, or of waves up to a frequency [rad/s]."""
         depth = self._water_depth()
         return SlopeSpectrum.of(self.spectrum, self.spreading, omega_max, depth, self.capillary)
 

@@ -1,4 +1,4 @@
-"""The command line: `commands.py` has the table of those that run a study.
+"""The command line; `commands.py` has the table of the commands that run a study.
 
 Heavy imports happen inside the commands, so that --help is quick.
 """

@@ -303,7 +303,7 @@ def _help(study: StudyRow, function: Callable[..., Any], name: str) -> str:
 
 
 def _typed(value: Any) -> str:
-    """Return a default as it would be typed, "" for none."""
+    """Return a default as typed on the command line; empty without a default."""
     if value is None or value is inspect.Parameter.empty:
         return ""
     if isinstance(value, list | tuple):

@@ -482,7 +482,7 @@ def _recipe(model: Callable[..., Daylight], options: dict[str, Any]) -> dict[str
 
 
 def moon_phase_factor(phase_deg: float) -> float:
-    """Return the irradiance of the moon at a phase angle [deg] over that of the full moon.
+    """Return the irradiance of the moon at a phase angle [deg], relative to the full moon.
 
     Examples
     --------

@@ -227,7 +227,7 @@ def quotients(m, a, b):
 
 @inlined
 def differences(m, a, b):
-    """Return the `Jacobian` of `Aim` m from those a step along x (a) and along y (b)."""
+    """Return the `Jacobian` of `Aim` m from the `Aim` one step along x (a) and along y (b)."""
     ok = m.ok and a.ok and b.ok
     return Jacobian(ok, m, *quotients(m.at, a.at, b.at), *quotients(m.w, a.w, b.w))
 
@@ -435,7 +435,7 @@ def _root_on(roots, n, first, x, y, f, longest, shot, scene):
 
 @inlined
 def add_root(roots, n, first, x, y, facet, branch, multiplicity):
-    """Append a crossing unless it is one of those from `first` on; return their number.
+    """Append a crossing unless it is known from `first` on; return the number of crossings.
 
     Array twin: list.append.
     """

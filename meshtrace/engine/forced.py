@@ -246,7 +246,7 @@ class ForcedDetection:
         return JoinedPhotons(link, photons, self.seed, self.normals, self.threads, first=crossings)
 
     def _joined_photons(self) -> JoinedPhotons | None:
-        """Return the photons of the light that chains do not bring, None where it is little."""
+        """Return the joined photons of the light that chains omit, or None if it is negligible."""
         rows = [r for r, method in enumerate(self.method) if method == "joined"]
         self.reflects = self.wanted != "chains" and self._reflected_counts(bool(rows))
         photons = (_PER_CHAIN if rows else _REFLECTED_PER_CHAIN) * self.photons

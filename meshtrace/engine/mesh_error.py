@@ -192,7 +192,7 @@ def _patch(link: Link, mesh: TriangleMesh, sheet: _Sheet) -> _Sheet:
 
 
 def _facing(arrays: ForcedLink, receiver: int) -> ForcedLink:
-    """Return a link whose sources are isotropic and lie where the axis of a receiver points to."""
+    """Return a link with isotropic sources on the axis of a receiver."""
     if arrays.forwards is not None:
         forwards = arrays.forwards
         emitters = [_moved(e, forwards.targets[receiver]) for e in forwards.emitters]

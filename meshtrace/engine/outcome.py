@@ -168,7 +168,7 @@ def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Floats:
 
 
 def largest_weight(link: Link, trough: float) -> float:
-    """Return an upper bound on the transmission between source and receiver.
+    """Return an upper bound on the transmission by absorption between water and air.
 
     Parameters
     ----------

@@ -100,7 +100,7 @@ BITS_ALONE = ("bit_rate", "light")
 
 
 def value_of(config: Mapping[str, Any], control: Control) -> float | None:
-    """Return the value of a control in the units of the page, None without its key in the link.
+    """Return the value of a control in the units of the page, or None if the link lacks its key.
 
     Examples
     --------
@@ -260,7 +260,7 @@ class State:
 
     @cached_property
     def values(self) -> dict[str, float | None]:
-        """Values of the controls in the units of the page; None for those a link does not have."""
+        """Values of the controls in the units of the page; None for keys that a link lacks."""
         return {name: value_of(self._config, control) for name, control in BY_NAME.items()}
 
     @property

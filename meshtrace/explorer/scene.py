@@ -138,12 +138,12 @@ class LiveScene:
         self.plotter.camera.zoom(_ZOOM)
 
     def show_rays(self, paths: PhotonPaths | None) -> None:
-        """Show paths of received light, or none."""
+        """Show or remove paths of received light."""
         for name, part in _rays(paths, self.stage).items():
             self._set(name, part)
 
     def show_map(self, coverage: CoverageMap | None, height: float) -> None:
-        """Show a map at a height [m], or none."""
+        """Show or remove a map at a height [m]."""
         self._set("map", None if coverage is None else _plane(coverage, height))
 
     def close(self) -> None:
@@ -242,7 +242,7 @@ class LiveScene:
 
 
 def _light(state: State, surface: Any) -> SeaLight | None:
-    """Return the light on the sea of a state with sun and sky, None at night or without."""
+    """Return the daylight on the sea of a state, or None at night."""
     day = state.scenario.daylight
     if day is None or day.irradiance < _LEAST_IRRADIANCE:
         return None

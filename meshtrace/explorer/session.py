@@ -53,7 +53,7 @@ class Ticket:
 
 
 class Worker:
-    """Thread that runs the newest submitted job and leaves out those submitted before it.
+    """Thread that runs the newest submitted job and drops older ones.
 
     Parameters
     ----------

@@ -163,7 +163,7 @@ def _detector(state: State) -> OokLink:
 
 
 def unless_refused(work: Callable[[], Found]) -> Found | None:
-    """Return the result of some work, None if it is refused."""
+    """Return the result of some work, or None if it is refused."""
     try:
         return work()
     except Refused:

@@ -133,7 +133,7 @@ def bins_near(x, y, radius, grid):
 
 @inlined
 def is_first_bin(i, j, i0, j0, f, surface, grid):
-    """Return whether no earlier bin of those from (i0, j0) on lists a facet of bin (i, j)."""
+    """Return whether bin (i, j) is the first bin from (i0, j0) on that lists a facet."""
     a, b, c = corners(surface.vertices, f, surface.faces)
     fi = _bin_of(min(a.x, b.x, c.x), grid.x, grid.step, grid.nx)
     fj = _bin_of(min(a.y, b.y, c.y), grid.y, grid.step, grid.ny)

@@ -1,4 +1,4 @@
-"""Light of lamps, sun and sky: emission of photons, and light that meets those traced backwards."""
+"""Light of lamps, sun and sky: emission of photons, and the light met by backward photons."""
 
 from __future__ import annotations
 

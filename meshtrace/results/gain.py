@@ -308,7 +308,7 @@ def like(gain: Values, array: Any) -> Any:
 
 
 def bound_where_dark(gain: Values, photons: int) -> Values | None:
-    """Return the upper bound 3 / n of analog gains at 95 % confidence, None if all are above 0.
+    """Return the upper bound 3 / n of dark analog gains at 95 % confidence, or None.
 
     An event that none of n independent trials shows has a probability below 3 / n (rule of three);
     the weight of a photon is at most 1, and no gain is above 1.

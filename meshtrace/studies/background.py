@@ -169,7 +169,7 @@ def _steps(campaign: Campaign, seas: int, flight: Flight | None) -> Steps:
 
 
 def transmission_of(link: Link, base: OokLink | None) -> OokLink:
-    """Return the electronics of a link; refuse those with an empirical factor on its water."""
+    """Return the electronics of a link; refuse an empirical factor on its water."""
     ook = OokLink.of_link(link, base or "physical")
     if ook.channel(link) is not link:
         raise Refused("detector.preset", "paper-ranges", "a preset without empirical calibration")

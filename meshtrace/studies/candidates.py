@@ -284,7 +284,7 @@ class Sample:
         return [value for row in self._near.map(one) for value in row]
 
     def _factor(self, link: Link, light: Light) -> Floats:
-        """Return the weights of arrivals at a candidate over those at the start."""
+        """Return the weights of arrivals at a candidate, relative to the start."""
         half = math.radians(0.5 * link.receivers[0].fov_deg)
         factor = (light.angle <= half).astype(float)
         old, new = self._start.transmitters[0], link.transmitters[0]

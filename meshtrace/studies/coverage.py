@@ -173,7 +173,7 @@ class _Mapped:
         return mesh_for(self._case.link, *inputs)[0]
 
     def _unscattered(self) -> Floats | None:
-        """Return the unscattered gain of the cells; None where photons have to carry it."""
+        """Return the unscattered gain of the cells, or None if photons have to carry it."""
         link, options = self._case.link, (self._case.meshing.normals, self._case.threads)
         link = link.replace(receiver=self._receiver)
         total = np.zeros((self._grid.n, self._grid.n))

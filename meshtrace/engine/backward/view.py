@@ -276,7 +276,7 @@ def _corner_gaps(surface: Surface, facets: Any, law: Bending, point: Floats) -> 
 
 
 def _slopes(law: Bending, light: Floats) -> Floats:
-    """Return the slopes that refract the sun into directions, out of reach if there are none."""
+    """Return the slopes that refract the sun into directions; 1e6 marks impossible ones."""
     normal = law.normal(light)
     upright = normal[..., 2:] > 1e-6
     return np.where(upright, slopes_of(np.where(upright, normal, 1.0)), 1e6)

@@ -345,7 +345,7 @@ def _at_edge(p, x, y, cells, scene):
 
 @outlined
 def _blur(part, x, y, cells, across, rules, scene):
-    """Return the share of the light of a part of a facet that lands in a cell."""
+    """Return the mean density over a cell of unit light through a part of a facet [m-2]."""
     total, target = 0.0, _moved(scene, x, y).target
     middle, normal, w = part.middle, part.normal, part.w
     nodes, shares = rules.nodes[across - 1], rules.shares[across - 1]

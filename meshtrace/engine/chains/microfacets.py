@@ -146,7 +146,7 @@ def slope_towards(p, n, w, d, length, goal, scene):
 
 
 class Rule(NamedTuple):
-    """Quadrature over an aperture, or over the slopes where it is much wider than their light.
+    """Quadrature over an aperture, or over the slopes for apertures much wider than the blur.
 
     Slopes have the sizes and azimuths of a lattice on the unit square, another one on each part of
     a facet: which of them hit the aperture differs, and errors at its edge average out.

@@ -339,7 +339,7 @@ class Study:
         return (high - low) / (2.0 * step)
 
     def _differences(self, p: Parameter) -> _Rates:
-        """Return central differences over a step, compared with those over a longer one."""
+        """Return central differences over a step, compared with differences over a longer step."""
         setting = self.setting
         factors = [1.0, self._longer(p)]
         sides = []
