@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from meshtrace.studies.sweeps import sweep
+from meshtrace.studies import sweep
 
 pytest.importorskip("distributed")
 

@@ -8,7 +8,7 @@ import xarray as xr
 from command_line import meshtrace, refusal
 
 import meshtrace as mt
-from meshtrace.comms.ook import OokLink
+from meshtrace.comms import OokLink
 from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
 

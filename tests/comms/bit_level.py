@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter, oaconvolve
 
-from meshtrace.comms.ook import OokLink
+from meshtrace.comms import OokLink
 
 
 class Samples(NamedTuple):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.comms import SiPM
 from meshtrace.comms.background import (
     DaylightWarning,
     filter_shift_nm,
@@ -18,7 +19,6 @@ from meshtrace.comms.background import (
     with_background,
 )
 from meshtrace.comms.capacity import capacity
-from meshtrace.comms.devices import SiPM
 from meshtrace.errors import Refused
 
 REFERENCE = json.loads(

@@ -9,9 +9,8 @@ import pytest
 from bit_level import branch, error_rate, simulate
 from scipy.stats import norm
 
+from meshtrace.comms import OokLink, SiPM
 from meshtrace.comms.decisions import generalized_poisson_decision, generalized_poisson_logpmf
-from meshtrace.comms.devices import SiPM
-from meshtrace.comms.ook import OokLink
 
 CASES = [
     (model, rate, target)

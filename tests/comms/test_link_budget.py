@@ -12,6 +12,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import norm
 
+from meshtrace.comms import OokLink, OpticalFrontEnd
 from meshtrace.comms.budget import (
     FEC_LIMITS,
     average_ber,
@@ -22,8 +23,6 @@ from meshtrace.comms.budget import (
     required_gain,
 )
 from meshtrace.comms.capacity import capacity, hard_information, wyner_capacity
-from meshtrace.comms.devices import OpticalFrontEnd
-from meshtrace.comms.ook import OokLink
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "link_reference.json").read_text())
 RATES = (1e6, 5e6, 1e7)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from meshtrace.comms import LedDriver, OokLink, OpticalFrontEnd, SiPM
 from meshtrace.comms.decisions import (
     gaussian_decision,
     generalized_poisson_decision,
@@ -16,8 +17,6 @@ from meshtrace.comms.decisions import (
     pattern_decision,
     soft_information,
 )
-from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM
-from meshtrace.comms.ook import OokLink
 
 RX = json.loads((Path(__file__).parents[1] / "data" / "link_reference.json").read_text())["rx"]
 RATES = (1_000_000, 5_000_000, 10_000_000)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshtrace.comms.devices import LedDriver, SiPM
+from meshtrace.comms import LedDriver, SiPM
 from meshtrace.comms.pulses import PulseFilters
 
 RX = json.loads((Path(__file__).parents[1] / "data" / "link_reference.json").read_text())["rx"]

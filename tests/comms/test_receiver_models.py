@@ -10,9 +10,7 @@ import pytest
 from scipy.special import ndtr
 
 import meshtrace as mt
-from meshtrace.comms.decisions import Decision, ReceiverModel
-from meshtrace.comms.devices import OpticalFrontEnd, SiPM
-from meshtrace.comms.ook import OokLink
+from meshtrace.comms import Decision, OokLink, OpticalFrontEnd, ReceiverModel, SiPM
 from meshtrace.errors import Refused
 
 

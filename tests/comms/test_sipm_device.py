@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia, photon_energy
+from meshtrace.comms import LedDriver, OpticalFrontEnd, SiPM, Tia
+from meshtrace.comms.devices import photon_energy
 
 NEP = json.loads((Path(__file__).parents[1] / "data" / "link_reference.json").read_text())["nep"]
 BLUE = 470e-9

@@ -12,7 +12,8 @@ import meshtrace as mt
 from meshtrace.daylight import QuasiSingle, glint_radiance, sky_radiance
 from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
-from meshtrace.optics.fresnel import fresnel_reflectance, hemispheric_reflectance, unit_vector
+from meshtrace.optics import fresnel_reflectance
+from meshtrace.optics.fresnel import hemispheric_reflectance, unit_vector
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 from meshtrace.surfaces.statistics import cox_munk
 

@@ -12,7 +12,7 @@ import meshtrace as mt
 from meshtrace.engine.backward.submerged import blurred_phase
 from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
-from meshtrace.optics.phase import FournierForand
+from meshtrace.optics import FournierForand
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 REFERENCE = json.loads(

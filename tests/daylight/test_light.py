@@ -95,7 +95,8 @@ def test_sun_over_toulon_at_noon_of_summer():
 
 def test_the_table_for_470_nm_is_that_of_pvlib():
     pytest.importorskip("pvlib")
-    from meshtrace.daylight.light import clear_irradiance, default_irradiance
+    from meshtrace.daylight import clear_irradiance
+    from meshtrace.daylight.light import default_irradiance
 
     for zenith in (5.0, 30.0, 48.19, 66.0, 81.0, 84.0):
         wanted = clear_irradiance(zenith)

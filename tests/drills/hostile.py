@@ -86,7 +86,7 @@ def _damage(random, content, text=False):
 
 def short(scenario):
     """Simulate with few photons on one thread; a Mie table of its own would take minutes."""
-    from meshtrace.optics.bubbles import HallNovarini
+    from meshtrace.optics import HallNovarini
     from meshtrace.scenario import Run
 
     few: dict = {"photons": 32}
@@ -373,7 +373,7 @@ def _spectrum():
 
 def spectra(random, folder):
     """Files of directional spectra with damaged bytes or hostile numbers."""
-    from meshtrace.surfaces.measured import from_wavespectra
+    from meshtrace.surfaces import from_wavespectra
 
     data = _spectrum().copy(deep=True)
     path = folder / "spectrum.nc"

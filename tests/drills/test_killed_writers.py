@@ -209,8 +209,7 @@ def test_killed_figures(kills, tmp_path):
     import pandas as pd
     import xarray as xr
 
-    from meshtrace.paper import runner
-    from meshtrace.paper.registry import Setting
+    from meshtrace.paper import Setting, runner
     from meshtrace.paper.registry import load as load_figure
 
     figure, setting = load_figure("snell"), Setting()

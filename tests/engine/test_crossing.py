@@ -13,7 +13,8 @@ from meshtrace.engine.crossing import ROOT, enumerate_roots
 from meshtrace.kernels.jit import entry, inlined
 from meshtrace.kernels.scene import FLAT_SEA, locate
 from meshtrace.kernels.vectors import Vec2, Vec3, row, write
-from meshtrace.optics.fresnel import fresnel_reflectance, refract
+from meshtrace.optics import fresnel_reflectance
+from meshtrace.optics.fresnel import refract
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
 
 N_WATER = 1.33

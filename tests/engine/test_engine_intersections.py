@@ -6,7 +6,7 @@ import pytest
 import meshtrace as mt
 from meshtrace.engine.bvh import BruteForceIntersector, EmbreeIntersector
 from meshtrace.engine.photons.analog import run_analog
-from meshtrace.results.gain import Fate
+from meshtrace.results import Fate
 from meshtrace.surfaces import JonswapSea
 
 SEA = JonswapSea(wind_speed=13.0, seed=7, waves="paper")

@@ -12,7 +12,7 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.optics import fresnel_reflectance
 from meshtrace.surfaces import FlatSea
 
 # light that a small mesh does not cover cannot reach the apertures

@@ -13,7 +13,7 @@ from scipy import stats
 
 import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.optics import fresnel_reflectance
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 
 NO_SCATTERING = mt.Water(b=0.0)

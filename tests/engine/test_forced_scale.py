@@ -11,7 +11,7 @@ from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Meshing
 from meshtrace.errors import DomainWarning, Refused
-from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.optics import fresnel_reflectance
 from meshtrace.surfaces import FlatSea
 
 

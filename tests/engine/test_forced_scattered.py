@@ -21,7 +21,7 @@ from meshtrace.engine.neighbours import FrozenForced
 from meshtrace.engine.outcome import FewSamplesWarning
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.optics import fresnel_reflectance
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 

@@ -13,8 +13,7 @@ from meshtrace.engine.setup.ends import crossing_reach, forced_link
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Meshing
 from meshtrace.errors import DomainWarning
-from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, TiltedPlane
-from meshtrace.surfaces.surface import Surface
+from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, Surface, TiltedPlane
 
 LINK = mt.Link()
 CLEAR = LINK.replace("water.b", 0.0)

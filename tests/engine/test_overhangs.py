@@ -14,7 +14,8 @@ from meshtrace.engine.setup.arrays import medium_arrays, with_raster
 from meshtrace.kernels.medium import local_elevation
 from meshtrace.kernels.vectors import row
 from meshtrace.mesh import UnresolvedSlopes
-from meshtrace.optics.fresnel import fresnel_reflectance, refract
+from meshtrace.optics import fresnel_reflectance
+from meshtrace.optics.fresnel import refract
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import from_trimesh
 from meshtrace.surfaces.triangulate import triangulate

@@ -10,7 +10,8 @@ import meshtrace as mt
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import new_recorder, run_analog
 from meshtrace.engine.photons.state import Vertex
-from meshtrace.optics.fresnel import fresnel_reflectance, refract
+from meshtrace.optics import fresnel_reflectance
+from meshtrace.optics.fresnel import refract
 from meshtrace.surfaces import FlatSea, SinusoidalSea
 
 pytestmark = pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")

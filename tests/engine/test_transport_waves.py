@@ -11,7 +11,7 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.optics import fresnel_reflectance
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, TiltedPlane
 
 # small meshes: the rim of the lamp's light leaves them, which is no matter to the apertures

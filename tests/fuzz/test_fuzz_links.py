@@ -29,7 +29,7 @@ from test_link_files import (
 
 import meshtrace.scenario.seas
 from meshtrace.errors import Refused
-from meshtrace.optics.bubbles import HallNovarini
+from meshtrace.optics import HallNovarini
 from meshtrace.scenario import Scenario, parse_setting
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "default_link.toml"

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from meshtrace.engine.setup.options import Meshing, run_keys
 from meshtrace.errors import Refused
 from meshtrace.link import Aperture, Physics, Source
-from meshtrace.optics.bubbles import HallNovarini
-from meshtrace.optics.phase import PhaseFunction
-from meshtrace.optics.water import WATER_TYPES, Water
+from meshtrace.optics import HallNovarini, PhaseFunction, Water
+from meshtrace.optics.water import WATER_TYPES
 from meshtrace.scenario import KEYS, Scenario
 from meshtrace.surfaces import Spectrum, Spreading, Surface
 

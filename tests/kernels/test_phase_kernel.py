@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from phases import draw, label
 
-from meshtrace.optics.phase import (
+from meshtrace.optics import (
     FournierForand,
     HenyeyGreenstein,
     HistogramPhase,

@@ -10,8 +10,9 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.special import wrightomega
 
 from meshtrace.errors import Refused
+from meshtrace.optics import HallNovarini
 from meshtrace.optics import bubbles as module
-from meshtrace.optics.bubbles import HallNovarini, integrate
+from meshtrace.optics.bubbles import integrate
 
 
 def printed(text):

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import (
-    fresnel_reflectance,
     hemispheric_reflectance,
     polarised_reflectances,
     reflect,

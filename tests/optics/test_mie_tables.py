@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from meshtrace.optics import mie
-from meshtrace.optics.bubbles import HallNovarini, compute_bubble_phase
+from meshtrace.optics import HallNovarini, mie
+from meshtrace.optics.bubbles import compute_bubble_phase
 
 # real index m, size parameter x, Q_sca, g: Wiscombe 1979, NCAR/TN-140+STR
 WISCOMBE = (

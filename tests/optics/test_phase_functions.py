@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from meshtrace.errors import Refused
-from meshtrace.optics.phase import (
-    AnyPhase,
+from meshtrace.optics import (
     FournierForand,
     HenyeyGreenstein,
     HistogramPhase,
@@ -20,6 +19,7 @@ from meshtrace.optics.phase import (
     Rayleigh,
     TabulatedPhase,
 )
+from meshtrace.optics.phase import AnyPhase
 
 # theta [deg], CDF, phase function [1/sr]: closed form and quadrature in 30 digits
 FF_TABLE = np.array(

@@ -5,7 +5,7 @@ import pytest
 from mc_statistics import ALPHA, chi2_test, sidak
 from phases import draw, label
 
-from meshtrace.optics.phase import (
+from meshtrace.optics import (
     FournierForand,
     HenyeyGreenstein,
     HistogramPhase,

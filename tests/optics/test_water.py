@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from meshtrace.errors import Refused
-from meshtrace.optics.phase import FournierForand, HenyeyGreenstein, Petzold, Rayleigh
+from meshtrace.optics import FournierForand, HenyeyGreenstein, Petzold, Rayleigh, Water
 from meshtrace.optics.water import (
     WATER_TYPES,
-    Water,
     coefficients,
     pure_water_absorption,
     quan_fry,

@@ -7,11 +7,10 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.paper import Setting
+from meshtrace.paper import Number, Setting, make_figures
 from meshtrace.paper.gains import signal_to_noise
 from meshtrace.paper.links import FORMS, bubble_factor, decibel, forced, mean_gain, ratio, scenario
-from meshtrace.paper.registry import Number, load
-from meshtrace.paper.runner import make_figures
+from meshtrace.paper.registry import load
 from meshtrace.surfaces import FlatSea
 
 TINY = {"realizations": 3, "photons": 64, "analog": 2000}

@@ -9,7 +9,7 @@ import numpy as np
 
 import meshtrace as mt
 from meshtrace.scenario import Scenario
-from meshtrace.studies.convergence.drivers import fading_study
+from meshtrace.studies import fading_study
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
 
 LINK = mt.Link()

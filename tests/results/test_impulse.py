@@ -7,7 +7,8 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.results.impulse import SPEED_OF_LIGHT, impulse_response
+from meshtrace.results import impulse_response
+from meshtrace.results.impulse import SPEED_OF_LIGHT
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning")

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.results.gain import FATE_MEANING, Fate, FateTally
+from meshtrace.results import Fate
+from meshtrace.results.gain import FATE_MEANING, FateTally
 from meshtrace.results.tallies import standard_error
 from meshtrace.stored import FORMAT_VERSION
 from meshtrace.surfaces import FlatSea

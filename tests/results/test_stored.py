@@ -26,9 +26,8 @@ from meshtrace.stored import (
     row_of,
     write_dataset,
 )
-from meshtrace.studies.convergence.drivers import fading_study
+from meshtrace.studies import ConvergenceStudy, fading_study
 from meshtrace.studies.convergence.measure import Reference
-from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.surfaces import FlatSea, resolved_sea
 
 FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)

@@ -171,7 +171,7 @@ def test_every_error_rate_names_its_light(tmp_path):
 
 @pytest.mark.filterwarnings("ignore::meshtrace.DaylightWarning")
 def test_ranges_of_several_winds_name_the_light_of_each():
-    from meshtrace.studies.performance import DepthSweep
+    from meshtrace.studies import DepthSweep
 
     link = mt.Link(receiver=mt.Receiver(fov_deg=20.0))
     dark, night, day = (

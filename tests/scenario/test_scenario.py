@@ -10,8 +10,7 @@ import pytest
 import meshtrace as mt
 from meshtrace.engine.setup.options import Estimator
 from meshtrace.errors import Refused
-from meshtrace.optics.phase import MixturePhase, Petzold
-from meshtrace.optics.water import Water
+from meshtrace.optics import MixturePhase, Petzold, Water
 from meshtrace.scenario import MeshFile, Scenario, parse_setting
 from meshtrace.surfaces import (
     Cos2sSpreading,

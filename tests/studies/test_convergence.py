@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 import meshtrace as mt
 from meshtrace import cli
 from meshtrace.engine.chains.wave_sum import shape_at
-from meshtrace.optics.fresnel import fresnel_reflectance, refract
+from meshtrace.optics import fresnel_reflectance
+from meshtrace.optics.fresnel import refract
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies import (

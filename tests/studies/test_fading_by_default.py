@@ -11,7 +11,7 @@ import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.fading import resolve_band, scintillation_of_spectrum
 from meshtrace.scenario import Scenario
-from meshtrace.studies.background import background_series
+from meshtrace.studies import background_series
 from meshtrace.surfaces import (
     Elfouhaily,
     FlatSea,

@@ -12,10 +12,10 @@ from scipy.special import ndtri
 
 import meshtrace as mt
 from meshtrace import fading
+from meshtrace.comms import OokLink
 from meshtrace.comms.budget import required_gain
 from meshtrace.comms.capacity import capacity
-from meshtrace.comms.ook import OokLink
-from meshtrace.results.series import GainSeries
+from meshtrace.results import GainSeries
 from meshtrace.scenario import Scenario
 from meshtrace.studies.operating_point import (
     FadingSamples,

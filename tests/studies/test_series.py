@@ -12,8 +12,7 @@ from meshtrace.cli import app
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.results.coverage import CoverageMap
-from meshtrace.results.series import GainSeries
+from meshtrace.results import CoverageMap, GainSeries
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
 
 SEA = JonswapSea(wind_speed=13.0, seed=3, mss="band", waves="paper")

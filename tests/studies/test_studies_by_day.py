@@ -86,7 +86,7 @@ def test_a_sweep_over_lights_and_a_study_file(address, tmp_path):
 
 
 def _file(path, address):
-    from meshtrace.studies.sweeps import sweep_file
+    from meshtrace.studies import sweep_file
 
     first = sweep_file(path, workers=address, progress=False)
     again = sweep_file(path, workers=address, progress=False)  # from the store

@@ -15,8 +15,9 @@ from typer.testing import CliRunner
 import meshtrace as mt
 from meshtrace import cli
 from meshtrace.scenario import Scenario
+from meshtrace.studies import sweep, sweep_file
 from meshtrace.studies.cluster import Cluster
-from meshtrace.studies.sweeps import BLOCK, Sweep, Task, read_store, store_of, sweep, sweep_file
+from meshtrace.studies.sweeps import BLOCK, Sweep, Task, read_store, store_of
 from meshtrace.surfaces import JonswapSea, MeshSequence, SinusoidalSea
 
 dask = pytest.importorskip("dask")

@@ -15,8 +15,8 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.errors import Refused
+from meshtrace.studies import sweep
 from meshtrace.studies.cluster import _checked, _environment, _portable_job
-from meshtrace.studies.sweeps import sweep
 
 distributed = pytest.importorskip("distributed")
 

@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 
 from meshtrace import cli
 from meshtrace.scenario import Scenario
-from meshtrace.studies.sweeps import Sweep, read_store, sweep
+from meshtrace.studies import sweep
+from meshtrace.studies.sweeps import Sweep, read_store
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.process

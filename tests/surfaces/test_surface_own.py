@@ -16,10 +16,17 @@ from own_waves import Box, Isotropic, RingWave
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.mesh import SurfaceModel
-from meshtrace.results.gain import GainResult
+from meshtrace.results import GainResult
 from meshtrace.scenario import Scenario
-from meshtrace.surfaces import FlatSea, JonswapSea, SpectralSea, Spreading, Surface, sea_from_config
-from meshtrace.surfaces.bands import Band
+from meshtrace.surfaces import (
+    Band,
+    FlatSea,
+    JonswapSea,
+    SpectralSea,
+    Spreading,
+    Surface,
+    sea_from_config,
+)
 from meshtrace.surfaces.statistics import components_hs
 
 OWN_SEA = SpectralSea(spectrum=Box(wind_speed=7.0), spreading=Isotropic())

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.surfaces import (
+    Band,
     Cos2sSpreading,
     Elfouhaily,
     FlatSea,
@@ -28,7 +29,7 @@ from meshtrace.surfaces import (
     Tma,
     sea_from_config,
 )
-from meshtrace.surfaces.bands import PAPER_BANDS, Band
+from meshtrace.surfaces.bands import PAPER_BANDS
 from meshtrace.surfaces.statistics import components_hs
 from meshtrace.surfaces.waves import angular_frequency, phase_speed, wavenumber
 

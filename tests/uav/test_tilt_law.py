@@ -11,9 +11,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import kstest
 
-from meshtrace.uav.airframe import Uav
+from meshtrace.uav import Dryden, Uav
 from meshtrace.uav.tilt import compare_laws, h_alpha, squared_wind_moments
-from meshtrace.uav.wind import Dryden
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "link_reference.json").read_text())
 CASES = [

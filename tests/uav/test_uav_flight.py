@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshtrace.uav.airframe import UAVS, Uav
-from meshtrace.uav.wind import Dryden
+from meshtrace.uav import UAVS, Dryden, Uav
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "link_reference.json").read_text())
 

@@ -12,8 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from meshtrace import cli
-from meshtrace.validation import w2a1
-from meshtrace.validation.closed_forms import Check
+from meshtrace.validation import Check, w2a1
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "w2a1"
 

@@ -12,12 +12,12 @@ import xarray as xr
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.comms.ook import OokLink
+from meshtrace.comms import OokLink
 from meshtrace.errors import Refused
 from meshtrace.fading import Estimate, fading_statistics
-from meshtrace.results.gain import FateTally, GainResult
-from meshtrace.results.impulse import ImpulseResponse
-from meshtrace.studies.convergence.study import ConvergenceStudy
+from meshtrace.results import GainResult, ImpulseResponse
+from meshtrace.results.gain import FateTally
+from meshtrace.studies import ConvergenceStudy
 from meshtrace.surfaces import JonswapSea
 
 

@@ -14,8 +14,9 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.viz import Scene
 from meshtrace.viz.scenes import Shown
-from meshtrace.viz.stage import Scene, stage_of
+from meshtrace.viz.stage import stage_of
 
 LINK, FLAT = mt.Link(), FlatSea()
 RUN = {"photons": 32, "threads": 1, "spacing": 0.5}

@@ -5,7 +5,7 @@ import pytest
 from mc_statistics import z_test
 
 import meshtrace as mt
-from meshtrace.results.gain import Fate
+from meshtrace.results import Fate
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 
 # small meshes on purpose: light that leaves them is a fate like the others

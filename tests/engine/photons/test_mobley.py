@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.optics.phase import Petzold, Rayleigh
+from meshtrace.optics import Petzold, Rayleigh
 from meshtrace.validation.closed_forms import wide_mesh
 
 pytestmark = [

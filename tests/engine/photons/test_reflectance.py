@@ -8,7 +8,7 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy import stats
 
 import meshtrace as mt
-from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.optics import fresnel_reflectance
 from meshtrace.surfaces import FlatSea
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning")

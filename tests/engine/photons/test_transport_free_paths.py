@@ -13,7 +13,7 @@ from meshtrace.engine.setup.arrays import medium_arrays, with_raster
 from meshtrace.kernels.medium import collide, sample_free_path
 from meshtrace.kernels.random import uniforms
 from meshtrace.kernels.vectors import Vec3
-from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.optics import fresnel_reflectance
 from meshtrace.surfaces import FlatSea
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning")

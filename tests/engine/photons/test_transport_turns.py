@@ -10,7 +10,7 @@ from numba import njit
 from meshtrace.kernels.phase import sample_s
 from meshtrace.kernels.random import uniforms
 from meshtrace.kernels.vectors import UP, Vec3, turn, write
-from meshtrace.optics.phase import FournierForand, HenyeyGreenstein
+from meshtrace.optics import FournierForand, HenyeyGreenstein
 
 SAMPLES = 400_000
 
