@@ -59,7 +59,7 @@ class SurfaceModel(MeshSource, Protocol):
 
 
 @runtime_checkable
-class Plane(SurfaceModel, Protocol):
+class PlaneSurface(SurfaceModel, Protocol):
     """A plane: facets of any size lie in it."""
 
     @property
@@ -69,10 +69,10 @@ class Plane(SurfaceModel, Protocol):
 
 
 @runtime_checkable
-class RandomSea(SurfaceModel, Protocol):
+class SeededSurface(SurfaceModel, Protocol):
     """A sea whose phases come from a seed."""
 
-    def with_seed(self, seed: int) -> RandomSea:
+    def with_seed(self, seed: int) -> SeededSurface:
         """Return the same sea with other phases."""
         ...
 

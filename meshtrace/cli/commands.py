@@ -203,7 +203,7 @@ def ber(
     coupled
         Apply the tilt to every photon.
     """
-    from meshtrace.mesh import RandomSea
+    from meshtrace.mesh import SeededSurface
     from meshtrace.studies.performance import DepthSweep
     from meshtrace.uav.airframe import Flight
 
@@ -213,7 +213,7 @@ def ber(
     printed.check(link)
     if realizations is None:
         realizations = 50 if "depths" in asked else 200
-    many = [coupled or isinstance(s.surface, RandomSea) for s in scenarios]
+    many = [coupled or isinstance(s.surface, SeededSurface) for s in scenarios]
     seas = sum(realizations if m else 1 for m in many) * len(asked.get("depths", [0]))
     asked["realizations"] = realizations
     flights = [Flight(s.uav, coupled=True) if coupled and s.uav else None for s in scenarios]

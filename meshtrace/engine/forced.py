@@ -40,7 +40,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map, paced
-from meshtrace.results.tallies import Arrivals, error_of_groups
+from meshtrace.results.tallies import ArrivalTally, error_of_groups
 from meshtrace.stored import SHIFTS
 
 Scattered = Literal["auto", "chains", "joined"]
@@ -383,7 +383,7 @@ class ForcedDetection:
         origin = np.array(self.link.origin)
         return flat_mesh(origin - far, origin + far)
 
-    def arrivals(self, mesh: TriangleMesh) -> Arrivals:
+    def arrivals(self, mesh: TriangleMesh) -> ArrivalTally:
         """Return the light that arrives; the weights of a receiver add up to its gain.
 
         Unscattered light without random slopes is one arrival a facet, with shift -1: it has no
@@ -403,7 +403,7 @@ class ForcedDetection:
             for r, row in zip(served, photons, strict=True):
                 rows[r].append(row)
         whole = [np.insert(row, 0, r, axis=1) for r, found in enumerate(rows) for row in found]
-        return Arrivals.of_rows(np.concatenate(whole))
+        return ArrivalTally.of_rows(np.concatenate(whole))
 
     def _light_of(self, aimed: AimedChains, e: int, t: int) -> parts.Light:
         """Return the light of a pair over facets and chains."""

@@ -26,8 +26,8 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.gain import Fate, FateTally, GainResult, ScatteredSamples, bound_where_dark
 from meshtrace.results.tallies import (
-    Arrivals,
-    IrradianceMap,
+    ArrivalTally,
+    MapTally,
     Planes,
     error_of_groups,
     standard_error,
@@ -98,7 +98,7 @@ def forced_result(
     mesh: TriangleMesh,
     parts: Parts,
     origin: dict[str, Any],
-    arrivals: Arrivals | None = None,
+    arrivals: ArrivalTally | None = None,
 ) -> GainResult:
     """Return the result of forced detection over a mesh."""
     link, photons = case.link, parts.photons
@@ -295,9 +295,9 @@ def warn_of_cut(case: Case, mesh: TriangleMesh) -> None:
         )
 
 
-def _arrivals(sums: PhotonSums) -> Arrivals:
+def _arrivals(sums: PhotonSums) -> ArrivalTally:
     rows = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
-    return Arrivals(
+    return ArrivalTally(
         rows["receiver"].astype(np.int64),
         rows["weight"] / sums.photons,
         rows["water"],
@@ -322,14 +322,14 @@ def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> Plane
     return Planes(np.array(link.planes.depths), *columns, **radiance)
 
 
-def irradiance_map(grid: options.IrradianceMap, sums: PhotonSums) -> IrradianceMap:
+def irradiance_map(grid: options.IrradianceMap, sums: PhotonSums) -> MapTally:
     """Return the irradiance of analog photons in the cells of a map."""
     area = grid.step**2
     axis = np.asarray(-grid.extent + grid.step * (np.arange(grid.n) + 0.5), np.float64)
     total, squares = sums.map.value(), sums.map_squared.value()
     cell = total / sums.photons
     error = np.sqrt(np.maximum(squares / sums.photons - cell**2, 0.0) / max(sums.photons - 1, 1))
-    return IrradianceMap(axis, axis, cell / area, error / area)
+    return MapTally(axis, axis, cell / area, error / area)
 
 
 def warn_of_lost(result: GainResult) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from meshtrace.errors import Described, Refused
 from meshtrace.fading.spectral import paraxial_lever, scintillation_of_spectrum
-from meshtrace.mesh import Plane, require_surface
+from meshtrace.mesh import PlaneSurface, require_surface
 
 WITHIN = 0.03
 """Relative error of the scintillation index up to which a band counts as resolved."""
@@ -210,7 +210,7 @@ def _chosen(link: Any, sea: Any, waves: Any) -> Any:
         parts = [_chosen(link, p, waves) if _has_waves(p) else p for p in sea.parts]
         return sea.model_copy(update={"parts": parts})
     if not _has_waves(sea):
-        if waves == "mean" or isinstance(sea, Plane):
+        if waves == "mean" or isinstance(sea, PlaneSurface):
             return sea
         raise Refused("waves", waves, "over a sea of a spectrum: JonswapSea, SpectralSea")
     if waves == FADING:

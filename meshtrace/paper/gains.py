@@ -237,7 +237,7 @@ def _bubbles(wind: float, form: Form, setting: Setting, analog: int) -> Number:
 Gains = dict[tuple[Form, float], list[Mean]]
 
 
-class Sweep(NamedTuple):
+class SweptGains(NamedTuple):
     """Mean gains over the values of a parameter, by form and wind."""
 
     name: str
@@ -284,23 +284,25 @@ class Sweep(NamedTuple):
         return FigureOutput(picture, data, numbers)
 
 
-def _sources(key: str, values: Sequence[float], setting: Setting, **effort: int) -> Sweep:
+def _sources(key: str, values: Sequence[float], setting: Setting, **effort: int) -> SweptGains:
     """Return gains of one source at a time, for each value of a key of the LED."""
 
     def gains(form: Form, wind: float) -> list[Mean]:
         tables: Any = [{"transmitter": {key: value}} for value in values]
         return [mean_gain(wind, form, setting, **effort, **table)[0] for table in tables]
 
-    return Sweep(key, values, {(form, wind): gains(form, wind) for form in FORMS for wind in WINDS})
+    return SweptGains(
+        key, values, {(form, wind): gains(form, wind) for form in FORMS for wind in WINDS}
+    )
 
 
 def _receivers(
     name: str, receivers: dict[float, dict[str, Any]], setting: Setting, **effort: int
-) -> Sweep:
+) -> SweptGains:
     """Return gains of one receiver for each value, all over the same seas."""
     tables: Any = {**effort, "receiver": list(receivers.values())}
     gains = {(f, u): mean_gain(u, f, setting, **tables) for f in FORMS for u in WINDS}
-    return Sweep(name, tuple(receivers), gains)
+    return SweptGains(name, tuple(receivers), gains)
 
 
 def gain_half_angle(setting: Setting, **effort: int) -> FigureOutput:

@@ -52,7 +52,7 @@ class Number(NamedTuple):
         return self.stderr / self.value
 
 
-class Row(NamedTuple):
+class TableRow(NamedTuple):
     """One line of a figure's table.
 
     Attributes
@@ -185,11 +185,11 @@ class Figure:
         """Return the keywords of `make` in a mode."""
         return dict(self.quick if quick else self.full)
 
-    def table(self, output: FigureOutput) -> list[Row]:
+    def table(self, output: FigureOutput) -> list[TableRow]:
         """Return the rows of the table, with the numbers filled in."""
         return [self._row(entry) for entry in output.numbers]
 
-    def _row(self, entry: Entry) -> Row:
+    def _row(self, entry: Entry) -> TableRow:
         described = self.rows[entry.key]
         printed: tuple[float | None, str, str] = None, described.get("unit", "1"), ""
         if "printed" in described:
@@ -197,7 +197,7 @@ class Figure:
         value, unit, place = printed
         quantity = described["quantity"].format(**entry.words)
         why = _TABLE["whys"].get(described["why"], described["why"])
-        return Row(quantity, unit, value, place, entry.default, entry.paper, why)
+        return TableRow(quantity, unit, value, place, entry.default, entry.paper, why)
 
     def text(self, output: FigureOutput) -> str:
         """Return the caption."""

@@ -17,7 +17,7 @@ from typing import Any
 import pandas as pd
 
 from meshtrace.files import atomic
-from meshtrace.paper.registry import FIGURES, Figure, FigureOutput, Row, Setting, load
+from meshtrace.paper.registry import FIGURES, Figure, FigureOutput, Setting, TableRow, load
 from meshtrace.stored import write_dataset
 
 INDEX = "index.html"
@@ -230,7 +230,7 @@ def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str,
     return {**record, "kept": False}
 
 
-def _write(stem: Path, output: FigureOutput, rows: list[Row]) -> None:
+def _write(stem: Path, output: FigureOutput, rows: list[TableRow]) -> None:
     from matplotlib.image import imsave
 
     with atomic(stem.with_suffix(".png")) as temporary:

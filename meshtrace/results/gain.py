@@ -16,7 +16,7 @@ from meshtrace.fields import attrs
 from meshtrace.kernels.tally import Fate
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
-from meshtrace.results.tallies import Arrivals, IrradianceMap, Planes, merged, merged_mean
+from meshtrace.results.tallies import ArrivalTally, MapTally, Planes, merged, merged_mean
 from meshtrace.stored import Stored, Variable
 
 if TYPE_CHECKING:
@@ -120,11 +120,11 @@ class GainResult(Stored):
         Forced only: estimator and samples of the scattered gain of each receiver.
     reflected : list of ScatteredSamples
         The same of `gain_reflected`.
-    arrivals : Arrivals, optional
+    arrivals : ArrivalTally, optional
         Arrivals with their path lengths.
     planes : Planes, optional
         Irradiances and radiance in the water.
-    map : IrradianceMap, optional
+    map : MapTally, optional
         Irradiance on a plane in the air.
     """
 
@@ -144,9 +144,9 @@ class GainResult(Stored):
     gain_reflected_stderr: Annotated[Values | None, _EACH] = None
     mesh_error: Annotated[Values | None, _EACH] = None
     gain_order: Annotated[Floats | None, Variable("receiver order")] = None
-    arrivals: Arrivals | None = None
+    arrivals: ArrivalTally | None = None
     planes: Planes | None = None
-    map: IrradianceMap | None = None
+    map: MapTally | None = None
 
     kind: ClassVar[str] = "gain"
     title: ClassVar[str] = "meshtrace channel gain"

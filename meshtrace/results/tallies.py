@@ -88,7 +88,7 @@ def merged(runs: Sequence[WithArrays], n: NDArray[np.int64]) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Arrivals(Tally):
+class ArrivalTally(Tally):
     """Arrivals of light at the receivers.
 
     Attributes
@@ -111,7 +111,7 @@ class Arrivals(Tally):
     group: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_group")]
 
     @classmethod
-    def of_rows(cls, rows: Floats) -> Arrivals:
+    def of_rows(cls, rows: Floats) -> ArrivalTally:
         """Return arrivals from rows of receiver, weight, water path, air path and group."""
         whole, weight, water, air, group = rows.T
         return cls(whole.astype(np.int64), weight, water, air, group.astype(np.int64))
@@ -190,7 +190,7 @@ class Planes(Tally):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class IrradianceMap(Tally):
+class MapTally(Tally):
     """Irradiance on a horizontal plane in the air.
 
     Attributes

@@ -19,7 +19,7 @@ from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Case, RunOptions, require_options
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, RandomSea
+from meshtrace.mesh import MeshSource, SeededSurface
 from meshtrace.models import Floats
 from meshtrace.results.background import PARTS, Background, BackgroundSeries
 from meshtrace.results.tallies import error_of_groups
@@ -150,7 +150,7 @@ def _steps(campaign: Campaign, seas: int, flight: Flight | None) -> Steps:
         links = in_flight(campaign, times, flight).links or ()
         chosen = np.linspace(0, seas - 1, most).round().astype(int)
         return campaign.in_time(times[chosen], [links[i] for i in chosen])
-    if isinstance(sea, RandomSea):
+    if isinstance(sea, SeededSurface):
         steps = campaign.realizations(most)
     else:
         steps = campaign.in_time(np.full(1 if flight is None else most, time))

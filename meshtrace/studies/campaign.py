@@ -25,7 +25,7 @@ from meshtrace.engine.setup.options import (
 from meshtrace.errors import Described, Refused, require_function
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, RandomSea, SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, SeededSurface, SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, ordered_map, paced, trim_memory
 from meshtrace.results.provenance import provenance
@@ -179,7 +179,7 @@ class Campaign(NamedTuple):
             If the sea has no random phases.
         """
         sea, time = self.surface, self.meshing.time
-        if not isinstance(sea, RandomSea):
+        if not isinstance(sea, SeededSurface):
             raise Refused("surface", Described(type(sea).__name__), "a sea with random phases")
         seeds = np.array([realization_seed(self.run.seed, i) for i in range(n)], np.int64)
         return Steps("realization", seeds, lambda i: (sea.with_seed(int(seeds[i])), time))

@@ -15,7 +15,7 @@ from meshtrace.engine.parts import Light
 from meshtrace.errors import Refused
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Led, Link
-from meshtrace.mesh import RandomSea
+from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign
@@ -190,7 +190,7 @@ class Sample:
     ) -> None:
         link, self._seed = campaign.link, campaign.run.seed
         self._flight, self._start, self._turned = flight, link, turned
-        random = isinstance(campaign.surface, RandomSea)
+        random = isinstance(campaign.surface, SeededSurface)
         self._seas = realizations if random else 1
         self._places = 1
         if flight is not None or any(hover_std):

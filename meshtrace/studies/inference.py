@@ -30,7 +30,7 @@ from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS, Stored, Variable
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.neighbours import Neighbours, has_moments, moments
-from meshtrace.studies.sensitivity.parameters import Parameter, Setting, parameters
+from meshtrace.studies.sensitivity.parameters import Parameter, Variant, parameters
 from meshtrace.studies.store import digest_of
 from meshtrace.surfaces import FlatSea
 from meshtrace.tables import text_table
@@ -221,7 +221,7 @@ class Predictor:
         """Return a measured link with the unknowns that have a value."""
         pairs = zip(self._unknowns, x, strict=True)
         values = ((p, p.moved(step)) for p, step in pairs if step is not None)
-        return Setting(self._links[number], self._campaign.surface).at(values).link
+        return Variant(self._links[number], self._campaign.surface).at(values).link
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -410,8 +410,8 @@ def infer(
     campaign = campaign_of(link, surface, "infer", several=False, photons=photons, **run)
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
-    setting = Setting(campaign.link, campaign.surface)
-    found = parameters(setting, keys, None, "vertex", "unknown") if keys else []
+    variant = Variant(campaign.link, campaign.surface)
+    found = parameters(variant, keys, None, "vertex", "unknown") if keys else []
     for p in found:
         if p.name.split(".")[0] in ("sea", "wind_speed"):
             raise Refused("unknown", p.name, "keys of the link, or scale")

@@ -22,7 +22,7 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Refused
 from meshtrace.fading import Estimate, effective_samples
 from meshtrace.link import Link
-from meshtrace.mesh import RandomSea
+from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.results.background import Background
 from meshtrace.results.series import GainSeries
@@ -107,7 +107,7 @@ class Ensemble(NamedTuple):
             series = over_times(campaign, times, flight)
             n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else float(self.n)
             return FadingSamples(series, np.ones((self.n, 1)), n)
-        if isinstance(campaign.surface, RandomSea):
+        if isinstance(campaign.surface, SeededSurface):
             series = over_realizations(campaign, self.n)
         else:
             series = over_times(campaign, np.array([campaign.meshing.time]))

@@ -29,7 +29,7 @@ from meshtrace.studies.background import electronics_of, held_light
 from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of
 from meshtrace.studies.candidates import REWEIGHED, Custom, Goal, Objective, Sample
 from meshtrace.studies.neighbours import error_of
-from meshtrace.studies.sensitivity.parameters import FADES, Parameter, Setting, parameters
+from meshtrace.studies.sensitivity.parameters import FADES, Parameter, Variant, parameters
 from meshtrace.tables import text_table
 from meshtrace.uav.airframe import Flight
 
@@ -275,17 +275,17 @@ def _variables(
     """Return the variables and their bounds (n, 2)."""
     if not isinstance(over, Mapping) or not over:
         raise Refused("over", over, "a table of names and bounds (low, high)")
-    setting = Setting(campaign.link, None)  # the keys of the link alone
+    variant = Variant(campaign.link, None)  # the keys of the link alone
     bounds = []
     for name, ends in over.items():
         pair = require_pair(ends, f"over.{name}", "(low, high), low < high")
         if not pair[0] < pair[1]:
             raise Refused(f"over.{name}", ends, "(low, high), low < high")
         bounds.append(pair)
-    found = parameters(setting, list(over), None, campaign.meshing.normals, "over")
+    found = parameters(variant, list(over), None, campaign.meshing.normals, "over")
     for p, pair in zip(found, bounds, strict=True):
         for end in pair:
-            p.at(setting, float(end))
+            p.at(variant, float(end))
     return found, np.array(bounds)
 
 
@@ -341,7 +341,7 @@ class _Search:
 
     def _link(self, values: Floats) -> Link:
         pairs = zip(self._variables, values.tolist(), strict=True)
-        return Setting(self._campaign.link, self._campaign.surface).at(pairs).link
+        return Variant(self._campaign.link, self._campaign.surface).at(pairs).link
 
     def _costs(self, values: Floats, sample: Sample | None = None) -> Floats:
         """Return the costs of a candidate: of all gains, and of the groups of the jackknife."""

@@ -33,7 +33,7 @@ from meshtrace.errors import (
 from meshtrace.fading import Estimate
 from meshtrace.fields import attrs
 from meshtrace.link import Link
-from meshtrace.mesh import RandomSea, SurfaceModel
+from meshtrace.mesh import SeededSurface, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.background import Background
 from meshtrace.results.provenance import water_of
@@ -535,7 +535,7 @@ def link_performance(
         light = described(ooks[0], found)
         if link.direction == "down" and len(links) > 1:
             light += f", at {next(iter(links)):g} m"
-    seas = realizations if isinstance(campaign.surface, RandomSea) else 1
+    seas = realizations if isinstance(campaign.surface, SeededSurface) else 1
     origin = {
         **closed_form(next(iter(links.values())), campaign.surface, seas, level=2),
         "ook": [one.model_dump(mode="json") for one in ooks],

@@ -158,10 +158,10 @@ def test_reweighting_is_a_new_run():
     """The gain at other a and b from the same chains is that of a simulation."""
     from meshtrace.studies.campaign import campaign_of
     from meshtrace.studies.inference import Predictor
-    from meshtrace.studies.sensitivity.parameters import Setting, parameters
+    from meshtrace.studies.sensitivity.parameters import Variant, parameters
 
     sea, link = FlatSea(), mt.Link()
-    unknowns = parameters(Setting(link, sea, None), ["water.a", "water.b"], None, "vertex")
+    unknowns = parameters(Variant(link, sea, None), ["water.a", "water.b"], None, "vertex")
     model = Predictor(campaign_of(link, sea, photons=4096, threads=1), [{}], unknowns)
     x = np.log([1.3, 0.7])
     new = link.replace("water.a", 1.3 * 0.114).replace("water.b", 0.7 * 0.037)

@@ -13,7 +13,7 @@ from meshtrace.engine.neighbours import FrozenForced
 from meshtrace.kernels.random import realization_seed
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.neighbours import error_of, without_each
-from meshtrace.studies.sensitivity.parameters import Setting, parameters
+from meshtrace.studies.sensitivity.parameters import Variant, parameters
 from meshtrace.surfaces import Band, FlatSea, JonswapSea
 
 REFERENCE = json.loads(
@@ -205,11 +205,11 @@ def test_narrow_views_against_differences(fov, wind_speed):
 
 def difference(link, sea, name, step, photons):
     """Return the central difference of ln gain over runs of their own, and its error."""
-    setting = Setting(link, sea, None)
-    (p,) = parameters(setting, [name], step, "vertex")
+    variant = Variant(link, sea, None)
+    (p,) = parameters(variant, [name], step, "vertex")
     logs, errors = [], []
     for seed, side in ((11, -1.0), (12, 1.0)):
-        at = p.at(setting, p.shifted(side))
+        at = p.at(variant, p.shifted(side))
         found = mt.simulate(at.link, at.sea, photons=photons, seed=seed)
         logs.append(math.log(found.gain))
         errors.append(found.gain_stderr / found.gain)

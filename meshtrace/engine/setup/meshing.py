@@ -14,7 +14,14 @@ from meshtrace.errors import Described, DomainWarning, Refused
 from meshtrace.link import Link
 from meshtrace.link.link import Footprint
 from meshtrace.link.sources import WaterSource
-from meshtrace.mesh import MeshSource, Plane, SurfaceModel, TriangleMesh, WaveSum, require_surface
+from meshtrace.mesh import (
+    MeshSource,
+    PlaneSurface,
+    SurfaceModel,
+    TriangleMesh,
+    WaveSum,
+    require_surface,
+)
 from meshtrace.models import Floats
 
 GAIN_SPACING = 0.45
@@ -124,10 +131,10 @@ def mesh_lines(
             wide, fine = max(fine, 1.01 * aside), 0.5 * fine
         f = f._replace(extent=wide, fine_extent=fine, coarse_spacing=4.0 * f.spacing)
     given = meshing.spacing is not None or meshing.extent is not None
-    single = reach is not None and not given and not isinstance(surface, Plane)
+    single = reach is not None and not given and not isinstance(surface, PlaneSurface)
     if single and isinstance(surface, SurfaceModel):
         f = _resolving(link, surface, f, per_wave, meshing.time)
-    if isinstance(surface, Plane):
+    if isinstance(surface, PlaneSurface):
         spacing = max(f.spacing, f.fine_extent / _PLANE_CELLS)
         coarse = max(f.coarse_spacing, f.extent / _PLANE_CELLS, spacing)
         f = f._replace(spacing=spacing, coarse_spacing=coarse)

@@ -27,7 +27,7 @@ from meshtrace.errors import (
     require_word,
 )
 from meshtrace.link import Link
-from meshtrace.mesh import RandomSea, WaveSum
+from meshtrace.mesh import SeededSurface, WaveSum
 from meshtrace.models import Floats, Model
 from meshtrace.studies.neighbours import without_each
 
@@ -42,19 +42,19 @@ _METRES = ("depth", "height", "radius", "position", "fetch", "hs", "amplitude", 
 _GEOMETRY = ("transmitter", "receiver", "sea", "wind_speed")
 
 
-class Setting(NamedTuple):
+class Variant(NamedTuple):
     """Link, surface and receiver electronics at one value of a parameter."""
 
     link: Link
     sea: Any
     ook: OokLink | None = None
 
-    def at(self, values: Iterable[tuple[Parameter, float]]) -> Setting:
-        """Return the setting with other values of parameters."""
-        setting = self
+    def at(self, values: Iterable[tuple[Parameter, float]]) -> Variant:
+        """Return the variant with other values of parameters."""
+        variant = self
         for p, value in values:
-            setting = p.at(setting, value)
-        return setting
+            variant = p.at(variant, value)
+        return variant
 
 
 class Parameter(NamedTuple):
@@ -98,8 +98,8 @@ class Parameter(NamedTuple):
         """Change of the value per unit of `step`."""
         return 1.0 if self.absolute else self.base - self.origin
 
-    def at(self, setting: Setting, value: float) -> Setting:
-        """Return a setting with another value of the parameter.
+    def at(self, variant: Variant, value: float) -> Variant:
+        """Return a variant with another value of the parameter.
 
         Raises
         ------
@@ -107,17 +107,17 @@ class Parameter(NamedTuple):
             If the value is out of range.
         """
         head, _, rest = self.name.partition(".")
-        link, sea, ook = setting
+        link, sea, ook = variant
         if self.name == "wind_speed":
             for part in ("whitecaps", "bubbles"):
                 if hasattr(getattr(link, part), "wind_speed"):
                     link = link.replace(f"{part}.wind_speed", value)
-            return Setting(link, _sea_at(sea, "wind_speed", value), ook)
+            return Variant(link, _sea_at(sea, "wind_speed", value), ook)
         if head == "sea":
-            return Setting(link, _sea_at(sea, rest, value), ook)
+            return Variant(link, _sea_at(sea, rest, value), ook)
         if head == "detector":
             assert ook is not None
-            return Setting(link, sea, ook.replace(rest, value))
+            return Variant(link, sea, ook.replace(rest, value))
         path, _, last = self.name.rpartition(".")
         if last in _ABSOLUTE and value < 0.0:  # a positive angle of opposite azimuth
             azimuth = f"{path}.{_ABSOLUTE[last]}"
@@ -128,13 +128,13 @@ class Parameter(NamedTuple):
             link = link.replace("bubbles.n_water", value)
         if ook is not None:
             ook = OokLink.of_link(link, ook)
-        return Setting(link, sea, ook)
+        return Variant(link, sea, ook)
 
 
 def _sea_at(sea: Any, key: str, value: float) -> Any:
     """Return a sea with another value of a key; refuse one with other waves."""
     new = sea.replace(**{key: value})
-    if isinstance(sea, RandomSea) and isinstance(sea, WaveSum):
+    if isinstance(sea, SeededSurface) and isinstance(sea, WaveSum):
         mine, other = sea.components, new.components
         same = len(mine.omega) == len(other.omega) and all(
             np.array_equal(getattr(mine, k), getattr(other, k)) for k in ("omega", "kx", "ky")
@@ -165,9 +165,9 @@ def _numbers(part: Any, path: str) -> Iterator[tuple[str, float]]:
         yield path, part
 
 
-def _known(setting: Setting) -> dict[str, float]:
+def _known(variant: Variant) -> dict[str, float]:
     """Return the continuous parameters by name."""
-    link, sea, ook = setting
+    link, sea, ook = variant
     parts = ["water", "bubbles", "whitecaps", "transmitter", "receiver"]
     found = {k: v for part in parts for k, v in _numbers(getattr(link, part), part)}
     found = {k: v for k, v in found.items() if not k.startswith("water.layers")}
@@ -205,7 +205,7 @@ def _parameter(name: str, base: float, link: Link, step: float | None) -> Parame
 
 
 def parameters(
-    setting: Setting,
+    variant: Variant,
     wrt: Sequence[str] | None,
     step: float | None,
     normals: str,
@@ -215,7 +215,7 @@ def parameters(
 
     Parameters
     ----------
-    setting : Setting
+    variant : Variant
         The base.
     wrt : sequence of str, optional
         Their names; by default the continuous keys of the link, and those of the sea if its
@@ -233,7 +233,7 @@ def parameters(
         If a name is unknown or not continuous, a value is at the end of its range, or the sea
         has other waves at another value.
     """
-    known = _known(setting)
+    known = _known(variant)
     given = list(known) if wrt is None else require_names(wrt, field)
     names = [re.sub(r"\[(\d+)\]", r".\1", name) for name in given]
     if step is not None:
@@ -245,8 +245,8 @@ def parameters(
         if name not in known:
             hint = f"no such continuous key, {did_you_mean(name, known)}".rstrip()
             raise Refused(field, name, ", ".join(known), hint)
-        p = _parameter(name, known[name], setting.link, step)
-        if wrt is None and _left_out(p, setting):
+        p = _parameter(name, known[name], variant.link, step)
+        if wrt is None and _left_out(p, variant):
             continue
         if normals == "facet" and name.split(".")[0] in _GEOMETRY:
             if wrt is None:
@@ -256,7 +256,7 @@ def parameters(
             if not p.absolute and p.base == p.origin:
                 raise Refused(p.name, p.base, "a value other than 0, for relative steps")
             for steps in (-1.0, 1.0):
-                p.at(setting, p.shifted(steps))
+                p.at(variant, p.shifted(steps))
         except Refused:
             if wrt is not None:
                 raise
@@ -267,11 +267,11 @@ def parameters(
     return found
 
 
-def _left_out(p: Parameter, setting: Setting) -> bool:
+def _left_out(p: Parameter, variant: Variant) -> bool:
     """Return whether a parameter is no default one: without effect, or not of the link."""
     path, _, last = p.name.rpartition(".")
     idle = [polar for polar, azimuth in _ABSOLUTE.items() if azimuth == last]
-    if idle and _value(setting.link, f"{path}.{idle[0]}") == 0.0:
+    if idle and _value(variant.link, f"{path}.{idle[0]}") == 0.0:
         return True
     if p.name.startswith("bubbles.") and last != "wind_speed":
         return True

@@ -23,7 +23,7 @@ from meshtrace.errors import (
     require_whole,
 )
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, RandomSea, TriangleMesh
+from meshtrace.mesh import MeshSource, SeededSurface, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
@@ -42,7 +42,7 @@ from meshtrace.studies.sensitivity.parameters import (
     Of,
     Parameter,
     Quantity,
-    Setting,
+    Variant,
     parameters,
 )
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
@@ -150,29 +150,29 @@ def sensitivities(
     campaign = campaign_of(
         link, surface, "sensitivities", fading, several=False, chains=DEFAULT_CHAINS, **run
     )
-    if realizations > 1 and not isinstance(campaign.surface, RandomSea):
+    if realizations > 1 and not isinstance(campaign.surface, SeededSurface):
         kind = getattr(campaign.surface, "kind", type(campaign.surface).__name__)
         raise Refused("realizations", realizations, f"1 over a surface of kind {kind}")
     require_between(limit, 0.0, 0.5, "limit")
     quantity = Quantity(of, limit)
-    setting = Setting(campaign.link, campaign.surface, None)
+    variant = Variant(campaign.link, campaign.surface, None)
     normals, light = campaign.meshing.normals, ""
     electronics = None if of == "gain" else electronics_of(campaign, ook, bit_rate)
     if electronics is None and of not in ("gain", "range"):
         raise Refused("ook", None, f"a transmission, for {of}")
     if electronics is not None:
         lit, light = held_light(electronics, campaign, of)
-        setting = setting._replace(link=electronics.channel(campaign.link), ook=lit)
-    names = parameters(setting, wrt, step, normals)
-    default = {p.name: p.step for p in parameters(setting, [p.name for p in names], None, normals)}
-    if of == "range" and setting.ook is not None:
-        setting = _at_range(setting, campaign, realizations, quantity)
-        names = parameters(setting, [p.name for p in names], step, normals)
+        variant = variant._replace(link=electronics.channel(campaign.link), ook=lit)
+    names = parameters(variant, wrt, step, normals)
+    default = {p.name: p.step for p in parameters(variant, [p.name for p in names], None, normals)}
+    if of == "range" and variant.ook is not None:
+        variant = _at_range(variant, campaign, realizations, quantity)
+        names = parameters(variant, [p.name for p in names], step, normals)
     asked = [p.name for p in names]
-    depth = _depth_key(setting.link)
+    depth = _depth_key(variant.link)
     if of == "range" and depth not in asked:
-        names += parameters(setting, [depth], None, normals)
-    study = Study(setting, campaign, realizations, quantity, default)
+        names += parameters(variant, [depth], None, normals)
+    study = Study(variant, campaign, realizations, quantity, default)
     with np.errstate(divide="ignore"):
         found = [study.derivatives(p, campaign.progress) for p in names]
     return replace(_result(study, found, asked), light=light)
@@ -184,22 +184,22 @@ def _depth_key(link: Link) -> str:
 
 
 def _at_range(
-    setting: Setting, campaign: Campaign, realizations: int, quantity: Quantity
-) -> Setting:
-    """Return the setting at the depth of an error rate equal to the limit."""
-    depth = setting.link.depth
+    variant: Variant, campaign: Campaign, realizations: int, quantity: Quantity
+) -> Variant:
+    """Return the variant at the depth of an error rate equal to the limit."""
+    depth = variant.link.depth
     for _ in range(12):
-        study = Study(setting, campaign, realizations, quantity, {}, f" at {depth!r} m")
-        p = parameters(setting, [_depth_key(campaign.link)], None, campaign.meshing.normals)[0]
-        excess = quantity.log(study.gains("search", setting), setting.ook)
+        study = Study(variant, campaign, realizations, quantity, {}, f" at {depth!r} m")
+        p = parameters(variant, [_depth_key(campaign.link)], None, campaign.meshing.normals)[0]
+        excess = quantity.log(study.gains("search", variant), variant.ook)
         rate = study.derivatives(p, None).rates[0]
         # ln gain is nearly linear in the depth and its logarithm together
         new = depth * (1.0 + max(min(-excess / rate, 1.0), -0.5))
         done = abs(new - depth) < 1e-3 * depth
         depth = new
-        setting = setting._replace(link=setting.link.at_depth(depth))
+        variant = variant._replace(link=variant.link.at_depth(depth))
         if done:
-            return setting
+            return variant
     raise Refused(_depth_key(campaign.link), Described("no range found"), "a link with a range")
 
 
@@ -260,7 +260,7 @@ class _Rates(NamedTuple):
 class Study:
     """Evaluation of a quantity and its derivatives."""
 
-    setting: Setting
+    variant: Variant
     campaign: Campaign
     realizations: int
     quantity: Quantity
@@ -268,15 +268,15 @@ class Study:
     where: str = ""
 
     def __post_init__(self) -> None:
-        self.campaign, several = self.campaign.of(self.setting.link), self.realizations > 1
+        self.campaign, several = self.campaign.of(self.variant.link), self.realizations > 1
         self.near = Neighbours(
             self.campaign, self.realizations, phases=several, fading=several, kept=_KEPT
         )
 
-    def gains(self, name: str, *settings: Setting) -> Floats:
-        """Return the gains of settings over all seas, shape (settings * seas, shifts)."""
-        base, near = self.setting.sea, self.near
-        inputs = [(one.link, None if one.sea is base else one.sea) for one in settings]
+    def gains(self, name: str, *variants: Variant) -> Floats:
+        """Return the gains of variants over all seas, shape (variants * seas, shifts)."""
+        base, near = self.variant.sea, self.near
+        inputs = [(one.link, None if one.sea is base else one.sea) for one in variants]
 
         def of_first(i: int) -> Floats:
             link, surface = inputs[i // near.seas]
@@ -284,19 +284,19 @@ class Study:
 
         return self._over(of_first, len(inputs), name)
 
-    def _over(self, evaluate: Callable[[int], Floats], settings: int, name: str) -> Floats:
-        steps = settings * self.near.seas
-        return self.near.over(evaluate, steps, f"{name}{self.where}", settings=settings)
+    def _over(self, evaluate: Callable[[int], Floats], variants: int, name: str) -> Floats:
+        steps = variants * self.near.seas
+        return self.near.over(evaluate, steps, f"{name}{self.where}", variants=variants)
 
     @cached_property
     def base(self) -> Floats:
         """Gains of the base, shape (seas, shifts)."""
-        return self.gains("base", self.setting)
+        return self.gains("base", self.variant)
 
     @cached_property
     def _moments(self) -> Floats:
         """Return dh / d ln a and dh / d ln b, shape (2, seas, shifts)."""
-        near, link = self.near, self.setting.link
+        near, link = self.near, self.variant.link
 
         def both(i: int) -> Floats:
             found = moments(link, near.light(link, i)[0])
@@ -306,7 +306,7 @@ class Study:
 
     def derivatives(self, p: Parameter, progress: Callable[[int], None] | None) -> _Rates:
         """Return the derivatives by a parameter."""
-        link = self.setting.link
+        link = self.variant.link
         first = "receiver.0" if isinstance(link.receiver, tuple) else "receiver"
         if p.name in ("water.a", "water.b") and has_moments(link):
             gains = self._moments[int(p.name == "water.b")]
@@ -325,8 +325,8 @@ class Study:
 
     def _exactly(self, p: Parameter, change: Floats, method: str) -> _Rates:
         """Return the derivatives of the quantity by the chain rule, from dh (seas, shifts)."""
-        base, setting = self.base, self.setting
-        sides = [p.at(setting, p.shifted(side * _DIRECT / p.step)).ook for side in (-1.0, 1.0)]
+        base, variant = self.base, self.variant
+        sides = [p.at(variant, p.shifted(side * _DIRECT / p.step)).ook for side in (-1.0, 1.0)]
         gains = base - _DIRECT * change, base + _DIRECT * change
         return _Rates(p, self._rates(gains, sides, _DIRECT), math.nan, method, False, "")
 
@@ -340,12 +340,12 @@ class Study:
 
     def _differences(self, p: Parameter) -> _Rates:
         """Return central differences over a step, compared with differences over a longer step."""
-        setting = self.setting
+        variant = self.variant
         factors = [1.0, self._longer(p)]
         sides = []
         for factor in factors:
             try:
-                sides += [p.at(setting, p.shifted(side * factor)) for side in (-1.0, 1.0)]
+                sides += [p.at(variant, p.shifted(side * factor)) for side in (-1.0, 1.0)]
             except Refused:  # the longer step leaves the range
                 break
         name = f"{p.name} {p.step!r}"
@@ -381,10 +381,10 @@ class Study:
         """Return the second derivative of the quantity over itself, for offsets and angles."""
         if not p.absolute:
             return math.nan
-        setting, k = self.setting, 2 if len(gains) > 2 else 0
+        variant, k = self.variant, 2 if len(gains) > 2 else 0
         steps = p.step * (self._longer(p) if k else 1.0)
         low, mid, high = (
-            self.quantity.log(g, setting.ook) for g in (gains[k], self.base, gains[k + 1])
+            self.quantity.log(g, variant.ook) for g in (gains[k], self.base, gains[k + 1])
         )
         if self.quantity.of in ("margin", "range"):
             return (high - 2.0 * mid + low) / steps**2
@@ -393,15 +393,15 @@ class Study:
 
 def _result(study: Study, found: list[_Rates], asked: list[str]) -> Sensitivities:
     """Return the table of the derivatives."""
-    quantity, setting, campaign = study.quantity, study.setting, study.campaign
-    logs = quantity.logs(study.base, setting.ook)
+    quantity, variant, campaign = study.quantity, study.variant, study.campaign
+    logs = quantity.logs(study.base, variant.ook)
     value, stderr = quantity.value(float(logs[0])), error_of(logs)
     rates, biases = np.array([one.rates for one in found]), np.array([one.bias for one in found])
     if quantity.of == "range":
         # at a fixed need: dR / R = -(d ln q / d ln p) / (d ln q / d ln d)
-        depth = _depth_key(setting.link)
+        depth = _depth_key(variant.link)
         deeper = rates[[one.parameter.name for one in found].index(depth)]
-        value = setting.link.depth
+        value = variant.link.depth
         stderr = abs(value * error_of(logs / deeper[0]))
         rates = np.where([[one.parameter.name == depth] for one in found], rates, -rates / deeper)
         biases = np.where([one.parameter.name == depth for one in found], 0.0, biases / deeper[0])
@@ -417,9 +417,9 @@ def _result(study: Study, found: list[_Rates], asked: list[str]) -> Sensitivitie
     ]
     rows, factors = zip(*pairs, strict=True)
     covariance *= np.outer(factors, factors)
-    origin = campaign.provenance(setting.link)
+    origin = campaign.provenance(variant.link)
     origin |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
-    origin["ook"] = None if setting.ook is None else setting.ook.model_dump(mode="json")
+    origin["ook"] = None if variant.ook is None else variant.ook.model_dump(mode="json")
     return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
 
 
@@ -528,24 +528,24 @@ class _Swings:
         origin: dict[str, Any] = s.provenance
         scenario = Scenario.from_provenance(origin)
         ook = origin["ook"] and OokLink.model_validate(origin["ook"])
-        setting = Setting(scenario.link, scenario.surface, ook)
+        variant = Variant(scenario.link, scenario.surface, ook)
         inputs: Any = scenario.surface, scenario.run, scenario.meshing
         campaign = Campaign({"link": scenario.link}, *inputs)
         self._quantity = Quantity(s.of, origin["limit"])  # type: ignore[arg-type]
-        self._study = Study(setting, campaign, origin["realizations"], self._quantity, {})
-        self._base = self._logs(setting)
+        self._study = Study(variant, campaign, origin["realizations"], self._quantity, {})
+        self._base = self._logs(variant)
         names = [row.name for row in s.table]
-        found = parameters(setting, names, None, scenario.meshing.normals)
+        found = parameters(variant, names, None, scenario.meshing.normals)
         self._parameters = {p.name: p for p in found}
         self._rate = 0.0
         if s.of == "range":
-            p = parameters(setting, [_DEPTH], None, scenario.meshing.normals)[0]
-            sides = [self._logs(p.at(setting, p.shifted(k)))[0] for k in (-1.0, 1.0)]
+            p = parameters(variant, [_DEPTH], None, scenario.meshing.normals)[0]
+            sides = [self._logs(p.at(variant, p.shifted(k)))[0] for k in (-1.0, 1.0)]
             self._rate = (sides[1] - sides[0]) / (2.0 * p.step * p.base)
 
-    def _logs(self, setting: Setting) -> Any:
+    def _logs(self, variant: Variant) -> Any:
         """Return the logarithm of the quantity: of all gains, and of the groups."""
-        return self._quantity.logs(self._study.gains("gains", setting), setting.ook)
+        return self._quantity.logs(self._study.gains("gains", variant), variant.ook)
 
     def ends(self, name: str, change: float) -> tuple[float, float]:
         """Return the two values of a parameter."""
@@ -557,13 +557,13 @@ class _Swings:
 
     def change(self, name: str, value: float) -> tuple[float, float]:
         """Return the change of the quantity at a value of a parameter, and its error."""
-        setting = self._parameters[name].at(self._study.setting, value)
-        off = self._logs(setting) - self._base
+        variant = self._parameters[name].at(self._study.variant, value)
+        off = self._logs(variant) - self._base
         if self._quantity.of != "range":
             return _DB * float(off[0]), _DB * error_of(off)
-        depth = float(setting.link.transmitters[0].depth)  # type: ignore[attr-defined]
+        depth = float(variant.link.transmitters[0].depth)  # type: ignore[attr-defined]
         moved = -off / self._rate
-        there = setting._replace(link=setting.link.at_depth(depth + float(moved[0])))
+        there = variant._replace(link=variant.link.at_depth(depth + float(moved[0])))
         rest = self._logs(there) - self._base
         moved = moved[0] - rest / self._rate
         return float(moved[0]), error_of(moved)
