@@ -70,6 +70,7 @@ from .results.impulse import ImpulseResponse as ImpulseResponse
 from .results.impulse import impulse_response as impulse_response
 from .results.series import GainSeries as GainSeries
 from .scenario.model import Scenario as Scenario
+from .studies import ChannelTrace as ChannelTrace
 from .studies import Comparison as Comparison
 from .studies import DepthSweep as DepthSweep
 from .studies import Duplex as Duplex
@@ -79,6 +80,7 @@ from .studies import Optimum as Optimum
 from .studies import Sensitivities as Sensitivities
 from .studies import background_series as background_series
 from .studies import band_limit_study as band_limit_study
+from .studies import channel_trace as channel_trace
 from .studies import compare as compare
 from .studies import convergence_study as convergence_study
 from .studies import coverage_map as coverage_map

@@ -40,6 +40,7 @@ _HOMES = {
     "gain": "meshtrace.results.gain",
     "impulse-response": "meshtrace.results.impulse",
     "series": "meshtrace.results.series",
+    "trace": "meshtrace.studies.traces",
     "duplex": "meshtrace.studies.comparison",
     "coverage": "meshtrace.results.coverage",
     "comparison": "meshtrace.studies.comparison",

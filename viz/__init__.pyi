@@ -33,6 +33,7 @@ from .plots import plot_inference as plot_inference
 from .plots import plot_optimum as plot_optimum
 from .plots import plot_route as plot_route
 from .plots import plot_tornado as plot_tornado
+from .plots import plot_trace as plot_trace
 from .plots_curves import plot_ber as plot_ber
 from .plots_curves import plot_bubble_profile as plot_bubble_profile
 from .plots_curves import plot_curves as plot_curves

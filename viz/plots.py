@@ -30,6 +30,7 @@ from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.studies.inference import Inference
 from meshtrace.studies.optimisation import Optimum
 from meshtrace.studies.sensitivity.study import Sensitivities, swings
+from meshtrace.studies.traces import ChannelTrace
 from meshtrace.uav import Route
 
 from . import marks
@@ -570,6 +571,32 @@ def plot_duplex(result: Duplex, *, ax: Axes | None = None) -> Axes:
     return marks.finished(marks.lines(marks.axes(ax), data, "gain over its mean"), ylim=(0.0, None))
 
 
+def plot_trace(result: ChannelTrace, *, ax: Axes | None = None) -> Axes:
+    """Plot the gains of a channel trace and its background over their means.
+
+    Parameters
+    ----------
+    result : ChannelTrace
+        Of `channel_trace`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    rows = {"up": result.gain, "down": result.down_gain}
+    gains = {name: row.reshape(len(row), -1) for name, row in rows.items() if row is not None}
+    over = [row[:, 0] / row[:, 0].mean() for row in gains.values()]
+    data = marks.dataset({"over its mean": over}, part=list(gains), time=result.time)
+    ax = marks.lines(marks.axes(ax), data, "over its mean", ("-", "--"))
+    times, light = result.background_time, result.background_radiance
+    if times is not None and light is not None:
+        color = list(PALETTE.values())[2]
+        ax.plot(times, light / light.mean(), "o", color=color, markersize=5.0, label="background")
+    return marks.finished(ax, ylim=(0.0, None))
+
+
 def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes:
     """Plot errors of the gain over the step of a study, with the fitted law.
 
@@ -734,6 +761,7 @@ _PLOTS: dict[str, Callable[..., Any]] = {
     "fading-convergence": plot_fading_convergence,
     "comparison": plot_comparison,
     "duplex": plot_duplex,
+    "trace": plot_trace,
     "background": plot_background,
     "background-series": plot_background,
     "sensitivity": plot_tornado,

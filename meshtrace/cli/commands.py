@@ -174,6 +174,34 @@ class DaylightOptions:
         return {"daylight.model": model, "daylight.sun_zenith_deg": zenith, **filtered}
 
 
+def traces(
+    study: StudyRow,
+    asked: Asked,
+    *,
+    link: LinkFile = None,
+    down: str | None = None,
+    written: PlotOptions,
+    case: AllChanges,
+) -> None:
+    """Compute the channel of a link over time.
+
+    Parameters
+    ----------
+    down : FILE
+        Link file of the downlink, or none; default: lamp and receiver at both ends.
+    """
+    scenario, (function, pieces_in) = case.scenario(link), study.functions
+    written.check(link)
+    if down is not None:
+        asked["down"] = None if down == "none" else case.scenario(Path(down)).link
+    values = defaults(function) | asked
+    with progress(
+        pieces_in(values["hours"], values["rate"]), False, study.doing, study.kernels
+    ) as (_, advance):
+        found = function(scenario, progress=advance, **asked)
+    written.write(found)
+
+
 def ber(
     study: StudyRow,
     asked: Asked,
@@ -331,6 +359,7 @@ _OWN: dict[str, Callable[..., None]] = {
     "compare": compare,
     "converge": converge,
     "sweep": sweep,
+    "traces": traces,
 }
 
 

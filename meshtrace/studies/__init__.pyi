@@ -26,3 +26,5 @@ from .series import ensemble as ensemble
 from .series import time_series as time_series
 from .sweeps import sweep as sweep
 from .sweeps import sweep_file as sweep_file
+from .traces import ChannelTrace as ChannelTrace
+from .traces import channel_trace as channel_trace

@@ -93,7 +93,7 @@ def background_series(
     if flight is not None:
         flight = flight.checked()
         origin |= campaign.of_flight(flight)
-    found = _over(campaign, in_flight(campaign, at, flight), day, photons)
+    found = backgrounds(campaign, in_flight(campaign, at, flight), day, photons)
     return BackgroundSeries(
         np.asarray(at, float),
         np.array([f.part_radiance for f in found]),
@@ -126,7 +126,7 @@ def background_over_seas(
     An aircraft tilts the receiver over each: along a coupled flight, else by independent gusts.
     The standard errors hold the spread of the surfaces, and that of the rays they have in common.
     """
-    found = _over(campaign._replace(progress=None), _steps(campaign, seas, flight), day, RAYS)
+    found = backgrounds(campaign._replace(progress=None), _steps(campaign, seas, flight), day, RAYS)
     if len(found) == 1:
         return found[0]
     parts = np.array([f.part_radiance for f in found])
@@ -160,8 +160,10 @@ def _steps(campaign: Campaign, seas: int, flight: Flight | None) -> Steps:
     tilt = flight.uav.tilt(wind)
     leans = zip(np.degrees(tilt.angle), np.degrees(tilt.azimuth), strict=True)
     links = [
-        link.replace("receiver.tilt_deg", float(angle)).replace(
-            "receiver.tilt_azimuth_deg", float(azimuth)
+        (
+            link.replace("receiver.tilt_deg", float(angle)).replace(
+                "receiver.tilt_azimuth_deg", float(azimuth)
+            ),
         )
         for angle, azimuth in leans
     ]
@@ -263,7 +265,7 @@ def error_rate(
     return float(values.mean()), math.hypot(by_gain, by_light, spread)
 
 
-def _over(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> list[Background]:
+def backgrounds(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> list[Background]:
     """Return the background over each surface."""
     origin = {"daylight": day.model_dump(mode="json")}
     identity = {**origin, "steps": steps.identity(), "rays": photons}
@@ -284,7 +286,7 @@ def _seen(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> Call
     """Return the function that gives the numbers of the background over a surface, in a row."""
 
     def over(i: int) -> Floats:
-        link = steps.links[i] if steps.links else campaign.link
+        link = steps.links[i][0] if steps.links else campaign.link
         surface, time = steps.surface(i)
         case = Case(link, surface, campaign.run, campaign.meshing.replace(time=time))
         mesh, _ = mesh_for(link, surface, case.meshing)

@@ -60,21 +60,23 @@ class Steps(NamedTuple):
         Times [s], or seeds of the realizations.
     surface : callable
         Surface and time [s] of a step by its number, made where it is needed.
-    links : sequence of Link, optional
-        The link over each surface alone, of a campaign whose only link moves.
+    links : sequence of tuple of Link, optional
+        The links over each surface alone, of a campaign whose links move.
     """
 
     along: Literal["time", "realization"]
     labels: NDArray[Any]
     surface: Callable[[int], tuple[Any, float]]
-    links: Sequence[Link] | None = None
+    links: Sequence[tuple[Link, ...]] | None = None
 
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies the surfaces, as plain data."""
         labels = self.labels.tolist()
         found = {"along": self.along, "number": len(labels), "labels": digest_of(labels)}
         if self.links is not None:
-            found["links"] = digest_of([link.model_dump(mode="json") for link in self.links])
+            found["links"] = digest_of(
+                [[link.model_dump(mode="json") for link in links] for links in self.links]
+            )
         return found
 
 
@@ -165,8 +167,8 @@ class Campaign(NamedTuple):
         parts = {"uav": flight.uav, "wind": self.wind_of(flight)}
         return {name: part.model_dump(mode="json") for name, part in parts.items()}
 
-    def in_time(self, times: Floats, links: Sequence[Link] | None = None) -> Steps:
-        """Return the sea at times (n,) [s], and the link at each if it moves."""
+    def in_time(self, times: Floats, links: Sequence[tuple[Link, ...]] | None = None) -> Steps:
+        """Return the sea at times (n,) [s], and the links at each if they move."""
         sea = self.surface
         return Steps("time", times, lambda i: (sea, float(times[i])), links)
 
@@ -255,13 +257,13 @@ class Campaign(NamedTuple):
         steps : Steps
             The surfaces.
         probed : int
-            Surfaces whose crests the chains expect; the first one under a link that moves.
+            Surfaces whose crests the chains expect; the first one under links that move.
 
         Yields
         ------
         ndarray, shape (2, links, receivers, shifts)
         """
-        setup = partial(_gains, self.alone, steps, probed)
+        setup = partial(gains_over, self.alone, steps, probed)
         name = f"gains of {', '.join(self.links)}"
         identity = {"steps": steps.identity(), "probed": probed}
         return self.over(setup, range(len(steps.labels)), name, identity)
@@ -295,15 +297,15 @@ class Campaign(NamedTuple):
         )
 
 
-def _gains(campaign: Campaign, steps: Steps, probed: int) -> Callable[[int], Floats]:
+def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Callable[[int], Floats]:
     """Return the function that gives the gains over a surface, see `Campaign.each`.
 
     Each mesh is made in the thread that evaluates it.
     """
     run, normals, links = campaign.run, campaign.meshing.normals, list(campaign.links.values())
 
-    def over(i: int) -> list[Link]:
-        return links if steps.links is None else [steps.links[i]]
+    def over(i: int) -> Sequence[Link]:
+        return links if steps.links is None else steps.links[i]
 
     def mesh(i: int) -> TriangleMesh:
         return campaign.mesh(over(i), *steps.surface(i))

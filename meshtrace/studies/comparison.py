@@ -445,15 +445,10 @@ def duplex(
     >>> len(both.up.gain), len(both.down.gain)
     (3, 3)
     """
-    pair = []
     for name, link in (("up", up), ("down", down)):
         require_kind(link, Link, name)
-        if link.direction != name or len(link.receivers) != 1:
-            found = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
-            raise Refused(name, found, f"a link with one receiver and direction {name}")
-        pair.append(campaign_of(link, surface, "duplex", fading=True, **run))
-    finest = max((one.surface for one in pair), key=lambda s: getattr(s, "omega_max", 0) or 0)
-    campaign = pair[0]._replace(links={"up": up, "down": down}, surface=finest)
+    pair = [campaign_of(link, surface, "duplex", fading=True, **run) for link in (up, down)]
+    campaign = both_directions(*pair)
     if (times is None) == (realizations is None):
         raise Refused("times", times, "times, or a number of realizations")
     if times is not None:
@@ -467,3 +462,20 @@ def duplex(
     constant = len(first) < 2 or min(np.ptp(first), np.ptp(second)) == 0.0
     correlation = math.nan if constant else float(np.corrcoef(first, second)[0, 1])
     return Duplex(of_up, of_down, correlation, gains.attrs["provenance"])
+
+
+def both_directions(up: Campaign, down: Campaign) -> Campaign:
+    """Return the campaign of an uplink and a downlink over the finer of their seas.
+
+    Raises
+    ------
+    Refused
+        If a link has another direction or several receivers.
+    """
+    for name, one in (("up", up), ("down", down)):
+        link = one.link
+        if link.direction != name or len(link.receivers) != 1:
+            found = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
+            raise Refused(name, found, f"a link with one receiver and direction {name}")
+    finest = max((one.surface for one in (up, down)), key=lambda s: getattr(s, "omega_max", 0) or 0)
+    return up._replace(links={"up": up.link, "down": down.link}, surface=finest)

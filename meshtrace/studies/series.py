@@ -187,23 +187,28 @@ def _beside_closed_form(campaign: Campaign, series: GainSeries) -> GainSeries:
 def in_flight(
     campaign: Campaign, times: Floats, flight: Flight | None, route: Route | None = None
 ) -> Steps:
-    """Return the sea at times (n,) [s], and the link at each of a flight or a route."""
+    """Return the sea at times (n,) [s], and the links at each of a flight or a route."""
     if flight is None and route is None:
         return campaign.in_time(times)
-    name, end = campaign.link.air_end
-    changes: dict[str, Floats] = {}
+    where = {} if route is None else route.at(times, campaign.link.air_end[1].height)._asdict()
+    lean = {}
     if flight is not None:
-        if end.tilt_deg != 0.0:
-            raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the flight tilts it")
         record = flight.uav.simulate_flight(campaign.wind_of(flight), times, campaign.run.seed)
-        changes["tilt_deg"], changes["tilt_azimuth_deg"] = np.degrees(record.tilt)
-    if route is not None:
-        changes |= route.at(times, end.height)._asdict()
+        lean["tilt_deg"], lean["tilt_azimuth_deg"] = np.degrees(record.tilt)
+    moving = [_moving(link, lean | where) for link in campaign.links.values()]
+    return campaign.in_time(times, list(zip(*moving, strict=True)))
+
+
+def _moving(link: Link, changes: dict[str, Floats]) -> list[Link]:
+    """Return the links whose end in the air has the values of each row of the changes."""
+    name, end = link.air_end
+    if "tilt_deg" in changes and end.tilt_deg != 0.0:
+        raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the flight tilts it")
     links = []
     for row in zip(*changes.values(), strict=True):
         values = {key: np.asarray(v).tolist() for key, v in zip(changes, row, strict=True)}
-        links.append(campaign.link.model_copy(update={name: end.model_copy(update=values)}))
-    return campaign.in_time(times, links)
+        links.append(link.model_copy(update={name: end.model_copy(update=values)}))
+    return links
 
 
 def gain_series(

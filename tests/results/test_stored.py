@@ -104,6 +104,7 @@ def results():
         "depth-sweep": mt.DepthSweep((0.0, 5.0), (performance, performance)),
         "convergence": study,
         **_studies(),
+        "trace": mt.channel_trace(mt.Link(), FlatSea(), hours=1e-4, rate=10.0, photons=64),
         "fading-convergence": fading_study(mt.Link(), resolved_sea(5.0), [2.0, 3.0, 4.0, 6.0]),
     }
     assert {type(r) for r in found.values()} == set(Stored._classes.values())

@@ -52,6 +52,9 @@ STUDIES = {
         mt.coverage_map, LINK, WAVE, 1.0, 0.5, times=(0.0, 1.0), photons=9999, rtol=0.5, threads=1
     ),
     "duplex": partial(mt.duplex, LINK, LINK.mirrored(), SEA, realizations=3, **SMALL),
+    "trace": partial(
+        mt.channel_trace, LINK, FlatSea(), hours=120 / 36000, rate=10.0, **SMALL
+    ),
     "background": partial(
         mt.background_series, LINK, WAVE, DAY, TIMES, photons=64, seed=5, threads=1
     ),

@@ -1,0 +1,338 @@
+"""Channel traces: gains of both directions, background and attitude of an aircraft over time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Annotated, Any, ClassVar, Literal, Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.daylight.light import Daylight
+from meshtrace.engine.setup.options import StudyOptions
+from meshtrace.errors import Refused, require_between, require_kind
+from meshtrace.link import Link
+from meshtrace.mesh import MeshSource
+from meshtrace.models import Floats
+from meshtrace.results.series import GainSeries
+from meshtrace.results.tallies import error_of_groups
+from meshtrace.scenario import Scenario
+from meshtrace.stored import SHIFTS, Stored, Variable
+from meshtrace.studies.background import backgrounds, light_of
+from meshtrace.studies.campaign import Campaign, Steps, campaign_of, gains_over
+from meshtrace.studies.comparison import both_directions
+from meshtrace.studies.series import in_flight
+from meshtrace.uav.airframe import Flight, Route
+
+DEFAULT_CHAINS = 1024
+"""Chains of each direction."""
+
+_PIECE = 50  # frames of a step, which a stopped run keeps
+_RAYS = 512  # of the background at each of its times
+_COLUMNS = "gain", "gain_stderr", "gain_ballistic"
+_MOST_FRAMES = 10**8
+_EACH = Variable("time receiver")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ChannelTrace(Stored):
+    """Channel of a link over time.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Times [s], at equal steps.
+    gain, gain_stderr, gain_ballistic : ndarray, shape (n,) or (n, receivers)
+        Gain, its standard error and its unscattered part.
+    gain_mean_stderr : float or ndarray, shape (receivers,)
+        Monte Carlo standard error of the mean gain: all times have common chains.
+    down_gain, down_gain_stderr, down_gain_ballistic : ndarray, shape (n,), optional
+        The same of the downlink.
+    down_gain_mean_stderr : float, optional
+        The same of the downlink.
+    tilt_deg, tilt_azimuth_deg : ndarray, shape (n,), optional
+        Tilt of the aircraft and its azimuth [deg]; None without a flight.
+    place : ndarray, shape (n, 3), optional
+        Place (x, y, z) of the aircraft [m]; None without a route.
+    background_time : ndarray, shape (m,), optional
+        Times of the background [s]; None without daylight.
+    background_radiance, background_radiance_stderr : ndarray, shape (m,), optional
+        Background of the receiver of the first link [W m-2 sr-1 nm-1], and its standard error.
+    provenance : dict
+        Configuration of each direction by "up" and "down", aircraft, route and daylight.
+    """
+
+    time: Annotated[Floats, Variable("time")]
+    gain: Annotated[Floats, _EACH]
+    gain_stderr: Annotated[Floats, _EACH]
+    gain_ballistic: Annotated[Floats, _EACH]
+    gain_mean_stderr: Annotated[Any, Variable("receiver")]
+    down_gain: Annotated[Floats | None, Variable("time")] = None
+    down_gain_stderr: Annotated[Floats | None, Variable("time")] = None
+    down_gain_ballistic: Annotated[Floats | None, Variable("time")] = None
+    down_gain_mean_stderr: Annotated[float | None, Variable("")] = None
+    tilt_deg: Annotated[Floats | None, Variable("time")] = None
+    tilt_azimuth_deg: Annotated[Floats | None, Variable("time")] = None
+    place: Annotated[Floats | None, Variable("time axis")] = None
+    background_time: Annotated[Floats | None, Variable("background_time")] = None
+    background_radiance: Annotated[Floats | None, Variable("background_time")] = None
+    background_radiance_stderr: Annotated[Floats | None, Variable("background_time")] = None
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar[str] = "trace"
+    title: ClassVar[str] = "meshtrace channel trace"
+
+    @property
+    def rate(self) -> float:
+        """Frames per second [s-1]."""
+        return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
+
+    def series(self, direction: Literal["up", "down"] = "up") -> GainSeries:
+        """Return the gains of a direction, for `fading` and plots.
+
+        Raises
+        ------
+        Refused
+            If the trace has no such direction.
+        """
+        prefix = {"up": "", "down": "down_"}.get(direction)
+        if prefix is None or getattr(self, f"{prefix}gain") is None:
+            allowed = "up" if self.down_gain is None else "up or down"
+            raise Refused("direction", direction, allowed)
+        names = (*_COLUMNS, "gain_mean_stderr")
+        gain, stderr, ballistic, error = (getattr(self, f"{prefix}{name}") for name in names)
+        origin = self.provenance[direction]
+        return GainSeries("time", self.time, gain, stderr, ballistic, error, origin)
+
+    @property
+    def correlation(self) -> float:
+        """Pearson's correlation of both directions; nan without a downlink or fading."""
+        if self.down_gain is None or self.gain.ndim > 1:
+            return math.nan
+        if min(np.ptp(self.gain), np.ptp(self.down_gain)) == 0.0:
+            return math.nan
+        return float(np.corrcoef(self.gain, self.down_gain)[0, 1])
+
+    def _headline(self) -> str:
+        means = ", ".join(f"{m:.4e}" for m in np.atleast_1d(self.gain.mean(axis=0))[:4])
+        return f"{len(self.time):,} frames at {self.rate:g} per s, mean gain {means}"
+
+    def summary(self) -> str:
+        """Return the fading of each direction, and means of the rest, as text."""
+        lines = [self._headline(), "", self.series("up").summary()]
+        if self.down_gain is not None:
+            lines += ["", "downlink", self.series("down").summary()]
+            lines += ["", f"correlation of both directions  {self.correlation:.3f}"]
+        if self.tilt_deg is not None:
+            lines.append(
+                f"tilt of the aircraft  {self.tilt_deg.mean():.3g} deg on average, "
+                f"{self.tilt_deg.min():.3g} to {self.tilt_deg.max():.3g} deg"
+            )
+        light = self.background_radiance
+        if light is not None and self.background_time is not None:
+            lines.append(
+                f"background  {light.mean():.3e} W m-2 sr-1 nm-1 on average, {light.min():.3e} to "
+                f"{light.max():.3e} at {len(light):,} times"
+            )
+        return "\n".join(lines)
+
+
+def channel_trace(
+    link: Link | Scenario,
+    surface: MeshSource | None = None,
+    *,
+    hours: float = 0.01,
+    rate: float = 50.0,
+    down: Link | Literal["mirrored"] | None = "mirrored",
+    flight: Flight | None = None,
+    route: Route | None = None,
+    daylight: Daylight | None = None,
+    background_rate: float = 1.0,
+    **run: Unpack[StudyOptions],
+) -> ChannelTrace:
+    """Compute the channel of a link over time: gains of both directions, background, attitude.
+
+    Parameters
+    ----------
+    link : Link or Scenario
+        The link, or a scenario with its sea, daylight and aircraft.
+    surface : MeshSource, optional
+        The sea, whose phases stay while time moves its waves, or meshes in time.
+    hours : float
+        Duration [h], > 0.
+    rate : float
+        Frames per second [s-1], > 0. The light of short waves keeps its gain for some 0.05 s.
+    down : Link, "mirrored" or None
+        The downlink over the same surfaces: by default both ends have lamp and receiver of the
+        link; None, or a link of several ends, has none.
+    flight : Flight, optional
+        Aircraft that tilts its end of the links; by default that of the scenario.
+    route : Route, optional
+        Waypoints of the end in the air.
+    daylight : Daylight, optional
+        Light above the sea; by default that of the scenario.
+    background_rate : float
+        Times per second [s-1] at which the background is computed, > 0, at most `rate`.
+    **run
+        Options of the run, see `StudyOptions`; 1024 chains by default. A stopped run resumes
+        from its `store`, which keeps 50 frames at once.
+
+    Returns
+    -------
+    ChannelTrace
+
+    Raises
+    ------
+    Refused
+        If an option is out of range, the downlink is none, or a flight tilts an end that is
+        tilted already.
+
+    Notes
+    -----
+    All frames have common chains, so that their Monte Carlo noise is common, too, unless an
+    aircraft moves the link. Unless `waves` of the meshing says otherwise, the mesh holds all waves
+    that make the light of the links fade.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> sea = mt.surfaces.sea_in_wind(5.0)
+    >>> trace = mt.channel_trace(mt.Link(), sea, hours=4 / 3600, rate=2.0, photons=256)
+    >>> trace.time[-1], trace.down_gain.shape
+    (np.float64(3.5), (8,))
+    """
+    require_between(hours, 0.0, math.inf, "hours")
+    require_between(rate, 0.0, math.inf, "rate")
+    require_between(background_rate, 0.0, rate, "background_rate", "(]")
+    require_kind(flight, Flight | None, "flight")
+    require_kind(route, Route | None, "route")
+    frames = _frames_in(hours, rate)
+    if frames > _MOST_FRAMES:
+        raise Refused("hours", hours, f"at most {_MOST_FRAMES:,} frames")
+    campaign = _campaign(link, surface, down, run)
+    if campaign.meshing.time != 0.0:
+        raise Refused("sea.time", campaign.meshing.time, "0: a trace begins there")
+    uav = getattr(campaign.scenario, "uav", None)
+    flight = flight.checked() if flight else Flight(uav) if uav else None
+    times = np.arange(frames) / rate
+    steps = in_flight(campaign, times, flight, route)
+    day = light_of(campaign, daylight)
+    trace = _trace(campaign, steps)
+    origin = dict(trace.provenance)
+    if flight is not None:
+        origin |= campaign.of_flight(flight)
+    for name, part in (("route", route), ("daylight", day)):
+        if part is not None:
+            origin[name] = part.model_dump(mode="json")
+    more: dict[str, Any] = _moved(steps, flight is not None, route is not None)
+    more |= _light(campaign, steps, day, background_rate) if day else {}
+    return replace(trace, **more, provenance=origin)
+
+
+def pieces_in(hours: float, rate: float) -> int:
+    """Return the number of pieces of a trace, the steps of its progress."""
+    return math.ceil(_frames_in(hours, rate) / _PIECE)
+
+
+def _frames_in(hours: float, rate: float) -> int:
+    return max(round(3600.0 * hours * rate), 1)
+
+
+def _campaign(
+    link: Link | Scenario,
+    surface: MeshSource | None,
+    down: Link | Literal["mirrored"] | None,
+    run: StudyOptions,
+) -> Campaign:
+    """Return the campaign of one or both directions."""
+    one = campaign_of(link, surface, "trace", fading=True, chains=DEFAULT_CHAINS, **run)
+    if down == "mirrored":
+        single = len(one.link.receivers) == 1 == len(one.link.transmitters)
+        down = one.link.mirrored() if single and one.link.direction == "up" else None
+    if down is None:
+        return one.of(one.link, "up")
+    options: StudyOptions = {**run}
+    if isinstance(link, Scenario):
+        if surface is None and isinstance(link.surface, MeshSource):
+            surface = link.surface
+        options["mesh"] = run.get("mesh") or link.meshing
+    return both_directions(one, campaign_of(down, surface, "trace", fading=True, **options))
+
+
+def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
+    """Return the gains of a campaign, computed in pieces of many frames."""
+    n, links, receivers = len(steps.labels), len(campaign.links), len(campaign.link.receivers)
+    pieces = range(0, n, _PIECE)
+    setup = partial(_gains_of_piece, campaign.alone, steps)
+    identity = {"steps": steps.identity(), "piece": _PIECE}
+    found = campaign.over(setup, pieces, "frames", identity, f"pieces of {_PIECE} frames")
+    samples, frames = np.zeros((links, receivers, SHIFTS)), []
+    for numbers in found:
+        own = numbers.reshape(-1, links, receivers)
+        frames.append(own[SHIFTS:].reshape(-1, 3, links, receivers))
+        samples += np.moveaxis(own[:SHIFTS], 0, -1)
+    mean_error = error_of_groups(samples / n, axis=-1)
+    rows = np.concatenate(frames)
+    several = isinstance(campaign.link.receiver, tuple)
+    first = rows[:, :, 0] if several else rows[:, :, 0, 0]
+    columns: dict[str, Any] = dict(zip(_COLUMNS, np.moveaxis(first, 1, 0), strict=True))
+    columns["gain_mean_stderr"] = mean_error[0] if several else float(mean_error[0, 0])
+    if links > 1:
+        down = zip(_COLUMNS, np.moveaxis(rows[:, :, 1, 0], 1, 0), strict=True)
+        columns |= {f"down_{name}": values for name, values in down}
+        columns["down_gain_mean_stderr"] = float(mean_error[1, 0])
+    origin = {name: campaign.provenance(link) for name, link in campaign.links.items()}
+    return ChannelTrace(steps.labels, **columns, provenance=origin)
+
+
+def _gains_of_piece(campaign: Campaign, steps: Steps) -> Callable[[int], Floats]:
+    """Return the function that gives the gains of a piece by its first frame.
+
+    Sums of each shift over the frames, shape (shifts, links, receivers), stand before gain, error
+    and unscattered part of each frame, shape (frames, 3, links, receivers); all as one row.
+    """
+    evaluate, n = gains_over(campaign, steps), len(steps.labels)
+
+    def piece(first: int) -> Floats:
+        shifts, rows = 0.0, []
+        for i in range(first, min(first + _PIECE, n)):
+            gain, direct = evaluate(i)
+            rows.append([gain.mean(axis=-1), error_of_groups(gain, axis=-1), direct.mean(axis=-1)])
+            shifts = shifts + np.moveaxis(gain, -1, 0)
+        return np.concatenate([np.ravel(shifts), np.ravel(rows)])
+
+    return piece
+
+
+def _moved(steps: Steps, flight: bool, route: bool) -> dict[str, Floats]:
+    """Return the attitude and place of the aircraft at each frame."""
+    ends: list[Any] = [links[0].air_end[1] for links in steps.links or ()]
+    found = {}
+    if flight:
+        for name in ("tilt_deg", "tilt_azimuth_deg"):
+            found[name] = np.array([getattr(end, name) for end in ends])
+    if route:
+        found["place"] = np.array([end.center for end in ends])
+    return found
+
+
+def _light(campaign: Campaign, steps: Steps, day: Daylight, rate: float) -> dict[str, Floats]:
+    """Return the background of the first link at some of the frames."""
+    frames = _frames(steps.labels, rate)
+    links = None if steps.links is None else [steps.links[i] for i in frames]
+    single = campaign.of(campaign.link, "up")._replace(progress=None)
+    found = backgrounds(single, single.in_time(steps.labels[frames], links), day, _RAYS)
+    return {
+        "background_time": steps.labels[frames],
+        "background_radiance": np.array([one.radiance for one in found]),
+        "background_radiance_stderr": np.array([one.radiance_stderr for one in found]),
+    }
+
+
+def _frames(times: Floats, rate: float) -> NDArray[np.int64]:
+    """Return the frames next to the times of a lower rate."""
+    wanted = np.arange(0.0, times[-1] + 0.5 / rate, 1.0 / rate)
+    return np.unique(np.searchsorted(times, np.minimum(wanted, times[-1]) - 1e-9))

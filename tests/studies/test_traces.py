@@ -1,0 +1,121 @@
+"""Channel traces: the digits of series and backgrounds, whatever pieces, threads and aircraft."""
+
+import numpy as np
+import pytest
+
+import meshtrace as mt
+from meshtrace.errors import Refused
+from meshtrace.scenario import Scenario
+from meshtrace.surfaces import FlatSea, SinusoidalSea
+
+LINK = mt.Link()
+WAVE = SinusoidalSea(amplitude=0.05, wavelength=3.0)
+FEW = {"photons": 64, "seed": 5, "mesh": mt.Meshing(extent=4.0, spacing=0.3)}
+DAY = mt.Daylight(direct=1.42, diffuse=0.295)
+FLIGHT = mt.Flight(mt.Uav(), mt.Dryden(wind_speed=8.0))
+TIMES = np.arange(6) / 10.0
+SHORT = {"hours": 0.6 / 3600.0, "rate": 10.0}
+
+
+def trace(**options):
+    return mt.channel_trace(LINK, WAVE, **{**FEW, **SHORT, **options})
+
+
+@pytest.mark.parametrize("flight", [None, FLIGHT])
+def test_gains_are_those_of_a_series(flight):
+    found = trace(down=None, flight=flight)
+    series = mt.time_series(LINK, WAVE, TIMES, flight=flight, **FEW)
+    np.testing.assert_allclose(found.time, TIMES, rtol=1e-12)
+    np.testing.assert_allclose(found.gain, series.gain, rtol=1e-12)
+    np.testing.assert_allclose(found.gain_stderr, series.gain_stderr, rtol=1e-9)
+    np.testing.assert_allclose(found.gain_ballistic, series.gain_ballistic, rtol=1e-12)
+    assert found.gain_mean_stderr == pytest.approx(series.mean_stderr, rel=1e-9)
+    assert found.down_gain is None
+    with pytest.raises(Refused, match="direction: 'down', allowed: up"):
+        found.series("down")
+
+
+def test_both_directions_are_those_of_duplex():
+    found, both = trace(), mt.duplex(LINK, LINK.mirrored(), WAVE, TIMES, **FEW)
+    # chains of a trace expect the crests of four surfaces, those of `duplex` of one
+    np.testing.assert_allclose(found.gain_ballistic, both.up.gain_ballistic, rtol=1e-9)
+    np.testing.assert_allclose(found.down_gain_ballistic, both.down.gain_ballistic, rtol=1e-9)
+    np.testing.assert_allclose(found.down_gain, both.down.gain, rtol=0.05)
+    assert found.correlation == pytest.approx(both.correlation, abs=0.01)
+    assert found.series("down").fading().scintillation_index.value > 0.0
+
+
+def test_a_flight_moves_both_ends_and_is_kept():
+    route = mt.Route(times=(0.0, 1.0), positions=((0.0, 0.0), (2.0, 0.0)), heights=(5.0, 6.0))
+    found = trace(flight=FLIGHT, route=route)
+    record = FLIGHT.uav.simulate_flight(FLIGHT.wind, found.time, FEW["seed"])
+    np.testing.assert_allclose(found.tilt_deg, np.degrees(record.tilt.angle))
+    np.testing.assert_allclose(found.tilt_azimuth_deg, np.degrees(record.tilt.azimuth))
+    np.testing.assert_allclose(found.place[-1], [1.0, 0.0, 5.5])
+    lamp = LINK.mirrored().transmitter.replace(
+        position=(1.0, 0.0),
+        height=5.5,
+        tilt_deg=float(found.tilt_deg[-1]),
+        tilt_azimuth_deg=float(found.tilt_azimuth_deg[-1]),
+    )
+    down = LINK.mirrored().replace(transmitter=lamp)
+    alone = mt.simulate(down, WAVE, photons=4096, time=0.5, extent=4.0, spacing=0.3)
+    assert found.down_gain[-1] == pytest.approx(
+        alone.gain, abs=4.0 * np.hypot(found.down_gain_stderr[-1], alone.gain_stderr)
+    )
+    assert {"uav", "wind", "route", "up", "down"} <= found.provenance.keys()
+
+
+def test_background_at_its_own_rate():
+    found = trace(daylight=DAY, background_rate=4.0, down=None)
+    np.testing.assert_allclose(found.background_time, [0.0, 0.3, 0.5])
+    beside = mt.background_series(
+        LINK, WAVE, DAY, found.background_time, photons=512, seed=5, mesh=FEW["mesh"]
+    )
+    np.testing.assert_allclose(found.background_radiance, beside.radiance, rtol=1e-12)
+    assert found.provenance["daylight"]["direct"] == 1.42
+
+
+def test_digits_do_not_depend_on_threads():
+    options = {"hours": 12.0 / 3600.0, "rate": 10.0, "photons": 64}
+    one, two = (mt.channel_trace(LINK, FlatSea(), threads=threads, **options) for threads in (1, 3))
+    assert len(one.time) == 120  # two pieces and a half
+    for name in ("gain", "gain_stderr", "down_gain", "gain_mean_stderr"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+def test_a_scenario_brings_its_light_and_its_aircraft():
+    text = "wind_speed = 5\n[uav]\npreset = 'dji-m300-rtk'\n[daylight]\nmodel = 'overcast'\n"
+    scenario = Scenario.from_toml(text)
+    found = mt.channel_trace(scenario, photons=64, hours=0.2 / 3600.0, rate=10.0, threads=1)
+    assert found.tilt_deg.min() > 0.0
+    assert found.background_radiance.shape == (1,)
+    assert "tilt of the aircraft" in found.summary()
+    assert "background" in found.summary()
+
+
+def test_several_receivers_have_columns():
+    pair = LINK.replace(receiver=(mt.Receiver(), mt.Receiver(position=(0.5, 0.0))))
+    found = mt.channel_trace(pair, WAVE, **FEW, **SHORT)
+    assert found.gain.shape == (6, 2)
+    assert found.down_gain is None
+    assert found.to_dataset()["gain"].dims == ("time", "receiver")
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"hours": 0.0}, "hours: 0.0, allowed: 0 < hours"),
+        ({"rate": -1.0}, "rate: -1.0, allowed: 0 < rate"),
+        ({"hours": 1e9}, "hours: 1000000000.0, allowed: at most 100,000,000 frames"),
+        ({"background_rate": 11.0}, "background_rate: 11.0, allowed: 0 < background_rate <= 10"),
+        ({"down": LINK}, "down: 1 receivers, direction up, allowed: a link with one receiver"),
+        ({"flight": 5}, "flight: int, allowed: a Flight"),
+        ({"mesh": mt.Meshing(time=1.0)}, "sea.time: 1.0, allowed: 0: a trace begins there"),
+        ({"photon": 5}, "photon"),
+    ],
+)
+def test_refusals(options, text):
+    with pytest.raises(Refused) as caught:
+        trace(**options)
+    assert text in str(caught.value)
