@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from studies.test_store import FEW, LINK, SMALL, STUDIES, THOROUGH, TIMES, WAVE, digits
+from studies.test_store import FEW, LINK, SMALL, STUDIES, TIMES, WAVE, digits
 
 import meshtrace as mt
 from meshtrace.errors import Refused
@@ -11,7 +11,7 @@ from meshtrace.surfaces import SinusoidalSea
 
 distributed = pytest.importorskip("distributed")
 
-ON_CLUSTERS = ("ensemble", "compare", "sensitivities", "flight", "duplex", "background",
+ON_CLUSTERS = ("ensemble", "trace", "compare", "sensitivities", "flight", "duplex", "background",
                "performance", "depths", "convergence", "bands", "steps", "fading")  # fmt: skip
 
 
@@ -25,9 +25,10 @@ def address():
 
 
 @pytest.mark.process
-@THOROUGH
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", ON_CLUSTERS)
+@pytest.mark.slow_but("ensemble", "convergence", "trace")
 def test_digits_on_a_cluster_are_those_of_threads(name, address, tmp_path):
     study, path = STUDIES[name], tmp_path / "kept.store"
     expected = repr(digits(study()))

@@ -34,7 +34,6 @@ PAIR = {"clear": LINK, "far": LINK.at_depth(12.0), "waves": LINK.replace("water.
 ROWS = [
     {"transmitter.depth": d, "gain": g, "stderr": 0.02 * g} for d, g in ((5.0, 3e-4), (9.0, 7e-5))
 ]
-THOROUGH = pytest.mark.thorough
 STUDIES = {
     "ensemble": partial(mt.ensemble, LINK, 5, SEA, **SMALL),
     "compare": partial(mt.compare, PAIR, SEA, realizations=4, **FEW),
@@ -81,8 +80,7 @@ STUDIES = {
         mesh=mt.Meshing(spacing=0.2), **FEW,
     ),
 }  # fmt: skip
-DEFAULT = ("ensemble", "compare", "optimize", "series")
-ALL = [name if name in DEFAULT else pytest.param(name, marks=THOROUGH) for name in STUDIES]
+KEPT = ("ensemble", "compare", "optimize", "series", "trace", "coverage", "infer")
 COSTS = ("mesh_time", "bvh_time", "evaluation_time")
 
 
@@ -129,7 +127,8 @@ def killed_after(items, study, path):
 
 
 @pytest.mark.process
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.slow_but(*KEPT)
 def test_killed_study_resumes_with_the_same_digits(name, tmp_path, monkeypatch):
     study, path = STUDIES[name], tmp_path / "kept.store"
     computed = kept_by(monkeypatch)
@@ -147,7 +146,9 @@ def test_killed_study_resumes_with_the_same_digits(name, tmp_path, monkeypatch):
     assert computed == []
 
 
-@pytest.mark.parametrize("name", ["ensemble", pytest.param("sensitivities", marks=THOROUGH)])
+@pytest.mark.parametrize(
+    "name", ["ensemble", pytest.param("sensitivities", marks=pytest.mark.thorough)]
+)
 def test_other_arguments_are_refused_by_name(name, tmp_path):
     study, path = STUDIES[name], tmp_path / "kept.store"
     study(store=path)
