@@ -21,7 +21,14 @@ from numpy.typing import ArrayLike
 from meshtrace.errors import Described, Refused
 
 from .parameters import Floats
-from .waves import GridFactors, WaveComponents, sum_elevation, sum_second_derivatives, sum_slopes
+from .waves import (
+    WaveComponents,
+    WaveGrid,
+    elevation_and_slopes,
+    sum_elevation,
+    sum_second_derivatives,
+    sum_slopes,
+)
 
 _TOLERANCE = 1e-12  # [m], of a label
 _ROUNDING = 1e-14  # of a position, relative
@@ -112,14 +119,15 @@ class ChoppyWaves:
         rms = math.sqrt(0.5 * float(np.sum(width**2)))
         self.reach = min(_RARE * rms, float(np.sum(np.abs(width))))
 
-    def on_grid(self, factors: GridFactors, x_axis: Floats, y_axis: Floats, time: float) -> Sheet:
+    def on_grid(self, grid: WaveGrid, x_axis: Floats, y_axis: Floats, time: float) -> Sheet:
         """Return the sheet of the labels of a tensor grid, shapes (nx, ny)."""
-        waves = self._waves
-        turn = np.exp(1j * (waves.omega * time + waves.phase))
-        z, zx, zy = factors.evaluate(waves.amplitude * turn)
+        kx, ky = self._waves.kx, self._waves.ky
+        turn = np.exp(1j * (self._waves.omega * time + self._waves.phase))
+        towards_x, towards_y = self._towards_x * turn, self._towards_y * turn
         # d/dx cos(phi) = kx sin(phi) = Re(-i kx exp(i phi))
-        dx, dxx, dxy = factors.evaluate(-1j * self._towards_x * turn)
-        dy, _, dyy = factors.evaluate(-1j * self._towards_y * turn)
+        moved = -1j * towards_x, -1j * towards_y, -kx * towards_x, -ky * towards_x, -ky * towards_y
+        weights = np.concatenate([elevation_and_slopes(self._waves, time), moved])
+        z, zx, zy, dx, dy, dxx, dxy, dyy = grid.sum(weights)
         x, y = x_axis[:, None] + dx, y_axis + dy
         return Sheet(x, y, z + self.rise, zx, zy, dxx, dxy, dyy).require_single()
 

@@ -130,7 +130,7 @@ class RandomSea(WaveSurface, frozen=True):
         return self
 
     def with_seed(self, seed: int) -> Self:
-        """Return another realization of the same sea with the same grid factors.
+        """Return another realization of the same sea with the same plans of its grids.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class RandomSea(WaveSurface, frozen=True):
         -------
         RandomSea
             The same parameters with the new seed. Its meshes on a grid that this sea has used
-            cost a matrix product only.
+            cost a transform only.
 
         Examples
         --------
@@ -151,7 +151,7 @@ class RandomSea(WaveSurface, frozen=True):
         True
         """
         other = self.model_copy(update={"seed": seed})
-        other._factors.share(self._factors)
+        other._grids.share(self._grids)
         other._common = self._common
         return other
 

@@ -6,7 +6,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
-from time import perf_counter
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -22,10 +21,10 @@ from .nonlinear import ChoppyWaves, Sheet, with_straight_rim
 from .parameters import TIME, Depth, Finite, Floats, Positive, grid_lines, points
 from .triangulate import GridLines, height_field, mesh_of_sheet
 from .waves import (
-    FactorCache,
-    GridFactors,
     WaveComponents,
+    WaveGrids,
     angular_frequency,
+    elevation_and_slopes,
     sum_elevation,
     sum_second_derivatives,
     sum_slopes,
@@ -37,13 +36,8 @@ MOST_VERTICES = 10_000_000
 VERTEX_BYTES = 500
 """Memory that a mesh and its creation take for a vertex."""
 
-MOST_FACTORS = 50_000_000
-"""Waves times grid lines beyond which a mesh is refused."""
-
-_FACTOR_BYTES = 50
-_QUICK = 3e9  # waves times vertices of a mesh of a few seconds
-_PILOT_ROWS = 8
 _LONG = 20.0  # [s]
+_SUMS, _CHOPPY_SUMS = 3, 8  # of a mesh
 
 
 class Surface(Family, ABC, frozen=True):
@@ -190,11 +184,11 @@ class Surface(Family, ABC, frozen=True):
     ) -> TriangleMesh:
         """Return the mesh of `mesh`."""
         x_axis, y_axis = map(lines.axis, center)
-        self._require_modest(x_axis, y_axis, time)
+        self._require_modest(x_axis, y_axis)
         unresolved = self.unresolved_slopes(lines.spacing)
         return mesh_of_sheet(*self.sheet(x_axis, y_axis, time), unresolved)
 
-    def _require_modest(self, x_axis: Floats, y_axis: Floats, time: float) -> None:
+    def _require_modest(self, x_axis: Floats, y_axis: Floats) -> None:
         """Refuse a mesh that would fill the memory, before its creation."""
         vertices = len(x_axis) * len(y_axis)
         if vertices > MOST_VERTICES:
@@ -322,8 +316,8 @@ class WaveSurface(Surface, frozen=True):
     displacement (the sum of the amplitudes, or 6 standard deviations), so that a mesh covers
     both; the outermost points are moved onto a rectangle.
 
-    On tensor grids (`grid`, `mesh`) the sum is a matrix product, see `waves.GridFactors`. The
-    factors that depend on the grid alone are cached for the last grids used, so that time steps
+    On tensor grids (`grid`, `mesh`) the sum is a non-uniform FFT, see `waves.WaveGrid`. The
+    plans that depend on the grid alone are kept for the last grids used, so that time steps
     and new phases are cheap. The digits of a mesh do not depend on the number of threads.
 
     References
@@ -333,7 +327,7 @@ class WaveSurface(Surface, frozen=True):
 
     choppy: bool = False
 
-    _factors: FactorCache = PrivateAttr(default_factory=FactorCache)
+    _grids: WaveGrids = PrivateAttr(default_factory=WaveGrids)
 
     @property
     @abstractmethod
@@ -382,9 +376,9 @@ class WaveSurface(Surface, frozen=True):
             return at.z, *at.slopes
         waves = self.components
         x_axis, y_axis = grid_lines(x_axis, y_axis)
-        factors = self._factors.get(waves, x_axis, y_axis)
-        turn = np.exp(1j * (waves.omega * TIME.check(time) + waves.phase))
-        return factors.evaluate(waves.amplitude * turn)
+        weights = elevation_and_slopes(waves, TIME.check(time))
+        z, zx, zy = self._grids.get(waves, x_axis, y_axis).sum(weights)
+        return z, zx, zy
 
     def sheet(
         self, x_axis: ArrayLike, y_axis: ArrayLike, time: float = 0.0
@@ -393,34 +387,18 @@ class WaveSurface(Surface, frozen=True):
         if not self.choppy:
             return super().sheet(x_axis, y_axis, time)
         x_axis, y_axis = grid_lines(x_axis, y_axis)
-        factors = self._factors.get(self.components, x_axis, y_axis)
-        sheet = self._sheet.on_grid(factors, x_axis, y_axis, TIME.check(time))
+        grid = self._grids.get(self.components, x_axis, y_axis)
+        sheet = self._sheet.on_grid(grid, x_axis, y_axis, TIME.check(time))
         return np.stack([sheet.x, sheet.y, sheet.z], axis=-1), sheet.normals
 
-    def _require_modest(self, x_axis: Floats, y_axis: Floats, time: float) -> None:
-        """Refuse a mesh that would fill the memory; announce one that takes long.
-
-        The time is that of some rows, in which a choppy sea that folds is refused.
-        """
-        super()._require_modest(x_axis, y_axis, time)
-        waves, nx, ny = self.components, len(x_axis), len(y_axis)
-        n = len(waves.amplitude)
-        if n * max(nx, ny) > MOST_FACTORS:
-            table = Described(f"{n:,} waves on {max(nx, ny):,} grid lines")
-            raise Refused("mesh", table, f"a product of at most {MOST_FACTORS:,}")
-        if n * nx * ny < _QUICK:
-            return
-        rows = x_axis[:: math.ceil(nx / _PILOT_ROWS)]
-        factors = GridFactors(waves.kx, waves.ky, rows, y_axis)
-        began = perf_counter()
-        if self.choppy:
-            self._sheet.on_grid(factors, rows, y_axis, TIME.check(time))
-        else:
-            factors.evaluate(waves.amplitude.astype(complex))
-        seconds = (perf_counter() - began) * nx / len(rows)
-        memory = VERTEX_BYTES * nx * ny + _FACTOR_BYTES * n * max(nx, ny)
-        size = f"{nx:,} by {ny:,} vertices from {n:,} waves, some {memory / 1e9:.2g} GB"
-        announce(seconds, f"mesh of {size}", _LONG)
+    def _require_modest(self, x_axis: Floats, y_axis: Floats) -> None:
+        """Refuse a mesh that would fill the memory; announce one that takes long."""
+        super()._require_modest(x_axis, y_axis)
+        waves, nx, ny = len(self.components.amplitude), len(x_axis), len(y_axis)
+        seconds = self._grids.get(self.components, x_axis, y_axis).seconds
+        memory = VERTEX_BYTES * nx * ny / 1e9
+        size = f"{nx:,} by {ny:,} vertices from {waves:,} waves, some {memory:.2g} GB"
+        announce((_CHOPPY_SUMS if self.choppy else _SUMS) * seconds, f"mesh of {size}", _LONG)
 
     def _triangulated(
         self, time: float, center: tuple[float, float], lines: GridLines
@@ -433,7 +411,7 @@ class WaveSurface(Surface, frozen=True):
         spacing = lines.spacing
         reach = math.ceil(self._sheet.reach / spacing) * spacing
         x_axis, y_axis = map(lines.widened(reach).axis, center)
-        self._require_modest(x_axis, y_axis, time)
+        self._require_modest(x_axis, y_axis)
         points, normals = self.sheet(x_axis, y_axis, time)
         _require_upward(points, spacing)
         return mesh_of_sheet(with_straight_rim(points), normals, self.unresolved_slopes(spacing))

@@ -70,7 +70,7 @@ def work(kind, first, last):
     answer(outcome="ready")
     # larger meshes and works are allowed, and take minutes
     parallel.announce = surface.announce = refuse_long
-    surface.MOST_VERTICES, surface.MOST_FACTORS = 40_000, 2_000_000
+    surface.MOST_VERTICES = 40_000
     with tempfile.TemporaryDirectory(prefix="drill-") as root:
         for i in range(first, last):
             folder = Path(root) / "input"

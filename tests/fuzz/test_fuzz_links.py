@@ -149,7 +149,6 @@ def compiled():
 def small_meshes(monkeypatch, compiled):
     """Refuse meshes that are right but take long."""
     monkeypatch.setattr(meshtrace.surfaces.surface, "MOST_VERTICES", 40_000)
-    monkeypatch.setattr(meshtrace.surfaces.surface, "MOST_FACTORS", 2_000_000)
 
 
 @st.composite
