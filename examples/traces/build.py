@@ -64,7 +64,9 @@ def build(folder: Path, seconds: float, rate: float, only: str | None, workers: 
         )
         found.save(path)
         store.unlink()
-        print(f"{name}: {len(found.time):,} frames, mean gain {found.gain.mean(axis=0)}", flush=True)
+        print(
+            f"{name}: {len(found.time):,} frames, mean gain {found.gain.mean(axis=0)}", flush=True
+        )
     sums = (f"{hashlib.sha256(p.read_bytes()).hexdigest()}  {p.name}" for p in files(folder))
     (folder / "SHA256SUMS").write_text("".join(f"{line}\n" for line in sums))
 
