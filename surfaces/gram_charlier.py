@@ -137,7 +137,7 @@ class GramCharlier(Model, frozen=True):
 
         Examples
         --------
-        >>> GramCharlier(c03=-0.5).cumulants((0.04, 0.01)).along3
+        >>> round(GramCharlier(c03=-0.5).cumulants((0.04, 0.01)).along3, 6)
         -0.004
         """
         a, c = map(math.sqrt, slope_variance)
@@ -235,7 +235,7 @@ def _series(c21: float, c03: float, c40: float, c22: float, c04: float) -> Serie
         raise _refused("moments that no density has")
     square = q.along**2 + q.across**2
     most = float((over * np.exp(-0.5 * square * (1.0 - 1.0 / WIDE))).max())
-    return Series(*map(float, found @ _hermite()), _ABOVE * WIDE * most)
+    return Series._make(map(float, (*(found @ _hermite()), _ABOVE * WIDE * most)))
 
 
 def _refused(found: str) -> Refused:
