@@ -94,11 +94,30 @@ def require_surface(surface: Any) -> None:
         raise Refused("surface", kind, "a sea (SurfaceModel) or a TriangleMesh")
 
 
-class UnresolvedSlopes(NamedTuple):
-    """Slope variances (along, across the wind) of the waves too short for a mesh.
+class Cumulants(NamedTuple):
+    """Third and fourth cumulants of slopes, 0 for Gaussian ones.
 
-    Light that crosses the mesh is bent as if the normal were tilted by Gaussian slopes of these
-    variances, on top of those of the mesh.
+    Parameters
+    ----------
+    along3, along_across2 : float
+        <a^3> and <a c^2> of the slopes a along the wind, positive for ascent in the direction the
+        wind blows to, and c across it.
+    along4, along2_across2, across4 : float
+        <a^4> - 3 <a^2>^2, <a^2 c^2> - <a^2> <c^2> and <c^4> - 3 <c^2>^2.
+    """
+
+    along3: float = 0.0
+    along_across2: float = 0.0
+    along4: float = 0.0
+    along2_across2: float = 0.0
+    across4: float = 0.0
+
+
+class UnresolvedSlopes(NamedTuple):
+    """Slopes (along, across the wind) of the waves too short for a mesh.
+
+    Light that crosses the mesh is bent as if the normal were tilted by random slopes of these
+    variances and cumulants, on top of those of the mesh.
 
     Parameters
     ----------
@@ -108,11 +127,15 @@ class UnresolvedSlopes(NamedTuple):
         Slope variances that the facets' own normals leave out.
     direction_deg : float
         Direction the wind blows to, counter-clockwise from +x [deg].
+    cumulants : Cumulants
+        Third and fourth cumulants. Those of the whole sea: cumulants of independent slopes add, and
+        those of Gaussian ones, which a sum of waves has, are 0.
     """
 
     vertex: tuple[float, float]
     facet: tuple[float, float]
     direction_deg: float = 0.0
+    cumulants: Cumulants = Cumulants()
 
 
 def _array(value: Any, name: str, shape: str, least: int, dtype: Any = float) -> NDArray[Any]:

@@ -2,6 +2,7 @@
 
 from .bands import Band as Band
 from .foreign_mesh import from_trimesh as from_trimesh
+from .gram_charlier import GramCharlier as GramCharlier
 from .measured import MeasuredSea as MeasuredSea
 from .measured import from_wavespectra as from_wavespectra
 from .seas import JonswapSea as JonswapSea

@@ -13,9 +13,11 @@ from pydantic import Field, model_validator
 
 from meshtrace.columns import read_columns
 from meshtrace.errors import Described, DomainWarning, Refused, did_you_mean, reason_of
+from meshtrace.mesh import Cumulants
 from meshtrace.stored import read_dataset
 
 from .bands import drawn_places
+from .gram_charlier import SlopeLaw, real_cumulants, require_random
 from .parameters import Current, Depth, Finite, Floats, Mss, Positive, Variances, WindSpeed
 from .seas import RandomSea
 from .spectra import Elfouhaily, sea_state
@@ -62,8 +64,10 @@ class MeasuredSea(RandomSea, frozen=True):
     mss : {"cox-munk", "elfouhaily", "band"}
         Slope variance of the real sea, see `JonswapSea`; "band", the default, has no waves beyond
         the table.
+    slope_law : {"gaussian", "cox-munk", "breon-henriot"} or GramCharlier
+        Density of the random slopes, see `JonswapSea`.
     wind_speed : float, optional
-        Wind speed at 10 m [m s-1] of `mss`.
+        Wind speed at 10 m [m s-1] of `mss` and `slope_law`.
     wind_direction_deg : float
         Direction the wind blows to, counter-clockwise from +x [deg], for `mss`.
     record : str, optional
@@ -90,6 +94,7 @@ class MeasuredSea(RandomSea, frozen=True):
     capillary: bool = True
     current: Current | None = None
     mss: Mss = "band"
+    slope_law: SlopeLaw = "gaussian"
     wind_speed: WindSpeed | None = None
     wind_direction_deg: Finite = 0.0
     record: str | None = None
@@ -105,6 +110,7 @@ class MeasuredSea(RandomSea, frozen=True):
             )
         if self.mss != "band" and self.wind_speed is None:
             raise Refused("wind_speed", None, f'a wind speed for mss = "{self.mss}"')
+        require_random(self.slope_law, self.mss)
         if self.waves == "drawn":
             if len(self.omega) < 2 or (np.diff(self.omega) <= 0.0).any():
                 raise Refused("waves", "drawn", "with two or more increasing frequencies only")
@@ -120,6 +126,11 @@ class MeasuredSea(RandomSea, frozen=True):
     def slope_variance(self) -> Variances | None:
         """Slope variances along and across the wind of the real sea, by `mss`."""
         return real_slope_variance(self.mss, self.wind_speed or 5.0)
+
+    @property
+    def slope_cumulants(self) -> Cumulants:
+        """Third and fourth cumulants of the slopes of the real sea, by `slope_law`."""
+        return real_cumulants(self.slope_law, self.wind_speed or 5.0, self.slope_variance)
 
     @cached_property
     def free_waves(self) -> WaveComponents:

@@ -18,9 +18,10 @@ from pydantic import (
 )
 
 from meshtrace.errors import MISSING, Described, Refused, require_real
-from meshtrace.mesh import UnresolvedSlopes
+from meshtrace.mesh import Cumulants, UnresolvedSlopes
 
 from .bands import PAPER_FETCH, Band, OwnWaves, direction_grid, named_band
+from .gram_charlier import SlopeLaw, real_cumulants, require_random
 from .nonlinear import with_bound_waves
 from .parameters import (
     Alpha,
@@ -165,8 +166,13 @@ class RandomSea(WaveSurface, frozen=True):
         """Direction of the first of the slope variances."""
         return getattr(self, "wind_direction_deg", 0.0)
 
+    @property
+    def slope_cumulants(self) -> Cumulants:
+        """Third and fourth cumulants of the slopes of the real sea."""
+        return Cumulants()
+
     def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
-        """Return the slope variances that a mesh of this spacing [m] leaves out of `mss`.
+        """Return the slopes that a mesh of this spacing [m] leaves out of `mss`.
 
         The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
         """
@@ -178,10 +184,10 @@ class RandomSea(WaveSurface, frozen=True):
             unresolved_slope_variance(real, resolved)
             for resolved in meshed_slope_variance(self.components, spacing, wind)
         )
-        return UnresolvedSlopes(vertex, facet, wind)
+        return UnresolvedSlopes(vertex, facet, wind, self.slope_cumulants)
 
 
-_KEPT = "wind_direction_deg", "current", "seed", "choppy", "order", "order_omega_max"
+_KEPT = "wind_direction_deg", "current", "seed", "choppy", "order", "order_omega_max", "slope_law"
 
 
 class _BandedSea(RandomSea, frozen=True):
@@ -199,6 +205,8 @@ class _BandedSea(RandomSea, frozen=True):
         Uniform current (U_x, U_y) [m s-1] that carries the waves.
     mss : {"cox-munk", "elfouhaily", "band"}
         Slope variance of the real sea.
+    slope_law : str or GramCharlier
+        Density of the random slopes.
     """
 
     omega_max: Positive | None = None
@@ -209,6 +217,7 @@ class _BandedSea(RandomSea, frozen=True):
     capillary: bool = False
     current: Current | None = None
     mss: Mss = "cox-munk"
+    slope_law: SlopeLaw = "gaussian"
 
     if TYPE_CHECKING:
 
@@ -233,6 +242,7 @@ class _BandedSea(RandomSea, frozen=True):
         if self.band.bins * directions > self.most_components:
             found = Described(f"{self.band.bins * directions} waves")
             raise Refused("waves", found, f"a band of at most {self.most_components}")
+        require_random(self.slope_law, self.mss)
         return self
 
     @cached_property
@@ -260,6 +270,11 @@ class _BandedSea(RandomSea, frozen=True):
         """Slope variances along and across the wind of the real sea, by `mss`."""
         fetch = getattr(self.spectrum, "fetch", None)
         return real_slope_variance(self.mss, self.spectrum.wind_speed, fetch)
+
+    @property
+    def slope_cumulants(self) -> Cumulants:
+        """Third and fourth cumulants of the slopes of the real sea, by `slope_law`."""
+        return real_cumulants(self.slope_law, self.spectrum.wind_speed, self.slope_variance)
 
     @property
     def short_waves(self) -> _BandedSea:
@@ -359,11 +374,15 @@ class JonswapSea(_BandedSea, frozen=True):
         Slope variance of the real sea: measured, or of a spectrum down to the capillaries. Its
         part beyond the mesh tilts normals at random (`Physics.unresolved`). "band": no waves
         beyond the band.
+    slope_law : {"gaussian", "cox-munk", "breon-henriot"} or GramCharlier
+        Density of the random slopes: Gaussian, or with the skewness and peakedness that were
+        measured; see Notes.
 
     Raises
     ------
     Refused
-        If a parameter is out of range, or waves="paper" at another wind speed.
+        If a parameter is out of range, waves="paper" at another wind speed, or a `slope_law`
+        without random slopes.
 
     Notes
     -----
@@ -373,6 +392,12 @@ class JonswapSea(_BandedSea, frozen=True):
     (1954). The waves beyond tilt the surface at random (`mss`): the mean gain is that of the whole
     sea, but tilts blur light and add no fading. Studies of fading, and `Meshing(waves="fading")`,
     choose the shorter waves that fading needs for their link.
+
+    Skewness and peakedness belong to all slopes. The waves of a sum have Gaussian slopes, whose
+    third and fourth cumulants are 0, so that the random ones have those of the whole sea: over
+    their own deviations, which are smaller, the coefficients of `slope_law` are larger. Meshes
+    that leave too few slopes to chance for that are refused. The axis is `wind_direction_deg`, also
+    for waves that come from both sides.
 
     References
     ----------
@@ -415,7 +440,7 @@ class SpectralSea(_BandedSea, frozen=True):
     spreading : Spreading
         `IttcSpreading`, `Cos2sSpreading`, `MitsuyasuSpreading`, `ElfouhailySpreading` or a
         user-defined `Spreading`.
-    seed, omega_max, waves, wind_direction_deg, current, mss
+    seed, omega_max, waves, wind_direction_deg, current, mss, slope_law
         See `JonswapSea`.
     choppy, order, order_omega_max
         See `RandomSea`.
@@ -509,6 +534,11 @@ class SumSea(RandomSea, frozen=True):
     def slope_variance(self) -> Variances | None:
         """Slope variances along and across the wind of the part with the largest ones."""
         return self.windiest.slope_variance
+
+    @property
+    def slope_cumulants(self) -> Cumulants:
+        """Third and fourth cumulants of the slopes of the part with the largest variances."""
+        return self.windiest.slope_cumulants
 
     @property
     def _slopes_along_deg(self) -> float:

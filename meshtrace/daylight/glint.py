@@ -6,19 +6,21 @@ import math
 
 import numpy as np
 
-from meshtrace.kernels.interface import Roughness
+from meshtrace.kernels.interface import Roughness, over_gaussian
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.surfaces.gram_charlier import GramCharlier
+
+_over_gaussian = getattr(over_gaussian, "py_func", over_gaussian)  # as it is without the JIT
 
 
 def slope_density(slopes: Floats, roughness: Roughness) -> Floats:
-    """Return the density of Gaussian slopes (..., 2); `roughness` has both deviations, > 0."""
-    along = roughness.cos * slopes[..., 0] + roughness.sin * slopes[..., 1]
-    across = roughness.cos * slopes[..., 1] - roughness.sin * slopes[..., 0]
-    exponent = (along / roughness.along) ** 2 + (across / roughness.across) ** 2
-    return np.asarray(
-        np.exp(-0.5 * exponent) / (2.0 * math.pi * roughness.along * roughness.across)
-    )
+    """Return the density of slopes (..., 2); `roughness` has both deviations, > 0."""
+    along = (roughness.cos * slopes[..., 0] + roughness.sin * slopes[..., 1]) / roughness.along
+    across = (roughness.cos * slopes[..., 1] - roughness.sin * slopes[..., 0]) / roughness.across
+    density = np.exp(-0.5 * (along**2 + across**2))
+    density /= 2.0 * math.pi * roughness.along * roughness.across
+    return np.asarray(density * _over_gaussian(roughness.series, along, across))
 
 
 def slopes_of(normals: Floats) -> Floats:
@@ -69,8 +71,9 @@ def glint_radiance(
     slope_variances: tuple[float, float],
     wind_direction_deg: float = 0.0,
     n: float = 1.33,
+    slope_law: GramCharlier | None = None,
 ) -> Floats:
-    """Return the glint of a level sea with Gaussian slopes over the sun's irradiance [sr-1].
+    """Return the glint of a level sea over the sun's irradiance [sr-1].
 
     Parameters
     ----------
@@ -84,6 +87,8 @@ def glint_radiance(
         Direction the wind blows to [deg].
     n : float
         Index of the water over that of the air.
+    slope_law : GramCharlier, optional
+        Skewness and peakedness of the slopes, Gaussian without.
 
     Examples
     --------
@@ -94,5 +99,7 @@ def glint_radiance(
     wind = math.radians(wind_direction_deg)
     along, across = map(math.sqrt, slope_variances)
     roughness = Roughness(along, across, math.cos(wind), math.sin(wind))
+    if slope_law is not None:
+        roughness = roughness._replace(series=slope_law.series)
     up = np.broadcast_to((0.0, 0.0, 1.0), np.shape(view))
     return connected_glint(np.asarray(view), np.asarray(sun), up, up, roughness, n)

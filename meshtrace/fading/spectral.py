@@ -74,7 +74,8 @@ def scintillation_of_spectrum(
     aperture at the surface, and D_ij(R) = 2 (C_ij(0) - C_ij(R)) is the structure tensor of the
     slopes, with C_ij(R) = int k_i k_j Psi(k) cos(k . R) d^2k. The sum is a mixture of Gaussians
     for the autocorrelation of the disk (2 % off at its centre, less than 1 % in SI). Caustics
-    are included.
+    are included. All slopes are Gaussian, those beyond the band too: `slope_law` of the sea is left
+    out.
 
     A crest is a longer way through water that absorbs and scatters, and nearer to the receiver:
     light that crosses at the height eta has the weight exp(q eta), q = -c + 2 (n - 1) / (d + n h).

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.kernels.jit import allocating_entry, entry, inlined, outlined
+from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.vectors import (
     ORIGIN,
+    UP,
     Vec2,
     Vec3,
     along,
@@ -30,16 +32,42 @@ from meshtrace.kernels.vectors import (
 )
 
 
+class Series(NamedTuple):
+    """Density of slopes over the Gaussian one, a polynomial where it is positive, else 0.
+
+    The fields are the coefficients of 1, a, a^2, a^3, a^4, c^2, a c^2, a^2 c^2, c^4 in the slopes a
+    along and c across the wind, in standard deviations.
+    """
+
+    one: float
+    a: float
+    aa: float
+    aaa: float
+    aaaa: float
+    cc: float
+    acc: float
+    aacc: float
+    cccc: float
+    most: float  # of the density over `WIDE`, 0 for Gaussian slopes
+
+
+GAUSSIAN = Series(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+WIDE = 1.5
+"""Variance of the Gaussian slopes that propose those of another density."""
+
+
 class Roughness(NamedTuple):
-    """Gaussian slopes of unresolved waves: standard deviations and wind direction."""
+    """Slopes of unresolved waves: standard deviations, wind direction, departure from Gaussian."""
 
     along: float
     across: float
     cos: float
     sin: float
+    series: Series = GAUSSIAN
 
 
 SMOOTH = Roughness(0.0, 0.0, 1.0, 0.0)
+_RESOLUTION = 2.0**-52  # of uniforms
 _LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets
 
 
@@ -185,8 +213,53 @@ def slope_tilt(roughness, along, across):
 
 
 @inlined
+def over_gaussian(series, a, c):
+    """Return the density of slopes along and across the wind over that of Gaussian slopes.
+
+    Array twin: its own Python code.
+    """
+    if series.most == 0.0:
+        return 1.0
+    a2, c2 = a * a, c * c
+    p = series.one + series.a * a + (series.aa + series.aaa * a + series.aaaa * a2) * a2
+    p += (series.cc + series.acc * a + series.aacc * a2 + series.cccc * c2) * c2
+    return 0.5 * (p + abs(p))
+
+
+@outlined
+def _tilt_of_series(d, n, u, v, roughness):
+    """Return the slopes along x and y that light along d meets on a normal n.
+
+    Array twin: chi-square in `tests/kernels/test_kernels_series.py`.
+    Wider Gaussian slopes are proposed with their opposites, the exposures of which add up to 2,
+    and a pair is accepted by the sum of both densities. Uniforms beyond the first two belong to
+    these two.
+    """
+    series = roughness.series
+    key, number = np.uint64(u / _RESOLUTION), np.uint64(v / _RESOLUTION)
+    attempt = 0
+    while True:
+        r = math.sqrt(-2.0 * WIDE * math.log(u))
+        cos_phi, sin_phi = on_circle(v)
+        a, c = r * cos_phi, r * sin_phi
+        tilt = slope_tilt(roughness, a, c)
+        seen = exposure(d, n, tilt)
+        one, other = (
+            seen * over_gaussian(series, a, c),
+            (2.0 - seen) * over_gaussian(series, -a, -c),
+        )
+        bound = 2.0 * series.most / WIDE * math.exp(0.5 * r * r * (1.0 - 1.0 / WIDE))
+        u, v, lot, side = uniforms(key, number, attempt, Purpose.SERIES.value)
+        if lot * bound < one + other:
+            return tilt if side * (one + other) < one else Vec2(-tilt.x, -tilt.y)
+        attempt += 1
+
+
+@inlined
 def drawn_tilt(roughness, u, v):
     """Return the slopes along x and y of two uniforms."""
+    if roughness.series.most > 0.0:
+        return _tilt_of_series(UP, UP, u, v, roughness)
     r = math.sqrt(-2.0 * math.log(u))
     cos_phi, sin_phi = on_circle(v)
     return slope_tilt(roughness, r * cos_phi, r * sin_phi)
@@ -230,9 +303,11 @@ def roughened(d, n, u, v, w, roughness):
     """Return a normal tilted by the slopes that the mesh leaves out, from three uniforms.
 
     Array twin: the flux over both sides in `tests/engine/chains/test_unresolved_slopes.py`.
-    A tilt t and its opposite are equally common; the light picks one of the two by their
-    exposures, which add up to 2.
+    Of Gaussian slopes a tilt t and its opposite are equally common; the light picks one of the two
+    by their exposures, which add up to 2.
     """
+    if roughness.series.most > 0.0:
+        return tilted(n, _tilt_of_series(d, n, u, v, roughness))
     tilt = drawn_tilt(roughness, u, v)
     if 2.0 * w >= exposure(d, n, tilt):
         tilt = Vec2(-tilt.x, -tilt.y)

@@ -43,6 +43,7 @@ class Purpose(IntEnum):
     JOIN_SLOPE = 10
     GUIDE = 11
     TRIAL = 12
+    SERIES = 13
 
 
 @inlined

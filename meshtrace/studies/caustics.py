@@ -147,6 +147,8 @@ def _beyond(link: Link, sea: Surface, spacing: float) -> tuple[Floats, float]:
     found = sea.unresolved_slopes(spacing) if link.physics.unresolved == "tilt" else None
     if found is None:
         return np.zeros(2), 0.0
+    if any(found.cumulants):
+        raise Refused("slope_law", Described("not Gaussian"), "gaussian: the blur is Gaussian")
     return np.array(found.vertex), math.radians(found.direction_deg)
 
 

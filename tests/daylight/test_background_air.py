@@ -15,6 +15,7 @@ from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import hemispheric_reflectance, unit_vector
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
+from meshtrace.surfaces.gram_charlier import GramCharlier
 from meshtrace.surfaces.statistics import cox_munk
 
 REFERENCE = json.loads(
@@ -59,6 +60,48 @@ def test_flux_of_glint_over_the_hemisphere():
     view = np.stack([s * np.cos(phi), s * np.sin(phi), np.sqrt(1.0 - s**2)], axis=-1)
     flux = math.pi * glint_radiance(view, np.array(SUN.sun), cox_munk(5.0)).mean()
     assert flux == pytest.approx(REFERENCE["glint_over_E"]["hemisphere_flux_U5_sun30"], rel=5e-3)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("azimuth_deg", [0.0, 90.0, 180.0])
+def test_glint_of_skewed_slopes(azimuth_deg):
+    """The reflected flux, int p rho(w) (s.n) / cos b over slopes, and the mean of a field of view."""
+    law, variances, n = GramCharlier.cox_munk(10.0), cox_munk(10.0), 800
+    sun = np.array(unit_vector(50.0, azimuth_deg))
+    sin2, phi = (np.arange(n) + 0.5) / n, 2.0 * math.pi * (np.arange(n) + 0.5) / n
+    s, phi = np.meshgrid(np.sqrt(sin2), phi, indexing="ij")
+    view = np.stack([s * np.cos(phi), s * np.sin(phi), np.sqrt(1.0 - s**2)], axis=-1)
+    flux = math.pi * glint_radiance(view, sun, variances, 0.0, 1.33, law).mean()
+    x = np.arange(-7.0, 7.0, 0.02) + 0.01
+    a, c = np.meshgrid(x, x, indexing="ij")  # the series as printed, with eta = -a
+    mass = 0.02**2 * np.exp(-0.5 * (a**2 + c**2)) / (2.0 * math.pi)
+    mass *= (
+        1.0 + 0.5 * law.c21 * (c**2 - 1.0) * a + law.c03 * (a**3 - 3.0 * a) / 6.0
+        + law.c40 * (c**4 - 6.0 * c**2 + 3.0) / 24.0 + law.c22 * (c**2 - 1.0) * (a**2 - 1.0) / 4.0
+        + law.c04 * (a**4 - 6.0 * a**2 + 3.0) / 24.0
+    )  # fmt: skip
+    area = np.stack([-math.sqrt(variances[0]) * a, -math.sqrt(variances[1]) * c, np.ones_like(a)])
+    facing = np.einsum("i...,i", area, sun)
+    size = np.linalg.norm(area, axis=0)
+    normal = area / size
+    away = 2.0 * facing / size * normal[2] - sun[2]  # height of the mirrored ray
+    rho = fresnel_reflectance(np.clip(facing / size, 0.0, 1.0), 1.0, 1.33)
+    wanted = (mass * rho * facing * ((facing > 0.0) & (away > 0.0))).sum()
+    assert flux == pytest.approx(wanted, rel=5e-3)
+    flat = rough_plane(variances)
+    slopes = flat.unresolved._replace(cumulants=law.cumulants(variances))
+    mesh = mt.TriangleMesh(flat.vertices, flat.faces, flat.vertex_normals, slopes)
+    day = SUN.replace(sun_zenith_deg=50.0, sun_azimuth_deg=azimuth_deg)
+    found = mt.background(link(10.0), mesh, day, photons=65536, water="none").parts["glint"]
+    # points of the disk of directions, alike in sin^2
+    r, turn = math.sin(math.radians(10.0)) * s, phi
+    view = np.stack([r * np.cos(turn), r * np.sin(turn), np.sqrt(1.0 - r**2)], axis=-1)
+    closed = glint_radiance(view, sun, variances, 0.0, 1.33, law).mean()
+    assert found == pytest.approx(closed, rel=2e-3)
+    plain = glint_radiance(view, sun, variances, 0.0, 1.33).mean()
+    # the steepest slopes ascend towards the wind, and mirror a low sun that stands downwind
+    assert (closed > 1.2 * plain) == (azimuth_deg < 180.0)
+    assert (closed < 0.8 * plain) == (azimuth_deg == 180.0)
 
 
 @pytest.mark.parametrize("wind", [5.0, 13.0])

@@ -132,7 +132,8 @@ class AimedChains:
     def _mirrored(self) -> tuple[Surface, NDArray[np.void]]:
         """The surface upside down, with facets in the same order, and their summary."""
         flip = np.array([1.0, 1.0, -1.0])
-        s = self.surface
+        s, series = self.surface, self.surface.roughness.series
+        odd = series._replace(a=-series.a, aaa=-series.aaa, acc=-series.acc)
         surface = s._replace(
             vertices=s.vertices * flip,
             faces=np.ascontiguousarray(s.faces[:, ::-1]),
@@ -140,6 +141,7 @@ class AimedChains:
             vertex_normals=-s.vertex_normals * flip,
             low=np.array([s.low[0], s.low[1], -s.high[2]]),
             high=np.array([s.high[0], s.high[1], -s.low[2]]),
+            roughness=s.roughness._replace(series=odd),
         )
         facets = np.empty(len(s.faces), FACET)
         facet_summary(surface, facets)

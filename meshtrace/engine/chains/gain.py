@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
-from meshtrace.kernels.interface import SMOOTH, normal_at, slope_tilt
+from meshtrace.kernels.interface import SMOOTH, normal_at, over_gaussian, slope_tilt
 from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import (
     absorption_path,
@@ -315,10 +315,14 @@ def is_steep(m, scene):
 
 @inlined
 def weigh(chains, i, x, y, facet, shot, scene):
-    """Return the `Crossing` of chain i over (x, y) on a facet."""
+    """Return the `Crossing` of chain i over (x, y) on a facet.
+
+    The random slope of a chain is Gaussian: another density is in the weight.
+    """
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
     j = crossing.jacobian(x, y, facet, shot, scene)
     weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
+    weight *= over_gaussian(scene.surface.roughness.series, chains.tilt[i, 0], chains.tilt[i, 1])
     return Crossing(weight, is_steep(j.aim, scene) and deep, j.aim, p, shot.start)
 
 

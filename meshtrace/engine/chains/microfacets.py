@@ -4,7 +4,7 @@ Light that arrives at a crossing P with the direction d leaves it towards a poin
 if the normal of the surface is parallel to n_w d - n_a r, r the direction from P to x. That slope
 s*(P, x) is unique, so the light at x is the density of the random slopes at s* - s(P), times
 |det ds*/dx|, s(P) the slope of the mesh: no search for roots, no caustics. This is refraction by
-microfacets [1]_, their normals distributed by Gaussian slopes [2]_.
+microfacets [1]_, their normals distributed by the slopes of the sea [2]_.
 
 References
 ----------
@@ -29,6 +29,7 @@ from meshtrace.kernels.interface import (
     corners,
     exposure,
     normal_at,
+    over_gaussian,
     reflectance,
     slope_tilt,
     tilted,
@@ -140,6 +141,7 @@ def slope_towards(p, n, w, d, length, goal, scene):
     det = (a.x * big.z - big.x * a.z) * (b.y * big.z - big.y * b.z)
     det -= (a.y * big.z - big.y * a.z) * (b.x * big.z - big.x * b.z)
     density = math.exp(-0.5 * square) / (2.0 * math.pi * roughness.along * roughness.across)
+    density *= over_gaussian(roughness.series, u.x, u.y)
     rho = reflectance(cos_i, cos_t, scene.medium.n_water, scene.medium.n_air)
     aim = crossing.Aim(True, goal, w, d, r, rho, length, flight)
     return Slope(u.x, u.y, tilt, density * k * k * abs(det), aim)
@@ -414,6 +416,7 @@ def _landing(part, size, turn, scene):
     density = 0.0
     if aim.ok and dot2(aim.at, aim.at) < scene.target.radius**2:
         density = MOST_SLOPE * r * math.exp(-0.5 * r * r) / scene.target.area
+        density *= over_gaussian(scene.surface.roughness.series, along_wind, across_wind)
     return Slope(along_wind, across_wind, tilt, density, aim)
 
 

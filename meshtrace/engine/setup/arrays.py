@@ -29,6 +29,7 @@ from meshtrace.link import AirSource, Link, Receiver, Source, WaterSource
 from meshtrace.mesh import FARTHEST, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.phase import PhaseFunction
+from meshtrace.surfaces.gram_charlier import series_of
 
 # fields of a medium without a raster
 _PER_LENGTH = ("a", "b", "layer_a", "layer_b", "bubble_b", "b_max", "c_max")
@@ -121,8 +122,9 @@ def surface_arrays(mesh: TriangleMesh, normals: str, unresolved: str = "none") -
         missing = mesh.unresolved.vertex if normals == "vertex" else mesh.unresolved.facet
         wind = math.radians(mesh.unresolved.direction_deg)
         roughness = interface.Roughness(
-            math.sqrt(missing[0]), math.sqrt(missing[1]), math.cos(wind), math.sin(wind)
-        )
+            math.sqrt(missing[0]), math.sqrt(missing[1]), math.cos(wind), math.sin(wind),
+            series_of(mesh.unresolved.cumulants, missing),
+        )  # fmt: skip
     arrays = mesh.vertices, mesh.faces, mesh.face_normals, mesh.vertex_normals
     return interface.Surface(*arrays, low, high, mesh.max_slope, normals == "vertex", roughness)
 

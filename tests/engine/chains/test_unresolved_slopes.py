@@ -8,10 +8,13 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy.stats import t as student_t
 
 import meshtrace as mt
+from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_lines
+from meshtrace.kernels.interface import GAUSSIAN, over_gaussian
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.surfaces.gram_charlier import GramCharlier
 from meshtrace.surfaces.statistics import (
     components_hs,
     components_slope_variance,
@@ -32,15 +35,15 @@ def rough(mesh, direction_deg=30.0):
     return mt.TriangleMesh(mesh.vertices, mesh.faces, mesh.vertex_normals, slopes)
 
 
-def quadrature(link, variance, direction_deg):
-    """Return the gain through a flat sea with Gaussian slopes, no scattering, by brute force.
+def quadrature(link, variance, direction_deg, series=GAUSSIAN):
+    """Return the gain through a flat sea with random slopes, no scattering, by brute force.
 
     gain = sum over rays and slopes of I(w) exp(-a s) T p(t) d.(-t, 1) / d_z [lands inside].
     """
     n, lamp, receiver = link.water.n, link.transmitter, link.receiver
     x, weight_x = np.polynomial.hermite_e.hermegauss(24)
     g1, g2 = np.meshgrid(x, x, indexing="ij")
-    mass = np.outer(weight_x, weight_x) / (2.0 * math.pi)
+    mass = np.outer(weight_x, weight_x) / (2.0 * math.pi) * over_gaussian.py_func(series, g1, g2)
     wind = math.radians(direction_deg)
     a, c = math.sqrt(variance[0]) * g1, math.sqrt(variance[1]) * g2
     tx, ty = math.cos(wind) * a - math.sin(wind) * c, math.sin(wind) * a + math.cos(wind) * c
@@ -269,3 +272,122 @@ def test_waves_that_no_mesh_resolves_are_told():
     link, sea = mt.Link(), JonswapSea(wind_speed=5.0, omega_max=1000.0)
     with pytest.warns(mt.DomainWarning, match="% of the slope variance .* gain is in doubt"):
         mesh_lines(link, sea, reach=crossing_reach(link))
+
+
+# twice as far from the Gaussian slopes as those of any sea, to be told from them
+LAW = GramCharlier(c21=-0.3, c03=-0.6, c40=0.8, c22=0.3, c04=0.6)
+SKEWED = cox_munk(14.0)
+
+
+def skewed(mesh, law=LAW, direction_deg=30.0):
+    slopes = UnresolvedSlopes(SKEWED, SKEWED, direction_deg, law.cumulants(SKEWED))
+    return mt.TriangleMesh(mesh.vertices, mesh.faces, mesh.vertex_normals, slopes)
+
+
+def aside(distance, azimuth_deg, b=0.0, **receiver):
+    """Return a link whose receiver lies aside, in a direction."""
+    turn = math.radians(azimuth_deg)
+    position = distance * math.cos(turn), distance * math.sin(turn)
+    return mt.Link(
+        water=mt.Water(b=b),
+        transmitter=mt.Led(half_angle_deg=1.0),
+        receiver=mt.Receiver(**{"radius": 0.5, "position": position, "fov_deg": 90.0, **receiver}),
+    )
+
+
+LEVEL = FlatSea().mesh(extent=30.0, spacing=1.0)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("azimuth_deg", [30.0, 210.0], ids=["downwind", "upwind"])
+def test_skewed_slopes_against_quadrature(azimuth_deg):
+    link = CLEAR.replace("receiver.position", aside(1.5, azimuth_deg).receiver.position)
+    expected = quadrature(link, SKEWED, 30.0, LAW.series)
+    forced = mt.simulate(link, skewed(LEVEL), photons=20_000, seed=1)
+    analog = mt.simulate(link, skewed(LEVEL), "analog", photons=2_000_000, seed=2)
+    for r in (forced, analog):
+        stderr = math.hypot(r.gain_stderr, 1e-3 * expected)
+        assert z_test(r.gain, stderr, expected) > sidak(ALPHA, 4)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("distance", "azimuth_deg"), [(0.0, 0.0), (1.5, 30.0), (2.2, 210.0), (3.0, 120.0)]
+)
+def test_estimators_agree_for_skewed_slopes(distance, azimuth_deg):
+    """Chains and joined photons against individual photons, unscattered light included."""
+    link, mesh = aside(distance, azimuth_deg, b=0.05), skewed(LEVEL)
+    analog = mt.simulate(link, mesh, "analog", photons=4_000_000, seed=2)
+    assert analog.gain_stderr < 0.03 * analog.gain
+    for scattered in ("chains", "joined"):
+        forced = ForcedDetection(link, 16384, 1, sea=TypicalSea.of([mesh]), scattered=scattered)
+        found = forced.evaluate(mesh)
+        p = z_test(found.gain[0], found.stderr[0], analog.gain, analog.gain_stderr)
+        assert p > sidak(ALPHA, 12)
+
+
+def test_light_aside_is_brighter_where_the_slopes_say():
+    """Near the axis it is brighter downwind, beyond some 1.7 deviations of the slope upwind.
+
+    The most common slope ascends downwind and bends light downwind, the steepest ones do not.
+    """
+    blur = 0.33 * 6.0 * math.sqrt(SKEWED[0])
+    for deviations, sign in ((1.0, 1.0), (3.0, -1.0)):
+        gain = [
+            mt.simulate(
+                aside(deviations * blur, azimuth_deg, height=6.0, radius=0.1).replace(
+                    "transmitter.half_angle_deg", 0.5
+                ),
+                skewed(LEVEL),
+                photons=1024,
+                seed=1,
+            ).gain
+            for azimuth_deg in (30.0, 210.0)
+        ]
+        assert sign * (gain[0] / gain[1] - 1.0) > 0.1
+    across = [
+        mt.simulate(aside(blur, azimuth_deg), skewed(LEVEL), photons=1024, seed=1).gain
+        for azimuth_deg in (120.0, -60.0)
+    ]
+    assert across[0] == pytest.approx(across[1], rel=1e-3)
+
+
+@pytest.mark.parametrize("azimuth_deg", [30.0, 210.0])
+def test_skewed_slopes_from_the_air(azimuth_deg):
+    """The mirrored link has the square of the index times the gain, slopes seen from above."""
+    up = mt.Link(
+        water=mt.Water(b=0.0),
+        transmitter=mt.Led(half_angle_deg=60.0),
+        receiver=mt.Receiver(
+            fov_deg=180.0, radius=0.5, position=aside(4.0, azimuth_deg).receiver.position
+        ),
+    )
+    a, b = (
+        ForcedDetection(link, 4096, 1, sea=TypicalSea.of([LEVEL]), scattered="chains").evaluate(
+            skewed(LEVEL)
+        )
+        for link in (up, up.mirrored())
+    )
+    np.testing.assert_allclose(b.ballistic, 1.33**2 * a.ballistic, rtol=5e-4)
+
+
+@pytest.mark.thorough
+def test_downlink_through_skewed_slopes():
+    lens = mt.WaterReceiver(radius=0.4, depth=8.0, position=(-0.9, -0.5), fov_deg=120.0)
+    link = mt.Link(water=mt.Water(b=0.1), transmitter=mt.AirBeam(height=10.0), receiver=lens)
+    mesh = skewed(LEVEL)
+    forced = ForcedDetection(link, 16384, 1, sea=TypicalSea.of([mesh]), scattered="chains")
+    found = forced.evaluate(mesh)
+    analog = mt.simulate(link, mesh, "analog", photons=2_000_000, seed=2)
+    p = z_test(found.gain[0], found.stderr[0], analog.gain, analog.gain_stderr)
+    assert p > ALPHA
+
+
+@pytest.mark.thorough
+def test_sampled_chains_weigh_skewed_slopes():
+    """Refraction as published is not integrated over slopes: chains draw them."""
+    link = aside(1.5, 210.0, b=0.1).replace("physics", mt.Physics(direction="paper"))
+    forced = mt.simulate(link, skewed(LEVEL), photons=20_000, seed=1)
+    analog = mt.simulate(link, skewed(LEVEL), "analog", photons=2_000_000, seed=2)
+    p = z_test(forced.gain, forced.gain_stderr, analog.gain, analog.gain_stderr)
+    assert p > ALPHA
