@@ -72,14 +72,14 @@ _LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets
 
 
 class Triangles(NamedTuple):
-    """Corners and normals of facets; a `Surface` may stand in its place."""
+    """Corners and normals of facets; a `MeshArrays` may stand in its place."""
 
     vertices: NDArray[np.float64]  # (n, 3)
     faces: NDArray[np.int32]  # (m, 3)
     face_normals: NDArray[np.float64]  # (m, 3)
 
 
-class Surface(NamedTuple):
+class MeshArrays(NamedTuple):
     """A triangle mesh as arrays, see `meshtrace.mesh.TriangleMesh`."""
 
     vertices: NDArray[np.float64]  # (n, 3)

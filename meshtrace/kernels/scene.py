@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.interface import Interface, Surface, corners, inside_facet
+from meshtrace.kernels.interface import Interface, MeshArrays, corners, inside_facet
 from meshtrace.kernels.jit import entry, inlined
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.vectors import Vec2, Vec3, row
@@ -82,7 +82,7 @@ class Scene(NamedTuple):
 
     emitter: Emitter
     target: Target
-    surface: Surface
+    surface: MeshArrays
     locator: Locator
     facets: NDArray[np.void]  # (m,) FACET
     medium: Medium

@@ -43,7 +43,7 @@ class Fate(IntEnum):
     DEEP = 10
 
 
-class Plane(IntEnum):
+class PlaneScore(IntEnum):
     """Scores of an irradiance plane, in the order of their columns."""
 
     E_D = 0
@@ -52,7 +52,7 @@ class Plane(IntEnum):
     E_OU = 3
 
 
-N_PLANE_SCORES = len(Plane)
+N_PLANE_SCORES = len(PlaneScore)
 
 ARRIVAL = np.dtype(
     [
@@ -81,7 +81,7 @@ class Apertures(NamedTuple):
 class Tallies(NamedTuple):
     """Scores of a chunk of photons."""
 
-    score: NDArray[np.float64]  # (photons, apertures + `Plane` for each plane)
+    score: NDArray[np.float64]  # (photons, apertures + `PlaneScore` for each plane)
     ledger: NDArray[np.int64]  # (fates,) weights in units of 2^-44
     n_photons: NDArray[np.int64]  # (fates,) photons
     misses: NDArray[np.int64]  # (2,) rays cast again, rays lost
@@ -99,7 +99,7 @@ class Tallies(NamedTuple):
     n_arrivals: NDArray[np.int64]  # (1,)
 
 
-class Flight(NamedTuple):
+class Segment(NamedTuple):
     """A straight part of a photon's path."""
 
     origin: Vec3
@@ -209,8 +209,8 @@ def score_planes(tallies, column, index, flight, medium):
         before = flight.length * (z0 - h) / (z0 - z1)
         w = flight.weight * _transmission(medium, z0, h, before)
         scores = tallies.score[index, column + N_PLANE_SCORES * k :]
-        scores[(Plane.E_D if d.z < 0.0 else Plane.E_U).value] += w
-        scores[(Plane.E_OD if d.z < 0.0 else Plane.E_OU).value] += w / abs(d.z)
+        scores[(PlaneScore.E_D if d.z < 0.0 else PlaneScore.E_U).value] += w
+        scores[(PlaneScore.E_OD if d.z < 0.0 else PlaneScore.E_OU).value] += w / abs(d.z)
         groups, _, n_cos, n_phi = tallies.radiance.shape
         if n_cos > 0:
             group = index % groups  # independent photons, from which the standard error comes

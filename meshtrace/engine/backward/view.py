@@ -28,7 +28,7 @@ from meshtrace.engine.chains.sets import shifted, sobol_points
 from meshtrace.engine.setup.arrays import frame_of, surface_arrays
 from meshtrace.engine.setup.options import Case
 from meshtrace.errors import Described, Refused
-from meshtrace.kernels.interface import Surface
+from meshtrace.kernels.interface import MeshArrays
 from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
@@ -118,7 +118,7 @@ class SeenSea(NamedTuple):
     """Sea and light that the rays of a view meet."""
 
     intersector: EmbreeIntersector
-    surface: Surface
+    surface: MeshArrays
     day: Daylight
     n: float  # index of the water over that of the air
     foam: float  # share of the surface
@@ -267,7 +267,7 @@ def _suns(middle: Floats, u: Floats) -> Floats:
     return cone(middle, math.sin(_SUN_RADIUS) ** 2 * u[:, 0], u[:, 1] + 0.5 * odd)
 
 
-def _corner_gaps(surface: Surface, facets: Any, law: Bending, point: Floats) -> Floats:
+def _corner_gaps(surface: MeshArrays, facets: Any, law: Bending, point: Floats) -> Floats:
     """Return s_m - s_r at the corners of facets (facets, 3, 2) for a point of the aperture."""
     corner = surface.vertices[surface.faces[facets]]
     light = point - corner
@@ -282,7 +282,7 @@ def _slopes(law: Bending, light: Floats) -> Floats:
     return np.where(upright, slopes_of(np.where(upright, normal, 1.0)), 1e6)
 
 
-def _normals(surface: Surface, facets: Any) -> Floats:
+def _normals(surface: MeshArrays, facets: Any) -> Floats:
     """Return the normals at the corners of facets (facets, 3, 3)."""
     if surface.interpolate:
         return surface.vertex_normals[surface.faces[facets]]

@@ -18,7 +18,7 @@ from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request
 from meshtrace.engine.crossing import ROOT, Search
 from meshtrace.engine.setup.arrays import locator, surface_arrays, with_raster
 from meshtrace.engine.setup.ends import ForcedLink, forced_link
-from meshtrace.kernels.interface import Direction, Roughness, Snell, Surface
+from meshtrace.kernels.interface import Direction, MeshArrays, Roughness, Snell
 from meshtrace.kernels.medium import DepthMode
 from meshtrace.kernels.rays import BESIDE, CUT, shadows
 from meshtrace.kernels.scene import FACET, Emitter, Locator, Scene, Target, facet_summary
@@ -82,7 +82,7 @@ class AimedChains:
         self._given = intersector if self._mesh is mesh else None
         self._normals = normals
         self._search_mode = search
-        self.surface: Surface = surface_arrays(self._mesh, normals, unresolved)
+        self.surface: MeshArrays = surface_arrays(self._mesh, normals, unresolved)
         rough = self.surface.roughness
         self.rough = rough.along > 0.0 or rough.across > 0.0
         self.blurred = self._blurs()
@@ -129,7 +129,7 @@ class AimedChains:
         return np.stack([self.facets[name] for name in ("x", "y", "z")], axis=1)
 
     @cached_property
-    def _mirrored(self) -> tuple[Surface, NDArray[np.void]]:
+    def _mirrored(self) -> tuple[MeshArrays, NDArray[np.void]]:
         """The surface upside down, with facets in the same order, and their summary."""
         flip = np.array([1.0, 1.0, -1.0])
         s, series = self.surface, self.surface.roughness.series
@@ -328,7 +328,7 @@ class AimedChains:
         return paths[found]
 
 
-def search_extent(surface: Surface, facets: NDArray[np.void], bins: Locator) -> Search:
+def search_extent(surface: MeshArrays, facets: NDArray[np.void], bins: Locator) -> Search:
     """Return the extent of the search for roots, `widest` beyond the reach of a target."""
     near = facets[bins.facet] if len(bins.facet) else facets
     return Search(

@@ -18,7 +18,7 @@ from meshtrace.engine.crossing import FLAT
 from meshtrace.engine.setup.arrays import empty_locator, surface_arrays
 from meshtrace.engine.setup.ends import ForcedLink
 from meshtrace.errors import Refused
-from meshtrace.kernels.interface import Surface
+from meshtrace.kernels.interface import MeshArrays
 from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.scene import FACET, Emitter, Scene, Target
 from meshtrace.mesh import TriangleMesh
@@ -227,7 +227,7 @@ def shifted(points: Floats, shifts: Floats) -> Floats:
 
 
 @cache
-def _still_water() -> Surface:
+def _still_water() -> MeshArrays:
     """Return a piece of still water."""
     return surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
 

@@ -32,7 +32,7 @@ from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import Absorption, absorption_path, collide, sample_free_path
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import UNKNOWN, first_facet, grid_facet
-from meshtrace.kernels.tally import Fate, Flight, deposit, score_map, score_planes
+from meshtrace.kernels.tally import Fate, Segment, deposit, score_map, score_planes
 from meshtrace.kernels.vectors import Vec3, along, dot, plus, row, scaled, turn
 
 _OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
@@ -49,7 +49,7 @@ def _free_of_surface(z, d, world):
 @inlined
 def to_sky(q, d, weight, world):
     """Score light that leaves the surface for good and deposit its weight."""
-    flight = Flight(place(q), d, math.inf, weight, q.water, q.air)
+    flight = Segment(place(q), d, math.inf, weight, q.water, q.air)
     if sources.is_backward(world.back) and (q.water > 0.0 or not world.back.after_water):
         light = weight * sources.radiance(world.back.sky, d)
         world.tallies.score[q.id - world.first, sources.SKY_SCORE] += light
@@ -185,7 +185,7 @@ def lowest(world):
 @outlined
 def _score_water(q, length, world):
     """Score a path in water on planes and apertures; not inlined: rarely used."""
-    flight = Flight(place(q), heading(q), length, q.weight, q.water, q.air)
+    flight = Segment(place(q), heading(q), length, q.weight, q.water, q.air)
     column = len(world.apertures.radius)
     score_planes(world.tallies, column, q.id - world.first, flight, world.medium)
     score_on_apertures(q, True, flight, world)

@@ -32,7 +32,7 @@ from meshtrace.engine.photons.targets import (
 from meshtrace.engine.setup import arrays, ends
 from meshtrace.engine.setup.options import BLOCK
 from meshtrace.errors import Described, Refused
-from meshtrace.kernels.interface import Surface
+from meshtrace.kernels.interface import MeshArrays
 from meshtrace.kernels.phase import AngleTable
 from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.scene import FACET, Emitter, Target, facet_summary
@@ -257,7 +257,9 @@ class JoinedPhotons:
             np.zeros((n, _ORDERS)), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
         )  # fmt: skip
 
-    def _joins(self, surface: Surface, sources: Sources, to: _Ends, frame: arrays.Frame) -> Joins:
+    def _joins(
+        self, surface: MeshArrays, sources: Sources, to: _Ends, frame: arrays.Frame
+    ) -> Joins:
         """Return the targets and the guides of the photons."""
         link = self.link
         water = arrays.angle_table(link.water.phase)
@@ -401,7 +403,7 @@ class _Run(NamedTuple):
     arrivals: list[NDArray[np.void]]
 
 
-def is_flat(surface: Surface) -> bool:
+def is_flat(surface: MeshArrays) -> bool:
     """Return whether a surface is level still water."""
     return bool(surface.low[2] == surface.high[2] and surface.max_slope == 0.0)
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
-from meshtrace.kernels.interface import Surface
+from meshtrace.kernels.interface import MeshArrays
 from meshtrace.kernels.jit import ONE, ZERO, inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.scene import Scene
@@ -138,7 +138,7 @@ def _on_all_facets(still, shot, scene, manifold):
 def _raised(level, scene):
     """Return a scene whose flat sea has another height."""
     s = scene.surface
-    surface = Surface(
+    surface = MeshArrays(
         s.vertices, s.faces, s.face_normals, s.vertex_normals, s.low, s.high, s.max_slope,
         s.interpolate, s.roughness, level,
     )  # fmt: skip

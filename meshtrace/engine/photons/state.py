@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.interface import (
     Interface,
-    Surface,
+    MeshArrays,
     normal_on,
     roughened,
     takes_slopes,
@@ -102,7 +102,7 @@ class World(NamedTuple):
     first: int  # id of the first photon
     seed: np.uint64
     sources: Sources
-    surface: Surface
+    surface: MeshArrays
     grid: Grid
     medium: Medium
     apertures: Apertures

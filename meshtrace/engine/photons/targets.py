@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from meshtrace.engine.photons.manifold import Manifold
 from meshtrace.engine.photons.state import UNDER_WAY
-from meshtrace.kernels.interface import Interface, Surface
+from meshtrace.kernels.interface import Interface, MeshArrays
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Medium, scattering_coefficients
 from meshtrace.kernels.phase import AngleTable, phase_at
@@ -127,7 +127,7 @@ class JoinedWorld(NamedTuple):
     first: int  # id of the first photon
     seed: np.uint64
     sources: Sources
-    surface: Surface
+    surface: MeshArrays
     grid: Grid
     medium: Medium
     interface: Interface

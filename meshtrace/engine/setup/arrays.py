@@ -111,7 +111,9 @@ def _code(codes: type[IntEnum], name: str) -> int:
     return int(codes[name.upper().replace("-", "_")])
 
 
-def surface_arrays(mesh: TriangleMesh, normals: str, unresolved: str = "none") -> interface.Surface:
+def surface_arrays(
+    mesh: TriangleMesh, normals: str, unresolved: str = "none"
+) -> interface.MeshArrays:
     """Return the mesh as arrays; `normals` is "vertex" or "facet".
 
     `unresolved` is `Physics.unresolved`: whether the slopes that the mesh leaves out tilt it.
@@ -126,7 +128,7 @@ def surface_arrays(mesh: TriangleMesh, normals: str, unresolved: str = "none") -
             series_of(mesh.unresolved.cumulants, missing),
         )  # fmt: skip
     arrays = mesh.vertices, mesh.faces, mesh.face_normals, mesh.vertex_normals
-    return interface.Surface(*arrays, low, high, mesh.max_slope, normals == "vertex", roughness)
+    return interface.MeshArrays(*arrays, low, high, mesh.max_slope, normals == "vertex", roughness)
 
 
 def interface_arrays(link: Link) -> interface.Interface:
@@ -304,7 +306,7 @@ def empty_locator() -> Locator:
     return Locator(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64), np.zeros(0, np.int32))
 
 
-def locator(surface: interface.Surface, targets: Sequence[Target]) -> Locator:
+def locator(surface: interface.MeshArrays, targets: Sequence[Target]) -> Locator:
     """Return bins over the part of the surface that the receivers can see."""
     pad = 2.0
     low = [min(t.center[i] - t.reach - pad for t in targets) for i in range(2)]
