@@ -18,7 +18,7 @@ from meshtrace.kernels.vectors import UP, Vec3, row
 def distances(apertures, i, origins, directions, length, fov):
     out = np.empty(len(origins))
     for k in range(len(origins)):
-        flight = kernel.Flight(row(origins, k), row(directions, k), length, 1.0, 0.0, 0.0)
+        flight = kernel.Segment(row(origins, k), row(directions, k), length, 1.0, 0.0, 0.0)
         out[k] = kernel.crosses_aperture(apertures, i, flight, fov)
     return out
 
@@ -26,14 +26,14 @@ def distances(apertures, i, origins, directions, length, fov):
 @njit
 def planes(tallies, origins, directions, length, weight, medium):
     for k in range(len(origins)):
-        flight = kernel.Flight(row(origins, k), row(directions, k), length[k], weight, 0.0, 0.0)
+        flight = kernel.Segment(row(origins, k), row(directions, k), length[k], weight, 0.0, 0.0)
         kernel.score_planes(tallies, 1, k, flight, medium)
 
 
 @njit
 def mapped(tallies, origins, directions, weight, medium):
     for k in range(len(origins)):
-        flight = kernel.Flight(row(origins, k), row(directions, k), math.inf, weight[k], 0.0, 0.0)
+        flight = kernel.Segment(row(origins, k), row(directions, k), math.inf, weight[k], 0.0, 0.0)
         kernel.score_map(tallies, flight, medium)
 
 
@@ -47,7 +47,7 @@ def deposits(tallies, weights):
 def scored(tallies, apertures, origins, directions, length, weight, fov, medium):
     hit = np.zeros(len(origins), np.bool_)
     for k in range(len(origins)):
-        flight = kernel.Flight(row(origins, k), row(directions, k), length, weight, 100.0, 7.0)
+        flight = kernel.Segment(row(origins, k), row(directions, k), length, weight, 100.0, 7.0)
         hit[k] = kernel.score_apertures(tallies, apertures, 0, k, True, flight, fov, medium)
     return hit
 
