@@ -1,7 +1,7 @@
 """Run the reference case W2A-1 in Mitsuba 3, from w2a1.json alone.
 
     pip install mitsuba numpy
-    python mitsuba_run.py --photons 2e7 --seed 1 --cases jonswap5 flat/depth40 > mitsuba.csv
+    python mitsuba_run.py --photons 2e7 --seed 1 --cases jonswap5 flat/depth40 > mine.csv
 
 Mitsuba casts the rays (`Scene.ray_intersect`), interpolates the normals, and has Fresnel's
 equations, the law of refraction and the random numbers. This script has the rest: the surface as a
