@@ -5,7 +5,8 @@ python score.py results.csv needs nothing but Python. Columns of the file, with 
     case,time,unscattered,total,total_stderr
 
 `case` is a key of "cases" in w2a1.json with an empty time, or "jonswap5/series" and
-"jonswap13/series" with the time in s. Empty cells are not scored.
+"jonswap13/series" with the time in s. Empty cells are not scored. Monte Carlo programs may add
+`unscattered_stderr`: unscattered gains are then scored as totals are.
 """
 
 import csv
@@ -28,16 +29,23 @@ def number(row, key):
 def scored(row):
     """Yield (what, passed, remark) for the numbers of one case."""
     name, expected = row["case"], CASE["cases"][row["case"]]
-    got = number(row, "unscattered")
-    if not math.isnan(got):
+    got, error = number(row, "unscattered"), number(row, "unscattered_stderr")
+    if not math.isnan(error):
+        yield f"{name} unscattered", *by_error(got, error, expected["unscattered"], 0.0)
+    elif not math.isnan(got):
         off, tolerance = got / expected["unscattered"] - 1.0, expected["unscattered_tol_rel"]
         yield f"{name} unscattered", abs(off) <= tolerance, f"{off:+.1e} of {tolerance:g}"
     got, error = number(row, "total"), number(row, "total_stderr")
     if not math.isnan(got):
-        z = (got - expected["total"]) / math.hypot(error, expected["total_stderr"])
-        precise = 0.0 <= error <= 0.005 * expected["total"]
-        remark = f"z = {z:+.2f}" + ("" if precise else ", error beyond 0.5 %")
-        yield f"{name} total", abs(z) <= 3.0 and precise, remark
+        yield f"{name} total", *by_error(got, error, expected["total"], expected["total_stderr"])
+
+
+def by_error(got, error, expected, expected_error):
+    """Return (passed, remark) of a number with a standard error."""
+    both = math.hypot(error, expected_error)
+    z = (got - expected) / both if both > 0.0 else math.nan
+    precise = 0.0 <= error <= 0.005 * expected
+    return abs(z) <= 3.0 and precise, f"z = {z:+.2f}" + ("" if precise else ", error beyond 0.5 %")
 
 
 def scored_series(name, rows):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -46,6 +46,8 @@ _FEW_SHARE = {"chains": 0.1, "joined photons": 0.15}
 
 Scores of joined photons have the heavier tails."""
 _BOUND_PHOTONS = 2**18  # analog, where chains bring no light: a bound above gains tells nothing
+_BACK_PHOTONS = 4096  # at least, that look for light behind a map
+_BEHIND = 10.0  # times the light of a map, behind it, that its user has hardly meant to leave out
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter
 
 
@@ -347,14 +349,31 @@ def warn_of_lost(result: GainResult) -> None:
         )
 
 
-def warn_of_dark_map(result: GainResult, records: Mapping[str, Record]) -> None:
-    """Warn of a map that no photon reached, most often as its axis is opposite to the light."""
+def warn_of_dark_map(
+    result: GainResult,
+    records: Mapping[str, Record],
+    follow: Callable[[options.IrradianceMap, int], PhotonSums],
+) -> None:
+    """Warn of a map that looks away from the light, by a few photons on its back.
+
+    `follow` traces photons with a map.
+    """
     grid = records.get("irradiance-map")
     if not isinstance(grid, options.IrradianceMap) or result.map is None:
         return
-    if not result.map.irradiance.any():
-        _warn(
-            f"the map at {grid.height:g} m received none of {result.photons:,} photons: its axis "
-            f"{grid.axis} is the direction in which light arrives, within {grid.fov_deg / 2.0:g} "
-            "deg; light that goes down needs (0, 0, -1)",
-        )
+    x, y, z = grid.axis
+    back = grid.replace(axis=(-x, -y, -z), fov_deg=180.0)
+    photons = min(result.photons, max(_BACK_PHOTONS, result.photons // 100))
+    found = irradiance_map(back, follow(back, photons))
+    behind = found.irradiance.sum() - 3.0 * math.hypot(*found.irradiance_stderr.ravel())
+    lit = result.map.irradiance.sum()
+    if lit > behind / _BEHIND or (lit > 0.0 and behind <= 0.0):
+        return
+    received = f"received none of {result.photons:,} photons"
+    if lit > 0.0:
+        share = lit / found.irradiance.sum()
+        received = f"received {share:.2g} of the light that comes from behind it"
+    _warn(
+        f"the map at {grid.height:g} m {received}: its axis {grid.axis} is the direction in which "
+        f"light arrives, within {grid.fov_deg / 2.0:g} deg; light that goes down needs (0, 0, -1)",
+    )

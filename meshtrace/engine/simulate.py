@@ -163,7 +163,15 @@ def _checked(
     outcome.warn_of_few(result)
     if isinstance(case.run.estimator, Analog):
         outcome.warn_of_lost(result)
-        outcome.warn_of_dark_map(result, records)
+        options = case.run.estimator
+        intersector = EmbreeIntersector(mesh, case.threads)
+        outcome.warn_of_dark_map(
+            result,
+            records,
+            lambda grid, photons: run_analog(
+                case.link, intersector, options, photons=photons, record=[grid], **case.how
+            ),
+        )
         return result
     result = with_mesh_error(result, case, mesh)
     outcome.warn_of_mesh(result, case, mesh)

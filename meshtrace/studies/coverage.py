@@ -215,7 +215,7 @@ class _Mapped:
         result = analog_result(self._case.link, sums, origin, records)
         warn_of_lost(result)
         if self._image is None:
-            warn_of_dark_map(result, records)
+            warn_of_dark_map(result, records, self._back)
         bound = None
         if rtol is not None:
             cells = int((relative_errors(gain, stderr) > rtol).sum())
@@ -225,6 +225,16 @@ class _Mapped:
             bound = self._bound(gain, stderr, sums.photons)
         assert result.map is not None
         return CoverageMap(result.map.x, result.map.y, gain, stderr, origin, bound)
+
+    def _back(self, grid: IrradianceMap, photons: int) -> PhotonSums:
+        """Follow a few photons at the first time with another map."""
+        case, intersector = (
+            self._case,
+            EmbreeIntersector(self._mesh(self._times[0]), self._case.threads),
+        )
+        return run_analog(
+            case.link, intersector, self._options, photons=photons, record=[grid], **case.how
+        )
 
     def _follow(self, done: int, photons: int, sums: PhotonSums | None) -> PhotonSums:
         """Follow more photons at each time, and add their tallies to the sums."""

@@ -28,14 +28,6 @@ _HALF_WIDTH, _SPACING, _SERIES_SPACING = 6.0, 0.05, 0.1  # [m], of the meshes
 _SERIES = 5e-3  # of an unscattered gain of a series
 _SPREAD = 0.01  # of a relative standard deviation
 _LISTED = 1e-8  # of the waves, printed with nine digits
-_RECEIVERS: dict[str, dict[str, Any]] = {
-    "r5cm": {},
-    "default": {},
-    "depth40": {},
-    "r25cm": {"radius": 0.25},
-    "offset1m": {"position": (1.0, 0.0)},
-    "fov6": {"fov_deg": 6.0},
-}
 
 
 class CaseGain(NamedTuple):
@@ -46,7 +38,7 @@ class CaseGain(NamedTuple):
     stderr: float
 
 
-STEPS = 16
+STEPS = 22
 """Cases and series."""
 
 
@@ -68,9 +60,12 @@ def surface(name: str) -> SurfaceModel:
 
 def link(variant: str) -> Link:
     """Return the link of a case: its part behind the slash, such as "r5cm"."""
-    depth = 40.0 if variant == "depth40" else 10.0
-    receiver = Receiver(**_RECEIVERS[variant])
-    return Link(transmitter=Led(depth=depth), receiver=receiver, physics=Physics(unresolved="none"))
+    given = reference()["variants"][variant]
+    receiver = Receiver(
+        position=(given["x"], 0.0), radius=given["radius"], fov_deg=given["fov_deg"]
+    )
+    transmitter = Led(depth=given["depth"])
+    return Link(transmitter=transmitter, receiver=receiver, physics=Physics(unresolved="none"))
 
 
 def gain(case: str, chains: int = CHAINS, seed: int = 1) -> CaseGain:

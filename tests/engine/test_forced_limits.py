@@ -4,6 +4,7 @@ Each case once lost between some per cent and all of the gain without a sign of 
 """
 
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -135,16 +136,41 @@ def test_a_wide_view_over_a_large_flat_sea():
     assert gain == pytest.approx(8.750e-8, rel=1e-3)
 
 
-def test_a_map_that_looks_away_from_the_light_says_so():
-    """The axis is the direction in which light arrives: upwards by default, not from a lamp."""
-    link = mt.Link(
-        water=mt.Water(b=0.0), transmitter=mt.AirLed(), receiver=mt.WaterReceiver(depth=4.0)
-    )
-    grid = {"height": -4.0, "extent": 2.0, "step": 0.5}
-    away = mt.IrradianceMap(**grid)
-    with pytest.warns(mt.DomainWarning, match=r"received none of 1,000 photons: its axis \(0"):
-        dark = mt.simulate(link, FlatSea(), "analog", photons=1000, seed=1, record=[away])
-    assert not dark.map.irradiance.any()
-    towards = mt.IrradianceMap(**grid, axis=(0.0, 0.0, -1.0))
-    lit = mt.simulate(link, FlatSea(), "analog", photons=1000, seed=1, record=[towards])
-    assert lit.map.irradiance.any()
+UP, DOWN = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
+LAMP, ABOVE = mt.Led(depth=8.0), mt.AirLed()
+
+
+@pytest.mark.parametrize(
+    ("source", "b", "height", "axis", "warned"),
+    [
+        (mt.Sun(half_width=2.0), 0.0, -4.0, UP, "none of 20,000 photons"),
+        (mt.Sun(half_width=2.0), 0.2, -4.0, UP, "0.0"),
+        (mt.Sun(half_width=2.0), 0.2, -4.0, DOWN, None),
+        (mt.Sun(half_width=2.0), 0.2, -4.0, (0.5, 0.0, 0.8), "0.0"),
+        (mt.Sun(half_width=2.0), 0.2, -4.0, (0.5, 0.0, -0.8), None),
+        (mt.Sun(half_width=2.0, zenith_deg=60.0), 0.2, -2.0, (0.9, 0.0, 0.1), None),
+        (mt.Sun(half_width=2.0, zenith_deg=60.0), 0.2, -2.0, (-0.9, 0.0, 0.1), "0.0"),
+        (mt.Sun(half_width=2.0), 0.2, 5.0, UP, None),
+        (mt.Sun(half_width=2.0), 0.2, 5.0, DOWN, "none of 20,000 photons"),
+        (ABOVE, 0.0, -4.0, UP, "none of 20,000 photons"),
+        (ABOVE, 0.2, -4.0, UP, "0.0"),
+        (ABOVE, 0.2, -4.0, DOWN, None),
+        (LAMP, 0.2, 5.0, UP, None),
+        (LAMP, 0.0, 5.0, DOWN, "none of 20,000 photons"),
+        (LAMP, 0.2, -4.0, UP, None),
+        (LAMP, 0.2, -4.0, DOWN, "0.0"),
+        (LAMP, 0.2, -9.0, DOWN, None),  # light that the water or its surface has sent back
+    ],
+)
+def test_a_map_that_looks_away_from_the_light_says_so(source, b, height, axis, warned):
+    """The axis is the direction in which light arrives: upwards by default."""
+    receiver = mt.Receiver() if source is LAMP else mt.WaterReceiver(depth=4.0)
+    link = mt.Link(water=mt.Water(b=b), transmitter=source, receiver=receiver)
+    grid = mt.IrradianceMap(height=height, extent=2.0, step=0.5, axis=axis)
+    run = partial(mt.simulate, link, FlatSea(), "analog", photons=20_000, seed=1, record=[grid])
+    if warned is None:
+        assert run().map.irradiance.any()
+        return
+    with pytest.warns(mt.DomainWarning, match=f"received {warned}"):
+        dark = run()
+    assert dark.map.irradiance.any() == (warned == "0.0")
