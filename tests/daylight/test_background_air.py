@@ -14,8 +14,7 @@ from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import hemispheric_reflectance, unit_vector
-from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
-from meshtrace.surfaces.gram_charlier import GramCharlier
+from meshtrace.surfaces import FlatSea, GramCharlier, JonswapSea, SinusoidalSea
 from meshtrace.surfaces.statistics import cox_munk
 
 REFERENCE = json.loads(

@@ -15,7 +15,7 @@ from meshtrace.kernels.interface import (
     slope_tilt,
 )
 from meshtrace.kernels.vectors import Vec3
-from meshtrace.surfaces.gram_charlier import GramCharlier
+from meshtrace.surfaces import GramCharlier
 
 LAWS = {
     "5 m/s": GramCharlier.cox_munk(5.0),

@@ -9,8 +9,7 @@ import meshtrace as mt
 from meshtrace.engine.setup.arrays import surface_arrays
 from meshtrace.errors import Refused
 from meshtrace.kernels.interface import GAUSSIAN, over_gaussian
-from meshtrace.surfaces import JonswapSea, MeasuredSea, SumSea, sea_from_config
-from meshtrace.surfaces.gram_charlier import GramCharlier
+from meshtrace.surfaces import GramCharlier, JonswapSea, MeasuredSea, SumSea, sea_from_config
 from meshtrace.surfaces.statistics import cox_munk
 
 LAWS = [GramCharlier.cox_munk(u) for u in (2.0, 5.0, 10.0, 14.0)]

@@ -13,8 +13,7 @@ from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_lines
 from meshtrace.kernels.interface import GAUSSIAN, over_gaussian
 from meshtrace.mesh import UnresolvedSlopes
-from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.surfaces.gram_charlier import GramCharlier
+from meshtrace.surfaces import FlatSea, GramCharlier, JonswapSea
 from meshtrace.surfaces.statistics import (
     components_hs,
     components_slope_variance,
