@@ -1,4 +1,4 @@
-"""The long description of a distribution: README.md with absolute links, all else in pyproject.toml.
+"""The long description of a distribution: README.md with absolute links; all else: pyproject.toml.
 
 Links and pictures of the README are paths in the repository, which a package index does not have.
 """
