@@ -17,6 +17,7 @@ import jinja2
 import pytest
 import yaml
 from packaging.requirements import Requirement
+from packaging.version import Version
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -161,6 +162,16 @@ def test_hooks_and_containers_are_readable():
     build = json.loads(text(".devcontainer", "devcontainer.json"))["build"]
     stages = re.findall(r"^FROM \S+ AS (\w+)$", text(".devcontainer", build["dockerfile"]), re.M)
     assert build["target"] in stages
+
+
+def test_the_changelog_begins_with_this_or_the_next_version():
+    heading, version, state = re.search(
+        r"^## (([\d.]+) \((unreleased|\d{4}-\d\d-\d\d)\))$", text("CHANGELOG.md"), re.M
+    ).groups()
+    if state == "unreleased":
+        assert Version(version) >= Version(PROJECT["version"]), heading
+    else:
+        assert version == PROJECT["version"], heading
 
 
 def test_the_paper_for_a_journal_cites_what_the_documentation_cites():
