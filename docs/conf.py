@@ -31,7 +31,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "*_table.md", "gallery", "examples/*.ipynb"]
+exclude_patterns = ["_build", "*_table.md", "gallery", "examples/*.ipynb", "joss"]
 templates_path = ["_templates"]
 default_role = "code"
 nitpicky = False
