@@ -414,8 +414,8 @@ class TransformedGaussian(ChannelModel):
     sampling errors or of a law that cannot have the correlation, are set to 0;
     `model_autocorrelation` is what remains.
 
-    A transformed Gaussian series is symmetric in time, and fades and flashes of equal
-    probability last equally long. Focused light is neither: flashes are shorter.
+    In a transformed Gaussian series fades and flashes of equal probability last equally long.
+    Those of focused light do not: flashes are short, and fades last longer than in the model.
 
     References
     ----------
