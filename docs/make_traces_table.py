@@ -82,10 +82,9 @@ def main(argv: list[str]) -> None:
         "empirical law": fading.TransformedGaussian.fit(first, STEP, "empirical"),
     }
     mean = float(first.mean())
-    head = (
-        "| series | fades below 0.5 [s-1] | below 0.7 [s-1] | they last [s] | spread over mean | "
-    )
-    head += "correlation at 0.3 s | " + " | ".join(f"outage, {d:g} s" for d in DEPTHS) + " |"
+    head = "| series | fades below 0.5 [s-1] | below 0.7 [s-1] | they last [s] | "
+    head += "spread over mean | correlation at 0.3 s | "
+    head += " | ".join(f"outage, {d:g} s" for d in DEPTHS) + " |"
     rows = [head, "|---" * 10 + "|"]
     rows += [row("first half", first, mean, True), row("second half", second, mean, True)]
     rows += [row(name, model.sample(SAMPLES), mean, False) for name, model in models.items()]

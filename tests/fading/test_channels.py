@@ -12,9 +12,9 @@ from scipy import signal, stats
 
 import meshtrace as mt
 from meshtrace import fading
+from meshtrace.comms import OokLink
 from meshtrace.comms.budget import ber_of_gains
 from meshtrace.comms.capacity import hard_information
-from meshtrace.comms.ook import OokLink
 from meshtrace.fading.channels import _hermite_powers, _quantiles, _transformed
 from meshtrace.stored import load
 from meshtrace.surfaces import resolved_sea
