@@ -364,9 +364,9 @@ def _chain_errors(
     seen = np.flatnonzero(counts.ravel())
     block = min(block, pair.size)
     columns = ((pair == one).astype(np.float64) for one in seen)
-    share = np.zeros((m * m, _RESAMPLES))
-    share[seen] = block_means(columns, block, _RESAMPLES, seed)
-    share = share.reshape(m, m, -1)
+    pairs = np.zeros((m * m, _RESAMPLES))
+    pairs[seen] = block_means(columns, block, _RESAMPLES, seed)
+    share = pairs.reshape(m, m, -1)
     row = share.sum(axis=1, keepdims=True)
     # a replicate without a state says nothing about leaving it
     p = np.divide(share, row, out=np.full_like(share, np.nan), where=row > 0.0)

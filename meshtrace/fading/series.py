@@ -482,8 +482,8 @@ def fade_durations(
     step = checked_step(time, g.size)
     under = (g < level_of(g, threshold, relative_to)).astype(np.int8)
     falls, rises = np.flatnonzero(np.diff(under) > 0), np.flatnonzero(np.diff(under) < 0)
-    falls, rises = falls[: rises.size + 1], rises[rises > falls[0]] if falls.size else rises[:0]
-    return step * (rises - falls[: rises.size])
+    rises = rises[rises > falls[0]] if falls.size else falls
+    return np.asarray(step * (rises - falls[: rises.size]), dtype=np.float64)
 
 
 def _record(
