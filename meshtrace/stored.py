@@ -47,6 +47,8 @@ _HOMES = {
     "background": "meshtrace.results.background",
     "background-series": "meshtrace.results.background",
     "fading": "meshtrace.fading.statistics",
+    "markov-channel": "meshtrace.fading.channels",
+    "transformed-gaussian": "meshtrace.fading.channels",
     "performance": "meshtrace.studies.performance",
     "depth-sweep": "meshtrace.studies.performance",
     "convergence": "meshtrace.studies.convergence.study",

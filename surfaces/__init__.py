@@ -2,6 +2,8 @@
 
 from .bands import Band as Band
 from .foreign_mesh import from_trimesh as from_trimesh
+from .gauges import from_gauge as from_gauge
+from .gauges import gauge_spectrum as gauge_spectrum
 from .gram_charlier import GramCharlier as GramCharlier
 from .measured import MeasuredSea as MeasuredSea
 from .measured import from_wavespectra as from_wavespectra

@@ -1,3 +1,6 @@
+from .channels import ChannelModel as ChannelModel
+from .channels import MarkovChannel as MarkovChannel
+from .channels import TransformedGaussian as TransformedGaussian
 from .distribution import Distribution as Distribution
 from .distribution import Histogram as Histogram
 from .distribution import gain_cdf as gain_cdf
@@ -22,6 +25,7 @@ from .series import autocorrelation as autocorrelation
 from .series import block_length as block_length
 from .series import coherence_time as coherence_time
 from .series import effective_samples as effective_samples
+from .series import fade_durations as fade_durations
 from .series import level_crossing_rate as level_crossing_rate
 from .series import mean_fade_duration as mean_fade_duration
 from .spectral import gain_autocovariance as gain_autocovariance

@@ -178,18 +178,28 @@ def _politis_white(x: FloatArray) -> float:
     covariance = _autocovariance(x) * np.arange(n, 0, -1) / n
     if not covariance[0] > 0.0:
         return 1.0
-    run = max(5, math.ceil(math.sqrt(math.log10(n))))
-    last = min(n - 1, math.ceil(math.sqrt(n)) + run)
-    bound = 2.0 * math.sqrt(math.log10(n) / n) * covariance[0]
-    quiet = np.append(np.abs(covariance[1 : last + 1]) < bound, np.ones(run, dtype=bool))
-    window = int(np.argmax(np.lib.stride_tricks.sliding_window_view(quiet, run).all(axis=1)))
-    m = min(2 * max(window, 1), last)
-    k = np.arange(1, m + 1)
-    tapered = np.minimum(1.0, 2.0 * (1.0 - k / m)) * covariance[1 : m + 1]
+    taper = flat_top(covariance / covariance[0])[1:]
+    k = np.arange(1, taper.size + 1)
+    tapered = taper * covariance[1 : taper.size + 1]
     spectrum = covariance[0] + 2.0 * tapered.sum()
     if spectrum == 0.0:
         return float(n)
     return float((1.5 * (2.0 * np.sum(k * tapered) / spectrum) ** 2 * n) ** (1.0 / 3.0))
+
+
+def flat_top(rho: FloatArray) -> FloatArray:
+    """Return the flat-top taper (m + 1,) of Politis and White for lags 0, 1, ... of a correlation.
+
+    It is 1 up to the lag from which on the correlation is insignificant, and 0 at twice that lag.
+    """
+    n = rho.size
+    run = max(5, math.ceil(math.sqrt(math.log10(n))))
+    last = min(n - 1, math.ceil(math.sqrt(n)) + run)
+    bound = 2.0 * math.sqrt(math.log10(n) / n)
+    quiet = np.append(np.abs(rho[1 : last + 1]) < bound, np.ones(run, dtype=bool))
+    window = int(np.argmax(np.lib.stride_tricks.sliding_window_view(quiet, run).all(axis=1)))
+    m = min(2 * max(window, 1), last)
+    return np.minimum(1.0, 2.0 * (1.0 - np.arange(m + 1) / m))
 
 
 def _autocovariance(x: FloatArray) -> FloatArray:
@@ -264,17 +274,22 @@ def coherence_time(
     if math.isinf(crossing):
         return Estimate(math.inf, (rho.size - 1) * step, math.inf)
     lags = min(rho.size, 4 * math.ceil(crossing) + 2)
-    x = g / g.mean() - 1.0
     block = series_block(block, g)
-    means = block_means(_lagged_products(x, lags), block, resamples, seed)
-    covariance = means[1:] - means[0] ** 2
-    variance = covariance[0] - noise.mean() / g.mean() ** 2
-    covariance[0] = variance
     # A replicate without variance beside the noise never falls below 1/e.
-    rho = np.divide(covariance, variance, out=np.ones_like(covariance), where=variance > 0.0)
-    replicates = _first_crossing(rho)
+    replicates = _first_crossing(correlation_replicates(g, lags, block, resamples, seed, noise))
     found = block_interval(crossing, replicates, g.size / block, confidence)
     return Estimate(found.value * step, found.low * step, found.high * step)
+
+
+def correlation_replicates(
+    g: FloatArray, lags: int, block: int, resamples: int, seed: int, noise: FloatArray | float = 0.0
+) -> FloatArray:
+    """Return the autocorrelations (lags, resamples) of random moving blocks; 1 without variance."""
+    means = block_means(_lagged_products(g / g.mean() - 1.0, lags), block, resamples, seed)
+    covariance = means[1:] - means[0] ** 2
+    variance = covariance[0] - np.mean(noise) / g.mean() ** 2
+    covariance[0] = variance
+    return np.divide(covariance, variance, out=np.ones_like(covariance), where=variance > 0.0)
 
 
 def _lagged_products(x: FloatArray, lags: int) -> Iterator[FloatArray]:
@@ -434,6 +449,41 @@ def mean_fade_duration(
     low, falls = block_means((below, fall), min(block, fall.size), resamples, seed)
     durations = step * np.divide(low, falls, out=np.full_like(low, math.inf), where=falls > 0.0)
     return block_interval(value, durations, g.size / block, confidence)
+
+
+def fade_durations(
+    time: ArrayLike, gain: ArrayLike, threshold: float = 0.5, *, relative_to: Reference = "mean"
+) -> FloatArray:
+    """Return the duration of each whole fade below a threshold.
+
+    Parameters
+    ----------
+    time, gain, threshold, relative_to
+        As in `level_crossing_rate`.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        Durations [s], whole numbers of steps. Fades cut by an end of the record are left out,
+        which favours short ones in a record of few: compare records of one length, or see
+        `mean_fade_duration`.
+
+    Raises
+    ------
+    Refused
+        As `level_crossing_rate`.
+
+    Examples
+    --------
+    >>> fade_durations([0.0, 0.1, 0.2, 0.3, 0.4], [1.0, 0.3, 0.2, 1.0, 1.2], 0.5).round(3)
+    array([0.2])
+    """
+    g = checked_gain(gain)
+    step = checked_step(time, g.size)
+    under = (g < level_of(g, threshold, relative_to)).astype(np.int8)
+    falls, rises = np.flatnonzero(np.diff(under) > 0), np.flatnonzero(np.diff(under) < 0)
+    rises = rises[rises > falls[0]] if falls.size else falls
+    return np.asarray(step * (rises - falls[: rises.size]), dtype=np.float64)
 
 
 def _record(

@@ -93,7 +93,9 @@ def read_surface(
     from meshtrace.surfaces import FlatSea, Surface
     from meshtrace.surfaces.bands import paper_waves
 
-    if table.get("spectrum") == "measured" and "file" in table:
+    if table.get("spectrum") == "gauge" or (
+        table.get("spectrum") == "measured" and "file" in table
+    ):
         return _measured(table, wind_speed)
     if "part" in table:
         return _sum(table, wind_speed, folder, printed)
@@ -112,17 +114,20 @@ def read_surface(
 
 
 def _measured(table: Table, wind_speed: float) -> Any:
-    """Return the sea of a measured spectrum in a file, with the options of its reader."""
-    from meshtrace.surfaces import from_wavespectra
+    """Return the sea of a spectrum or of gauges in a file, with the options of its reader."""
+    from meshtrace.surfaces import from_gauge, from_wavespectra, gauge_spectrum
 
-    if not isinstance(table["file"], str):
-        raise Refused("file", table["file"], "a path")
+    gauge = table["spectrum"] == "gauge"
+    reader = from_gauge if gauge else from_wavespectra
+    if not isinstance(table.get("file"), str):
+        raise Refused("file", table.get("file", MISSING), "a path")
     own = {key: value for key, value in table.items() if key not in ("spectrum", "file")}
-    known = list(inspect.signature(from_wavespectra).parameters)[1:]
-    require_keys(own, [*known, "file", *_SEA_KEYS])
-    if {"tail", "mss"} & own.keys():
+    options = [reader, gauge_spectrum] if gauge else [reader]
+    known = dict.fromkeys(key for one in options for key in inspect.signature(one).parameters)
+    require_keys(own, [*(k for k in known if k not in ("source", "gauge")), "file", *_SEA_KEYS])
+    if {"tail", "mss", "spreading"} & own.keys():
         own.setdefault("wind_speed", wind_speed)
-    return from_wavespectra(table["file"], **own)
+    return reader(table["file"], **own)
 
 
 def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
@@ -157,7 +162,7 @@ def _named(word: Any) -> type[Family]:
     if isinstance(word, str) and ":" in word:
         raise Refused("spectrum", word, refused.allowed, refused.hint)
     seas = (kind for kind in Surface.registered if kind != "spectral")
-    words = list(dict.fromkeys([*seas, *_SEA_ALIASES, *Spectrum.registered]))
+    words = list(dict.fromkeys([*seas, "gauge", *_SEA_ALIASES, *Spectrum.registered]))
     raise Refused("spectrum", word, ", ".join(words), did_you_mean(word, words))
 
 

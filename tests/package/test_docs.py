@@ -12,6 +12,7 @@ import tomllib
 from pathlib import Path
 from typing import get_origin
 
+import numpy as np
 import pytest
 from typer import Context
 from typer.main import get_command
@@ -105,6 +106,8 @@ def test_link_files_load(page, tmp_path, monkeypatch):
     (tmp_path / "run").mkdir()
     (tmp_path / "buoy.csv").write_text(BUOY, encoding="utf-8")
     (tmp_path / "spectrum.csv").write_text("f [Hz],S\n0.1,0\n0.2,1\n0.3,0\n", encoding="utf-8")
+    t = np.arange(0.0, 100.0, 0.1)
+    np.savetxt(tmp_path / "gauge.csv", np.column_stack([t, np.cos(5.0 * t)]), delimiter=",")
     for i in range(2):
         (tmp_path / "run" / f"sea_{i}.vtp").touch()
     (tmp_path / "my_waves.py").write_text(own_classes(page), encoding="utf-8")

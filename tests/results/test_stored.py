@@ -100,6 +100,8 @@ def results():
         "impulse": mt.impulse_response(gain),
         "fading": series.fading(),
         "fading-moving": moving.fading(),
+        "markov-channel": mt.fading.MarkovChannel.fit(moving.gain, 0.1, 3),
+        "transformed-gaussian": mt.fading.TransformedGaussian.fit(moving.gain, 0.1),
         "performance": performance,
         "depth-sweep": mt.DepthSweep((0.0, 5.0), (performance, performance)),
         "convergence": study,

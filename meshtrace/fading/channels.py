@@ -1,0 +1,546 @@
+"""Models of a series of gains that generate others: Markov chains, transformed Gaussian series."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_array,
+    require_between,
+    require_seed,
+    require_whole,
+    require_word,
+)
+from meshtrace.fading.fits import fit_gamma_gamma, fit_lognormal
+from meshtrace.fading.gains import FloatArray, Reference, block_means, checked_gain, level_of
+from meshtrace.fading.series import (
+    autocorrelation,
+    block_length,
+    correlation_replicates,
+    effective_samples,
+    flat_top,
+)
+from meshtrace.stored import Stored, Variable
+
+_RESAMPLES = 199
+_MOST_STATES = 64
+_MOST_SAMPLES = 10**8
+# Below this number of transitions block bootstraps have too little to work on.
+_FEWEST_TRANSITIONS = 20
+# Scores at which the quantiles end: one sample in a million lies beyond.
+_SCORES = np.linspace(-4.9, 4.9, 981)
+_HERMITE = 60
+_NOTED = 0.1  # difference of autocorrelations
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ChannelModel(Stored):
+    """Base of the models of a series of gains: `fit`, `sample`, and the correlation of both.
+
+    Parameters
+    ----------
+    n : int
+        Number of gains of the series.
+    time_step : float
+        Time step of the series and of the samples [s].
+    mean, mean_stderr : float
+        Mean gain of the series [1].
+    scintillation_index, model_scintillation_index : float
+        Of the series and of the model [1].
+    lag : ndarray, shape (m,)
+        Lags [s] up to the end of the series' memory.
+    autocorrelation, autocorrelation_stderr, model_autocorrelation : ndarray, shape (m,)
+        Of the series, with the standard error of moving blocks, and of the model [1].
+    notes : tuple of str
+        Limitations of the model.
+    provenance : dict
+        Origin of the gains.
+    """
+
+    n: int
+    time_step: Annotated[float, Variable("")]
+    mean: Annotated[float, Variable("", name="gain_mean")]
+    mean_stderr: Annotated[float, Variable("", name="gain_mean_stderr")]
+    scintillation_index: Annotated[float, Variable("")]
+    model_scintillation_index: Annotated[float, Variable("")]
+    lag: Annotated[FloatArray, Variable("lag")]
+    autocorrelation: Annotated[FloatArray, Variable("lag")]
+    autocorrelation_stderr: Annotated[FloatArray, Variable("lag")]
+    model_autocorrelation: Annotated[FloatArray, Variable("lag")]
+    notes: tuple[str, ...] = ()
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    _attributes: ClassVar[tuple[str, ...]] = ("n", "notes")
+
+    def sample(self, n: int, seed: int = 1) -> FloatArray:
+        """Return gains of the model.
+
+        Parameters
+        ----------
+        n : int
+            Number of gains.
+        seed : int, optional
+            Seed of the random numbers.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Gains [1] at steps of `time_step`.
+        """
+        require_whole(n, 1, _MOST_SAMPLES, "n")
+        require_seed(seed)
+        return self._drawn(n, np.random.default_rng(seed))
+
+    @abstractmethod
+    def _drawn(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """Return n gains."""
+
+    def summary(self) -> str:
+        """Return the numbers with their standard errors and units as text for a terminal."""
+        return "\n".join([super().summary(), *(f"  note: {note}" for note in self.notes)])
+
+
+def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[FloatArray, dict[str, Any]]:
+    """Return the gains, and the fields of a model that describe them."""
+    g = checked_gain(gain)
+    step = require_between(dt, 0.0, math.inf, "dt", allowed="a time step > 0 s")
+    require_seed(seed)
+    if np.ptp(g) == 0.0:
+        raise Refused("gain", Described("all equal"), "gains that vary")
+    rho = autocorrelation(g, max_lag=g.size - 1)
+    lags = flat_top(rho).size
+    replicates = correlation_replicates(g, lags, block_length(g), _RESAMPLES, seed)
+    return g, {
+        "n": g.size,
+        "time_step": step,
+        "mean": float(g.mean()),
+        "mean_stderr": float(g.std(ddof=1)) / math.sqrt(effective_samples(g)),
+        "scintillation_index": float(g.var(ddof=1) / g.mean() ** 2),
+        "lag": step * np.arange(lags),
+        "autocorrelation": rho[:lags],
+        "autocorrelation_stderr": replicates.std(axis=1, ddof=1),
+    }
+
+
+def _memory_note(found: dict[str, Any], model: FloatArray, cause: str) -> list[str]:
+    """Return a note if the autocorrelation of a model differs from that of the series."""
+    off = model - found["autocorrelation"]
+    at = int(np.argmax(np.abs(off)))
+    if abs(off[at]) < max(_NOTED, 3.0 * found["autocorrelation_stderr"][at]):
+        return []
+    return [
+        f"the autocorrelation is {model[at]:.2f} at {found['lag'][at]:.3g} s, that of the series "
+        f"{found['autocorrelation'][at]:.2f}: {cause}"
+    ]
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class MarkovChannel(ChannelModel):
+    r"""Finite-state Markov channel: states between thresholds, one gain in each.
+
+    .. math:: P_{ij} = n_{ij} / n_i, \quad \pi P = \pi, \quad
+              N(h_k) = \frac{1}{\Delta t} \sum_{i > k \ge j} \pi_i P_{ij}
+
+    Of one threshold it is the Gilbert-Elliott channel, with a bad state 0 and a good state 1.
+
+    Parameters
+    ----------
+    threshold : ndarray, shape (m - 1,)
+        Gains between the states [1], increasing.
+    state_gain : ndarray, shape (m,)
+        Mean gain in each state [1].
+    steady_state, steady_state_stderr : ndarray, shape (m,)
+        Probability of each state [1].
+    transition, transition_stderr : ndarray, shape (m, m)
+        Probability of the next state, one step on [1].
+    n, time_step, mean, mean_stderr, scintillation_index, model_scintillation_index, lag
+        As in `ChannelModel`.
+    autocorrelation, autocorrelation_stderr, model_autocorrelation, notes, provenance
+        As in `ChannelModel`.
+
+    Notes
+    -----
+    The transitions are those of maximum likelihood. Standard errors are those of moving blocks,
+    which hold for a series that is no Markov chain, too; below 20 transitions binomial ones. Wang
+    and Moayeri approximate the same probabilities by crossing rates, N(h_k) dt / pi_k to
+    neighbouring states only; here the crossing rates are those of the series, and jumps over a
+    state are kept.
+
+    A chain of first order forgets how long it has been in a state: with one threshold durations
+    are geometric. Waves oscillate: the correlation of their gains turns negative, which no chain
+    of levels alone has. `notes` states the largest difference of the correlations.
+
+    References
+    ----------
+    Gilbert, E. N. (1960), doi:10.1002/j.1538-7305.1960.tb03959.x. Elliott, E. O. (1963),
+    doi:10.1002/j.1538-7305.1963.tb00955.x. Wang, H. S. and Moayeri, N. (1995), IEEE Trans. Veh.
+    Technol. 44, 163, doi:10.1109/25.350282.
+
+    Examples
+    --------
+    >>> g = [1.0, 1.0, 1.0, 0.2, 0.2, 1.0, 1.0, 0.2, 1.0, 1.0]
+    >>> MarkovChannel.fit(g, 0.1).transition.round(3)
+    array([[0.333, 0.667],
+           [0.333, 0.667]])
+    """
+
+    threshold: Annotated[FloatArray, Variable("threshold")]
+    state_gain: Annotated[FloatArray, Variable("state")]
+    steady_state: Annotated[FloatArray, Variable("state")]
+    steady_state_stderr: Annotated[FloatArray, Variable("state")]
+    transition: Annotated[FloatArray, Variable("state next_state")]
+    transition_stderr: Annotated[FloatArray, Variable("state next_state")]
+
+    kind: ClassVar[str] = "markov-channel"
+    title: ClassVar[str] = "meshtrace Markov channel"
+
+    @classmethod
+    def fit(
+        cls,
+        gain: ArrayLike,
+        dt: float,
+        thresholds: Sequence[float] | int = (0.5,),
+        *,
+        relative_to: Reference = "mean",
+        seed: int = 1,
+    ) -> Self:
+        """Return the chain of a series of gains.
+
+        Parameters
+        ----------
+        gain : array_like, shape (n,)
+            Channel gains [1] at equal time steps.
+        dt : float
+            Time step [s].
+        thresholds : sequence of float, or int, optional
+            Thresholds [1], multiples of the reference; or a number of states, equally probable in
+            the series.
+        relative_to : {"mean", "median", "absolute"}, optional
+            Reference of the thresholds.
+        seed : int, optional
+            Seed of the resampling that gives the standard errors.
+
+        Raises
+        ------
+        Refused
+            If a value is out of range, or a state is never left.
+        """
+        g, found = _series(gain, dt, seed)
+        if isinstance(thresholds, int):
+            require_whole(thresholds, 2, _MOST_STATES, "thresholds")
+            levels = np.quantile(g, np.arange(1, thresholds) / thresholds)
+        else:
+            given = require_array(thresholds, "thresholds", "increasing numbers > 0").ravel()
+            levels = np.array([level_of(g, h, relative_to) for h in given])
+        if not (0 < levels.size < _MOST_STATES and (np.diff(levels) > 0.0).all()):
+            allowed = f"1 to {_MOST_STATES - 1} increasing thresholds, or a number of states"
+            raise Refused("thresholds", thresholds, allowed)
+        states, m = np.searchsorted(levels, g, side="right"), levels.size + 1
+        counts = _counts(states, m)
+        if not counts.sum(axis=1).all():
+            lost = int(np.argmin(counts.sum(axis=1)))
+            allowed = "thresholds between which the gain enters each state and leaves it"
+            raise Refused("thresholds", Described(f"state {lost} is never left"), allowed)
+        transition = counts / counts.sum(axis=1, keepdims=True)
+        steady = _steady(transition)
+        level = np.bincount(states, g, m) / np.bincount(states, minlength=m)
+        mean = float(steady @ level)
+        variance = float(steady @ (level - mean) ** 2)
+        kept = list(_powers(transition, level - mean, found["lag"].size))
+        rho = np.array([(steady * (level - mean)) @ row for row in kept]) / variance
+        errors = _chain_errors(states, counts, block_length(g), seed)
+        return cls(
+            **found,
+            threshold=levels,
+            state_gain=level,
+            steady_state=steady,
+            steady_state_stderr=errors[0],
+            transition=transition,
+            transition_stderr=errors[1],
+            model_scintillation_index=variance / mean**2,
+            model_autocorrelation=rho,
+            notes=tuple(_memory_note(found, rho, "a chain has no memory of the waves' phase")),
+        )
+
+    @property
+    def level_crossing_rate(self) -> FloatArray:
+        """Downward crossings of each threshold per second [s-1], shape (m - 1,)."""
+        flux = self.steady_state[:, None] * self.transition / self.time_step
+        return np.array([flux[k:, :k].sum() for k in range(1, self.state_gain.size)])
+
+    @property
+    def mean_fade_duration(self) -> FloatArray:
+        """Mean time below each threshold [s], shape (m - 1,)."""
+        return np.cumsum(self.steady_state)[:-1] / self.level_crossing_rate
+
+    def states(self, gain: ArrayLike) -> NDArray[np.int64]:
+        """Return the state of each gain, 0 below the first threshold.
+
+        Mean values by state are `numpy.bincount(states, values) / numpy.bincount(states)`: the
+        error rate of a state is that of `values = comms.budget.ber_of_gains(link, gain)`.
+        """
+        return np.searchsorted(self.threshold, checked_gain(gain), side="right")
+
+    def _drawn(self, n: int, rng: np.random.Generator) -> FloatArray:
+        first = int(rng.choice(self.steady_state.size, p=self.steady_state))
+        uniform = rng.random(n)
+        cumulative = np.cumsum(self.transition, axis=1)
+        cumulative[:, -1] = 1.0
+        # the next state of each state at each step, as bytes that Python indexes fast
+        following = [
+            np.searchsorted(row, uniform, side="right").astype(np.uint8).tobytes()
+            for row in cumulative
+        ]
+        visited = bytearray(n)
+        state = first
+        for t in range(n):
+            visited[t] = state
+            state = following[state][t]
+        gains: FloatArray = self.state_gain[np.frombuffer(visited, np.uint8)]
+        return gains
+
+    def _headline(self) -> str:
+        return f"Markov channel of {self.state_gain.size} states from {self.n} gains"
+
+    def summary(self) -> str:
+        """Return the numbers with their standard errors and units as text for a terminal."""
+        head, *rest = super().summary().split("\n")
+        rows = zip(
+            self.state_gain, self.steady_state, self.steady_state_stderr,
+            1.0 - self.transition.diagonal(), self.transition_stderr.diagonal(), strict=True,
+        )  # fmt: skip
+        lines = [
+            f"  state {i}: gain {gain:.4g}, probability {share:.4g} +- {share_error:.1g}, "
+            f"left per step {left:.4g} +- {left_error:.1g}"
+            for i, (gain, share, share_error, left, left_error) in enumerate(rows)
+        ]
+        crossings = [
+            f"  gain < {h:.4g}: {rate:.4g} crossings per s, mean fade {fade:.4g} s"
+            for h, rate, fade in zip(
+                self.threshold, self.level_crossing_rate, self.mean_fade_duration, strict=True
+            )
+        ]
+        return "\n".join([head, *lines, *crossings, *rest])
+
+
+def _counts(states: NDArray[np.int64], m: int) -> FloatArray:
+    """Return the numbers of transitions from each state (rows) to each other."""
+    flat = np.bincount(states[:-1] * m + states[1:], minlength=m * m)
+    return flat.reshape(m, m).astype(np.float64)
+
+
+def _steady(transition: FloatArray) -> FloatArray:
+    """Return the probabilities that a chain keeps."""
+    m = len(transition)
+    balance = np.vstack([transition.T - np.eye(m), np.ones(m)])
+    found = np.linalg.lstsq(balance, np.append(np.zeros(m), 1.0))[0]
+    found = np.maximum(found, 0.0)
+    steady: FloatArray = found / found.sum()
+    return steady
+
+
+def _powers(transition: FloatArray, values: FloatArray, n: int) -> Iterator[FloatArray]:
+    """Yield the expected values 0, 1, ... n - 1 steps after each state."""
+    for _ in range(n):
+        yield values
+        values = transition @ values
+
+
+def _chain_errors(
+    states: NDArray[np.int64], counts: FloatArray, block: int, seed: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the standard errors of the probabilities of states and of transitions."""
+    m = len(counts)
+    pair = states[:-1] * m + states[1:]
+    seen = np.flatnonzero(counts.ravel())
+    block = min(block, pair.size)
+    columns = ((pair == one).astype(np.float64) for one in seen)
+    pairs = np.zeros((m * m, _RESAMPLES))
+    pairs[seen] = block_means(columns, block, _RESAMPLES, seed)
+    share = pairs.reshape(m, m, -1)
+    row = share.sum(axis=1, keepdims=True)
+    # a replicate without a state says nothing about leaving it
+    p = np.divide(share, row, out=np.full_like(share, np.nan), where=row > 0.0)
+    blocks = max(pair.size / block, 2.0)
+    stretch = math.sqrt(blocks / (blocks - 1.0))
+    left = counts.sum(axis=1, keepdims=True)
+    rare = (counts + 0.5) / (left + 1.0)
+    binomial = np.sqrt(rare * (1.0 - rare) / left)
+    often = np.minimum(counts, left - counts) >= _FEWEST_TRANSITIONS
+    errors = np.where(often, stretch * np.nanstd(p, axis=-1), binomial)
+    return stretch * row[:, 0].std(axis=-1), errors
+
+
+GeneratedLaw = Literal["gamma-gamma", "lognormal", "empirical"]
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class TransformedGaussian(ChannelModel):
+    r"""Generator of gains: a Gaussian series of a certain correlation, transformed to a law.
+
+    .. math:: g_t = F^{-1}(\Phi(z_t)), \quad
+              \rho_g(\tau) = \sum_{k \ge 1} c_k^2 \rho_z(\tau)^k / \sum_{k \ge 1} c_k^2, \quad
+              c_k = \mathrm{E}[F^{-1}(\Phi(z)) He_k(z)] / \sqrt{k!}
+
+    Parameters
+    ----------
+    law : {"gamma-gamma", "lognormal", "empirical"}
+        Law F of the gains.
+    score : ndarray, shape (q,)
+        Standard normal scores.
+    gain_quantile : ndarray, shape (q,)
+        Gains at these scores [1].
+    gaussian_autocorrelation : ndarray, shape (m,)
+        Autocorrelation rho_z of the Gaussian series at the lags [1].
+    n, time_step, mean, mean_stderr, scintillation_index, model_scintillation_index, lag
+        As in `ChannelModel`.
+    autocorrelation, autocorrelation_stderr, model_autocorrelation, notes, provenance
+        As in `ChannelModel`.
+
+    Notes
+    -----
+    The sum is Mehler's; it grows with rho_z, as g does with z (Price's theorem), so that each lag
+    has one solution. The correlation of the series is kept up to the lag where it becomes
+    insignificant and tapered to 0 at twice that lag. Negative values of the spectrum of rho_z, of
+    sampling errors or of a law that cannot have the correlation, are set to 0;
+    `model_autocorrelation` is what remains.
+
+    In a transformed Gaussian series fades and flashes of equal probability last equally long.
+    Those of focused light do not: flashes are short, and fades last longer than in the model.
+
+    References
+    ----------
+    Grigoriu, M. (1998), Simulation of stationary non-Gaussian translation processes,
+    doi:10.1061/(ASCE)0733-9399(1998)124:2(121). Price, R. (1958), doi:10.1109/TIT.1958.1057444.
+    Dietrich, C. R. and Newsam, G. N. (1997), doi:10.1137/S1064827592240555.
+
+    Examples
+    --------
+    >>> g = np.exp(0.3 * np.convolve(np.random.default_rng(1).normal(size=4000), np.ones(9) / 3.0))
+    >>> model = TransformedGaussian.fit(g, 0.01, "lognormal")
+    >>> round(model.model_scintillation_index, 2), model.sample(3, seed=1).shape
+    (0.09, (3,))
+    """
+
+    law: GeneratedLaw
+    score: Annotated[FloatArray, Variable("score")]
+    gain_quantile: Annotated[FloatArray, Variable("score")]
+    gaussian_autocorrelation: Annotated[FloatArray, Variable("lag")]
+
+    kind: ClassVar[str] = "transformed-gaussian"
+    title: ClassVar[str] = "meshtrace transformed Gaussian series"
+    _attributes: ClassVar[tuple[str, ...]] = ("n", "notes", "law")
+
+    @classmethod
+    def fit(
+        cls, gain: ArrayLike, dt: float, law: GeneratedLaw = "gamma-gamma", *, seed: int = 1
+    ) -> Self:
+        """Return the generator of a series of gains.
+
+        Parameters
+        ----------
+        gain : array_like, shape (n,)
+            Channel gains [1] at equal time steps.
+        dt : float
+            Time step [s].
+        law : {"gamma-gamma", "lognormal", "empirical"}, optional
+            Fitted law, or the gains themselves, whose extremes no sample exceeds.
+        seed : int, optional
+            Seed of the resampling that gives the standard errors.
+
+        Raises
+        ------
+        Refused
+            If a value is out of range, or a law cannot be fitted.
+        """
+        g, found = _series(gain, dt, seed)
+        require_word(law, ("gamma-gamma", "lognormal", "empirical"), "law")
+        quantile = _quantiles(g, law)
+        power = _hermite_powers(quantile)
+        mean = float(_WEIGHTS @ quantile)
+        grid = np.linspace(-1.0, 1.0, 2001)
+        taper = flat_top(autocorrelation(g, max_lag=g.size - 1))
+        wanted = taper * found["autocorrelation"]
+        gaussian = np.interp(wanted, _transformed(grid, power), grid)
+        size = 8 * gaussian.size
+        kept = np.fft.irfft(_spectrum(gaussian, size), size)[: gaussian.size]
+        rho = _transformed(kept, power)
+        cause = "no transformed Gaussian series of this law has the correlation"
+        return cls(
+            **found,
+            law=law,
+            score=_SCORES,
+            gain_quantile=quantile,
+            gaussian_autocorrelation=gaussian,
+            model_scintillation_index=float(_WEIGHTS @ (quantile - mean) ** 2) / mean**2,
+            model_autocorrelation=rho,
+            notes=tuple(_memory_note(found, rho, cause)),
+        )
+
+    def _drawn(self, n: int, rng: np.random.Generator) -> FloatArray:
+        from scipy import fft
+
+        size = fft.next_fast_len(n + self.gaussian_autocorrelation.size, real=True)
+        white = fft.rfft(rng.standard_normal(size))
+        white *= np.sqrt(_spectrum(self.gaussian_autocorrelation, size))
+        return np.interp(fft.irfft(white, size)[:n], self.score, self.gain_quantile)
+
+    def _headline(self) -> str:
+        return f"Gaussian series of {self.n} gains, transformed to a law: {self.law}"
+
+
+_WEIGHTS = np.exp(-0.5 * _SCORES**2)
+_WEIGHTS /= _WEIGHTS.sum()
+
+
+def _quantiles(g: FloatArray, law: GeneratedLaw) -> FloatArray:
+    """Return the gains of a law at the scores."""
+    from scipy import special
+
+    if law == "lognormal":
+        p = fit_lognormal(g).parameters
+        return np.exp(p["mu"] + p["sigma"] * _SCORES)
+    if law == "empirical":
+        below = (np.arange(g.size) + 0.5) / g.size
+        return np.interp(_SCORES, special.ndtri(below), np.sort(g))
+    fitted = fit_gamma_gamma(g, n_effective=effective_samples(g))
+    log_h = np.linspace(-16.0, 6.0, 8192)
+    below = fitted.law.cdf(fitted.parameters["mean"] * np.exp(log_h))
+    inside = (below > 1e-8) & (below < 1.0 - 1e-8) & (np.diff(below, prepend=-1.0) > 0.0)
+    log_quantile = np.interp(_SCORES, special.ndtri(below[inside]), log_h[inside])
+    return fitted.parameters["mean"] * np.exp(log_quantile)
+
+
+def _hermite_powers(quantile: FloatArray) -> FloatArray:
+    """Return c_k^2 over their sum, k = 1, 2, ..., of a function of the scores."""
+    last, now = np.zeros_like(_SCORES), np.ones_like(_SCORES)
+    power = []
+    for k in range(_HERMITE):
+        last, now = now, (_SCORES * now - math.sqrt(k) * last) / math.sqrt(k + 1.0)
+        power.append(float(_WEIGHTS @ (quantile * now)) ** 2)
+    return np.array(power) / math.fsum(power)
+
+
+def _transformed(rho: FloatArray, power: FloatArray) -> FloatArray:
+    """Return the correlation of the transformed series for one of the Gaussian series."""
+    return rho * np.polynomial.polynomial.polyval(rho, power)
+
+
+def _spectrum(rho: FloatArray, size: int) -> FloatArray:
+    """Return the spectrum of a period of a correlation, without negative values and of mean 1."""
+    period = np.zeros(size)
+    period[: rho.size] = rho
+    period[-rho.size + 1 :] = rho[:0:-1]
+    found = np.maximum(np.fft.rfft(period).real, 0.0)
+    twice = 2.0 * found.sum() - found[0] - (found[-1] if size % 2 == 0 else 0.0)
+    spectrum: FloatArray = found * (size / twice)
+    return spectrum
