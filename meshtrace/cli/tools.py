@@ -227,7 +227,7 @@ def validate(
     suite : NAME
         Suite: closed-forms, or measured, published measurements (some minutes).
     case : NAME
-        Run one reference case instead of the suite: w2a1.
+        Run one reference case instead of the suite: w2a1; or one experiment of the suite measured.
     output : FILE
         Write the table of measurements, as netCDF or, with the ending .csv, as text.
     json_
@@ -235,9 +235,7 @@ def validate(
     """
     require_word(suite, ("closed-forms", "measured"), "--suite")
     if suite == "measured":
-        if case is not None:
-            raise Refused("--case", case, "none beside --suite measured")
-        _measured(quick, output, json_)
+        _measured(quick, case, output, json_)
         return
     if output is not None:
         raise Refused("--output", str(output), "only with --suite measured")
@@ -273,14 +271,16 @@ def validate(
         raise typer.Exit(1)
 
 
-def _measured(quick: bool, output: Path | None, json_: bool) -> None:
+def _measured(quick: bool, case: str | None, output: Path | None, json_: bool) -> None:
     """Compare published measurements with computed values."""
     from meshtrace.validation import measured
 
     check_output(output)
-    with progress(
-        len(measured.experiments()), json_, "comparing", "forced", "analog"
-    ) as (say, advance):  # fmt: skip
+    names = list(measured.experiments())
+    if case is not None:
+        require_word(case, names, "--case")
+        names = [case]
+    with progress(len(names), json_, "comparing", "analog") as (say, advance):
         done = count()
 
         def step(name: str) -> None:
@@ -288,7 +288,7 @@ def _measured(quick: bool, output: Path | None, json_: bool) -> None:
                 advance(1)
             say(name)
 
-        table = measured.run(quick=quick, progress=step)
+        table = measured.run(names, quick=quick, progress=step)
     if json_:
         rows = [dict(zip(measured.HEADINGS, row, strict=True)) for row in table.rows()]
         typer.echo(json.dumps({"rows": rows}))

@@ -22,7 +22,9 @@ _SKIES = {"isotropic": UniformSky, "cardioidal": CardioidalSky}
 
 
 @cache
-def reflected(light: str, altitude_deg: float, wind_speed: float, photons: int) -> tuple[float, float]:
+def reflected(
+    light: str, altitude_deg: float, wind_speed: float, photons: int
+) -> tuple[float, float]:
     """Return the share of the irradiance that the surface reflects, with its standard error.
 
     `light` is "sun", or a sky; what it does not reflect a black floor takes in water that neither
@@ -64,7 +66,7 @@ def sea_albedo(
     sky: str,
     water_light: float,
 ) -> tuple[list[float], list[float]]:
-    """Return the albedo under a clear sky, A = p A_sun + (1 - p) A_sky + A_w, or an overcast one."""
+    """Return the albedo, p A_sun + (1 - p) A_sky + A_w, with p = 0 under an overcast sky."""
     each = max(int(_PHOTONS * photons), 1024)
     diffuse, diffuse_error = reflected(sky, 0.0, wind_speed, each)
     values, errors = [], []

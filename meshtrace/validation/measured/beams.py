@@ -45,7 +45,9 @@ def phase_of(name: str) -> PhaseFunction:
     return on_line(brentq(lambda mu: on_line(mu).backscatter_fraction - wanted, 3.05, 4.9))
 
 
-def through_spheres(paths: Recorder, center: Floats, axis: Floats, radii: Floats, a: float) -> Floats:
+def through_spheres(
+    paths: Recorder, center: Floats, axis: Floats, radii: Floats, a: float
+) -> Floats:
     """Return the light that leaves spheres about the source, per photon.
 
     Returns
@@ -78,7 +80,12 @@ def through_spheres(paths: Recorder, center: Floats, axis: Floats, radii: Floats
 
 @cache
 def laser_light(
-    phase: str, a: float, divergence_mrad: float, surface: str, lengths: tuple[float, ...], chunks: int
+    phase: str,
+    a: float,
+    divergence_mrad: float,
+    surface: str,
+    lengths: tuple[float, ...],
+    chunks: int,
 ) -> Floats:
     """Return `through_spheres` of each chunk for a horizontal laser, at attenuation lengths."""
     depth = _DEPTH if surface == "flat" else 1000.0
@@ -124,8 +131,8 @@ def laser_shares(
     return [share for share, _ in pairs], [error for _, error in pairs]
 
 
-_HEIGHT, _FIELD, _RING = 300.0, 80.0, 0.5  # [m], [deg]: map of the light in the air
-_LAMP, _MAP_PHOTONS, _LAMP_SEAS = 2.4, 2**19, 4  # [m-1]
+_HEIGHT, _LAMP = 300.0, 2.4  # [m], of the map of the light in the air; [m-1]
+_LAMP_PHOTONS, _LAMP_SEAS = 2**15, 4
 
 
 @cache
@@ -146,29 +153,38 @@ def pattern_in_air(
         assert run.map is not None
         radius = np.hypot(*np.meshgrid(run.map.x, run.map.y, indexing="ij"))
         angle = np.degrees(np.arctan(radius / _HEIGHT))
-        # I = E d^2 / cos: d = height / cos
-        intensity = run.map.irradiance / np.cos(np.radians(angle)) ** 3
-        widths.append(half_width(angle.ravel(), intensity.ravel()))
+        widths.append(half_width(angle.ravel(), run.map.irradiance.ravel()))
     return float(np.mean(widths)), float(np.std(widths, ddof=1) / math.sqrt(len(widths)))
 
 
-def half_width(angle: Floats, intensity: Floats) -> float:
-    """Return the angle at which the mean over rings is half of that of the innermost one."""
-    edges = np.concatenate([[0.0], np.geomspace(1.0, 58.0, 36)])
-    count = np.histogram(angle, edges)[0]
-    profile = np.histogram(angle, edges, weights=intensity)[0] / np.maximum(count, 1)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    below = int(np.argmax(profile < 0.5 * profile[0]))
-    if below == 0:
-        return float(edges[-1])
-    return float(np.interp(-0.5 * profile[0], -profile[below - 1 : below + 1], middle[below - 1 : below + 1]))
+def half_width(angle: Floats, power: Floats) -> float:
+    """Return the half width at half maximum of the intensity of light in the cells of a map [deg].
+
+    Means over rings of an eighth of the angle that holds half of the power; the maximum is the
+    mean of the inner two.
+    """
+    order = np.argsort(angle)
+    sums = np.cumsum(power[order])
+    median = angle[order][np.searchsorted(sums, 0.5 * sums[-1])]
+    edges = np.linspace(0.0, 4.0 * median, 33)
+    light = np.histogram(angle, edges, weights=power)[0]
+    profile = light / -np.diff(np.cos(np.radians(edges)))
+    half, middle = 0.5 * profile[:2].mean(), 0.5 * (edges[1:] + edges[:-1])
+    last = max(int(np.argmax(profile < half)), 1)
+    pair = slice(last - 1, last + 1)
+    return float(np.interp(-half, -profile[pair], middle[pair]))
 
 
 def lamp_widths(
-    rows: Sequence[Row], photons: float, albedo: float, phase: str, wind_speed: float, half_angle: float
+    rows: Sequence[Row],
+    photons: float,
+    albedo: float,
+    phase: str,
+    wind_speed: float,
+    half_angle: float,
 ) -> tuple[list[float], list[float]]:
     """Return the widths of the light pattern in the air at depths of `at` attenuation lengths."""
-    n = max(int(_MAP_PHOTONS * photons), 2**14)
+    n = max(int(_LAMP_PHOTONS * photons), 2**14)
     of = partial(pattern_in_air, albedo=albedo, phase=phase, wind=wind_speed, half_angle=half_angle)
     pairs = [of(row.at, photons=n) for row in rows]
     return [width for width, _ in pairs], [error for _, error in pairs]

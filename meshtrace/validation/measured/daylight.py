@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from meshtrace.engine.simulate import simulate
-from meshtrace.link import CardioidalSky, IrradiancePlanes, Link, Sun, UniformSky
+from meshtrace.link import IrradiancePlanes, Link, Sun, UniformSky
 from meshtrace.optics.water import Water, coefficients
 from meshtrace.results.tallies import Planes
 from meshtrace.surfaces import FlatSea
@@ -30,14 +30,12 @@ def light_below(
     depths: tuple[float, ...],
     photons: int,
     cosines: int = 0,
-    n: float = 1.34,
 ) -> Planes:
-    """Return the light at depths in deep water under the sun, or a sky (zenith angle < 0)."""
-    water = Water(a=a, b=b, n=n, phase=phase_of(phase), bottom_depth=depths[-1] + 2.0 / (a + b))
-    sky = UniformSky() if zenith_deg > -1.5 else CardioidalSky()
+    """Return the light at depths in deep water under sun or uniform sky (zenith angle < 0)."""
+    water = Water(a=a, b=b, n=1.34, phase=phase_of(phase), bottom_depth=depths[-1] + 2.0 / (a + b))
     link = Link(
         water=water,
-        transmitter=Sun(zenith_deg=zenith_deg) if zenith_deg >= 0.0 else sky,
+        transmitter=Sun(zenith_deg=zenith_deg) if zenith_deg >= 0.0 else UniformSky(),
         planes=IrradiancePlanes(depths=depths, n_cosines=cosines),
     )
     # still water, cut where the sideways walk of the light has no effect
@@ -76,7 +74,11 @@ def broadband(
     table = np.loadtxt(DATA / "paulson-simpson" / "spectrum.csv", delimiter=",", skiprows=1)
     nm, light = table.T
     light = light * (nm if weight == "photons" else 1.0)
-    depths, total, variance = tuple(row.at for row in rows), np.zeros(len(rows)), np.zeros(len(rows))
+    depths, total, variance = (
+        tuple(row.at for row in rows),
+        np.zeros(len(rows)),
+        np.zeros(len(rows)),
+    )
     for one, share in zip(nm, light / light.sum(), strict=True):
         if one > 700.0:
             continue
@@ -96,21 +98,20 @@ def clear_sea_radiance(
     its mean; "cosine": standard deviation of E_d / E_od over depths of 5 to 40 m, over its mean;
     "q": range of E_u / L_u(nadir) over the depths, over its least value.
     """
-    n, bins = 1.34, 16
     depths = (_TOP, 5.0, 10.0, 20.0, 40.0)
     shots = int(_RADIANCE_PHOTONS * photons)
-    found = light_below(a, b, phase, zenith_deg, depths, shots, bins, n)
+    found = light_below(a, b, phase, zenith_deg, depths, shots, cosines=32)
     assert found.radiance is not None
     assert found.radiance_stderr is not None
     up, error = found.radiance[:, :, 0], found.radiance_stderr[:, :, 0]
-    # the first two bins, cosines above 1 - 2 / 8, hold 41 deg in the water: 29 deg is 40 in the air
-    at_top, noise = up[0, :1 + bins // 16], error[0, : 1 + bins // 16]
+    # two bins of 1 / 16 from the nadir on end at 29 deg in the water, 40 deg in the air
+    at_top, noise = up[0, :2], error[0, :2]
     spread = 0.5 * np.ptp(at_top) / at_top.mean()
     cosine = found.e_d[1:] / found.e_od[1:]
     q = found.e_u / up[:, 0]
     q_error = float((error[:, 0] / up[:, 0]).max())
     values = {
-        "radiance": (spread, float(np.hypot(*noise[:2]) / 2.0 / at_top.mean())),
+        "radiance": (spread, float(np.hypot(*noise) / 2.0 / at_top.mean())),
         "cosine": (float(cosine.std(ddof=1) / cosine.mean()), 0.0),
         "q": (float(np.ptp(q) / q.min()), q_error),
     }

@@ -17,7 +17,7 @@ from scipy.stats import gamma, lognorm
 from meshtrace.fading import scintillation_of_spectrum
 from meshtrace.link import AirLed, Link, WaterReceiver
 from meshtrace.models import Floats
-from meshtrace.optics.water import Water, coefficients
+from meshtrace.optics.water import Water
 from meshtrace.surfaces import Jonswap, SpectralSea, resolved_sea
 from meshtrace.surfaces.spectra import sea_state
 from meshtrace.surfaces.waves import angular_frequency
@@ -88,25 +88,24 @@ def windiest(
 
 def peak_of(x: Floats, y: Floats) -> float:
     """Return the place of the maximum of a curve, by a parabola in ln x through the top three."""
-    i = int(np.clip(y.argmax(), 1, len(x) - 2))
-    a, b, _ = np.polyfit(np.log(x[i - 1 : i + 2]), y[i - 1 : i + 2], 2)
-    inside = a < 0.0 and x[i - 1] <= math.exp(-0.5 * b / a) <= x[i + 1]
-    return math.exp(-0.5 * b / a) if inside else float(x[y.argmax()])
+    i, log = int(np.clip(y.argmax(), 1, len(x) - 2)), np.log(x)
+    a, b, _ = np.polyfit(log[i - 1 : i + 2], y[i - 1 : i + 2], 2)
+    top = -0.5 * b / a if a < 0.0 else math.inf
+    return math.exp(top) if log[i - 1] <= top <= log[i + 1] else float(x[y.argmax()])
 
 
-_DEPTHS = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0, 25.0)
+_DEPTHS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0, 25.0)
 
 
 @cache
 def variation(
-    wind_speed: float, fetch: float, collector: float, type: str, forward_deg: float,
+    wind_speed: float, fetch: float, collector: float, a: float, b: float, forward_deg: float,
     diffuse: float, photons: int,
 ) -> Floats:  # fmt: skip
     """Return CV of E_d at the depths: that of focused light times its share of E_d.
 
     Light that is scattered by less than `forward_deg` still counts as focused.
     """
-    a, b = map(float, coefficients(f"jerlov-{type}", 490.0))
     light = light_below(a, b, "average", 30.0, (0.01, *_DEPTHS), photons)
     depth = np.array(_DEPTHS)
     lost = a + b * (1.0 - float(phase_of("average").cdf(math.radians(forward_deg))))
@@ -118,12 +117,12 @@ def variation(
 
 def depth_law(
     rows: Sequence[Row], photons: float, wind_speed: float, fetch: float, collector: float,
-    type: str, forward_deg: float, diffuse: float,
+    a: float, b: float, forward_deg: float, diffuse: float,
 ) -> tuple[list[float], float]:  # fmt: skip
-    """Return the mean CV of 0.5 to 2 m over that of 25 m ("ratio"), or the depth of the largest."""
+    """Return the mean CV of 0.25 to 2 m over that of 25 m, or the depth of the largest ("peak")."""
     shots = max(int(2**17 * photons), 2**13)
-    cv = variation(wind_speed, fetch, collector, type, forward_deg, diffuse, shots)
-    found = {"ratio": float(cv[:4].mean() / cv[-1]), "peak": peak_of(np.array(_DEPTHS), cv)}
+    cv = variation(wind_speed, fetch, collector, a, b, forward_deg, diffuse, shots)
+    found = {"ratio": float(cv[:5].mean() / cv[-1]), "peak": peak_of(np.array(_DEPTHS), cv)}
     return [found[row.series] for row in rows], 0.0
 
 
@@ -178,7 +177,12 @@ def light_spectra(wind_speed: float, depths: tuple[float, ...], patches: int) ->
 
 
 def dominant_wavelength(
-    rows: Sequence[Row], photons: float, wind_speed: float, heading: str, smoothing: float, peak: str
+    rows: Sequence[Row],
+    photons: float,
+    wind_speed: float,
+    heading: str,
+    smoothing: float,
+    peak: str,
 ) -> tuple[list[float], list[float]]:
     """Return the wavelength of the peak of the spectrum of E_d along a track at depths `at` [m].
 
@@ -197,10 +201,12 @@ def dominant_wavelength(
     def wavelength(of: Floats) -> float:
         mean = np.histogram(k, edges, weights=of)[0] / np.maximum(count, 1)
         some = (count > 0) & (middle > 2.0 * math.pi / 20.0) & (middle < 2.0 * math.pi)
-        return 2.0 * math.pi / peak_of(middle[some], (mean * (middle if peak == "k S" else 1.0))[some])
+        return (
+            2.0 * math.pi / peak_of(middle[some], (mean * (middle if peak == "k S" else 1.0))[some])
+        )
 
     values = [wavelength(of.mean(axis=0)) for of in power]
     # jackknife over patches
-    left = np.array([[wavelength((of.sum(axis=0) - one)) for one in of] for of in power])
+    left = np.array([[wavelength(of.sum(axis=0) - one) for one in of] for of in power])
     errors = np.sqrt((patches - 1.0) * left.var(axis=1))
     return values, errors.tolist()

@@ -271,9 +271,10 @@ class MeasuredTable(Stored):
         ]  # fmt: skip
 
     def _headline(self) -> str:
-        count = {word: self.verdict.count(word) for word in ("inside", "outside", "predicted")}
-        counts = ", ".join(f"{n} {word}" for word, n in count.items())
-        return f"{len(self.verdict)} rows of {len(set(self.experiment))} experiments: {counts}"
+        counts = (
+            f"{self.verdict.count(word)} {word}" for word in ("inside", "outside", "predicted")
+        )
+        return f"experiments: {len(set(self.experiment))}; rows: {', '.join(counts)}"
 
     def summary(self) -> str:
         """Return the table and the counts as text for a terminal."""
