@@ -186,8 +186,8 @@ def dominant_wavelength(
 ) -> tuple[list[float], list[float]]:
     """Return the wavelength of the peak of the spectrum of E_d along a track at depths `at` [m].
 
-    The sensor averages over `smoothing` [m]; "S" or "k S" has the peak, sought in the band of
-    focusing that the source prints, 1 to 20 m.
+    The sensor averages over `smoothing` [m]. The peak is that of "k S", or of "S" within the band
+    of focusing that the source prints, 1 to 20 m.
     """
     patches = max(int(_PATCHES * photons), 4)
     power = light_spectra(wind_speed, tuple(row.at for row in rows), patches)
@@ -200,7 +200,7 @@ def dominant_wavelength(
 
     def wavelength(of: Floats) -> float:
         mean = np.histogram(k, edges, weights=of)[0] / np.maximum(count, 1)
-        some = (count > 0) & (middle > 2.0 * math.pi / 20.0) & (middle < 2.0 * math.pi)
+        some = (count > 0) & ((peak == "k S") | (abs(np.log(middle / 1.405)) < 1.498))
         return (
             2.0 * math.pi / peak_of(middle[some], (mean * (middle if peak == "k S" else 1.0))[some])
         )

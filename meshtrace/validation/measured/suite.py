@@ -119,8 +119,9 @@ class Experiment(Model, frozen=True):
         Part of the source that was read.
     kind : {"number", "in kind"}
         Whether numbers are compared, or a law, a trend, an order of magnitude.
-    tests, measured, unreported : str
-        What the row tests; what was measured and how; what the source does not report.
+    tests, measured, unreported, found : str
+        What the row tests; what was measured and how; what the source does not report; what
+        agrees, what does not, and why.
     prediction : str
         "file:function" of the room.
     abscissa, ordinate : str
@@ -138,6 +139,7 @@ class Experiment(Model, frozen=True):
     tests: _Text
     measured: _Text
     unreported: _Text
+    found: _Text
     prediction: Annotated[str, Field(pattern=r"^\w+:\w+$")]
     abscissa: _Text
     ordinate: _Text
