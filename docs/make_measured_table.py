@@ -16,6 +16,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from meshtrace import viz
 from meshtrace.validation import measured
@@ -73,7 +74,8 @@ def draw(experiment, table) -> None:
         chosen = [name for name in dict.fromkeys(series) if name != "ratio"]
         for i, name in enumerate(chosen):
             label = NAMES.get(name, name) if len(chosen) > 1 else ""
-            draw_series(ax, data.isel(row=series == name), i, len(chosen), label)
+            span = float(np.ptp(data.abscissa.to_numpy()))
+            draw_series(ax, data.isel(row=series == name), span, i, len(chosen), label)
         ax.set(xlabel=experiment.abscissa, ylabel=experiment.ordinate, ylim=(0.0, None))
         ax.legend(frameon=False, fontsize=8)
     name = experiment.name.replace("-", "_")
@@ -81,7 +83,7 @@ def draw(experiment, table) -> None:
     plt.close(figure)
 
 
-def draw_series(ax, rows, i, series, label) -> None:
+def draw_series(ax, rows, span, i, series, label) -> None:
     """Draw band, nominal values and measured values against the abscissa."""
     x, color = rows.abscissa.to_numpy(), COLORS[i]
     away = rows.computed - rows.band_low, rows.band_high - rows.computed
@@ -90,11 +92,11 @@ def draw_series(ax, rows, i, series, label) -> None:
         ax.fill_between(x, rows.band_low, rows.band_high, color=color, alpha=0.2, lw=0)
         ax.plot(x, rows.computed, color=color, lw=1.4, label=name)
     else:  # no line through few points
-        aside = 0.012 * float(np.ptp(x) or 1.0) * (2 * i - series + 1)
-        ax.bar(x + aside, sum(away), bottom=rows.band_low, width=0.02 * float(np.ptp(x) or 1.0),
+        aside = 0.02 * span * (2 * i - series + 1)
+        ax.bar(x + aside, sum(away), bottom=rows.band_low, width=0.02 * span,
                color=color, alpha=0.3)  # fmt: skip
-        ax.plot(x + aside, rows.computed, "_", ms=12, mew=2, color=color, label=name)
-        x = x + 2.4 * aside
+        ax.plot(x + aside, rows.computed, "_", ms=9, mew=2, color=color, label=name)
+        x = x + 2.0 * aside
     low, high = rows.observed_low.to_numpy(), rows.observed_high.to_numpy()
     if np.isfinite(low).any():
         value = rows.observed.to_numpy()
@@ -113,6 +115,9 @@ def draw_lying(ax, rows, label) -> None:
     every = np.concatenate([low, high, left, right[np.isfinite(right)]])
     if low.min() > 0.0 and every.max() > 20.0 * every.min() > 0.0:
         ax.set(xscale="log", xlim=(every.min() / 1.2, every.max() * 1.2))
+        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        ax.xaxis.set_minor_formatter(NullFormatter())
     else:
         margin = 0.08 * np.ptp(every)
         ax.set_xlim(every.min() - margin, every.max() + margin)
@@ -125,7 +130,9 @@ def draw_lying(ax, rows, label) -> None:
         if np.isfinite(value):
             ax.plot(value, at, "o", color="black", ms=4)
     ax.plot([], [], "|-", color="black", label="measured")
-    ax.set_yticks(y, [wrapped(str(name)) for name in rows.observable.to_numpy()])
+    ax.set_yticks(
+        y, [wrapped(str(name)).replace("K_d", "$K_d$") for name in rows.observable.to_numpy()]
+    )
     ax.set(xlabel=label, ylim=(-0.65, len(y) - 0.6))
     ax.grid(axis="y", visible=False)
     ax.legend(loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3, frameon=False, fontsize=8)

@@ -20,6 +20,11 @@ OUTSIDE = {
         "crosswind slope variance at 10 m/s",
     },
     "pelevin-burtsev": {"upwind slope variance at 4 m/s", "upwind slope variance at 7 m/s"},
+    "jerlov": {
+        "K_d, type I at 475 nm",
+        "K_d, type 1C at 475 nm",
+        "K_d, type 5C at 550 nm",
+    },
     "stramski-legendre": {"time above 1.5 times the mean"},
 }
 """Rows outside of their bands, by experiment."""

@@ -372,7 +372,7 @@ def _compared(experiment: Experiment, photons: float) -> dict[str, Any]:
         "computed_stderr": stderr,
         "band_low": band.low,
         "band_high": band.high,
-        "verdict": tuple(verdicts(low, high, band)),
+        "verdict": tuple(verdicts(low, high, band).tolist()),
         "dominant": band.dominant,
     }
 
