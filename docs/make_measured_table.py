@@ -13,6 +13,7 @@ import sys
 import textwrap
 from importlib.metadata import version
 from pathlib import Path
+from urllib.parse import quote
 
 import matplotlib
 import numpy as np
@@ -144,7 +145,7 @@ def wrapped(text: str) -> str:
 
 def section(experiment) -> str:
     """Return the text of an experiment: source, measurement, inputs and findings."""
-    doi = f", [doi](https://doi.org/{experiment.doi})" if experiment.doi else ""
+    doi = f", [doi](https://doi.org/{quote(experiment.doi)})" if experiment.doi else ""
     unknowns = "\n".join(
         f"- `{u.name}` {u.nominal} ({', '.join(map(str, u.others))}) {u.unit}: {u.authority}"
         for u in experiment.unknowns
@@ -154,13 +155,13 @@ def section(experiment) -> str:
     return f"""({experiment.name})=
 ## {experiment.title}
 
-{experiment.source}{doi} ({experiment.read}{kind}).
+{experiment.source}{doi}. Read: {experiment.read}{kind}.
 
 *Measured.* {experiment.measured}
 
 *Tests* {experiment.tests}.
 
-*Not reported.* {experiment.unreported}
+*Not reported.* {experiment.unreported} Inputs, nominal (other values):
 
 {unknowns}
 

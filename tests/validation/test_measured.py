@@ -157,6 +157,38 @@ def test_phase_functions_by_their_backscatter(share):
 
 
 @pytest.mark.thorough
+@pytest.mark.statistical
+def test_laser_is_that_of_a_plain_walk():
+    """Share within 4 degrees of all at 4 lengths, by photons of numpy; two means, |z| < 4."""
+    n, a, c, radius = 40_000, 0.1463, 0.7226, 4.0 / 0.7226
+    rng, phase = np.random.default_rng(5), beams.phase_of("average")
+    place, way, weight = np.zeros((n, 3)), np.tile([1.0, 0.0, 0.0], (n, 1)), np.ones(n)
+    cone, whole = np.zeros(n), np.zeros(n)
+    for _ in range(60):
+        length = rng.exponential(1.0 / (c - a), n)
+        along = (place * way).sum(axis=1)
+        inside = radius**2 - (place**2).sum(axis=1) + along**2
+        reach = np.sqrt(np.maximum(inside, 0.0)) - along
+        out = (inside > 0.0) & (reach > 0.0) & (reach < length)
+        light = np.where(out, weight * np.exp(-a * reach), 0.0)
+        at = (place + reach[:, None] * way)[:, 0] / radius
+        cone += light * (at > math.cos(math.radians(4.0)))
+        whole += light
+        place, weight = place + length[:, None] * way, weight * np.exp(-a * length)
+        # two normals to the way, and the turn by theta and phi
+        theta, phi = phase.sample(rng.random(n)), rng.random(n) * 2.0 * math.pi
+        first = np.cross(way, np.where(abs(way[:, 2:]) < 0.9, [0, 0, 1.0], [1.0, 0, 0]))
+        first /= np.linalg.norm(first, axis=1)[:, None]
+        turn = np.cos(phi)[:, None] * first + np.sin(phi)[:, None] * np.cross(way, first)
+        way = np.cos(theta)[:, None] * way + np.sin(theta)[:, None] * turn
+    share, error = beams.share_of(*(v.reshape(100, -1).sum(axis=1) for v in (cone, whole)))
+    light = beams.laser_light("average", a, 0.0, "absent", (4.0,), 6)[:, 0, 0]
+    found, stderr = beams.share_of(light[:, :2].sum(axis=1), light.sum(axis=1))
+    assert abs(found - share) < 4.0 * math.hypot(error, stderr)
+    assert error < 0.01 * share
+
+
+@pytest.mark.thorough
 def test_attenuation_without_scattering():
     """K = a / cos(theta_t) for b = 0 and a sun of 30 degrees."""
     planes = daylight.light_below(0.2, 0.0, "average", 30.0, (0.01, 5.0), 4096)
