@@ -29,15 +29,20 @@ DOCS = Path(__file__).parent
 ROOT = DOCS.parent
 MANIFEST = DOCS / "pictures.json"
 STATIC, KEPT, PAPER = DOCS / "_static", DOCS / "gallery" / "pictures", DOCS / "extra" / "figures"
+_MEASURED = ROOT / "meshtrace" / "validation" / "measured" / "data"
 FIXED = {
     "make_bands_figure": ("fading_bands",),
     "make_daylight_table": ("daylight_ranges",),
     "make_downlink_figure": ("downlink",),
     "make_explorer_pictures": ("explorer", "explorer_day", "explorer_downlink"),
+    "make_measured_table": tuple(
+        f"measured_{name}".replace("-", "_")
+        for name in (_MEASURED / "order.txt").read_text("utf-8").split()
+    ),
     "make_interleaving_figure": ("interleaving",),
     "make_tornado_figure": ("tornado",),
 }
-"""Scripts that write pictures into _static; daylight_table.md comes with its picture."""
+"""Scripts that write pictures into _static; tables named like a script come with its pictures."""
 
 _VIZ, _PAPER = ROOT / "viz", ROOT / "meshtrace" / "paper"
 _ROWS = tomllib.loads((_PAPER / "rows.toml").read_text("utf-8"))["figures"]

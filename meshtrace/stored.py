@@ -55,6 +55,7 @@ _HOMES = {
     "inference": "meshtrace.studies.inference",
     "optimum": "meshtrace.studies.optimisation",
     "sensitivity": "meshtrace.studies.sensitivity.result",
+    "measured": "meshtrace.validation.measured",
     "fading-convergence": "meshtrace.studies.convergence.drivers",
 }
 """Modules of the results by kind, imported when a file asks for them."""

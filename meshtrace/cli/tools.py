@@ -207,21 +207,38 @@ def _report(name: str, record: dict[str, Any] | None) -> None:
 
 @app.command()
 @described
-def validate(*, quick: bool = False, case: str | None = None, json_: bool = False) -> None:
-    """Check the engine against closed forms, or against a reference case.
+def validate(
+    *,
+    quick: bool = False,
+    suite: str = "closed-forms",
+    case: str | None = None,
+    output: Path | None = None,
+    json_: bool = False,
+) -> None:
+    """Check the engine against closed forms, measurements, or a reference case.
 
     Without a standard error, z is the deviation divided by the stated tolerance. The exit code is
-    1 if any |z| exceeds 4.
+    1 if any |z| exceeds 4; measurements outside their bands do not change it.
 
     Parameters
     ----------
     quick
-        Use a twentieth of the photons.
+        Use a twentieth of the photons; an eighth for measurements.
+    suite : NAME
+        Suite: closed-forms, or measured, published measurements (some minutes).
     case : NAME
-        Run one reference case instead of the suite: w2a1.
+        Run one reference case instead of the suite: w2a1; or one experiment of the suite measured.
+    output : FILE
+        Write the table of measurements, as netCDF or, with the ending .csv, as text.
     json_
         Print the result as JSON, without progress bar.
     """
+    require_word(suite, ("closed-forms", "measured"), "--suite")
+    if suite == "measured":
+        _measured(quick, case, output, json_)
+        return
+    if output is not None:
+        raise Refused("--output", str(output), "only with --suite measured")
     from meshtrace.validation import LIMIT, SUITE, format_table, w2a1
     from meshtrace.validation import validate as run_checks
 
@@ -252,6 +269,33 @@ def validate(*, quick: bool = False, case: str | None = None, json_: bool = Fals
             typer.echo(f"Score by the rules of the case: {w2a1.score(checks)} of {len(checks)}.")
     if failed:
         raise typer.Exit(1)
+
+
+def _measured(quick: bool, case: str | None, output: Path | None, json_: bool) -> None:
+    """Compare published measurements with computed values."""
+    from meshtrace.validation import measured
+
+    check_output(output)
+    names = list(measured.experiments())
+    if case is not None:
+        require_word(case, names, "--case")
+        names = [case]
+    with progress(len(names), json_, "comparing", "analog") as (say, advance):
+        done = count()
+
+        def step(name: str) -> None:
+            if next(done):
+                advance(1)
+            say(name)
+
+        table = measured.run(names, quick=quick, progress=step)
+    if json_:
+        rows = [dict(zip(measured.HEADINGS, row, strict=True)) for row in table.rows()]
+        typer.echo(json.dumps({"rows": rows}))
+    else:
+        typer.echo(table.summary())
+    if output is not None:
+        table.save(output)
 
 
 @app.command()

@@ -61,6 +61,9 @@ run --set sea.spectrum=flatt
 run --set sea.spacing=1e-4
 run -o none/out.nc
 run -o .
+validate --suite sea
+validate --suite measured --case none
+validate --output table.csv
 run --wind fast
 ber --wind x
 ber --depths 9:1:1
@@ -113,6 +116,12 @@ def test_output(golden, name):
     shown = meshtrace(*shlex.split(OUTPUTS[name]))
     assert (shown.exit_code, shown.stderr) == (0, "")
     golden(name, shown.stdout)
+
+
+def test_measured_against_computed(golden):
+    shown = meshtrace(*shlex.split("validate --suite measured --case hu"))
+    assert (shown.exit_code, shown.stderr) == (0, "hu\n")
+    golden("validate-measured", shown.stdout)
 
 
 def without_own_parts(text):

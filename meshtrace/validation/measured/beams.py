@@ -1,0 +1,228 @@
+"""Beams in water, and from water into the air."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cache, partial
+
+import numpy as np
+from scipy.optimize import brentq
+
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.photons.analog import new_recorder, run_analog
+from meshtrace.engine.photons.state import Recorder, Vertex
+from meshtrace.engine.setup.options import Analog, IrradianceMap
+from meshtrace.engine.simulate import simulate
+from meshtrace.link import GaussianBeam, Link, Receiver, TopHatBeam
+from meshtrace.models import Floats
+from meshtrace.optics.phase import FournierForand, Petzold, PhaseFunction
+from meshtrace.optics.water import Water
+from meshtrace.parallel import default_threads, ordered_map
+from meshtrace.surfaces import FlatSea, JonswapSea
+
+from .suite import Row
+
+_CHUNK, _VERTICES, _LASER = 8192, 96, 12  # photons, vertices of each, chunks
+_DEPTH, _C = 1.83, 0.7226  # [m], [m-1] of the laser in the lake
+_EDGES = (0.0, 2.0, 4.0, 58.0, 180.0)  # [deg]
+_GRAZING = 0.05  # least cosine at a spherical collector
+
+
+@cache
+def phase_of(name: str) -> PhaseFunction:
+    """Return Petzold's phase function of a water, or the Fournier-Forand one of a b_b/b "ff 0.01".
+
+    Of the two parameters of the latter n = 1.1 + 0.1542 (mu - 3.5835), a line through the default.
+    """
+    if not name.startswith("ff "):
+        return Petzold.model_validate({"water": name})
+
+    def on_line(mu: float) -> FournierForand:
+        return FournierForand(n=1.1 + 0.1542 * (mu - 3.5835), mu=mu)
+
+    wanted = float(name.removeprefix("ff "))
+    return on_line(brentq(lambda mu: on_line(mu).backscatter_fraction - wanted, 3.05, 4.9))
+
+
+def through_spheres(
+    paths: Recorder, center: Floats, axis: Floats, radii: Floats, a: float
+) -> Floats:
+    """Return the light that leaves spheres about the source, per photon.
+
+    Returns
+    -------
+    ndarray, shape (radii, collectors, bins)
+        In bins of the angle off the axis: flux (cosine collector), and flux over the cosine of
+        incidence (spherical collector).
+    """
+    what = paths.what[:, 1:]
+    flown = (what >= 0) & ~np.isin(what, (Vertex.LANDED, Vertex.BRANCH, Vertex.RECEIVED))
+    start, end = (paths.vertex[:, i:][:, : what.shape[1]][flown] - center for i in (0, 1))
+    weight = paths.weight[:, :-1][flown]
+    way = end - start
+    length = np.linalg.norm(way, axis=1)
+    way /= np.maximum(length, 1e-12)[:, None]
+    along = np.einsum("ij,ij->i", start, way)
+    off = np.einsum("ij,ij->i", start, start) - along**2
+    found = np.zeros((len(radii), 2, len(_EDGES) - 1))
+    for i, r in enumerate(radii):
+        reach = np.sqrt(np.maximum(r**2 - off, 0.0)) - along
+        out = (off < r**2) & (reach > 0.0) & (reach <= length)
+        at = start[out] + reach[out, None] * way[out]
+        light = weight[out] * np.exp(-a * reach[out])
+        incidence = np.einsum("ij,ij->i", at, way[out]) / r
+        angle = np.degrees(np.arccos(np.clip(at @ axis / r, -1.0, 1.0)))
+        for j, share in enumerate((1.0, np.maximum(incidence, _GRAZING))):
+            found[i, j] = np.histogram(angle, _EDGES, weights=light / share)[0]
+    return found / len(paths.what)
+
+
+@cache
+def laser_light(
+    phase: str,
+    a: float,
+    divergence_mrad: float,
+    surface: str,
+    lengths: tuple[float, ...],
+    chunks: int,
+) -> Floats:
+    """Return `through_spheres` of each chunk for a horizontal laser, at attenuation lengths."""
+    depth = _DEPTH if surface == "flat" else 1000.0
+    divergence = math.degrees(1e-3 * divergence_mrad)
+    beam = TopHatBeam(depth=depth, zenith_deg=90.0, divergence_deg=divergence)
+    water = Water(a=a, b=_C - a, phase=phase_of(phase))
+    link, mesh = Link(water=water, transmitter=beam), FlatSea().mesh(0.0, 2000.0, 500.0)
+    options = Analog(batch_size=_CHUNK, roulette=1e-3, max_events=_VERTICES)
+
+    def chunk(seed: int) -> Floats:
+        paths, over = new_recorder(_CHUNK, _VERTICES), EmbreeIntersector(mesh, 1)
+        run_analog(link, over, options, photons=_CHUNK, seed=seed, recorder=paths)
+        center, axis = np.array([0.0, 0.0, -depth]), np.array(beam.axis)
+        return through_spheres(paths, center, axis, np.array(lengths) / _C, a)
+
+    return np.array(list(ordered_map(chunk, range(1, chunks + 1), default_threads())))
+
+
+def share_of(part: Floats, whole: Floats) -> tuple[float, float]:
+    """Return sum(part) / sum(whole) of independent chunks, and its standard error."""
+    share, n = part.sum() / whole.sum(), len(part)
+    return share, math.sqrt(n / (n - 1.0) * ((part - share * whole) ** 2).sum()) / whole.sum()
+
+
+def laser_shares(
+    rows: Sequence[Row],
+    photons: float,
+    phase: str,
+    half_angle: float,
+    whole: str,
+    collector: str,
+    divergence: float,
+    surface: str,
+    a: float,
+) -> tuple[list[float], list[float]]:
+    """Return the share of the power within a cone, at attenuation lengths `at`."""
+    lengths = tuple(row.at for row in rows)
+    light = laser_light(phase, a, divergence, surface, lengths, max(int(_LASER * photons), 8))
+    light = light[:, :, ("cosine", "sphere").index(collector)]
+    cone = light[:, :, : _EDGES.index(half_angle)].sum(axis=2)
+    total = light[:, :, : 3 if whole == "58 deg" else 4].sum(axis=2)
+    pairs = [share_of(cone[:, i], total[:, i]) for i in range(len(rows))]
+    return [share for share, _ in pairs], [error for _, error in pairs]
+
+
+_HEIGHT, _LAMP = 300.0, 2.4  # [m], of the map of the light in the air; [m-1]
+_LAMP_PHOTONS, _LAMP_SEAS = 2**15, 4
+
+
+@cache
+def pattern_in_air(
+    lengths: float, albedo: float, phase: str, wind: float, half_angle: float, photons: int
+) -> tuple[float, float]:
+    """Return the half width at half maximum of the intensity in the air, and its error [deg]."""
+    lamp = TopHatBeam(depth=lengths / _LAMP, divergence_deg=half_angle)
+    b = albedo * _LAMP
+    water = Water(a=_LAMP - b, b=b, phase=phase_of(phase))
+    link = Link(water=water, transmitter=lamp, receiver=Receiver(height=_HEIGHT))
+    extent = _HEIGHT * math.tan(math.radians(60.0))
+    plane = IrradianceMap(height=_HEIGHT, extent=extent, step=2.0)
+    widths = []
+    for seed in range(1, _LAMP_SEAS + 1):
+        sea = JonswapSea(wind_speed=wind, seed=seed)
+        run = simulate(link, sea, estimator="analog", photons=photons, seed=seed, record=[plane])
+        assert run.map is not None
+        radius = np.hypot(*np.meshgrid(run.map.x, run.map.y, indexing="ij"))
+        angle = np.degrees(np.arctan(radius / _HEIGHT))
+        widths.append(half_width(angle.ravel(), run.map.irradiance.ravel()))
+    return float(np.mean(widths)), float(np.std(widths, ddof=1) / math.sqrt(len(widths)))
+
+
+def half_width(angle: Floats, power: Floats) -> float:
+    """Return the half width at half maximum of the intensity of light in the cells of a map [deg].
+
+    Means over rings of an eighth of the angle that holds half of the power; the maximum is the
+    mean of the inner two.
+    """
+    order = np.argsort(angle)
+    sums = np.cumsum(power[order])
+    median = angle[order][np.searchsorted(sums, 0.5 * sums[-1])]
+    edges = np.linspace(0.0, 4.0 * median, 33)
+    light = np.histogram(angle, edges, weights=power)[0]
+    profile = light / -np.diff(np.cos(np.radians(edges)))
+    half, middle = 0.5 * profile[:2].mean(), 0.5 * (edges[1:] + edges[:-1])
+    last = max(int(np.argmax(profile < half)), 1)
+    pair = slice(last - 1, last + 1)
+    return float(np.interp(-half, -profile[pair], middle[pair]))
+
+
+def lamp_widths(
+    rows: Sequence[Row],
+    photons: float,
+    albedo: float,
+    phase: str,
+    wind_speed: float,
+    half_angle: float,
+) -> tuple[list[float], list[float]]:
+    """Return the widths of the light pattern in the air at depths of `at` attenuation lengths."""
+    n = max(int(_LAMP_PHOTONS * photons), 2**14)
+    of = partial(pattern_in_air, albedo=albedo, phase=phase, wind=wind_speed, half_angle=half_angle)
+    pairs = [of(row.at, photons=n) for row in rows]
+    return [width for width, _ in pairs], [error for _, error in pairs]
+
+
+_GEOMETRIES = {  # depth, height [m], bit rate [s-1]
+    "sun-pool": (2.3, 3.5, 44e6),
+    "sun-wide": (5.0, 5.0, 9e6),
+    "chen-up": (21.0, 5.0, 5.5e9),
+    "fu": (3.25, 3.2, 5e6),
+    "amphilight": (3.0, 3.1, 5.04e6),
+}
+_QUANTUM = 6.626e-34 * 2.998e8  # [J m]
+
+
+@cache
+def link_gain(depth: float, height: float, divergence: float, radius: float, c: float) -> float:
+    """Return the unscattered gain of a link over still water."""
+    beam = GaussianBeam(depth=depth, divergence_deg=divergence)
+    receiver = Receiver(height=height, radius=radius)
+    link = Link(water=Water(a=c, b=0.0), transmitter=beam, receiver=receiver)
+    return float(simulate(link, FlatSea(), photons=64).gain)
+
+
+def link_margins(
+    rows: Sequence[Row],
+    photons: float,
+    power_mw: float,
+    divergence: float,
+    radius: float,
+    c: float,
+    photons_per_bit: float,
+) -> tuple[list[float], float]:
+    """Return the received photons of a bit over those that a receiver needs [dB]."""
+    found = []
+    for row in rows:
+        depth, height, rate = _GEOMETRIES[row.series]
+        gain = link_gain(depth, height, divergence, radius, c)
+        bit = gain * 1e-3 * power_mw / rate * 520e-9 / _QUANTUM
+        found.append(10.0 * math.log10(bit / photons_per_bit))
+    return found, 0.0

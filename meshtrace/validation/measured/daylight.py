@@ -1,0 +1,129 @@
+"""Sun and sky in the water: attenuation, radiance and its decay, by analog photons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from meshtrace.engine.simulate import simulate
+from meshtrace.link import IrradiancePlanes, Link, Sun, UniformSky
+from meshtrace.optics.water import Water, coefficients
+from meshtrace.results.tallies import Planes
+from meshtrace.surfaces import FlatSea
+
+from .beams import phase_of
+from .suite import DATA, Row
+
+_TOP = 0.01  # [m], depth that stands for that just below the surface
+_PHOTONS, _RADIANCE_PHOTONS = 2**16, 2**21
+_Pairs = tuple[list[float], list[float]]
+
+
+@cache
+def light_below(
+    a: float,
+    b: float,
+    phase: str,
+    zenith_deg: float,
+    depths: tuple[float, ...],
+    photons: int,
+    cosines: int = 0,
+) -> Planes:
+    """Return the light at depths in deep water under sun or uniform sky (zenith angle < 0)."""
+    water = Water(a=a, b=b, n=1.34, phase=phase_of(phase), bottom_depth=depths[-1] + 2.0 / (a + b))
+    link = Link(
+        water=water,
+        transmitter=Sun(zenith_deg=zenith_deg) if zenith_deg >= 0.0 else UniformSky(),
+        planes=IrradiancePlanes(depths=depths, n_cosines=cosines),
+    )
+    # still water, cut where the sideways walk of the light has no effect
+    mesh = FlatSea().mesh(0.0, 1e4, 5e3)
+    run = simulate(link, mesh, estimator="analog", photons=photons, seed=7, roulette=1e-5)
+    assert run.planes is not None
+    return run.planes
+
+
+def attenuation(planes: Planes, first: int, last: int) -> tuple[float, float]:
+    """Return K = ln(E_d1 / E_d2) / (z2 - z1), and its error without the correlation of the two."""
+    way = planes.depth[last] - planes.depth[first]
+    e_d, error = planes.e_d[[first, last]], planes.e_d_stderr[[first, last]]
+    return float(np.log(e_d[0] / e_d[1]) / way), float(np.hypot(*(error / e_d)) / way)
+
+
+def diffuse_attenuation(
+    rows: Sequence[Row], photons: float, zenith_deg: float, phase: str, depth: float
+) -> _Pairs:
+    """Return K_d from the surface to a depth for the series' Jerlov type at `at` nm."""
+    pairs = []
+    for row in rows:
+        a, b = map(float, coefficients(f"jerlov-{row.series}", row.at))
+        found = light_below(a, b, phase, zenith_deg, (_TOP, depth), int(_PHOTONS * photons))
+        pairs.append(attenuation(found, 0, 1))
+    return [k for k, _ in pairs], [error for _, error in pairs]
+
+
+def broadband(
+    rows: Sequence[Row], photons: float, type: str, zenith_deg: float, weight: str, phase: str
+) -> _Pairs:
+    """Return E_d(z) / E_d(0) over 400 to 1000 nm; none of the light beyond 700 nm reaches `at`.
+
+    The weight of the sensor is flat in "energy" or in "photons"; water of a Jerlov type.
+    """
+    table = np.loadtxt(DATA / "paulson-simpson" / "spectrum.csv", delimiter=",", skiprows=1)
+    nm, light = table.T
+    light = light * (nm if weight == "photons" else 1.0)
+    depths, total, variance = (
+        tuple(row.at for row in rows),
+        np.zeros(len(rows)),
+        np.zeros(len(rows)),
+    )
+    for one, share in zip(nm, light / light.sum(), strict=True):
+        if one > 700.0:
+            continue
+        a, b = map(float, coefficients(f"jerlov-{type}", one))
+        found = light_below(a, b, phase, zenith_deg, (_TOP, *depths), int(_PHOTONS * photons))
+        total += share * found.e_d[1:] / found.e_d[0]
+        variance += (share * found.e_d_stderr[1:] / found.e_d[0]) ** 2
+    return total.tolist(), np.sqrt(variance).tolist()
+
+
+def clear_sea_radiance(
+    rows: Sequence[Row], photons: float, a: float, b: float, phase: str, zenith_deg: float
+) -> _Pairs:
+    """Return relative variations of upward radiance, mean cosine and Q in clear water [%].
+
+    "radiance": half the range of the azimuthal mean over 0 to 40 deg from nadir in the air, over
+    its mean; "cosine": standard deviation of E_d / E_od over depths of 5 to 40 m, over its mean;
+    "q": range of E_u / L_u(nadir) over the depths, over its least value.
+    """
+    depths = (_TOP, 5.0, 10.0, 20.0, 40.0)
+    shots = int(_RADIANCE_PHOTONS * photons)
+    found = light_below(a, b, phase, zenith_deg, depths, shots, cosines=32)
+    assert found.radiance is not None
+    assert found.radiance_stderr is not None
+    up, error = found.radiance[:, :, 0], found.radiance_stderr[:, :, 0]
+    # two bins of 1 / 16 from the nadir on end at 29 deg in the water, 40 deg in the air
+    at_top, noise = up[0, :2], error[0, :2]
+    spread = 0.5 * np.ptp(at_top) / at_top.mean()
+    cosine = found.e_d[1:] / found.e_od[1:]
+    q = found.e_u / up[:, 0]
+    q_error = float((error[:, 0] / up[:, 0]).max())
+    values = {
+        "radiance": (spread, float(np.hypot(*noise) / 2.0 / at_top.mean())),
+        "cosine": (float(cosine.std(ddof=1) / cosine.mean()), 0.0),
+        "q": (float(np.ptp(q) / q.min()), q_error),
+    }
+    pairs = [values[row.series] for row in rows]
+    return [100.0 * v for v, _ in pairs], [100.0 * e for _, e in pairs]
+
+
+def asymptotic_ratio(
+    rows: Sequence[Row], photons: float, albedo: float, phase: str, first: float
+) -> _Pairs:
+    """Return K / c of diffuse light from `first` to `first` + 5 attenuation lengths."""
+    depths = (first, first + 5.0)
+    found = light_below(1.0 - albedo, albedo, phase, -1.0, depths, int(4 * _PHOTONS * photons))
+    k, error = attenuation(found, 0, 1)
+    return [k] * len(rows), [error] * len(rows)

@@ -1,0 +1,212 @@
+"""Sunlight focused by waves: coefficient of variation, flashes and wavelengths below the sea.
+
+The coefficient of variation is a closed form (`fading.scintillation_of_spectrum` of a lamp at
+infinity); the wavelengths come from refracted rays over a patch of the sea.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+from scipy.stats import gamma, lognorm
+
+from meshtrace.fading import scintillation_of_spectrum
+from meshtrace.link import AirLed, Link, WaterReceiver
+from meshtrace.models import Floats
+from meshtrace.optics.water import Water
+from meshtrace.surfaces import Jonswap, SpectralSea, resolved_sea
+from meshtrace.surfaces.spectra import sea_state
+from meshtrace.surfaces.waves import angular_frequency
+
+from .beams import phase_of
+from .daylight import light_below
+from .suite import Row
+
+_FAR = 1e6  # [m], height of the lamp that stands for the sun
+_N = 1.34
+_SUN_DEG = 0.2666  # angular radius
+
+
+def lamp_over(depth: float, collector: float, lamp_deg: float = _SUN_DEG) -> Link:
+    """Return the link from a zenith lamp at infinity to a level collector of a radius [m].
+
+    The image of a lamp of the angular radius `lamp_deg` widens it to hypot(r, d alpha / n).
+    """
+    radius = math.hypot(collector, depth * math.radians(lamp_deg) / _N)
+    return Link(
+        water=Water(a=0.0, b=0.0, n=_N),
+        transmitter=AirLed(height=_FAR),
+        receiver=WaterReceiver(depth=depth, radius=radius, fov_deg=180.0),
+    )
+
+
+@cache
+def scintillation(depth: float, wind_speed: float, collector: float, fetch: float) -> float:
+    """Return the scintillation index of unscattered sunlight; a `fetch` of 0 is a developed sea."""
+    sea = resolved_sea(wind_speed, fetch or None)
+    return scintillation_of_spectrum(lamp_over(depth, collector), sea)
+
+
+def flash_time(
+    rows: Sequence[Row], photons: float, wavelength: float, slope: float, depth: float,
+    lamp_deg: float, collector: float, law: str,
+) -> tuple[list[float], float]:  # fmt: skip
+    """Return the share of the time above `at` times the mean, by a law with the closed variance.
+
+    The waves of the tank have a JONSWAP spectrum about a wavelength [m] and an rms slope.
+    """
+    k = 2.0 * math.pi / wavelength
+    peak = float(angular_frequency(k, None, True))
+    cut = 3.0 * peak
+
+    def tank(hs: float) -> SpectralSea:
+        return SpectralSea(spectrum=Jonswap(hs=hs, tp=2.0 * math.pi / peak), mss="band")
+
+    steep = math.sqrt(sum(tank(0.01).slope_spectrum(cut).along_and_across))
+    link, sea = lamp_over(depth, collector, lamp_deg), tank(0.01 * slope / steep)
+    si = scintillation_of_spectrum(link, sea, cut, tilts=False)
+    width = math.sqrt(math.log1p(si))
+    laws = {
+        "gamma": gamma(1.0 / si, scale=si),
+        "lognormal": lognorm(width, scale=math.exp(-0.5 * width**2)),
+    }
+    return [100.0 * float(laws[law].sf(row.at)) for row in rows], 0.0
+
+
+def windiest(
+    rows: Sequence[Row], photons: float, depth: float, collector: float, fetch: float
+) -> tuple[list[float], float]:
+    """Return the wind of the largest scintillation index, from a parabola through the top three."""
+    winds = np.geomspace(1.0, 14.0, 14)
+    index = np.array([scintillation(depth, float(u), collector, fetch) for u in winds])
+    return [peak_of(winds, index)] * len(rows), 0.0
+
+
+def peak_of(x: Floats, y: Floats) -> float:
+    """Return the place of the maximum of a curve, by a parabola in ln x through the top three."""
+    i, log = int(np.clip(y.argmax(), 1, len(x) - 2)), np.log(x)
+    a, b, _ = np.polyfit(log[i - 1 : i + 2], y[i - 1 : i + 2], 2)
+    top = -0.5 * b / a if a < 0.0 else math.inf
+    return math.exp(top) if log[i - 1] <= top <= log[i + 1] else float(x[y.argmax()])
+
+
+_DEPTHS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0, 25.0)
+
+
+@cache
+def variation(
+    wind_speed: float, fetch: float, collector: float, a: float, b: float, forward_deg: float,
+    diffuse: float, photons: int,
+) -> Floats:  # fmt: skip
+    """Return CV of E_d at the depths: that of focused light times its share of E_d.
+
+    Light that is scattered by less than `forward_deg` still counts as focused.
+    """
+    light = light_below(a, b, "average", 30.0, (0.01, *_DEPTHS), photons)
+    depth = np.array(_DEPTHS)
+    lost = a + b * (1.0 - float(phase_of("average").cdf(math.radians(forward_deg))))
+    slant = math.sqrt(1.0 - (0.5 / _N) ** 2)
+    focused = (1.0 - diffuse) * np.exp(-lost * depth / slant) / (light.e_d[1:] / light.e_d[0])
+    index = [scintillation(float(d), wind_speed, collector, fetch) for d in depth]
+    return np.minimum(focused, 1.0) * np.sqrt(index)
+
+
+def depth_law(
+    rows: Sequence[Row], photons: float, wind_speed: float, fetch: float, collector: float,
+    a: float, b: float, forward_deg: float, diffuse: float,
+) -> tuple[list[float], float]:  # fmt: skip
+    """Return the mean CV of 0.25 to 2 m over that of 25 m, or the depth of the largest ("peak")."""
+    shots = max(int(2**17 * photons), 2**13)
+    cv = variation(wind_speed, fetch, collector, a, b, forward_deg, diffuse, shots)
+    found = {"ratio": float(cv[:5].mean() / cv[-1]), "peak": peak_of(np.array(_DEPTHS), cv)}
+    return [found[row.series] for row in rows], 0.0
+
+
+_CELLS, _STEP, _PATCHES = 1024, 0.05, 12  # step [m]
+
+
+def patch_slopes(sea: SpectralSea, seed: int, cells: int, step: float) -> tuple[Floats, Floats]:
+    """Return the slopes of a periodic patch (cells, cells) of a sea, x along the wind."""
+    k1 = 2.0 * math.pi * np.fft.fftfreq(cells, step)
+    kx, ky = np.meshgrid(k1, k1, indexing="ij")
+    k, theta = np.hypot(kx, ky), np.arctan2(ky, kx)
+    k[0, 0] = k1[1]
+    # the spreading changes slowly with k
+    nodes, ring = np.geomspace(k.min(), k.max(), 512), np.linspace(-math.pi, math.pi, 181)
+    omega = angular_frequency(nodes, None, True)
+    spread = sea.spreading.density(omega[:, None], ring, **sea_state(sea.spectrum))
+    rows = sea.spectrum(omega) * np.gradient(omega, nodes) / nodes
+    density = RegularGridInterpolator((np.log(nodes), ring), rows[:, None] * spread)
+    psi = density((np.clip(np.log(k), *np.log(nodes[[0, -1]])), theta))
+    psi[0, 0] = 0.0
+    rng = np.random.default_rng(seed)
+    noise = rng.standard_normal((2, cells, cells))
+    wave = np.sqrt(psi) * k1[1] * (noise[0] + 1j * noise[1])
+    made = np.fft.ifft2(1j * kx * wave) * cells**2, np.fft.ifft2(1j * ky * wave) * cells**2
+    return made[0].real, made[1].real
+
+
+@cache
+def light_spectra(wind_speed: float, depths: tuple[float, ...], patches: int) -> Floats:
+    """Return power spectra of E_d over patches (depths, patches, 2, cells / 2), along and across.
+
+    Rays of a zenith sun land at x - (1 - 1 / n) d s, exactly refracted, in cells of the patch.
+    """
+    sea = resolved_sea(wind_speed)
+    found = np.zeros((len(depths), patches, 2, _CELLS // 2))
+    axis = np.arange(_CELLS) * _STEP
+    x, y = np.meshgrid(axis, axis, indexing="ij")
+    for i in range(patches):
+        sx, sy = patch_slopes(sea, i, _CELLS, _STEP)
+        steep = np.hypot(sx, sy)
+        tilt = np.arctan(steep)
+        bent = np.tan(tilt - np.arcsin(np.sin(tilt) / _N)) / np.maximum(steep, 1e-12)
+        for j, depth in enumerate(depths):
+            cells = [np.floor((p - depth * bent * s) / _STEP).astype(int) % _CELLS
+                     for p, s in ((x, sx), (y, sy))]  # fmt: skip
+            light = np.bincount((cells[0] * _CELLS + cells[1]).ravel(), minlength=_CELLS**2)
+            power = np.abs(np.fft.fft2(light.reshape(_CELLS, _CELLS) - 1.0)) ** 2
+            power -= power[_CELLS // 2 - 20 : _CELLS // 2 + 20].mean()  # shot noise of the rays
+            for m in (0, 1):
+                found[j, i, m] = power.sum(axis=1 - m)[: _CELLS // 2]
+    return found
+
+
+def dominant_wavelength(
+    rows: Sequence[Row],
+    photons: float,
+    wind_speed: float,
+    heading: str,
+    smoothing: float,
+    peak: str,
+) -> tuple[list[float], list[float]]:
+    """Return the wavelength of the peak of the spectrum of E_d along a track at depths `at` [m].
+
+    The sensor averages over `smoothing` [m]. The peak is that of "k S", or of "S" within the band
+    of focusing that the source prints, 1 to 20 m.
+    """
+    patches = max(int(_PATCHES * photons), 4)
+    power = light_spectra(wind_speed, tuple(row.at for row in rows), patches)
+    power = power[:, :, ("along", "across").index(heading)]
+    k = 2.0 * math.pi * np.arange(_CELLS // 2) / (_CELLS * _STEP)
+    power = power * np.sinc(k * smoothing / (2.0 * math.pi)) ** 2
+    edges = np.geomspace(k[1], k[-1], 25)
+    middle = np.sqrt(edges[1:] * edges[:-1])
+    count = np.histogram(k, edges)[0]
+
+    def wavelength(of: Floats) -> float:
+        mean = np.histogram(k, edges, weights=of)[0] / np.maximum(count, 1)
+        some = (count > 0) & ((peak == "k S") | (abs(np.log(middle / 1.405)) < 1.498))
+        return (
+            2.0 * math.pi / peak_of(middle[some], (mean * (middle if peak == "k S" else 1.0))[some])
+        )
+
+    values = [wavelength(of.mean(axis=0)) for of in power]
+    # jackknife over patches
+    left = np.array([[wavelength(of.sum(axis=0) - one) for one in of] for of in power])
+    errors = np.sqrt((patches - 1.0) * left.var(axis=1))
+    return values, errors.tolist()
