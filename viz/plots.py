@@ -325,13 +325,15 @@ def _dataset(result: GainSeries | CoverageMap | xr.Dataset, *names: str) -> xr.D
     return data
 
 
-def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None = None) -> Axes:
-    """Plot the autocorrelation of the gain with the coherence time at 1/e.
+def plot_autocorrelation(
+    statistics: fading.FadingStatistics | fading.ChannelModel, *, ax: Axes | None = None
+) -> Axes:
+    """Plot the autocorrelation of the gain with the coherence time at 1/e, or that of a model.
 
     Parameters
     ----------
-    statistics : FadingStatistics
-        Of a time series.
+    statistics : FadingStatistics or ChannelModel
+        Of a time series; of a model also that of the series, with two standard errors.
     ax : matplotlib Axes, optional
         Axes to draw on.
 
@@ -344,6 +346,12 @@ def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None
     Refused
         If the statistics are those of an ensemble.
     """
+    if isinstance(statistics, fading.ChannelModel):
+        error, name = statistics.autocorrelation_stderr, "autocorrelation"
+        rows = [statistics.autocorrelation, statistics.model_autocorrelation]
+        both = {name: rows, f"{name}_stderr": [error, 0.0 * error]}
+        data = marks.dataset(both, curve=["series", "model"], lag=statistics.lag)
+        return marks.finished(marks.lines(marks.axes(ax), data, name))
     if statistics.lag is None or statistics.autocorrelation is None:
         raise Refused("statistics", Described("of an ensemble"), "those of a time series")
     data = marks.dataset({"autocorrelation": statistics.autocorrelation}, lag=statistics.lag)
@@ -755,6 +763,8 @@ _PLOTS: dict[str, Callable[..., Any]] = {
     "coverage": plot_coverage,
     "impulse-response": plot_impulse_response,
     "fading": plot_autocorrelation,
+    "markov-channel": plot_autocorrelation,
+    "transformed-gaussian": plot_autocorrelation,
     "performance": plot_performance,
     "depth-sweep": plot_winds,
     "convergence": plot_convergence,

@@ -14,7 +14,7 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.comms import OokLink
 from meshtrace.errors import Refused
-from meshtrace.fading import Estimate, fading_statistics
+from meshtrace.fading import Estimate, MarkovChannel, fading_statistics
 from meshtrace.results import GainResult, ImpulseResponse
 from meshtrace.results.gain import FateTally
 from meshtrace.studies import ConvergenceStudy
@@ -144,6 +144,10 @@ def test_autocorrelation():
     assert legend(ax)[0].startswith("coherence time 0.9")
     with pytest.raises(ValueError, match="of an ensemble"):
         viz.plot_autocorrelation(fading_statistics(gain))
+    model = MarkovChannel.fit(gain, 0.1)
+    ax = viz.plot(model)
+    np.testing.assert_array_equal(line(ax, 1), (model.lag, model.model_autocorrelation))
+    assert legend(ax) == ["series", "model"]
     short = statistics.coherence_time._replace(value=0.04)
     ax = viz.plot_autocorrelation(replace(statistics, coherence_time=short))
     assert legend(ax) == ["coherence time < 0.1 s"]  # the samples are no finer
