@@ -13,7 +13,7 @@ import pytest
 import meshtrace as mt
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Case, Run
-from meshtrace.surfaces import JonswapSea, WaveComponents, resolved_sea
+from meshtrace.surfaces import WaveComponents, resolved_sea
 from meshtrace.surfaces.triangulate import GridLines
 from meshtrace.surfaces.waves import WaveGrid, elevation_and_slopes
 
