@@ -69,9 +69,7 @@ class IrradianceSeries(Stored):
     provenance: dict[str, Any] = field(default_factory=dict)
     x: Annotated[Floats | None, Variable("x")] = None
     y: Annotated[Floats | None, Variable("y")] = None
-    pattern: Annotated[
-        Floats | None, Variable("time depth x y", name="irradiance_pattern")
-    ] = None
+    pattern: Annotated[Floats | None, Variable("time depth x y", name="irradiance_pattern")] = None
 
     kind: ClassVar[str] = "irradiance-series"
     title: ClassVar[str] = "meshtrace irradiance over time"

@@ -23,6 +23,7 @@ from meshtrace.errors import (
     require_between,
     require_finite,
     require_kind,
+    require_pair,
     require_seed,
     require_whole,
 )
@@ -33,9 +34,9 @@ from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.water import Water
 from meshtrace.parallel import default_threads, ordered_map
+from meshtrace.results.background import PARTS
 from meshtrace.results.irradiance import IrradianceSeries
 from meshtrace.results.provenance import environment
-from meshtrace.results.background import PARTS
 from meshtrace.surfaces import FlatSea, Surface
 from meshtrace.surfaces.surface import WaveSurface
 from meshtrace.surfaces.waves import WaveComponents, WaveGrid, elevation_and_slopes
@@ -54,6 +55,7 @@ class _Plane(NamedTuple):
     """What all frames of a depth have in common."""
 
     depth: float
+    floating: bool
     waves: WaveComponents | None  # None: a surface that is no sum of waves
     x: Floats  # points of the surface
     y: Floats
@@ -67,7 +69,6 @@ class _Plane(NamedTuple):
     still: float  # of unscattered sunlight
     scattered: float
     sky: float
-    blur: float
 
 
 def irradiance_series(
@@ -78,6 +79,7 @@ def irradiance_series(
     depths: ArrayLike = (1.0,),
     times: ArrayLike = (0.0,),
     collector: float = 0.05,
+    floating: bool = False,
     patch: tuple[float, float] | None = None,
     fineness: float = 1.0,
     photons: int = 100_000,
@@ -100,11 +102,15 @@ def irradiance_series(
     water : Water, optional
         Homogeneous water, by default that of a link.
     depths : array_like
-        Depths of the collector below still water [m], > 0, below all troughs.
+        Depths of the collector below still water [m], > 0; more than 4.5 standard deviations of
+        the elevation, unless `floating`.
     times : array_like
         Times [s].
     collector : float
         Diameter of the collector [m].
+    floating : bool
+        Whether depths are below the mean height of the waves over the collector, as of one that
+        hangs from a float, in place of still water.
     patch : (float, float), optional
         Half-length of a square about the collector and edge of its cells [m]: the result has the
         irradiance that the collector would have there.
@@ -159,10 +165,14 @@ def irradiance_series(
     require_between(fineness, 0.1, 10.0, "fineness", "[]")
     require_whole(photons, 1000, 100_000_000, "photons")
     require_seed(seed)
+    if patch is not None:
+        half, edge = require_pair(patch, "patch", "half-length and edge of a cell [m]")
+        if not 0.0 < edge <= half:
+            raise Refused("patch", patch, "half-length and edge of a cell [m], 0 < edge <= half")
     sea, bands = _resolved(surface, depths, collector, water)
     light = _scattered_light(daylight, water, depths, photons, seed)
     planes = [
-        _plane(sea, daylight, water, depth, band, collector, patch, fineness, *parts)
+        _plane(sea, daylight, water, depth, band, collector, patch, fineness, floating, *parts)
         for depth, band, *parts in zip(depths, bands, *light, strict=True)
     ]
     ready, cells = process_time(), None if patch is None else _patch_cells(patch)
@@ -178,7 +188,13 @@ def irradiance_series(
         "surface": sea.to_config(),
         "daylight": daylight.model_dump(mode="json"),
         "water": water.model_dump(mode="json"),
-        "run": {"collector": collector, "photons": photons, "seed": seed, "fineness": fineness},
+        "run": {
+            "collector": collector,
+            "floating": floating,
+            "photons": photons,
+            "seed": seed,
+            "fineness": fineness,
+        },
         "omega_max": [math.nan if band is None else band for band in bands],
         "surface_points": [len(p.x) * len(p.y) for p in planes],
         "spacing": [float(p.x[1] - p.x[0]) for p in planes],
@@ -285,13 +301,12 @@ def _scattered_light(
 def _spread(
     run: Callable[..., Any], depth: float, straight: float, share: float, half: float, n: int
 ) -> Floats:
-    """Return the shares of the scattered light on n by n cells over |x|, |y| <= half [m]."""
+    """Return the shares of the scattered light on n by n cells (odd) over |x|, |y| <= half [m]."""
     step = 2.0 * half / n
     record = IrradianceMap(height=-depth, extent=half, step=step, axis=(0.0, 0.0, -1.0))
     found = run(record=[record]).map
     power = np.array(found.irradiance) * step**2
-    middle = slice(n // 2 - 1 + n % 2, n // 2 + 1)
-    power[middle, middle] -= straight / power[middle, middle].size
+    power[n // 2, n // 2] -= straight
     return np.asarray(np.maximum(power, 0.0) / max(share, 1e-300))
 
 
@@ -304,6 +319,7 @@ def _plane(
     collector: float,
     patch: tuple[float, float] | None,
     fineness: float,
+    floating: bool,
     scattered: float,
     sky: float,
     spread: Any,
@@ -325,17 +341,21 @@ def _plane(
     spacing = blur / _RAYS
     if shortest:
         spacing = min(spacing, GAIN_SPACING / shortest)
-    spacing /= fineness
     cell = blur / _CELLS if patch is None else patch[1]
+    spacing = cell / math.ceil(fineness * cell / spacing)  # even light on still water
     support = 0.5 * collector + disks[0] + _BLURS * float(tilts.max())
     half = support + _SCATTERED * depth * (water.b > 0.0)
-    half = max(half, 0.0 if patch is None else patch[0] + support) + 2.0 * cell
+    half = max(half, 0.0 if patch is None else patch[0] + support) + 3.0 * cell
     cells = 2 * math.ceil(half / cell)
     half = 0.5 * cells * cell
     turn = math.radians(day.sun_azimuth_deg)
     away = depth * sine / inside
     reach = half + _SLOPES * lever * slope + 2.0 * spacing
-    crest = _SLOPES * _height(waves) * sine / inside
+    trough = 0.0 if floating else _SLOPES * _height(waves)
+    if trough >= depth:
+        allowed = f"> {trough:.3g} m, below all troughs, or floating = true"
+        raise Refused("depths", depth, allowed)
+    crest = trough * sine / inside
     points = 2 * math.ceil((reach + crest) / spacing) + 1
     if points**2 > _MOST_POINTS:
         found = Described(f"{points:,} by {points:,} points of the sea at {depth:g} m")
@@ -350,14 +370,24 @@ def _plane(
     transfer = _transfer(cells, cell, 0.5 * collector, disks, turn, tilts, wind)
     spread_transfer = np.zeros_like(transfer, complex)
     if spread is not None:
-        shares = np.fft.ifftshift(spread(half, cells))
+        shares = np.zeros((cells, cells))
+        shares[1:, 1:] = spread(half - 0.5 * cell, cells - 1)
+        shares = np.fft.ifftshift(shares)
         spread_transfer = np.fft.fft2(shares) * _disk(*_wavenumbers(cells, cell), 0.5 * collector)
-    kernel, wide = (np.fft.fftshift(np.fft.ifft2(t).real) for t in (transfer, spread_transfer))
+    # the light of a cell counts by the way from it to the collector
+    kernel, wide = (
+        np.fft.fftshift(np.fft.ifft2(t.conj()).real) for t in (transfer, spread_transfer)
+    )
+    far = np.hypot(*np.meshgrid(*2 * [cell * (np.arange(cells) - cells // 2)])) > support + cell
+    kernel[far] = 0.0  # the ripple of a sharp edge
+    kernel /= kernel.sum()
+    transfer = np.fft.fft2(np.fft.ifftshift(kernel))
+    low = -half - 0.5 * cell  # the collector is over the middle of a cell
     through = 1.0 - float(fresnel_reflectance(day.sun[2], 1.0, n))
     still = day.direct * day.sun[2] * through * math.exp(-water.c * depth / inside)
     return _Plane(
-        depth, waves, x, y, grid, (-half, -half), cell, kernel, wide, transfer, spread_transfer,
-        still, scattered, sky, blur,
+        depth, floating, waves, x, y, grid, (low, low), cell, kernel, wide, transfer,
+        spread_transfer, still, scattered, sky,
     )  # fmt: skip
 
 
@@ -416,7 +446,12 @@ def _transfer(
 
 
 def _frame(
-    sea: Surface, day: Daylight, water: Water, planes: list[_Plane], cells: Floats | None, time: float
+    sea: Surface,
+    day: Daylight,
+    water: Water,
+    planes: list[_Plane],
+    cells: Floats | None,
+    time: float,
 ) -> tuple[list[float], list[float], list[Floats]]:
     """Return irradiance and its unscattered part at each depth, and the patterns."""
     total, direct, patterns = [], [], []
@@ -435,7 +470,7 @@ def _frame(
             if plane.scattered > 0.0:
                 relative = np.fft.fft2(light / plane.still - 1.0) * plane.scattered_transfer
                 found += plane.scattered * np.fft.ifft2(relative).real
-            first = (len(light) - len(cells)) // 2
+            first = (len(light) - len(cells) + 1) // 2
             part = slice(first, first + len(cells))
             patterns.append(found[part, part])
     return total, direct, patterns
@@ -447,6 +482,8 @@ def _landed(sea: Surface, day: Daylight, water: Water, plane: _Plane, time: floa
         z, zx, zy = sea.grid(plane.x, plane.y, time)
     else:
         z, zx, zy = plane.grid.sum(elevation_and_slopes(plane.waves, time))
+    if plane.floating:
+        z = z - z.mean()
     cells = len(plane.kernel)
     light = np.zeros((cells, cells))
     corner = float(plane.x[0]), float(plane.y[0])
@@ -463,4 +500,4 @@ def _patch_cells(patch: tuple[float, float]) -> Floats:
     """Return the centres of the cells of a patch along an axis."""
     half, step = patch
     n = math.ceil(half / step - 1e-9)
-    return step * (np.arange(2 * n) - n + 0.5)
+    return step * (np.arange(2 * n + 1.0) - n)
