@@ -45,6 +45,7 @@ _HOMES = {
     "comparison": "meshtrace.studies.comparison",
     "background": "meshtrace.results.background",
     "background-series": "meshtrace.results.background",
+    "irradiance-series": "meshtrace.results.irradiance",
     "fading": "meshtrace.fading.statistics",
     "performance": "meshtrace.studies.performance",
     "depth-sweep": "meshtrace.studies.performance",

@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from time import process_time
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import j1
 
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight
@@ -26,6 +26,7 @@ from meshtrace.errors import (
     require_pair,
     require_seed,
     require_whole,
+    require_word,
 )
 from meshtrace.fading.resolving import fading_band
 from meshtrace.kernels.sunlight import land_sunlight
@@ -64,8 +65,8 @@ class _Plane(NamedTuple):
     cell: float
     kernel: Floats  # share of the light of a cell in the irradiance at the collector
     scattered_kernel: Floats
-    transfer: Floats  # of the pattern, by wavenumbers
-    scattered_transfer: Floats
+    transfer: NDArray[np.complex128]  # of the pattern, by wavenumbers
+    scattered_transfer: NDArray[np.complex128]
     still: float  # of unscattered sunlight
     scattered: float
     sky: float
@@ -79,7 +80,7 @@ def irradiance_series(
     depths: ArrayLike = (1.0,),
     times: ArrayLike = (0.0,),
     collector: float = 0.05,
-    floating: bool = False,
+    below: Literal["still", "waves"] = "still",
     patch: tuple[float, float] | None = None,
     fineness: float = 1.0,
     photons: int = 100_000,
@@ -103,14 +104,14 @@ def irradiance_series(
         Homogeneous water, by default that of a link.
     depths : array_like
         Depths of the collector below still water [m], > 0; more than 4.5 standard deviations of
-        the elevation, unless `floating`.
+        the elevation, unless `below` is "waves".
     times : array_like
         Times [s].
     collector : float
         Diameter of the collector [m].
-    floating : bool
-        Whether depths are below the mean height of the waves over the collector, as of one that
-        hangs from a float, in place of still water.
+    below : {"still", "waves"}
+        Zero of the depths: still water, or the mean height of the waves over the collector, as
+        of one that hangs from a float.
     patch : (float, float), optional
         Half-length of a square about the collector and edge of its cells [m]: the result has the
         irradiance that the collector would have there.
@@ -165,6 +166,7 @@ def irradiance_series(
     require_between(fineness, 0.1, 10.0, "fineness", "[]")
     require_whole(photons, 1000, 100_000_000, "photons")
     require_seed(seed)
+    require_word(below, ("still", "waves"), "below")
     if patch is not None:
         half, edge = require_pair(patch, "patch", "half-length and edge of a cell [m]")
         if not 0.0 < edge <= half:
@@ -172,7 +174,9 @@ def irradiance_series(
     sea, bands = _resolved(surface, depths, collector, water)
     light = _scattered_light(daylight, water, depths, photons, seed)
     planes = [
-        _plane(sea, daylight, water, depth, band, collector, patch, fineness, floating, *parts)
+        _plane(
+            sea, daylight, water, depth, band, collector, patch, fineness, below == "waves", *parts
+        )
         for depth, band, *parts in zip(depths, bands, *light, strict=True)
     ]
     ready, cells = process_time(), None if patch is None else _patch_cells(patch)
@@ -190,7 +194,7 @@ def irradiance_series(
         "water": water.model_dump(mode="json"),
         "run": {
             "collector": collector,
-            "floating": floating,
+            "below": below,
             "photons": photons,
             "seed": seed,
             "fineness": fineness,
@@ -239,15 +243,16 @@ def _resolved(
     surface: Surface, depths: Floats, collector: float, water: Water
 ) -> tuple[Surface, list[float | None]]:
     """Return the sea with the waves that matter, and the highest frequency of each depth."""
-    whole = getattr(surface, "for_fading", None)
+    whole: Any = getattr(surface, "for_fading", None)
     if whole is None:
         return surface, [None] * len(depths)
     lamp = AirLed(height=_SUN_HEIGHT, half_angle_deg=60.0)
-    bands = []
+    bands: list[float | None] = []
     for depth in depths:
         disk = WaterReceiver(depth=depth, radius=0.5 * collector, fov_deg=180.0)
         bands.append(fading_band(Link(transmitter=lamp, receiver=disk, water=water), whole))
-    return whole.model_copy(update={"omega_max": max(bands)}), bands
+    resolved: Surface = whole.model_copy(update={"omega_max": max(filter(None, bands))})
+    return resolved, bands
 
 
 def _scattered_light(
@@ -260,7 +265,9 @@ def _scattered_light(
     """
     n = Link(water=water).water.n
     level = day.direct * day.sun[2]
-    sky, scattered, spreads = [], [], []
+    sky: list[float] = []
+    scattered: list[float] = []
+    spreads: list[Any] = []
     for depth in depths.tolist():
         inside = math.sqrt(1.0 - (math.sin(math.radians(day.sun_zenith_deg)) / n) ** 2)
         sky.append(0.0)
@@ -341,7 +348,9 @@ def _plane(
     spacing = blur / _RAYS
     if shortest:
         spacing = min(spacing, GAIN_SPACING / shortest)
-    cell = blur / _CELLS if patch is None else patch[1]
+    cell = blur / _CELLS
+    if patch is not None:
+        cell = patch[1] / math.ceil(patch[1] / cell)
     spacing = cell / math.ceil(fineness * cell / spacing)  # even light on still water
     support = 0.5 * collector + disks[0] + _BLURS * float(tilts.max())
     half = support + _SCATTERED * depth * (water.b > 0.0)
@@ -353,7 +362,7 @@ def _plane(
     reach = half + _SLOPES * lever * slope + 2.0 * spacing
     trough = 0.0 if floating else _SLOPES * _height(waves)
     if trough >= depth:
-        allowed = f"> {trough:.3g} m, below all troughs, or floating = true"
+        allowed = f'> {trough:.3g} m, below all troughs, or below = "waves"'
         raise Refused("depths", depth, allowed)
     crest = trough * sine / inside
     points = 2 * math.ceil((reach + crest) / spacing) + 1
@@ -361,13 +370,13 @@ def _plane(
         found = Described(f"{points:,} by {points:,} points of the sea at {depth:g} m")
         allowed = f"at most {_MOST_POINTS:,}: a wider collector, lower omega_max or smaller patch"
         raise Refused("depths", found, allowed)
-    lines = spacing * (np.arange(points) - points // 2)
+    lines: Floats = spacing * (np.arange(points, dtype=np.float64) - points // 2)
     x, y = away * math.cos(turn) + lines, away * math.sin(turn) + lines
     grid = None
     if waves is not None:
         grid = WaveGrid(waves.kx, waves.ky, x, y, _ERROR)
     wind = math.radians(getattr(sea, "_slopes_along_deg", 0.0))
-    transfer = _transfer(cells, cell, 0.5 * collector, disks, turn, tilts, wind)
+    transfer: Any = _transfer(cells, cell, 0.5 * collector, disks, turn, tilts, wind)
     spread_transfer = np.zeros_like(transfer, complex)
     if spread is not None:
         shares = np.zeros((cells, cells))
@@ -381,7 +390,7 @@ def _plane(
     far = np.hypot(*np.meshgrid(*2 * [cell * (np.arange(cells) - cells // 2)])) > support + cell
     kernel[far] = 0.0  # the ripple of a sharp edge
     kernel /= kernel.sum()
-    transfer = np.fft.fft2(np.fft.ifftshift(kernel))
+    transfer = np.asarray(np.fft.fft2(np.fft.ifftshift(kernel)))
     low = -half - 0.5 * cell  # the collector is over the middle of a cell
     through = 1.0 - float(fresnel_reflectance(day.sun[2], 1.0, n))
     still = day.direct * day.sun[2] * through * math.exp(-water.c * depth / inside)
@@ -412,7 +421,8 @@ def _height(waves: WaveComponents | None) -> float:
 
 def _wavenumbers(cells: int, cell: float) -> tuple[Floats, Floats]:
     k = 2.0 * math.pi * np.fft.fftfreq(cells, cell)
-    return np.meshgrid(k, k, indexing="ij")  # type: ignore[return-value]
+    kx, ky = np.meshgrid(k, k, indexing="ij")
+    return kx, ky
 
 
 def _disk(kx: Floats, ky: Floats, radius: float) -> Floats:
@@ -470,8 +480,9 @@ def _frame(
             if plane.scattered > 0.0:
                 relative = np.fft.fft2(light / plane.still - 1.0) * plane.scattered_transfer
                 found += plane.scattered * np.fft.ifft2(relative).real
-            first = (len(light) - len(cells) + 1) // 2
-            part = slice(first, first + len(cells))
+            stride = round(float(cells[1] - cells[0]) / plane.cell)
+            first = len(light) // 2 - stride * (len(cells) // 2)
+            part = slice(first, first + stride * len(cells), stride)
             patterns.append(found[part, part])
     return total, direct, patterns
 
