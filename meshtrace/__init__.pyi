@@ -68,6 +68,7 @@ from .results.gain import GainResult as GainResult
 from .results.gain import merge as merge
 from .results.impulse import ImpulseResponse as ImpulseResponse
 from .results.impulse import impulse_response as impulse_response
+from .results.irradiance import IrradianceSeries as IrradianceSeries
 from .results.series import GainSeries as GainSeries
 from .scenario.model import Scenario as Scenario
 from .studies import ChannelTrace as ChannelTrace
@@ -88,6 +89,7 @@ from .studies import depth_sweep as depth_sweep
 from .studies import duplex as duplex
 from .studies import ensemble as ensemble
 from .studies import infer as infer
+from .studies import irradiance_series as irradiance_series
 from .studies import light_pattern as light_pattern
 from .studies import link_performance as link_performance
 from .studies import optimize as optimize

@@ -46,6 +46,7 @@ _HOMES = {
     "comparison": "meshtrace.studies.comparison",
     "background": "meshtrace.results.background",
     "background-series": "meshtrace.results.background",
+    "irradiance-series": "meshtrace.results.irradiance",
     "fading": "meshtrace.fading.statistics",
     "markov-channel": "meshtrace.fading.channels",
     "transformed-gaussian": "meshtrace.fading.channels",

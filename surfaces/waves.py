@@ -242,7 +242,6 @@ def _newton(k: Floats, step: Callable[[Floats], Floats]) -> Floats:
 
 _BLOCK = 2**20
 _GRIDS_KEPT = 4
-_NUFFT_ERROR = 1e-13
 _ROUNDING = 1e-14  # of a position, relative
 _MOST_CELLS = 5e7  # of an FFT: some GB
 
@@ -364,22 +363,26 @@ class WaveGrid:
         Grid lines [m].
     y_axis : ndarray, shape (ny,)
         Grid lines [m].
+    error : float
+        Error of a sum, relative to the root of the sum of |w|^2.
 
     Notes
     -----
     Whichever is expected to be fastest: a non-uniform FFT (Barnett, Magland and af Klinteberg
     2019), of type 1 onto equally spaced lines and of type 3 onto others, or the sum itself, for
     few waves, and for lines that lie far apart for the shortest of many waves. Two real sums make
-    one complex transform, over the waves and their mirror images. The error is some 1e-13 of the
-    root of the sum of |w|^2. The choice, and with it the digits, follow the waves and the grid
-    alone, not the number of threads.
+    one complex transform, over the waves and their mirror images. The choice, and with it the
+    digits, follow the waves and the grid alone, not the number of threads.
 
     References
     ----------
     Barnett, Magland and af Klinteberg (2019), SIAM J. Sci. Comput. 41(5), C479-C504.
     """
 
-    def __init__(self, kx: Floats, ky: Floats, x_axis: Floats, y_axis: Floats) -> None:
+    def __init__(
+        self, kx: Floats, ky: Floats, x_axis: Floats, y_axis: Floats, error: float = 1e-13
+    ) -> None:
+        self._error = error
         self._waves, self._axes = (kx, ky), (x_axis, y_axis)
         self._middle = tuple(axis[len(axis) // 2] for axis in self._axes)
         self._steps = tuple(map(_step, self._axes))
@@ -422,7 +425,7 @@ class WaveGrid:
     def _plan(self, transforms: int) -> Any:
         import finufft
 
-        options = {"n_trans": transforms, "eps": _NUFFT_ERROR, "isign": -1, "nthreads": 1}
+        options = {"n_trans": transforms, "eps": self._error, "isign": -1, "nthreads": 1}
         kx, ky = (np.concatenate([k, -k]) for k in self._waves)
         dx, dy = self._steps
         x, y = (axis - middle for axis, middle in zip(self._axes, self._middle, strict=True))

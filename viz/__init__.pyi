@@ -30,6 +30,7 @@ from .plots import plot_gain_pdf as plot_gain_pdf
 from .plots import plot_gain_series as plot_gain_series
 from .plots import plot_impulse_response as plot_impulse_response
 from .plots import plot_inference as plot_inference
+from .plots import plot_irradiance as plot_irradiance
 from .plots import plot_optimum as plot_optimum
 from .plots import plot_route as plot_route
 from .plots import plot_tornado as plot_tornado

@@ -22,6 +22,7 @@ from meshtrace.results.background import PARTS, Background, BackgroundSeries
 from meshtrace.results.coverage import CoverageMap, as_high, place_of_highest
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 from meshtrace.results.impulse import ImpulseResponse
+from meshtrace.results.irradiance import IrradianceSeries
 from meshtrace.results.series import GainSeries
 from meshtrace.stored import Stored
 from meshtrace.studies.comparison import Comparison, Duplex
@@ -492,6 +493,26 @@ def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = 
     return marks.finished(ax, y="background_radiance")
 
 
+def plot_irradiance(series: IrradianceSeries, *, ax: Axes | None = None) -> Axes:
+    """Plot the irradiance under a moving sea over time, a line for each depth.
+
+    Parameters
+    ----------
+    series : IrradianceSeries
+        Of `irradiance_series`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    data = series.to_dataset()[["spectral_irradiance"]].transpose("depth", "time")
+    return marks.finished(
+        marks.lines(marks.axes(ax), data, "spectral_irradiance"), ylim=(0.0, None)
+    )
+
+
 def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
     """Plot an eye diagram over two bits: mean signal of each bit pattern, standard deviation.
 
@@ -774,6 +795,7 @@ _PLOTS: dict[str, Callable[..., Any]] = {
     "trace": plot_trace,
     "background": plot_background,
     "background-series": plot_background,
+    "irradiance-series": plot_irradiance,
     "sensitivity": plot_tornado,
     "optimum": plot_optimum,
     "inference": plot_inference,

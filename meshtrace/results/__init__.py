@@ -8,5 +8,6 @@ from meshtrace.results.gain import GainResult as GainResult
 from meshtrace.results.gain import merge as merge
 from meshtrace.results.impulse import ImpulseResponse as ImpulseResponse
 from meshtrace.results.impulse import impulse_response as impulse_response
+from meshtrace.results.irradiance import IrradianceSeries as IrradianceSeries
 from meshtrace.results.series import GainSeries as GainSeries
 from meshtrace.stored import load as load

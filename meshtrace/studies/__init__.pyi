@@ -13,6 +13,7 @@ from .convergence.study import ConvergenceStudy as ConvergenceStudy
 from .coverage import coverage_map as coverage_map
 from .inference import Inference as Inference
 from .inference import infer as infer
+from .irradiance import irradiance_series as irradiance_series
 from .optimisation import Optimum as Optimum
 from .optimisation import optimize as optimize
 from .performance import DepthSweep as DepthSweep

@@ -43,6 +43,10 @@ def _studies():
         "duplex": mt.duplex(link, link.mirrored(), sea, times=[0.0, 1.0], photons=64),
         "background": mt.background(link, sea, day, photons=64),
         "background-series": mt.background_series(link, sea, day, times=[0.0, 1.0], photons=64),
+        "irradiance-series": mt.irradiance_series(
+            FlatSea(), day, water=mt.Water(a=0.1, b=0.0), times=[0.0, 1.0], photons=1000,
+            patch=(0.1, 0.05),
+        ),
         "sensitivity": mt.sensitivities(link, sea, wrt, photons=64),
         "optimum": mt.optimize(
             link, sea, {"transmitter.half_angle_deg": (5.0, 20.0)}, objective="gain", photons=64,

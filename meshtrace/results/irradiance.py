@@ -1,0 +1,181 @@
+"""Irradiance under a moving sea, with the statistics of its flashes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from meshtrace.errors import Described, Refused, require_finite
+from meshtrace.models import Floats
+from meshtrace.stored import Stored, Variable
+
+THRESHOLDS = (1.25, 1.5, 2.0, 2.5, 3.0, 5.0)
+"""Thresholds of flashes over the mean irradiance."""
+
+
+class Flashes(NamedTuple):
+    """Flashes above thresholds at each depth, arrays (depths, thresholds).
+
+    Parameters
+    ----------
+    threshold : ndarray, shape (thresholds,)
+        Thresholds over the mean irradiance.
+    per_minute : ndarray
+        Flashes that begin, per minute.
+    duration : ndarray
+        Mean duration [s], nan without flashes.
+    """
+
+    threshold: Floats
+    per_minute: Floats
+    duration: Floats
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class IrradianceSeries(Stored):
+    """Downward irradiance at depths under a moving sea.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Times [s].
+    depth : ndarray, shape (depths,)
+        Depths below still water [m].
+    irradiance : ndarray, shape (n, depths)
+        Downward irradiance of the collector [W m-2 nm-1].
+    unscattered : ndarray, shape (n, depths)
+        Part of the sunlight that was not scattered [W m-2 nm-1].
+    sky : ndarray, shape (depths,)
+        Part of the sky, constant [W m-2 nm-1].
+    still : ndarray, shape (depths,)
+        Irradiance of unscattered sunlight under still water [W m-2 nm-1].
+    provenance : dict
+        Sea, daylight, water, collector, grids, seeds, versions and costs.
+    x, y : ndarray, or None
+        Centres of the cells of the patch [m].
+    pattern : ndarray, shape (n, depths, nx, ny), or None
+        Irradiance of the collector over a patch [W m-2 nm-1].
+    """
+
+    time: Annotated[Floats, Variable("time")]
+    depth: Annotated[Floats, Variable("depth")]
+    irradiance: Annotated[Floats, Variable("time depth", name="spectral_irradiance")]
+    unscattered: Annotated[Floats, Variable("time depth", name="unscattered_irradiance")]
+    sky: Annotated[Floats, Variable("depth", name="sky_irradiance")]
+    still: Annotated[Floats, Variable("depth", name="still_irradiance")]
+    provenance: dict[str, Any] = field(default_factory=dict)
+    x: Annotated[Floats | None, Variable("x")] = None
+    y: Annotated[Floats | None, Variable("y")] = None
+    pattern: Annotated[Floats | None, Variable("time depth x y", name="irradiance_pattern")] = None
+
+    kind: ClassVar[str] = "irradiance-series"
+    title: ClassVar[str] = "meshtrace irradiance over time"
+
+    @property
+    def mean(self) -> Floats:
+        """Mean irradiance at each depth [W m-2 nm-1]."""
+        return np.asarray(self.irradiance.mean(axis=0))
+
+    @property
+    def cv(self) -> Floats:
+        """Coefficient of variation at each depth: standard deviation over mean."""
+        return np.asarray(self.irradiance.std(axis=0) / self.mean)
+
+    def pdf(self, edges: ArrayLike) -> Floats:
+        """Return the density of E over its mean between edges, shape (depths, bins)."""
+        edges = require_finite(edges, "edges", "increasing numbers")
+        relative = (self.irradiance / self.mean).T
+        return np.stack([np.histogram(row, edges, density=True)[0] for row in relative])
+
+    def flashes(self, thresholds: ArrayLike = THRESHOLDS) -> Flashes:
+        """Return rate and mean duration of flashes E > k mean, for equally spaced times.
+
+        Parameters
+        ----------
+        thresholds : array_like
+            Thresholds k over the mean irradiance, > 0.
+
+        Raises
+        ------
+        Refused
+            If times are not equally spaced, or a threshold is not positive.
+
+        Notes
+        -----
+        Flashes that have begun before the first time, or go on at the last one, count by their
+        times alone: rate times duration is the share of times above the threshold.
+        """
+        step = self._step()
+        k = require_finite(thresholds, "thresholds", "numbers > 0")
+        if (k <= 0.0).any():
+            raise Refused("thresholds", thresholds, "numbers > 0")
+        above = (self.irradiance / self.mean)[:, :, None] > k
+        begun = np.count_nonzero(above[1:] & ~above[:-1], axis=0)
+        seconds = step * np.count_nonzero(above, axis=0)
+        duration = np.divide(seconds, begun, out=np.full(begun.shape, np.nan), where=begun > 0)
+        return Flashes(k, 60.0 * begun / (step * (len(self.time) - 1)), duration)
+
+    def spectrum(self) -> tuple[Floats, Floats]:
+        """Return frequencies [Hz] and the power density of E / mean [Hz-1], (depths, n).
+
+        By Welch's method with eight segments; for equally spaced times.
+        """
+        from scipy.signal import welch
+
+        relative = (self.irradiance / self.mean - 1.0).T
+        rate, length = 1.0 / self._step(), max(len(self.time) // 4, 2)
+        frequency, density = welch(relative, rate, nperseg=length, axis=-1)
+        return frequency, density
+
+    def wavelengths(self) -> tuple[Floats, Floats]:
+        """Return wavenumbers [rad m-1] and the power density of the pattern along x, (depths, n).
+
+        Density of E / mean over a wavenumber [m rad-1], mean of all rows and times.
+
+        Raises
+        ------
+        Refused
+            If the series has no pattern.
+        """
+        if self.pattern is None or self.x is None:
+            raise Refused("pattern", None, "a series made with patch")
+        from scipy.signal import periodogram
+
+        step = float(self.x[1] - self.x[0])
+        relative = self.pattern / self.pattern.mean(axis=(0, 2, 3), keepdims=True) - 1.0
+        cycles, density = periodogram(relative, 1.0 / step, "hann", axis=2)
+        return 2.0 * np.pi * cycles, density.mean(axis=(0, 3)) / (2.0 * np.pi)
+
+    def _step(self) -> float:
+        steps = np.diff(self.time)
+        if len(steps) < 2 or np.ptp(steps) > 1e-6 * steps.mean():
+            raise Refused("times", Described(f"{len(self.time)} times"), "equally spaced times")
+        return float(steps.mean())
+
+    def _headline(self) -> str:
+        each = (f"{d:g} m {cv:.3g}" for d, cv in zip(self.depth, self.cv, strict=True))
+        return f"irradiance at {len(self.time)} times, coefficient of variation {', '.join(each)}"
+
+    def summary(self) -> str:
+        """Return mean, coefficient of variation, and flashes at each depth as text."""
+        rows = [
+            f"downward irradiance at {len(self.time)} times, "
+            f"{self.time[0]:g} to {self.time[-1]:g} s",
+            "   depth  W m-2 nm-1  unscattered       CV   highest  flashes > 1.5 mean",
+        ]
+        try:
+            found = self.flashes([1.5])
+            seen = [
+                f"{r:.0f} per min, {1e3 * d:.3g} ms" if r else "none"
+                for r, d in zip(found.per_minute[:, 0], found.duration[:, 0], strict=True)
+            ]
+        except Refused:
+            seen = [""] * len(self.depth)
+        share = self.unscattered.mean(axis=0) / self.mean
+        highest = self.irradiance.max(axis=0) / self.mean
+        for row in zip(self.depth, self.mean, share, self.cv, highest, seen, strict=True):
+            rows.append("{:6g} m  {:10.4g}  {:10.1%}  {:8.3g}  {:8.3g}  {}".format(*row))
+        return "\n".join(rows)

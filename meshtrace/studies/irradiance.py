@@ -1,0 +1,514 @@
+"""Downward irradiance at depths under a moving sea, fast enough for flashes of milliseconds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from time import process_time
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import j1
+
+from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight
+from meshtrace.engine.backward.background import background
+from meshtrace.engine.setup.meshing import GAIN_SPACING
+from meshtrace.engine.setup.options import IrradianceMap
+from meshtrace.engine.simulate import simulate
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_between,
+    require_finite,
+    require_kind,
+    require_pair,
+    require_seed,
+    require_whole,
+    require_word,
+)
+from meshtrace.fading.resolving import fading_band
+from meshtrace.kernels.sunlight import land_sunlight
+from meshtrace.link import AirLed, IrradiancePlanes, Link, Sun, WaterReceiver
+from meshtrace.models import Floats
+from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.optics.water import Water
+from meshtrace.parallel import default_threads, ordered_map
+from meshtrace.results.background import PARTS
+from meshtrace.results.irradiance import IrradianceSeries
+from meshtrace.results.provenance import environment
+from meshtrace.surfaces import FlatSea, Surface
+from meshtrace.surfaces.surface import WaveSurface
+from meshtrace.surfaces.waves import WaveComponents, WaveGrid, elevation_and_slopes
+
+_SUN_HEIGHT = 1e6  # [m], of a lamp in place of the sun
+_ERROR = 1e-6  # of the sums of waves
+_SLOPES = 4.5  # standard deviations of the slopes that may bend light onto the collector
+_RAYS = 6.0  # over the blur
+_CELLS = 2.0  # over the blur
+_BLURS = 4.0  # standard deviations of tilts
+_MOST_POINTS = 4_000_000  # of a grid
+_SCATTERED = 0.05  # of the depth: the part of the scattered light that follows the pattern
+
+
+class _Plane(NamedTuple):
+    """What all frames of a depth have in common."""
+
+    depth: float
+    floating: bool
+    waves: WaveComponents | None  # None: a surface that is no sum of waves
+    x: Floats  # points of the surface
+    y: Floats
+    grid: WaveGrid | None
+    corner: tuple[float, float]  # of the cells
+    cell: float
+    kernel: Floats  # share of the light of a cell in the irradiance at the collector
+    scattered_kernel: Floats
+    transfer: NDArray[np.complex128]  # of the pattern, by wavenumbers
+    scattered_transfer: NDArray[np.complex128]
+    still: float  # of unscattered sunlight
+    scattered: float
+    sky: float
+
+
+def irradiance_series(
+    surface: Surface,
+    daylight: Daylight,
+    *,
+    water: Water | None = None,
+    depths: ArrayLike = (1.0,),
+    times: ArrayLike = (0.0,),
+    collector: float = 0.05,
+    below: Literal["still", "waves"] = "still",
+    patch: tuple[float, float] | None = None,
+    fineness: float = 1.0,
+    photons: int = 100_000,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> IrradianceSeries:
+    r"""Return the downward irradiance at depths under a moving sea.
+
+    .. math:: E(t) = \sum_i K(x_i - x_c) T_i \, s_i \cdot dA_i \, E_\perp e^{-c l_i}
+        + E_s \left[1 + \int S \left(E_0 / \bar E_0 - 1\right) d^2x\right] + E_{sky}
+
+    Parameters
+    ----------
+    surface : Surface
+        The sea, a height field: not choppy. Waves of a sea whose band is not chosen are those that
+        make light fade at the shallowest depth.
+    daylight : Daylight
+        Light above the sea, with direct sunlight.
+    water : Water, optional
+        Homogeneous water, by default that of a link.
+    depths : array_like
+        Depths of the collector below still water [m], > 0; more than 4.5 standard deviations of
+        the elevation, unless `below` is "waves".
+    times : array_like
+        Times [s].
+    collector : float
+        Diameter of the collector [m].
+    below : {"still", "waves"}
+        Zero of the depths: still water, or the mean height of the waves over the collector, as
+        of one that hangs from a float.
+    patch : (float, float), optional
+        Half-length of a square about the collector and edge of its cells [m]: the result has the
+        irradiance that the collector would have there.
+    fineness : float
+        Factor on the number of surface points along an axis, for studies of convergence.
+    photons : int
+        Photons of the scattered light of each depth, and of the sky.
+    seed : int
+        Seed of the photons; that of the waves is the sea's own.
+    threads : int, optional
+        Threads over the frames, by default all cores. They leave every digit as it is.
+    progress : callable, optional
+        Called with 1 after each frame.
+
+    Returns
+    -------
+    IrradianceSeries
+
+    Raises
+    ------
+    Refused
+        If a parameter is out of range, the sea is choppy, the water has layers, there is no sun,
+        or a grid would have more than four million points.
+
+    Notes
+    -----
+    Points of the surface at 0.45 / k of the shortest wave, and a sixth of the blur of the light,
+    have exact heights and slopes (`waves.WaveGrid`); each sends its sunlight along its refracted
+    ray (Snell, Fresnel), attenuated over its own way, into cells of the plane. K is the collector,
+    convolved with the image of the sun's disk and with a Gaussian of the slopes of the waves left
+    out: at each depth those shorter than `fading.resolving.fading_band` says. Light that meets a
+    second wave, or a wave's shadow, is not followed.
+
+    Sunlight scattered in the water, E_s, has the mean of photons under still water; its spread S
+    about the unscattered ray, from the same photons, blurs the pattern. What of S lies outside of
+    the cells is constant, as is the light of the sky (photons traced backwards under still water).
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> from meshtrace.surfaces import FlatSea
+    >>> day = mt.Daylight(direct=1.0, diffuse=0.0, sun_zenith_deg=0.0)
+    >>> clear = mt.Water(a=0.0, b=0.0)
+    >>> found = mt.irradiance_series(FlatSea(), day, water=clear, depths=[1.0], times=[0.0])
+    >>> round(float(found.irradiance[0, 0]), 4)
+    0.9799
+    """
+    start = process_time()
+    water = Link().water if water is None else water
+    depths, times = _checked(surface, daylight, water, depths, times)
+    require_between(collector, 0.0, 100.0, "collector", "()")
+    require_between(fineness, 0.1, 10.0, "fineness", "[]")
+    require_whole(photons, 1000, 100_000_000, "photons")
+    require_seed(seed)
+    require_word(below, ("still", "waves"), "below")
+    if patch is not None:
+        half, edge = require_pair(patch, "patch", "half-length and edge of a cell [m]")
+        if not 0.0 < edge <= half:
+            raise Refused("patch", patch, "half-length and edge of a cell [m], 0 < edge <= half")
+    sea, bands = _resolved(surface, depths, collector, water)
+    light = _scattered_light(daylight, water, depths, photons, seed)
+    planes = [
+        _plane(
+            sea, daylight, water, depth, band, collector, patch, fineness, below == "waves", *parts
+        )
+        for depth, band, *parts in zip(depths, bands, *light, strict=True)
+    ]
+    ready, cells = process_time(), None if patch is None else _patch_cells(patch)
+    rows = []
+    frame = partial(_frame, sea, daylight, water, planes, cells)
+    for row in ordered_map(frame, times.tolist(), default_threads(threads)):
+        rows.append(row)
+        if progress is not None:
+            progress(1)
+    total, direct, pattern = zip(*rows, strict=True)
+    origin = {
+        "environment": environment(),
+        "surface": sea.to_config(),
+        "daylight": daylight.model_dump(mode="json"),
+        "water": water.model_dump(mode="json"),
+        "run": {
+            "collector": collector,
+            "below": below,
+            "photons": photons,
+            "seed": seed,
+            "fineness": fineness,
+        },
+        "omega_max": [math.nan if band is None else band for band in bands],
+        "surface_points": [len(p.x) * len(p.y) for p in planes],
+        "spacing": [float(p.x[1] - p.x[0]) for p in planes],
+        "setup_cpu_seconds": ready - start,
+        "cpu_seconds_per_frame": (process_time() - ready) / len(times),
+    }
+    return IrradianceSeries(
+        times,
+        depths,
+        np.array(total),
+        np.array(direct),
+        np.array([p.sky for p in planes]),
+        np.array([p.still for p in planes]),
+        origin,
+        cells,
+        cells,
+        None if cells is None else np.array(pattern),
+    )
+
+
+def _checked(
+    surface: Any, day: Any, water: Any, depths: ArrayLike, times: ArrayLike
+) -> tuple[Floats, Floats]:
+    """Return depths and times; refuse what the pattern is not defined for."""
+    if not isinstance(surface, Surface) or getattr(surface, "choppy", False):
+        kind = "choppy" if isinstance(surface, Surface) else type(surface).__name__
+        raise Refused("surface", Described(kind), "a sea (Surface) that is a height field")
+    require_kind(day, Daylight, "daylight")
+    require_kind(water, Water, "water")
+    if day.direct == 0.0:
+        raise Refused("daylight.direct", 0.0, "> 0: without sun the irradiance is constant")
+    if water.layers is not None:
+        raise Refused("water.layers", Described("given"), "homogeneous water")
+    deep = np.atleast_1d(require_finite(depths, "depths", "at least one depth > 0 [m]"))
+    if not deep.size or (deep <= 0.0).any():
+        raise Refused("depths", depths, "at least one depth > 0 [m]")
+    at = np.atleast_1d(require_finite(times, "times", "at least one time [s]"))
+    return deep.astype(float), at.astype(float)
+
+
+def _resolved(
+    surface: Surface, depths: Floats, collector: float, water: Water
+) -> tuple[Surface, list[float | None]]:
+    """Return the sea with the waves that matter, and the highest frequency of each depth."""
+    whole: Any = getattr(surface, "for_fading", None)
+    if whole is None:
+        return surface, [None] * len(depths)
+    lamp = AirLed(height=_SUN_HEIGHT, half_angle_deg=60.0)
+    bands: list[float | None] = []
+    for depth in depths:
+        disk = WaterReceiver(depth=depth, radius=0.5 * collector, fov_deg=180.0)
+        bands.append(fading_band(Link(transmitter=lamp, receiver=disk, water=water), whole))
+    resolved: Surface = whole.model_copy(update={"omega_max": max(filter(None, bands))})
+    return resolved, bands
+
+
+def _scattered_light(
+    day: Daylight, water: Water, depths: Floats, photons: int, seed: int
+) -> tuple[list[float], list[float], list[Any]]:
+    """Return the irradiance of scattered sunlight and of the sky at each depth, and its spread.
+
+    The spread is a function of a half-length and a cell: the shares of the scattered light on
+    cells about the unscattered ray.
+    """
+    n = Link(water=water).water.n
+    level = day.direct * day.sun[2]
+    sky: list[float] = []
+    scattered: list[float] = []
+    spreads: list[Any] = []
+    for depth in depths.tolist():
+        inside = math.sqrt(1.0 - (math.sin(math.radians(day.sun_zenith_deg)) / n) ** 2)
+        sky.append(0.0)
+        if day.diffuse > 0.0:
+            ends = {"transmitter": AirLed(wavelength_nm=day.wavelength_nm),
+                    "receiver": WaterReceiver(depth=depth, radius=0.01, fov_deg=180.0)}  # fmt: skip
+            link, count = Link(water=water, **ends), 32 * max(1, photons // 32)
+            seen = background(link, FlatSea(), day, photons=count, seed=seed, threads=1)
+            sky[-1] = math.pi * float(seen.part_radiance[PARTS.index("sky")])
+        if water.b == 0.0:
+            scattered.append(0.0)
+            spreads.append(None)
+            continue
+        shift = depth * math.sqrt(1.0 / inside**2 - 1.0)
+        turn = math.radians(day.sun_azimuth_deg)
+        entry = shift * math.cos(turn), shift * math.sin(turn)
+        pencil = Sun(
+            zenith_deg=day.sun_zenith_deg, azimuth_deg=(day.sun_azimuth_deg + 180.0) % 360.0,
+            half_width=1e-6 * depth, position=entry,
+        )  # fmt: skip
+        link = Link(
+            water=water, transmitter=pencil, receiver=(), planes=IrradiancePlanes(depths=(depth,))
+        )
+        run = partial(
+            simulate, link, FlatSea(), estimator="analog", photons=photons, seed=seed, threads=1
+        )
+        straight = (1.0 - float(fresnel_reflectance(day.sun[2], 1.0, n))) * math.exp(
+            -water.c * depth / inside
+        )
+        planes = run().planes
+        assert planes is not None
+        share = max(float(planes.e_d[0]) - straight, 0.0)
+        scattered.append(level * share)
+        spreads.append(partial(_spread, run, depth, straight, share))
+    return scattered, sky, spreads
+
+
+def _spread(
+    run: Callable[..., Any], depth: float, straight: float, share: float, half: float, n: int
+) -> Floats:
+    """Return the shares of the scattered light on n by n cells (odd) over |x|, |y| <= half [m]."""
+    step = 2.0 * half / n
+    record = IrradianceMap(height=-depth, extent=half, step=step, axis=(0.0, 0.0, -1.0))
+    found = run(record=[record]).map
+    power = np.array(found.irradiance) * step**2
+    power[n // 2, n // 2] -= straight
+    return np.asarray(np.maximum(power, 0.0) / max(share, 1e-300))
+
+
+def _plane(
+    sea: Surface,
+    day: Daylight,
+    water: Water,
+    depth: float,
+    band: float | None,
+    collector: float,
+    patch: tuple[float, float] | None,
+    fineness: float,
+    floating: bool,
+    scattered: float,
+    sky: float,
+    spread: Any,
+) -> _Plane:
+    """Return the grids and kernels of a depth."""
+    n = water.n / Link().n_air
+    sine = math.sin(math.radians(day.sun_zenith_deg)) / n
+    inside = math.sqrt(1.0 - sine**2)
+    waves, shortest, slope = _waves(sea, band)
+    lever = depth * (1.0 - day.sun[2] / (n * inside)) / inside**2
+    alpha = math.radians(SUN_RADIUS_DEG) * depth / (n * inside)
+    disks = alpha * day.sun[2] / inside**2, alpha  # of the sun's image, along and across its light
+    if band is not None:
+        tilts = np.sqrt(sea.slopes_beyond(band)) * lever  # type: ignore[attr-defined]
+    else:
+        missing = sea.unresolved_slopes(GAIN_SPACING / shortest if shortest else 1.0)
+        tilts = lever * np.sqrt((0.0, 0.0) if missing is None else missing.vertex)
+    blur = math.sqrt(0.0625 * collector**2 + 0.25 * disks[1] ** 2 + tilts.max() ** 2)
+    spacing = blur / _RAYS
+    if shortest:
+        spacing = min(spacing, GAIN_SPACING / shortest)
+    cell = blur / _CELLS
+    if patch is not None:
+        cell = patch[1] / math.ceil(patch[1] / cell)
+    spacing = cell / math.ceil(fineness * cell / spacing)  # even light on still water
+    support = 0.5 * collector + disks[0] + _BLURS * float(tilts.max())
+    half = support + _SCATTERED * depth * (water.b > 0.0)
+    half = max(half, 0.0 if patch is None else patch[0] + support) + 3.0 * cell
+    cells = 2 * math.ceil(half / cell)
+    half = 0.5 * cells * cell
+    turn = math.radians(day.sun_azimuth_deg)
+    away = depth * sine / inside
+    reach = half + _SLOPES * lever * slope + 2.0 * spacing
+    trough = 0.0 if floating else _SLOPES * _height(waves)
+    if trough >= depth:
+        allowed = f'> {trough:.3g} m, below all troughs, or below = "waves"'
+        raise Refused("depths", depth, allowed)
+    crest = trough * sine / inside
+    points = 2 * math.ceil((reach + crest) / spacing) + 1
+    if points**2 > _MOST_POINTS:
+        found = Described(f"{points:,} by {points:,} points of the sea at {depth:g} m")
+        allowed = f"at most {_MOST_POINTS:,}: a wider collector, lower omega_max or smaller patch"
+        raise Refused("depths", found, allowed)
+    lines: Floats = spacing * (np.arange(points, dtype=np.float64) - points // 2)
+    x, y = away * math.cos(turn) + lines, away * math.sin(turn) + lines
+    grid = None
+    if waves is not None:
+        grid = WaveGrid(waves.kx, waves.ky, x, y, _ERROR)
+    wind = math.radians(getattr(sea, "_slopes_along_deg", 0.0))
+    transfer: Any = _transfer(cells, cell, 0.5 * collector, disks, turn, tilts, wind)
+    spread_transfer = np.zeros_like(transfer, complex)
+    if spread is not None:
+        shares = np.zeros((cells, cells))
+        shares[1:, 1:] = spread(half - 0.5 * cell, cells - 1)
+        shares = np.fft.ifftshift(shares)
+        spread_transfer = np.fft.fft2(shares) * _disk(*_wavenumbers(cells, cell), 0.5 * collector)
+    # the light of a cell counts by the way from it to the collector
+    kernel, wide = (
+        np.fft.fftshift(np.fft.ifft2(t.conj()).real) for t in (transfer, spread_transfer)
+    )
+    far = np.hypot(*np.meshgrid(*2 * [cell * (np.arange(cells) - cells // 2)])) > support + cell
+    kernel[far] = 0.0  # the ripple of a sharp edge
+    kernel /= kernel.sum()
+    transfer = np.asarray(np.fft.fft2(np.fft.ifftshift(kernel)))
+    low = -half - 0.5 * cell  # the collector is over the middle of a cell
+    through = 1.0 - float(fresnel_reflectance(day.sun[2], 1.0, n))
+    still = day.direct * day.sun[2] * through * math.exp(-water.c * depth / inside)
+    return _Plane(
+        depth, floating, waves, x, y, grid, (low, low), cell, kernel, wide, transfer,
+        spread_transfer, still, scattered, sky,
+    )  # fmt: skip
+
+
+def _waves(sea: Surface, band: float | None) -> tuple[WaveComponents | None, float, float]:
+    """Return the waves up to a frequency, the largest wavenumber and the rms slope."""
+    if not isinstance(sea, WaveSurface):
+        flat = isinstance(sea, FlatSea)
+        return None, 0.0, 0.0 if flat else 0.3
+    waves = sea.components
+    kept = waves.amplitude != 0.0
+    if band is not None:
+        kept &= waves.omega <= band * (1.0 + 1e-9)
+    waves = WaveComponents(*(a[kept] for a in waves))
+    k = np.hypot(waves.kx, waves.ky)
+    slope = math.sqrt(0.5 * float(np.square(waves.amplitude * k).sum()))
+    return waves, float(k.max(initial=0.0)), min(slope, 0.4)
+
+
+def _height(waves: WaveComponents | None) -> float:
+    return 0.0 if waves is None else math.sqrt(0.5 * float(np.square(waves.amplitude).sum()))
+
+
+def _wavenumbers(cells: int, cell: float) -> tuple[Floats, Floats]:
+    k = 2.0 * math.pi * np.fft.fftfreq(cells, cell)
+    kx, ky = np.meshgrid(k, k, indexing="ij")
+    return kx, ky
+
+
+def _disk(kx: Floats, ky: Floats, radius: float) -> Floats:
+    """Return the transform of the mean over a disk."""
+    r = np.maximum(radius * np.hypot(kx, ky), 1e-6)
+    return np.asarray(2.0 * j1(r) / r)
+
+
+def _transfer(
+    cells: int,
+    cell: float,
+    radius: float,
+    disks: Sequence[float],
+    turn: float,
+    tilts: Floats,
+    wind: float,
+) -> Floats:
+    """Return the transform of collector, sun's image and tilts, less the sharing by cells."""
+    kx, ky = _wavenumbers(cells, cell)
+
+    def turned(angle: float) -> tuple[Floats, Floats]:
+        c, s = math.cos(angle), math.sin(angle)
+        return kx * c + ky * s, ky * c - kx * s
+
+    along, across = turned(turn)
+    sun = _disk(disks[0] * along, disks[1] * across, 1.0)
+    along, across = turned(wind)
+    tilt = np.exp(-0.5 * ((tilts[0] * along) ** 2 + (tilts[1] * across) ** 2))
+    shared = (np.sinc(kx * cell / (2.0 * np.pi)) * np.sinc(ky * cell / (2.0 * np.pi))) ** 2
+    return np.asarray(_disk(kx, ky, radius) * sun * tilt / shared)
+
+
+def _frame(
+    sea: Surface,
+    day: Daylight,
+    water: Water,
+    planes: list[_Plane],
+    cells: Floats | None,
+    time: float,
+) -> tuple[list[float], list[float], list[Floats]]:
+    """Return irradiance and its unscattered part at each depth, and the patterns."""
+    total, direct, patterns = [], [], []
+    for plane in planes:
+        light = _landed(sea, day, water, plane, time)
+        unscattered = float((light * plane.kernel).sum())
+        follows = 0.0
+        if plane.scattered > 0.0:
+            follows = float(((light / plane.still - 1.0) * plane.scattered_kernel).sum())
+        rest = plane.sky + plane.scattered
+        total.append(unscattered + plane.scattered * follows + rest)
+        direct.append(unscattered)
+        if cells is not None:
+            spectrum = np.fft.fft2(light)
+            found = np.fft.ifft2(spectrum * plane.transfer).real + rest
+            if plane.scattered > 0.0:
+                relative = np.fft.fft2(light / plane.still - 1.0) * plane.scattered_transfer
+                found += plane.scattered * np.fft.ifft2(relative).real
+            stride = round(float(cells[1] - cells[0]) / plane.cell)
+            first = len(light) // 2 - stride * (len(cells) // 2)
+            part = slice(first, first + stride * len(cells), stride)
+            patterns.append(found[part, part])
+    return total, direct, patterns
+
+
+def _landed(sea: Surface, day: Daylight, water: Water, plane: _Plane, time: float) -> Floats:
+    """Return the irradiance of unscattered sunlight on the cells of a plane."""
+    if plane.grid is None or plane.waves is None:
+        z, zx, zy = sea.grid(plane.x, plane.y, time)
+    else:
+        z, zx, zy = plane.grid.sum(elevation_and_slopes(plane.waves, time))
+    if plane.floating:
+        z = z - z.mean()
+    cells = len(plane.kernel)
+    light = np.zeros((cells, cells))
+    corner = float(plane.x[0]), float(plane.y[0])
+    spacing = float(plane.x[1] - plane.x[0])
+    n = water.n / Link().n_air
+    land_sunlight(
+        z, zx, zy, corner, spacing, day.sun, n, water.c, plane.depth, plane.corner, plane.cell,
+        light,
+    )  # fmt: skip
+    return light * (day.direct / plane.cell**2)
+
+
+def _patch_cells(patch: tuple[float, float]) -> Floats:
+    """Return the centres of the cells of a patch along an axis."""
+    half, step = patch
+    n = math.ceil(half / step - 1e-9)
+    return step * (np.arange(2 * n + 1.0) - n)
