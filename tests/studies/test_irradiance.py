@@ -8,7 +8,8 @@ import pytest
 import meshtrace as mt
 from meshtrace.fading import scintillation_of_spectrum
 from meshtrace.kernels.sunlight import land_sunlight
-from meshtrace.optics.fresnel import fresnel_reflectance, refract
+from meshtrace.optics import fresnel_reflectance
+from meshtrace.optics.fresnel import refract
 from meshtrace.results import IrradianceSeries, load
 from meshtrace.surfaces import Elfouhaily, FlatSea, SinusoidalSea, SpectralSea, resolved_sea
 
