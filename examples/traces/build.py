@@ -43,7 +43,7 @@ def trace_of(wind: float, depth: float, seconds: float, rate: float, **run) -> m
 def background_of(wind: float, seconds: float, **run) -> mt.ChannelTrace:
     """Return a trace with the background of the receiver of the paper, two times per second."""
     sea = mt.surfaces.sea_in_wind(wind).with_seed(SEED)
-    day = mt.daylight.clear_sky(SUN_ZENITH)
+    day = mt.Daylight.clear_sky(SUN_ZENITH)
     options = {"hours": seconds / 3600.0, "rate": 2.0, "background_rate": 2.0, "seed": SEED, **run}
     return mt.channel_trace(mt.Link(), sea, photons=256, daylight=day, down=None, **options)
 
@@ -77,13 +77,14 @@ def check(folder: Path) -> None:
     for path in files(folder):
         assert hashlib.sha256(path.read_bytes()).hexdigest() == sums[path.name], path
         kept = mt.ChannelTrace.load(path)
+        frames = min(20, len(kept.time))
         wind, of = path.stem.split("m-s_")
         if of == "day":
-            again = background_of(float(wind), 10.0)
+            again = background_of(float(wind), frames / kept.rate)
         else:
-            again = trace_of(float(wind), float(of[:-1]), 20.0 / kept.rate, kept.rate)
-        np.testing.assert_allclose(again.gain, kept.gain[: len(again.gain)], rtol=1e-6)
-        print(f"{path.name}: {len(again.time)} frames agree")
+            again = trace_of(float(wind), float(of[:-1]), frames / kept.rate, kept.rate)
+        np.testing.assert_allclose(again.gain, kept.gain[:frames], rtol=1e-6)
+        print(f"{path.name}: {frames} frames agree")
 
 
 def files(folder: Path) -> list[Path]:

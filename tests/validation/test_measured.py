@@ -99,7 +99,7 @@ def test_reflection_of_still_water_is_that_of_fresnel():
     """Sun at 30 degrees by Fresnel; a uniform sky by quadrature, 0.0675 for n = 1.34."""
     from scipy.integrate import quad
 
-    from meshtrace.optics.fresnel import fresnel_reflectance
+    from meshtrace.optics import fresnel_reflectance
 
     def rho(cosine):
         return float(fresnel_reflectance(cosine, 1.0, 1.34))
