@@ -27,10 +27,10 @@ _ABOVE = 1.001  # bound over the largest value on the quadrature's points
 class GramCharlier(Model, frozen=True):
     r"""Coefficients of a Gram-Charlier series of slopes.
 
-    .. math:: p = \frac{e^{-(\xi^2 + \eta^2) / 2}}{2 \pi \sigma_c \sigma_u} \Big[
+    .. math:: p = \frac{e^{-(\xi^2 + \eta^2) / 2}}{2 \pi \sigma_c \sigma_u} \left[
         1 - \tfrac12 c_{21} (\xi^2 - 1) \eta - \tfrac16 c_{03} (\eta^3 - 3 \eta)
         + \tfrac1{24} c_{40} (\xi^4 - 6 \xi^2 + 3) + \tfrac14 c_{22} (\xi^2 - 1) (\eta^2 - 1)
-        + \tfrac1{24} c_{04} (\eta^4 - 6 \eta^2 + 3) \Big]
+        + \tfrac1{24} c_{04} (\eta^4 - 6 \eta^2 + 3) \right]
 
     with the slopes xi across the wind and eta, positive for ascent towards the wind, in standard
     deviations.
