@@ -17,7 +17,7 @@ def inner_imports(text):
                 yield from (
                     (room, alias.name)
                     for alias in node.names
-                    if getattr(public, alias.name, inner) is getattr(inner, alias.name)
+                    if getattr(public, alias.name, inner) is getattr(inner, alias.name, None)
                 )
 
 
