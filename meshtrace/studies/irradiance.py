@@ -199,7 +199,7 @@ def irradiance_series(
             "seed": seed,
             "fineness": fineness,
         },
-        "omega_max": [math.nan if band is None else band for band in bands],
+        "omega_max": list(bands),
         "surface_points": [len(p.x) * len(p.y) for p in planes],
         "spacing": [float(p.x[1] - p.x[0]) for p in planes],
         "setup_cpu_seconds": ready - start,
