@@ -31,6 +31,7 @@ from .plots import plot_gain_series as plot_gain_series
 from .plots import plot_impulse_response as plot_impulse_response
 from .plots import plot_inference as plot_inference
 from .plots import plot_irradiance as plot_irradiance
+from .plots import plot_measured as plot_measured
 from .plots import plot_optimum as plot_optimum
 from .plots import plot_route as plot_route
 from .plots import plot_tornado as plot_tornado
@@ -46,6 +47,7 @@ from .plots_curves import plot_spreading as plot_spreading
 from .plots_curves import plot_sweep as plot_sweep
 from .scenes import SceneStyle as SceneStyle
 from .scenes import scene as scene
+from .show import save_irradiance as save_irradiance
 from .show import save_light as save_light
 from .show import save_movie as save_movie
 from .show import view as view

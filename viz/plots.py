@@ -33,6 +33,7 @@ from meshtrace.studies.optimisation import Optimum
 from meshtrace.studies.sensitivity.study import Sensitivities, swings
 from meshtrace.studies.traces import ChannelTrace
 from meshtrace.uav import Route
+from meshtrace.validation.measured.suite import MeasuredTable
 
 from . import marks
 from .plots_curves import plot_curves, plot_performance, plot_sweep, plot_winds
@@ -778,6 +779,45 @@ def plot_inference(f: Inference, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def plot_measured(table: MeasuredTable, *, ax: Axes | None = None) -> Axes:
+    """Plot measured over computed values, with the bands of the computed ones.
+
+    Parameters
+    ----------
+    table : MeasuredTable
+        Of `validation.measured.run`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax, kept = marks.axes(ax), np.flatnonzero(np.isfinite(table.observed) & (table.computed > 0.0))
+    names = [table.experiment[i] for i in kept]
+    if not names:
+        raise Refused("table", Described("no measured numbers"), "a table with some")
+    rows, value = np.arange(len(kept)), table.computed[kept]
+    ends = (table.band_low, table.band_high, table.observed_low, table.observed_high)
+    low, high, least, most = (np.maximum(end[kept], 0.0) / value for end in ends)
+    at = table.observed[kept] / value
+    outside = np.array([table.verdict[i] == "outside" for i in kept])
+    ax.hlines(rows, low, high, color=PALETTE["blue"], alpha=0.3, lw=5.0, label="computed, band")
+    for chosen, color, label in (
+        (~outside, "black", "measured, inside"),
+        (outside, PALETTE["vermilion"], "measured, outside"),
+    ):
+        if chosen.any():
+            errors = np.maximum(np.abs([at - least, most - at])[:, chosen], 0.0)
+            style: dict[str, Any] = {"color": color, "fmt": "o", "markersize": 3.0, "label": label}
+            ax.errorbar(at[chosen], rows[chosen], xerr=errors, **style)
+    first = [names.index(name) for name in dict.fromkeys(names)]
+    ax.set_yticks(first, [verbatim(names[i]) for i in first], fontsize="small")
+    ax.axvline(1.0, **_LINE)
+    ax.invert_yaxis()
+    return marks.finished(ax, xlabel="measured over computed")
+
+
 _PLOTS: dict[str, Callable[..., Any]] = {
     "gain": plot_gain,
     "series": plot_series,
@@ -799,4 +839,5 @@ _PLOTS: dict[str, Callable[..., Any]] = {
     "sensitivity": plot_tornado,
     "optimum": plot_optimum,
     "inference": plot_inference,
+    "measured": plot_measured,
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -25,6 +25,7 @@ from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.parallel import paced
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
+from meshtrace.results.irradiance import IrradianceSeries
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.caustics import light_pattern
 from meshtrace.studies.series import time_series
@@ -196,6 +197,61 @@ def save_light(
     return _write_movie(path, frames(), len(at), options, progress)
 
 
+def save_irradiance(
+    series: IrradianceSeries,
+    path: str | Path,
+    *,
+    depths: Sequence[float] | None = None,
+    frame_rate: float = 25.0,
+    progress: Callable[[int], None] | None = None,
+) -> Path:
+    """Write a picture or a movie of the irradiance under a moving sea, over its mean.
+
+    Parameters
+    ----------
+    series : IrradianceSeries
+        Of `irradiance_series` with a `patch`.
+    path : path
+        File, .png for the first time, .mp4 or .gif for all.
+    depths : sequence of float, optional
+        Depths of the series that are shown beside each other [m]; by default the first two.
+    frame_rate : float
+        Frames per second of the movie.
+    progress : callable, optional
+        Called with 1 after each frame.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    Refused
+        If the series has no pattern or no such depth, the suffix is another, or a movie has fewer
+        than two times.
+    """
+    path = Path(path)
+    options = writer_options(path, frame_rate, _LIGHT_QUALITY, (".png",))
+    if series.pattern is None:
+        raise Refused("series", Described("no pattern"), "one with a patch")
+    known = series.depth.tolist()
+    shown = known[:2] if depths is None else [float(depth) for depth in depths]
+    for depth in shown:
+        if depth not in known:
+            raise Refused("depths", depth, f"depths of the series: {known}")
+    if path.suffix != ".png" and len(series.time) < 2:
+        raise Refused("times", series.time.tolist(), "two times or more, or a .png")
+    pattern = series.pattern[:, [known.index(depth) for depth in shown]]
+    frame = _PatternFrame(series, pattern, shown)
+    if path.suffix == ".png":
+        with atomic(path) as temporary:
+            frame.figure.savefig(temporary, dpi=130)
+        return path
+    frames = (frame.draw(i) for i in range(len(series.time)))
+    return _write_movie(path, frames, len(series.time), options, progress)
+
+
 def natural_rate(times: NDArray[np.float64]) -> float:
     """Return the frames per second that show times [s] at natural speed."""
     step = float(np.diff(times).mean())
@@ -288,6 +344,51 @@ class _GainFrame:
         return _pixels(self._figure)
 
 
+def _map_of(
+    figure: Figure, ax: Any, values: Any, corner: Any, colors: Any, limits: Any, label: str
+) -> Any:
+    """Return the image of a map on axes, with its colour bar."""
+    (x0, x1), (y0, y1) = corner
+    image = ax.imshow(
+        values.T, origin="lower", extent=(x0, x1, y0, y1), cmap=colors,
+        vmin=limits[0], vmax=limits[1], interpolation="bilinear",
+    )  # fmt: skip
+    extend = "max" if limits[0] == 0.0 else "both"
+    figure.colorbar(image, ax=ax, label=label, extend=extend, shrink=0.78, aspect=18)
+    seen_from_above(ax)
+    return image
+
+
+class _PatternFrame:
+    """Figure with the irradiance at each depth beside each other."""
+
+    @mpl.rc_context(RC)
+    def __init__(self, series: IrradianceSeries, pattern: Any, depths: list[float]) -> None:
+        self.time, self.depths = series.time, depths
+        self.pattern = pattern / pattern.mean(axis=(0, 2, 3), keepdims=True)
+        self.figure = _figure(LIGHT_SIZE, 80)
+        x, y = np.asarray(series.x), np.asarray(series.y)
+        corner = (x[0], x[-1]), (y[0], y[-1])
+        self.axes = self.figure.subplots(1, len(depths), squeeze=False)[0]
+        limits, label = (0.0, _BRIGHTEST), "irradiance over its mean"
+        self._images = [
+            _map_of(self.figure, ax, values, corner, "inferno", limits, label)
+            for ax, values in zip(self.axes, self.pattern[0], strict=True)
+        ]
+        self._title(0)
+
+    def _title(self, i: int) -> None:
+        for ax, depth in zip(self.axes, self.depths, strict=True):
+            ax.set_title(f"{depth:g} m deep, t = {self.time[i]:.3f} s")
+
+    def draw(self, i: int) -> NDArray[np.uint8]:
+        """Return the pixels (height, width, 3) of a time."""
+        for image, values in zip(self._images, self.pattern[i], strict=True):
+            image.set_data(values.T)
+        self._title(i)
+        return _pixels(self.figure)
+
+
 class _LightFrame:
     """Figure with the slope of the sea on the left and the light on the right."""
 
@@ -309,24 +410,13 @@ class _LightFrame:
             (right, pattern.gain / self.mean, corner, "inferno", (0.0, _BRIGHTEST),
              "gain of unscattered light over its mean"),
         )  # fmt: skip
-        self._images = [self._show(*part) for part in parts]
+        self._images = [_map_of(self.figure, *part) for part in parts]
         left.set_title("surface where the light crosses")
         self._title = right.set_title(f"light {height:g} m above the sea")
 
     def _slope(self, time: float) -> NDArray[np.float64]:
         _, normals = self.surface.sheet(*self.axes, time)
         return np.asarray(-normals[..., 0] / normals[..., 2])
-
-    def _show(self, ax: Any, values: Any, corner: Any, colors: Any, limits: Any, label: str) -> Any:
-        (x0, x1), (y0, y1) = corner
-        image = ax.imshow(
-            values.T, origin="lower", extent=(x0, x1, y0, y1), cmap=colors,
-            vmin=limits[0], vmax=limits[1], interpolation="bilinear",
-        )  # fmt: skip
-        extend = "max" if limits[0] == 0.0 else "both"
-        self.figure.colorbar(image, ax=ax, label=label, extend=extend, shrink=0.78, aspect=18)
-        seen_from_above(ax)
-        return image
 
     def draw(self, pattern: CoverageMap, time: float) -> NDArray[np.uint8]:
         """Return the pixels (height, width, 3) of one frame."""

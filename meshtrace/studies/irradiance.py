@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from time import process_time
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,7 @@ from scipy.special import j1
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight
 from meshtrace.engine.backward.background import background
 from meshtrace.engine.setup.meshing import GAIN_SPACING
-from meshtrace.engine.setup.options import IrradianceMap
+from meshtrace.engine.setup.options import IrradianceMap, RunOptions, require_options
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import (
     Described,
@@ -24,7 +24,6 @@ from meshtrace.errors import (
     require_finite,
     require_kind,
     require_pair,
-    require_seed,
     require_whole,
     require_word,
 )
@@ -34,10 +33,11 @@ from meshtrace.link import AirLed, IrradiancePlanes, Link, Sun, WaterReceiver
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.water import Water
-from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.results.background import PARTS
 from meshtrace.results.irradiance import IrradianceSeries
 from meshtrace.results.provenance import environment
+from meshtrace.studies.campaign import campaign_of
+from meshtrace.studies.store import digest_of
 from meshtrace.surfaces import FlatSea, Surface
 from meshtrace.surfaces.surface import WaveSurface
 from meshtrace.surfaces.waves import WaveComponents, WaveGrid, elevation_and_slopes
@@ -84,9 +84,8 @@ def irradiance_series(
     patch: tuple[float, float] | None = None,
     fineness: float = 1.0,
     photons: int = 100_000,
-    seed: int = 1,
-    threads: int | None = None,
-    progress: Callable[[int], None] | None = None,
+    workers: int | str | None = None,
+    **run: Unpack[RunOptions],
 ) -> IrradianceSeries:
     r"""Return the downward irradiance at depths under a moving sea.
 
@@ -119,12 +118,11 @@ def irradiance_series(
         Factor on the number of surface points along an axis, for studies of convergence.
     photons : int
         Photons of the scattered light of each depth, and of the sky.
-    seed : int
-        Seed of the photons; that of the waves is the sea's own.
-    threads : int, optional
-        Threads over the frames, by default all cores. They leave every digit as it is.
-    progress : callable, optional
-        Called with 1 after each frame.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
+    **run
+        Options of the run, see `RunOptions`, but `mesh`: the points follow from the waves. The
+        seed is that of the photons; waves have that of their sea. Progress is by frame.
 
     Returns
     -------
@@ -165,13 +163,18 @@ def irradiance_series(
     require_between(collector, 0.0, 100.0, "collector", "()")
     require_between(fineness, 0.1, 10.0, "fineness", "[]")
     require_whole(photons, 1000, 100_000_000, "photons")
-    require_seed(seed)
+    if run.get("mesh") is not None:
+        raise Refused("mesh", run["mesh"], "none: the points follow from the waves")
+    require_options(run, RunOptions)
     require_word(below, ("still", "waves"), "below")
     if patch is not None:
         half, edge = require_pair(patch, "patch", "half-length and edge of a cell [m]")
         if not 0.0 < edge <= half:
             raise Refused("patch", patch, "half-length and edge of a cell [m], 0 < edge <= half")
     sea, bands = _resolved(surface, depths, collector, water)
+    options: dict[str, Any] = {"photons": photons, "workers": workers, **run}
+    campaign = campaign_of(Link(water=water), sea, "irradiance_series", **options)
+    seed = campaign.run.seed
     light = _scattered_light(daylight, water, depths, photons, seed)
     planes = [
         _plane(
@@ -180,25 +183,23 @@ def irradiance_series(
         for depth, band, *parts in zip(depths, bands, *light, strict=True)
     ]
     ready, cells = process_time(), None if patch is None else _patch_cells(patch)
-    rows = []
-    frame = partial(_frame, sea, daylight, water, planes, cells)
-    for row in ordered_map(frame, times.tolist(), default_threads(threads)):
-        rows.append(row)
-        if progress is not None:
-            progress(1)
-    total, direct, pattern = zip(*rows, strict=True)
+    described = {"collector": collector, "below": below, "fineness": fineness, "photons": photons}
+    identity = {
+        **described,
+        "daylight": daylight.model_dump(mode="json"),
+        "depths": depths.tolist(),
+        "patch": patch,
+        "times": digest_of(times.tolist()),
+    }
+    setup = partial(_frames, sea, daylight, water, planes, cells, times)
+    found = np.array(list(campaign.over(setup, range(len(times)), "frames", identity, "frames")))
+    total, direct, pattern = np.split(found, [len(depths), 2 * len(depths)], axis=1)
     origin = {
         "environment": environment(),
         "surface": sea.to_config(),
         "daylight": daylight.model_dump(mode="json"),
         "water": water.model_dump(mode="json"),
-        "run": {
-            "collector": collector,
-            "below": below,
-            "photons": photons,
-            "seed": seed,
-            "fineness": fineness,
-        },
+        "run": {**described, "seed": seed},
         "omega_max": list(bands),
         "surface_points": [len(p.x) * len(p.y) for p in planes],
         "spacing": [float(p.x[1] - p.x[0]) for p in planes],
@@ -208,14 +209,14 @@ def irradiance_series(
     return IrradianceSeries(
         times,
         depths,
-        np.array(total),
-        np.array(direct),
+        total,
+        direct,
         np.array([p.sky for p in planes]),
         np.array([p.still for p in planes]),
         origin,
         cells,
         cells,
-        None if cells is None else np.array(pattern),
+        None if cells is None else pattern.reshape(len(times), len(depths), len(cells), -1),
     )
 
 
@@ -455,36 +456,47 @@ def _transfer(
     return np.asarray(_disk(kx, ky, radius) * sun * tilt / shared)
 
 
-def _frame(
+def _frames(
     sea: Surface,
     day: Daylight,
     water: Water,
     planes: list[_Plane],
     cells: Floats | None,
-    time: float,
-) -> tuple[list[float], list[float], list[Floats]]:
-    """Return irradiance and its unscattered part at each depth, and the patterns."""
-    total, direct, patterns = [], [], []
-    for plane in planes:
-        light = _landed(sea, day, water, plane, time)
-        unscattered = float((light * plane.kernel).sum())
-        follows = 0.0
-        if plane.scattered > 0.0:
-            follows = float(((light / plane.still - 1.0) * plane.scattered_kernel).sum())
-        rest = plane.sky + plane.scattered
-        total.append(unscattered + plane.scattered * follows + rest)
-        direct.append(unscattered)
-        if cells is not None:
-            spectrum = np.fft.fft2(light)
-            found = np.fft.ifft2(spectrum * plane.transfer).real + rest
+    times: Floats,
+) -> Callable[[int], Floats]:
+    """Return the function that gives the numbers of a frame by its number, in a row.
+
+    Irradiance and its unscattered part at each depth, then the patterns.
+    """
+
+    def frame(i: int) -> Floats:
+        total, direct, patterns = [], [], []
+        for plane in planes:
+            light = _landed(sea, day, water, plane, float(times[i]))
+            unscattered = float((light * plane.kernel).sum())
+            follows = 0.0
             if plane.scattered > 0.0:
-                relative = np.fft.fft2(light / plane.still - 1.0) * plane.scattered_transfer
-                found += plane.scattered * np.fft.ifft2(relative).real
-            stride = round(float(cells[1] - cells[0]) / plane.cell)
-            first = len(light) // 2 - stride * (len(cells) // 2)
-            part = slice(first, first + stride * len(cells), stride)
-            patterns.append(found[part, part])
-    return total, direct, patterns
+                follows = float(((light / plane.still - 1.0) * plane.scattered_kernel).sum())
+            rest = plane.sky + plane.scattered
+            total.append(unscattered + plane.scattered * follows + rest)
+            direct.append(unscattered)
+            if cells is not None:
+                patterns.append((_pattern(plane, light, cells) + rest).ravel())
+        return np.concatenate([total, direct, *patterns])
+
+    return frame
+
+
+def _pattern(plane: _Plane, light: Floats, cells: Floats) -> Floats:
+    """Return the sunlight of the collector over a patch, less the mean of scattered light."""
+    found = np.fft.ifft2(np.fft.fft2(light) * plane.transfer).real
+    if plane.scattered > 0.0:
+        relative = np.fft.fft2(light / plane.still - 1.0) * plane.scattered_transfer
+        found += plane.scattered * np.fft.ifft2(relative).real
+    stride = round(float(cells[1] - cells[0]) / plane.cell)
+    first = len(light) // 2 - stride * (len(cells) // 2)
+    part = slice(first, first + stride * len(cells), stride)
+    return np.asarray(found[part, part])
 
 
 def _landed(sea: Surface, day: Daylight, water: Water, plane: _Plane, time: float) -> Floats:

@@ -29,6 +29,7 @@ from meshtrace.stored import (
 from meshtrace.studies import ConvergenceStudy, fading_study
 from meshtrace.studies.convergence.measure import Reference
 from meshtrace.surfaces import FlatSea, resolved_sea
+from meshtrace.validation import measured
 
 FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
 
@@ -110,6 +111,7 @@ def results():
         "depth-sweep": mt.DepthSweep((0.0, 5.0), (performance, performance)),
         "convergence": study,
         **_studies(),
+        "measured": measured.run(["cox-munk"]),
         "trace": mt.channel_trace(mt.Link(), FlatSea(), hours=1e-4, rate=10.0, photons=64),
         "fading-convergence": fading_study(mt.Link(), resolved_sea(5.0), [2.0, 3.0, 4.0, 6.0]),
     }

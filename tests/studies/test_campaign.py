@@ -71,7 +71,7 @@ def test_a_link_that_moves_is_alone_over_its_surface():
     campaign = campaign_of(mt.Link(), WAVE, **FEW)
     times = np.array([0.0, 0.5])
     links = [mt.Link(), mt.Link().replace("receiver.tilt_deg", 10.0)]
-    found = campaign.gains(campaign.in_time(times, links))
+    found = campaign.gains(campaign.in_time(times, [(link,) for link in links]))
     still = campaign.gains(campaign.in_time(times))
     assert found.gain_ballistic[0, 0].mean() == still.gain_ballistic[0, 0].mean()
     tilted = mt.simulate(links[1], WAVE, time=0.5, photons=64, extent=4.0, spacing=0.2)

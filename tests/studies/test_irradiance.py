@@ -88,6 +88,21 @@ def test_a_passing_wave_is_the_density_of_rays():
     np.testing.assert_allclose(got, 1.0 + blur * (wanted - 1.0), atol=0.02 * eps + 2e-3)
 
 
+def test_gravity_waves_of_any_size_flicker_alike():
+    """Froude's law: lengths by s, times by sqrt(s), the sun's angle unchanged."""
+    times, s = np.linspace(0.0, 0.7, 8), 4.0
+    small = series(
+        SinusoidalSea(amplitude=0.01, wavelength=0.6, direction_deg=20.0),
+        depths=[1.5], collector=0.03, times=times,
+    )  # fmt: skip
+    large = series(
+        SinusoidalSea(amplitude=0.01 * s, wavelength=0.6 * s, direction_deg=20.0),
+        depths=[1.5 * s], collector=0.03 * s, times=times * math.sqrt(s),
+    )  # fmt: skip
+    assert small.cv[0] > 0.1
+    np.testing.assert_allclose(large.irradiance, small.irradiance, rtol=1e-3)
+
+
 def test_the_mean_over_a_patch_is_the_light_that_enters():
     sea = SinusoidalSea(amplitude=0.05, wavelength=1.0, direction_deg=20.0)
     dark = mt.Water(a=0.2, b=0.0)

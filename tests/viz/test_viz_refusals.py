@@ -14,6 +14,7 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.validation import measured
 from meshtrace.viz import Scene
 from meshtrace.viz.scenes import Shown
 from meshtrace.viz.stage import stage_of
@@ -55,6 +56,10 @@ def sound(scene):
     rows = [{"transmitter.depth": d, "gain": g, "stderr": 0.1 * g}
             for d, g in ((5.0, 3e-4), (10.0, 6e-5))]  # fmt: skip
     few = {"photons": 64, "threads": 1}
+    irradiance = mt.irradiance_series(
+        FLAT, mt.Daylight(direct=1.0, diffuse=0.0), times=[0.0, 0.1], photons=1000, threads=1,
+        patch=(0.1, 0.05),
+    )  # fmt: skip
     drawn = {"link": LINK, "scene": scene}
     return {
         "plot_curves": {**curve("gain"), "quantity": "gain", "style": "-"},
@@ -83,6 +88,10 @@ def sound(scene):
         "plot_background": {"result": mt.background(LINK, FLAT, mt.Daylight.overcast(), **few)},
         "plot_duplex": {"result": mt.duplex(LINK, down, JonswapSea(waves="paper"), [0.0, 1.0],
                                             mesh=mt.Meshing(spacing=0.5), **few)},
+        "plot_trace": {"result": mt.channel_trace(LINK, FLAT, hours=1e-4, rate=10.0, **few)},
+        "plot_irradiance": {"series": irradiance},
+        "save_irradiance": {"series": irradiance, "path": "irradiance.png"},
+        "plot_measured": {"table": measured.run(["cox-munk"])},
         "plot_fading_convergence": {"study": None},
         "plot_route": {"series": mt.time_series(LINK, FLAT, [0.0, 1.0], route=route, **few)},
         "plot_convergence": {"study": None},
