@@ -794,7 +794,8 @@ def plot_measured(table: MeasuredTable, *, ax: Axes | None = None) -> Axes:
     Axes
     """
     ax, kept = marks.axes(ax), np.flatnonzero(np.isfinite(table.observed) & (table.computed > 0.0))
-    names = [table.experiment[i] for i in kept]
+    several = len(set(table.experiment)) > 1
+    names = [(table.experiment if several else table.observable)[i] for i in kept]
     if not names:
         raise Refused("table", Described("no measured numbers"), "a table with some")
     rows, value = np.arange(len(kept)), table.computed[kept]
@@ -809,7 +810,7 @@ def plot_measured(table: MeasuredTable, *, ax: Axes | None = None) -> Axes:
     ):
         if chosen.any():
             errors = np.maximum(np.abs([at - least, most - at])[:, chosen], 0.0)
-            style: dict[str, Any] = {"color": color, "fmt": "o", "markersize": 3.0, "label": label}
+            style: dict[str, Any] = {"color": color, "fmt": "o", "lw": 1.2, "label": label}
             ax.errorbar(at[chosen], rows[chosen], xerr=errors, **style)
     first = [names.index(name) for name in dict.fromkeys(names)]
     ax.set_yticks(first, [verbatim(names[i]) for i in first], fontsize="small")
