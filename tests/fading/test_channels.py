@@ -315,7 +315,7 @@ def test_refuses(call, message):
         call(lognormal(500, 16))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_series_over_a_resolved_sea():
     """Fitted to one half, compared with the other: rates within the errors of both halves."""
     series = mt.time_series(

@@ -113,7 +113,7 @@ def test_sionna(trace, run):
         assert off.min() < 1e-6
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_modem(trace, run):
     pytest.importorskip("commpy")
     rows = [list(map(float, line.split())) for line in run("modem.py")[0].splitlines()[1:]]

@@ -130,6 +130,7 @@ def test_the_mean_over_a_patch_is_the_light_that_enters():
     ("wind", "depth", "collector", "seas"),
     [(5.0, 1.0, 0.05, 16), (8.0, 3.0, 0.1, 16), (5.0, 10.0, 0.3, 16), (13.0, 1.0, 0.1, 16)],
 )
+@pytest.mark.slow_but("5.0-1.0-0.05-16")
 def test_cv_is_the_closed_form(wind, depth, collector, seas):
     """Within 5 %, and three standard errors of the seas."""
     moments = []
