@@ -5,13 +5,8 @@ import pytest
 
 from meshtrace.errors import Refused
 from meshtrace.optics import FournierForand, HenyeyGreenstein, Petzold, Rayleigh, Water
-from meshtrace.optics.water import (
-    WATER_TYPES,
-    coefficients,
-    pure_water_absorption,
-    quan_fry,
-    sea_water_scattering,
-)
+from meshtrace.optics.pure_water import pure_water_absorption, quan_fry, sea_water_scattering
+from meshtrace.optics.spectra import WATER_TYPES, coefficients
 
 JERLOV = [name for name in WATER_TYPES if name.startswith("jerlov")]
 
@@ -57,6 +52,7 @@ def test_layers_may_be_an_array():
         Water(phase=HenyeyGreenstein(g=0.8), bottom_depth=12.0, bottom_albedo=0.3),
         Water(layers=[(0.0, 0.1, 0.2), (10.0, 0.1, 0.4)]),
         Water.from_type("petzold-harbour", 514.0),
+        Water.from_type("jerlov-II", 500.0, n=1.34, bottom_depth=30.0),
     ],
 )
 def test_round_trip(water):
@@ -109,6 +105,44 @@ def test_every_type_makes_a_water(name):
     }
 
 
+def test_a_type_keeps_its_spectrum():
+    water = Water.from_type("jerlov-II", 470.0, n=1.34, phase=Rayleigh(), bottom_depth=30.0)
+    for start in (water, Water.model_validate_json(water.model_dump_json())):
+        green = start.at_wavelength(550.0)
+        assert (green.a, green.b) == coefficients("jerlov-II", 550.0)
+        assert (green.n, green.phase, green.bottom_depth) == (1.34, Rayleigh(), 30.0)
+        assert green.at_wavelength(470.0) == water
+    assert water.replace("spectrum.type", "jerlov-III") == Water.from_type(
+        "jerlov-III", 470.0, n=1.34, phase=Rayleigh(), bottom_depth=30.0
+    )
+
+
+@pytest.mark.parametrize(
+    "water",
+    [
+        Water(a=0.1, b=0.2),
+        Water.from_type("jerlov-II", a=0.1),
+        Water.from_type("jerlov-II").replace("b", 0.1),
+        Water.from_type("jerlov-II", layers=[(0.0, 0.1, 0.2)]),
+    ],
+)
+def test_given_coefficients_have_no_spectrum(water):
+    assert (water.spectrum, water.wavelength_nm) == (None, None)
+    with pytest.raises(Refused, match=r"^water: a .* of one wavelength, allowed: a water with a"):
+        water.at_wavelength(520.0)
+    again = Water.model_validate(water.model_dump())
+    assert again == water == water.replace("bottom_depth", None)
+
+
+def test_a_spectrum_has_a_wavelength_of_its_tables():
+    with pytest.raises(Refused, match=r"^wavelength_nm: 750.0, allowed: 300 <= "):
+        Water.from_type("jerlov-II").at_wavelength(750.0)
+    with pytest.raises(Refused, match=r"^wavelength_nm: missing"):
+        Water(spectrum={"type": "jerlov-II"})
+    with pytest.raises(Refused, match=r"^wavelength_nm: 500.0, allowed: nothing, or with a spec"):
+        Water(wavelength_nm=500.0)
+
+
 def test_phase_functions_of_the_types():
     assert Water.from_type("jerlov-II").phase == FournierForand()
     assert Water.from_type("petzold-clear", 514.0).phase == Petzold(water="clear")
@@ -152,7 +186,8 @@ def test_petzold_waters_are_refused_far_from_their_wavelength(wavelength):
          "Petzold 1972)"),
         (Water.from_type("ib", 475.0), 475.0, "a 0.0225, b 0.0635 m-1 at 475 nm: jerlov-IB "
          "(Solonenko and Mobley 2015)"),
-        (Water.from_type("ib", 475.0), 500.0, "a 0.0225, b 0.0635 m-1 at 500 nm: as given"),
+        (Water.from_type("ib", 475.0), 500.0, "a 0.0225, b 0.0635 m-1 at 500 nm: jerlov-IB "
+         "(Solonenko and Mobley 2015), for 475 nm"),
         (Water.from_type("pure-sea", 470.0), 470.0, "a 0.0106, b 0.003777 m-1 at 470 nm: pure-sea "
          "(Pope and Fry 1997, Morel 1974)"),
         (Water(a=0.1, b=0.2), 250.0, "a 0.1, b 0.2 m-1 at 250 nm: as given"),

@@ -1,0 +1,43 @@
+"""Draw absorption and scattering over wavelength: constituents, and types of water.
+
+python docs/make_water_figure.py
+"""
+
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import meshtrace as mt
+from meshtrace import viz
+from meshtrace.optics import Constituents
+
+WATERS = {
+    "sea water": Constituents(),
+    **{f"chlorophyll {c:g} mg m$^{{-3}}$": Constituents(chlorophyll=c) for c in (0.05, 0.5, 5.0)},
+    "0.5, minerals 2 g m$^{-3}$": Constituents(chlorophyll=0.5, minerals=2.0),
+}
+TYPES = ("jerlov-IB", "jerlov-II", "jerlov-3C")
+
+
+def main(folder: Path) -> None:
+    viz.use_style()
+    figure, axes = plt.subplots(1, 2, figsize=(9.0, 4.0), sharex=True, layout="constrained")
+    waters = {name: mt.Water(spectrum=s, wavelength_nm=470.0) for name, s in WATERS.items()}
+    waters |= {name: mt.Water.from_type(name) for name in TYPES}
+    for name, water in waters.items():
+        last = 650.0 if name == "jerlov-3C" else 700.0
+        data = water.spectra(np.arange(400.0, last + 1.0, 5.0))
+        style = "--" if name in TYPES else "-"
+        for ax, quantity in zip(axes, "ab", strict=True):
+            ax.plot(data.wavelength_nm, data[quantity], style, label=name)
+    for ax, text in zip(axes, ("absorption $a$", "scattering $b$"), strict=True):
+        ax.set(yscale="log", xlim=(400.0, 700.0), ylabel=f"{text} [m$^{{-1}}$]")
+        ax.set_xlabel("wavelength [nm]")
+    axes[0].legend(fontsize="small")
+    figure.savefig(folder / "water_spectra.png")
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    main(Path(__file__).parent / "_static")

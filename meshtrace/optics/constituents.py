@@ -1,0 +1,255 @@
+"""Water by its constituents: sea water, chlorophyll with what goes with it, CDOM, minerals."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+
+from meshtrace.errors import Described, Refused, require_all, require_array, require_between
+from meshtrace.models import Floats
+from meshtrace.optics.phase import FournierForand, MixturePhase, PhaseFunction, Rayleigh
+from meshtrace.optics.pure_water import (
+    DEPOLARISATION,
+    check_range,
+    interpolate,
+    pure_water_absorption,
+    read_table,
+    sea_water_index,
+    zhang_hu_he,
+)
+from meshtrace.optics.spectra import WaterSpectrum, uniform_or_layers
+
+_RATIOS = (1e-3, 0.1)  # backscatter ratios of `fournier_forand_of`
+_MINERAL_RATIO = 0.0183
+
+Profile = float | tuple[tuple[float, float], ...]
+"""A number, or rows (depth [m], number) from depth 0 downwards."""
+
+
+class Constituents(WaterSpectrum, frozen=True):
+    r"""Spectrum of sea water with chlorophyll, coloured dissolved matter and minerals.
+
+    .. math::
+        a &= a_w + A \, C^E + a_g e^{-S (\lambda - 440)} + 0.041 \, M e^{-0.0123 (\lambda - 443)} \\
+        b &= b_w + 0.416 \, C^{0.766} (\lambda / 550)^v + 0.5 \, M \\
+        \frac{b_{bp}}{b_p} &= 0.002 + 0.01 (0.5 - 0.25 \log_{10} C) (\lambda / 550)^v, \quad
+        v = \tfrac{1}{2} (\log_{10} C - 0.3)
+
+    with wavelengths in nm, v between -1 and 0, and by default a_g = 0.2 A(440) C^E(440).
+
+    Parameters
+    ----------
+    chlorophyll : float or rows (depth, chlorophyll)
+        Chlorophyll concentration C [mg m-3], 0 ... 25; rows with depths [m] from 0 for layers.
+    bbp700 : float or rows (depth, bbp700), or None
+        Backscattering coefficient of the particles at 700 nm [m-1], which gives their scattering
+        in place of chlorophyll.
+    cdom : float or None
+        Absorption of dissolved matter a_g at 440 nm [m-1], 0 ... 20; None for the part that goes
+        with chlorophyll.
+    cdom_slope : float
+        Its spectral slope S [nm-1], 0.005 ... 0.03.
+    minerals : float
+        Concentration M of mineral particles [g m-3], 0 ... 100.
+    temperature_c : float
+        Temperature [degree Celsius], 0 ... 30.
+    salinity : float
+        Salinity [g/kg], 0 ... 40.
+
+    Raises
+    ------
+    Refused
+        If a value lies outside its range; in `properties`, if the wavelength lies outside
+        400 ... 700 nm.
+
+    Notes
+    -----
+    Chlorophyll alone is Case-1 water, as the "new Case 1" of HydroLight: A and E of all particles
+    by Bricaud and others (1998), here without ultraviolet; scattering of Loisel and Morel (1998)
+    with the exponent and the backscatter ratio of Morel and Maritorena (2001, eqs. 12 to 14), whose
+    S is 0.014 (eq. 16); a_g as a fifth of the absorption by particles (Ocean Optics Web Book).
+    These are means over oceans: single waters differ by a factor of 2.
+    Minerals are coastal particles: b of Babin and others (2003a), who found little spectral
+    variation; absorption of Babin and others (2003b); backscatter ratio 0.0183 of Petzold's average
+    particle. Absorption a_w by `pure_water_absorption`, b_w by `zhang_hu_he`, n by `quan_fry`,
+    which was fitted up to a salinity of 35.
+
+    The phase function is the mean, weighted by b, of that of water molecules and of one of
+    Fournier and Forand for each kind of particles (`fournier_forand_of`); with layers, that of the
+    first.
+
+    References
+    ----------
+    Bricaud, Morel, Babin, Allali and Claustre 1998, J. Geophys. Res. 103:31033,
+    doi:10.1029/98JC02712; Loisel and Morel 1998, Limnol. Oceanogr. 43:847; Morel and Maritorena
+    2001, J. Geophys. Res. 106:7163, doi:10.1029/2000JC000319; Babin, Morel, Fournier-Sicre, Fell
+    and Stramski 2003, Limnol. Oceanogr. 48:843; Babin and others 2003, J. Geophys. Res. 108:3211,
+    doi:10.1029/2001JC000882; Mobley, Ocean Optics Web Book, "A new IOP model for Case 1 water".
+
+    Examples
+    --------
+    >>> found = Constituents(chlorophyll=0.5).properties(470.0)
+    >>> round(found["a"], 4), round(found["b"], 4), round(found["n"], 4)
+    (0.0422, 0.2598, 1.3446)
+    """
+
+    kind: Literal["constituents"] = "constituents"
+    chlorophyll: Profile = 0.0
+    bbp700: Profile | None = None
+    cdom: float | None = Field(default=None, ge=0.0, le=20.0, allow_inf_nan=False)
+    cdom_slope: float = Field(default=0.014, ge=0.005, le=0.03, allow_inf_nan=False)
+    minerals: float = Field(default=0.0, ge=0.0, le=100.0, allow_inf_nan=False)
+    temperature_c: float = Field(default=20.0, ge=0.0, le=30.0, allow_inf_nan=False)
+    salinity: float = Field(default=35.0, ge=0.0, le=40.0, allow_inf_nan=False)
+
+    @field_validator("chlorophyll", "bbp700", mode="before")
+    @classmethod
+    def _rows(cls, value: Any, info: ValidationInfo) -> Any:
+        most = 25.0 if info.field_name == "chlorophyll" else 1.0
+        if value is None or np.ndim(value) == 0:
+            limits = f"0 to {most:g}, or rows of [depth, number]"
+            return value if value is None else require_between(value, 0.0, most, "", "[]", limits)
+        allowed = "a number, or rows of [depth, number] with depths increasing from 0 m"
+        rows = require_array(value, "", allowed)
+        if rows.ndim != 2 or rows.shape[1] != 2 or not np.isfinite(rows).all():
+            raise Refused("", value, allowed)
+        if rows[0, 0] != 0.0 or np.any(np.diff(rows[:, 0]) <= 0.0):
+            raise Refused("", Described(f"depths {rows[:, 0]}"), allowed)
+        require_all(rows[:, 1], (rows[:, 1] >= 0.0) & (rows[:, 1] <= most), "", f"0 to {most:g}")
+        return tuple(map(tuple, rows.tolist()))
+
+    @property
+    def source(self) -> str:
+        """Constituents, and the publications of the coefficients."""
+        parts = [f"sea water at {self.temperature_c:g} C, {self.salinity:g} g/kg"]
+        for name, value, unit in (
+            ("chlorophyll", self.chlorophyll, "mg m-3"),
+            ("bbp700", self.bbp700, "m-1"),
+            ("CDOM", self.cdom, "m-1 at 440 nm"),
+            ("minerals", self.minerals, "g m-3"),
+        ):
+            if isinstance(value, tuple):
+                parts.append(f"{name} at {len(value)} depths")
+            elif value:
+                parts.append(f"{name} {value:g} {unit}")
+        known = ["Zhang 2009, Pope and Fry 1997"]
+        if self.chlorophyll or self.bbp700:
+            known.append("Morel and Maritorena 2001, Bricaud 1998")
+        known += ["Babin 2003"] if self.minerals else []
+        return f"{', '.join(parts)} ({', '.join(known)})"
+
+    @property
+    def limits_nm(self) -> tuple[float, float]:
+        """Shortest and longest wavelength, of the index and of absorption by particles [nm]."""
+        return 400.0, 700.0
+
+    def properties(self, wavelength_nm: float) -> dict[str, Any]:
+        """Return n, the phase function, and a and b [m-1] or their layers.
+
+        Parameters
+        ----------
+        wavelength_nm : float
+            Wavelength in vacuum [nm], 400 ... 700.
+        """
+        w = np.asarray(wavelength_nm, np.float64)
+        check_range("wavelength_nm", w, *self.limits_nm, "nm")
+        depth, chlorophyll, bbp = self._nodes()
+        t, s = np.asarray(self.temperature_c), np.asarray(self.salinity)
+        molecules, v = float(zhang_hu_he(w, t, s)), _exponent(chlorophyll)
+        if bbp is None:
+            particles = 0.416 * chlorophyll**0.766 * (w / 550.0) ** v
+        else:
+            particles = bbp / _backscatter_ratio(chlorophyll, 700.0) * (w / 700.0) ** v
+        cdom = 0.2 * _particle_absorption(chlorophyll, 440.0) if self.cdom is None else self.cdom
+        a = pure_water_absorption(w) + _particle_absorption(chlorophyll, float(w))
+        a = a + cdom * np.exp(-self.cdom_slope * (w - 440.0))
+        a = a + 0.041 * self.minerals * np.exp(-0.0123 * (w - 443.0))
+        b = molecules + particles + 0.5 * self.minerals
+        ratio = float(_backscatter_ratio(chlorophyll[0], float(w)))
+        by_ratio = {ratio: float(particles[0]), _MINERAL_RATIO: 0.5 * self.minerals}
+        return {
+            **uniform_or_layers(depth, a, b),
+            "n": float(sea_water_index(w, t, s)),
+            "phase": _mixture(molecules, by_ratio),
+        }
+
+    def _nodes(self) -> tuple[Floats, Floats, Floats | None]:
+        """Return the depths of the profiles, with chlorophyll and bbp700 at them."""
+        given = (self.chlorophyll, 0.0 if self.bbp700 is None else self.bbp700)
+        rows = [np.array(p if isinstance(p, tuple) else [(0.0, p)]) for p in given]
+        depth = np.unique(np.concatenate([row[:, 0] for row in rows]))
+        chlorophyll, bbp = (np.interp(depth, *row.T) for row in rows)
+        return depth, chlorophyll, None if self.bbp700 is None else bbp
+
+
+def _particle_absorption(chlorophyll: Floats, wavelength_nm: float) -> Floats:
+    """Return A C^E [m-1]."""
+    nodes, a, e = read_table("particle_absorption.csv").T
+    w = np.asarray(wavelength_nm)
+    return interpolate(w, nodes, a) * chlorophyll ** interpolate(w, nodes, e)
+
+
+def _exponent(chlorophyll: Floats) -> Floats:
+    """Return v, the spectral exponent of scattering by particles."""
+    return 0.5 * (np.log10(np.clip(chlorophyll, 0.02, 2.0)) - 0.3)
+
+
+def _backscatter_ratio(chlorophyll: Floats, wavelength_nm: float) -> Floats:
+    """Return the share of light that particles scatter backwards."""
+    c = np.maximum(chlorophyll, 0.02)
+    return 0.002 + 0.01 * (0.5 - 0.25 * np.log10(c)) * (wavelength_nm / 550.0) ** _exponent(c)
+
+
+def _mixture(molecules: float, particles: dict[float, float]) -> PhaseFunction:
+    """Return the phase function of water with particles, given as b [m-1] by backscatter ratio."""
+    shares = {ratio: b for ratio, b in particles.items() if b > 0.0}
+    water = Rayleigh(gamma=(1.0 - DEPOLARISATION) / (1.0 + DEPOLARISATION))
+    if not shares:
+        return water
+    phases = (water, *(fournier_forand_of(ratio) for ratio in shares))
+    return MixturePhase(components=phases, weights=(molecules, *shares.values()))
+
+
+@lru_cache(maxsize=1024)
+def fournier_forand_of(backscatter_ratio: float) -> FournierForand:
+    r"""Return the Fournier-Forand phase function of a backscatter ratio.
+
+    .. math:: n = 1.01 + 0.1542 (\mu - 3)
+
+    Parameters
+    ----------
+    backscatter_ratio : float
+        Share of light that is scattered by more than 90 degrees, 0.001 ... 0.1.
+
+    Returns
+    -------
+    FournierForand
+        With n and mu to 6 digits after the point.
+
+    Raises
+    ------
+    Refused
+        If the ratio is out of range.
+
+    References
+    ----------
+    Mobley, Sundman and Boss 2002, Appl. Opt. 41:1035, doi:10.1364/AO.41.001035; Mobley, Ocean
+    Optics Web Book, "The Fournier-Forand phase function", table 1.
+
+    Examples
+    --------
+    >>> fournier_forand_of(0.0183)
+    FournierForand(n=1.099963, mu=3.583417)
+    """
+    from scipy.optimize import brentq
+
+    require_between(backscatter_ratio, *_RATIOS, "backscatter_ratio", "[]")
+
+    def of(mu: float) -> FournierForand:
+        return FournierForand(n=round(1.01 + 0.1542 * (mu - 3.0), 6), mu=round(mu, 6))
+
+    mu = brentq(lambda mu: of(mu).backscatter_fraction - backscatter_ratio, 3.15, 4.2, xtol=1e-7)
+    return of(mu)

@@ -1,0 +1,283 @@
+"""Spectra of waters: what a and b at any wavelength follow from, and the tables of known types."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import BeforeValidator, SerializeAsAny, field_validator
+
+from meshtrace.errors import Described, Refused, did_you_mean, require_all, require_array
+from meshtrace.models import Family, Floats
+from meshtrace.optics.phase import FournierForand, Petzold, PhaseFunction, Rayleigh
+from meshtrace.optics.pure_water import (
+    interpolate,
+    pure_water_absorption,
+    read_table,
+    sea_water_scattering,
+)
+
+_JERLOV = ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
+PETZOLD = {"clear": (0.114, 0.037), "coastal": (0.179, 0.219), "harbour": (0.366, 1.824)}
+"""a and b [m-1] of the waters that Petzold measured."""
+
+PETZOLD_NM = 514.0
+"""Centre of the response of Petzold's instruments [nm]."""
+
+_PETZOLD_WIDTH_NM = 75.0  # its full width at half maximum
+_SOURCES = {
+    "petzold": f"measured at {PETZOLD_NM:g} nm, Petzold 1972",
+    "pure": "Pope and Fry 1997, Morel 1974",
+    "jerlov": "Solonenko and Mobley 2015",
+}
+
+WATER_TYPES = (
+    "pure-sea",
+    *(f"petzold-{name}" for name in PETZOLD),
+    *(f"jerlov-{name}" for name in _JERLOV),
+)
+"""Types of water of `Water.from_type`."""
+
+
+_CLOSED = "other spectra as a table"
+
+
+class WaterSpectrum(Family, frozen=True, default="type", closed=_CLOSED):
+    """Base of the spectra of waters: a subclass defines `properties` alone."""
+
+    @property
+    def source(self) -> str:
+        """Name of the water and where its coefficients come from."""
+        return self.kind
+
+    @property
+    @abstractmethod
+    def limits_nm(self) -> tuple[float, float]:
+        """Shortest and longest wavelength of the spectrum [nm]."""
+
+    @abstractmethod
+    def properties(self, wavelength_nm: float) -> dict[str, Any]:
+        """Return fields of `Water` at a wavelength in vacuum [nm].
+
+        Returns
+        -------
+        dict
+            a and b [m-1], or layers of them; the phase function and n if the spectrum has them.
+
+        Raises
+        ------
+        Refused
+            If the spectrum has no values at the wavelength.
+        """
+
+
+AnySpectrum = Annotated[SerializeAsAny[WaterSpectrum], BeforeValidator(WaterSpectrum.read)]
+"""A spectrum of a water, or plain data with its `kind`."""
+
+
+class WaterType(WaterSpectrum, frozen=True):
+    """Spectrum of a type of water in the tables of `coefficients`.
+
+    Parameters
+    ----------
+    type : str
+        One of `WATER_TYPES`, in any spelling: "jerlov-II", "Jerlov II" or "ii".
+
+    Notes
+    -----
+    The phase function is that of pure sea water for "pure-sea", Petzold's measured one for his
+    waters, and that of the average particle (Fournier-Forand) for the Jerlov types.
+    """
+
+    kind: Literal["type"] = "type"
+    type: str
+
+    @field_validator("type", mode="before")
+    @classmethod
+    def _known(cls, name: Any) -> str:
+        return _water_type(name)
+
+    @property
+    def source(self) -> str:
+        """Type and publication of its tables."""
+        return f"{self.type} ({_SOURCES[self.type.partition('-')[0]]})"
+
+    @property
+    def limits_nm(self) -> tuple[float, float]:
+        """Shortest and longest wavelength of the tables [nm]."""
+        family, _, name = self.type.partition("-")
+        if family == "petzold":
+            half = 0.5 * _PETZOLD_WIDTH_NM
+            return PETZOLD_NM - half, PETZOLD_NM + half
+        nodes = (
+            _nodes(name)[0] if family == "jerlov" else read_table("pure_water_absorption.csv").T[0]
+        )
+        return float(nodes[0]), float(nodes[-1])
+
+    @property
+    def phase(self) -> PhaseFunction:
+        """Phase function of the type, the same at all wavelengths."""
+        family, _, name = self.type.partition("-")
+        if family == "petzold":
+            return Petzold.model_validate({"water": name})
+        return Rayleigh.sea_water() if family == "pure" else FournierForand()
+
+    def properties(self, wavelength_nm: float) -> dict[str, Any]:
+        """Return a and b [m-1] at a wavelength in vacuum [nm], and the phase function."""
+        a, b = coefficients(self.type, wavelength_nm)
+        return {"a": float(a), "b": float(b), "phase": self.phase}
+
+
+class SpectralTable(WaterSpectrum, frozen=True):
+    """Spectrum given by a table of measured a and b.
+
+    Parameters
+    ----------
+    table : sequence of (depth, wavelength, a, b)
+        Rows of depth [m], wavelength in vacuum [nm], absorption and scattering coefficient [m-1],
+        in any order, with the same wavelengths at all depths; rows of (wavelength, a, b) for
+        uniform water.
+
+    Raises
+    ------
+    Refused
+        If rows are missing, or values are negative or not finite; in `properties`, if the
+        wavelength lies outside the table.
+
+    Notes
+    -----
+    Linear between wavelengths; the first depth counts as the surface. Phase function and n are the
+    defaults of `Water`.
+
+    Examples
+    --------
+    >>> SpectralTable(table=[(450.0, 0.02, 0.1), (550.0, 0.08, 0.08)]).properties(500.0)
+    {'a': 0.05, 'b': 0.09}
+    """
+
+    kind: Literal["table"] = "table"
+    table: tuple[tuple[float, float, float, float], ...]
+
+    @field_validator("table", mode="before")
+    @classmethod
+    def _full(cls, value: Any) -> Any:
+        allowed = "rows of [depth, wavelength, a, b], all finite and >= 0"
+        rows = np.atleast_2d(require_array(value, "", allowed))
+        if rows.ndim == 2 and rows.shape[1] == 3:
+            rows = np.column_stack([np.zeros(len(rows)), rows])
+        if rows.ndim != 2 or rows.shape[1] != 4 or not rows.size or not np.all(rows >= 0.0):
+            raise Refused("", value, allowed)
+        depths, wavelengths = np.unique(rows[:, 0]), np.unique(rows[:, 1])
+        different = len(np.unique(rows[:, :2], axis=0))
+        if not different == len(rows) == len(depths) * len(wavelengths):
+            found = Described(f"{len(rows)} rows")
+            raise Refused("", found, f"{len(wavelengths)} wavelengths at {len(depths)} depths")
+        return tuple(map(tuple, rows[np.lexsort((rows[:, 1], rows[:, 0]))].tolist()))
+
+    @property
+    def source(self) -> str:
+        """Numbers of wavelengths and depths."""
+        depths, wavelengths = (len({row[i] for row in self.table}) for i in (0, 1))
+        return f"table of {wavelengths} wavelengths at {depths} depths"
+
+    @property
+    def limits_nm(self) -> tuple[float, float]:
+        """Shortest and longest wavelength of the table [nm]."""
+        wavelengths = [row[1] for row in self.table]
+        return min(wavelengths), max(wavelengths)
+
+    def properties(self, wavelength_nm: float) -> dict[str, Any]:
+        """Return a and b [m-1], or their layers, at a wavelength in vacuum [nm]."""
+        rows, w = np.array(self.table), np.asarray(wavelength_nm, np.float64)
+        depth = np.unique(rows[:, 0])
+        blocks = rows.reshape(len(depth), -1, 4)
+        a, b = (
+            np.array([interpolate(w, block[:, 1], block[:, i]) for block in blocks]) for i in (2, 3)
+        )
+        return uniform_or_layers(np.append(0.0, depth[1:]), a, b)
+
+
+def uniform_or_layers(depth: Floats, a: Floats, b: Floats) -> dict[str, Any]:
+    """Return a and b of one depth, or else the layers of several."""
+    if len(depth) == 1:
+        return {"a": float(a[0]), "b": float(b[0])}
+    return {"layers": tuple(map(tuple, np.column_stack([depth, a, b]).tolist()))}
+
+
+def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Floats, Floats]:
+    """Return the absorption and scattering coefficients of a type of water.
+
+    Parameters
+    ----------
+    type : str
+        One of `WATER_TYPES`, in any spelling: "jerlov-II", "Jerlov II" or "ii".
+    wavelength_nm : array_like
+        Wavelength in vacuum [nm].
+
+    Returns
+    -------
+    a, b : ndarray
+        Absorption and scattering coefficients [m-1], of the shape of wavelength_nm.
+
+    Raises
+    ------
+    Refused
+        If the type is not known or not tabulated at a wavelength.
+
+    Notes
+    -----
+    jerlov-*: 300 to 700 nm, linear between 17 wavelengths. a and b were not measured but derived
+    from Jerlov's diffuse attenuation through a bio-optical model; their small-particle scattering
+    uses 1.513 m2/g where Haltrin (1999) has 1.151302. The published table repeats rows for 3C (675
+    and 700 nm) and 5C (600 to 700 nm): these types end at 650 and 575 nm here.
+    petzold-*: one wavelength, 514 nm; refused beyond the response of the instruments, 75 nm wide at
+    half maximum: 476.5 to 551.5 nm. No rule carries the values further: published models of the
+    spectra need chlorophyll, dissolved matter and minerals, which were not measured.
+    pure-sea: 380 to 727.5 nm; absorption of pure water, scattering of sea water.
+
+    References
+    ----------
+    Solonenko and Mobley 2015, Appl. Opt. 54:5392, doi:10.1364/AO.54.005392;
+    Petzold 1972, SIO Ref. 72-78; Mobley, Ocean Optics Web Book, "Petzold's measurements" (response
+    and width of the instruments); Pope and Fry 1997, Appl. Opt. 36:8710,
+    doi:10.1364/AO.36.008710.
+
+    Examples
+    --------
+    >>> a, b = coefficients("petzold-harbour", 514.0)
+    >>> float(a), float(b)
+    (0.366, 1.824)
+    """
+    name = _water_type(type)
+    wavelength = np.asarray(wavelength_nm, dtype=np.float64)
+    family, _, water = name.partition("-")
+    if family == "petzold":
+        a, b = PETZOLD[water]
+        good = np.abs(wavelength - PETZOLD_NM) <= 0.5 * _PETZOLD_WIDTH_NM
+        allowed = (
+            f"476.5 to 551.5 nm for {name}, measured at {PETZOLD_NM:g} nm; for these values at "
+            f"another wavelength give a = {a:g} and b = {b:g}; jerlov-* have 300 to 700 nm"
+        )
+        require_all(wavelength, good, "wavelength_nm", allowed)
+        return np.full_like(wavelength, a), np.full_like(wavelength, b)
+    if family == "pure":
+        return pure_water_absorption(wavelength), sea_water_scattering(wavelength)
+    nodes, a, b = _nodes(water)
+    return interpolate(wavelength, nodes, a), interpolate(wavelength, nodes, b)
+
+
+def _nodes(jerlov: str) -> Floats:
+    """Return wavelengths, a and b of a Jerlov type."""
+    rows = read_table("jerlov_iop.csv", str)
+    return rows[rows[:, 0] == jerlov, 1:].astype(np.float64).T
+
+
+def _water_type(name: str) -> str:
+    """Return the type of a name, ignoring case, hyphens and a leading family."""
+    word = "-".join(str(name).lower().replace("_", " ").replace("-", " ").split())
+    for known in WATER_TYPES:
+        if word in (known.lower(), known.lower().partition("-")[2]):
+            return known
+    raise Refused("type", name, ", ".join(WATER_TYPES), did_you_mean(name, WATER_TYPES))
