@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.chains.sets import TURBID, ChainDrawer, ChainSet
+from meshtrace.engine.chains.sets import TURBID, ChainDrawer, ChainSet, poisson_law
 from meshtrace.engine.photons.joined import JoinedParts
 from meshtrace.engine.photons.targets import SCATTERED
 from meshtrace.engine.setup.ends import ForcedLink, across, emitter_of
@@ -63,6 +63,19 @@ class Pilot(NamedTuple):
         """Return the pilot of one receiver with targets of shares of the power."""
         mean, spread = (power @ self.mean)[None], (power @ self.spread)[None]
         return Pilot(self.chains, mean, spread, self.scored.max(axis=0)[None])
+
+    def at_wavelengths(self, ratios: Floats, gain: Floats) -> tuple[Pilot, Floats]:
+        """Return the pilot and the gain of each receiver at each wavelength, one row each.
+
+        Light of order K goes with the power K of the ratio of the scattering coefficients; the
+        attenuation is about the same for all orders.
+        """
+        power = ratios[:, None, None] ** np.arange(1, len(self.chains) + 1)
+        direct = np.maximum(gain - self.mean.sum(axis=1), 0.0)
+        mean, spread = power * self.mean, power * self.spread
+        scored = np.broadcast_to(self.scored, mean.shape)
+        rows: Any = (x.reshape(-1, len(self.chains)) for x in (mean, spread, scored))
+        return Pilot(self.chains, *rows), (direct + mean.sum(axis=2)).ravel()
 
 
 def pilot(
@@ -117,14 +130,12 @@ def allotment(photons: int, expected: float, found: Pilot, gain: Floats) -> NDAr
     n_K ~ sqrt(sum_r (sigma_rK / h_r)^2 / cost_K). A share of the chains follows the Poisson law
     of the number of scatterings instead: an order that its pilot missed keeps a share.
     """
-    from scipy.stats import poisson
-
     order = np.arange(1, len(found.chains) + 1)
     cost = 1.0 + 0.3 * order
     light = np.maximum(gain, 1e-300)[:, None]
     # sorted, so that rounding does not depend on the order of the receivers
     share = np.sqrt(np.sort(np.square(found.spread / light) / cost, axis=0).sum(axis=0))
-    law = poisson.pmf(order, max(expected, 1e-6))
+    law = poisson_law(max(expected, 1e-6))[order]
     law = law / max(law.sum(), 1e-300)
     total = share.sum()
     mixed = law if total == 0.0 else (1.0 - _FLOOR) * share / total + _FLOOR * law

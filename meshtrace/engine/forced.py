@@ -18,7 +18,7 @@ Where chains are the worse estimator the scattered light is that of joined photo
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import islice
@@ -29,12 +29,22 @@ import numpy as np
 
 from meshtrace.engine import choice, parts
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.chains.aimed import AimedChains, SearchMode
-from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request, flat_mesh, points_of
+from meshtrace.engine.chains.aimed import Aimed, AimedChains, SearchMode
+from meshtrace.engine.chains.sets import (
+    Block,
+    ChainDrawer,
+    ChainSet,
+    Drawing,
+    Request,
+    flat_mesh,
+    points_of,
+)
 from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.setup import ends
+from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.tints import Tints
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
@@ -50,7 +60,7 @@ MANY_SEAS = 1.5
 
 _PER_CHAIN, _REFLECTED_PER_CHAIN = 8, 2  # joined photons; light reflected first alone
 _STILL_CHAINS = 8  # unscattered, of each shift, over still water
-_MOST_CHAINS = 2**22  # 1 kB each, and more with their order
+_MOST_CHAINS = 2**22  # some 10 s of a thread for each receiver
 _CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is summed
 _FEW_POINTS, _SMOOTH = 2, 5e-4  # of each shift, which suffice for this relative error
 _CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
@@ -103,6 +113,9 @@ class ForcedDetection:
         Estimator of the scattered light; "auto" compares pilots over still water, with random
         slopes, for each receiver, see `meshtrace.engine.choice`. With "chains" light that the
         surface reflects first is omitted.
+    ratios : sequence of float
+        Scattering coefficients, over that of the link, of the wavelengths for all of which chains
+        are allotted to the orders.
 
     Raises
     ------
@@ -120,6 +133,7 @@ class ForcedDetection:
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
         search: SearchMode = "usual",
         scattered: Scattered = "auto",
+        ratios: Sequence[float] = (1.0,),
     ) -> None:
         if not SHIFTS <= photons <= _MOST_CHAINS:
             allowed = f"an integer {SHIFTS} <= photons <= {_MOST_CHAINS} for forced detection"
@@ -128,6 +142,7 @@ class ForcedDetection:
         self.arrays = ends.forced_link(link)
         self.photons, self.seed, self.normals, self.threads = photons, seed, normals, threads
         self.sea, self.search, self.wanted = sea, search, scattered
+        self.ratios = np.asarray(ratios, np.float64)
         unit = self.arrays.frame.unit
         top = max(sea.crest, 0.0) / unit
         lowest = min(t.center[2] for t in self.arrays.targets)
@@ -138,7 +153,7 @@ class ForcedDetection:
         self.scattered_sets = self._draw()
         self._joined = self._joined_photons()
 
-    def _draw(self) -> list[list[ChainSet]]:
+    def _draw(self) -> list[list[Drawing]]:
         """Choose the estimator of each receiver; return the chains by source.
 
         Pilots over still water compare the estimators and allot the chains to the orders.
@@ -164,9 +179,8 @@ class ForcedDetection:
         self.method = self._compare()
         if "chains" not in self.method:
             return [[] for _ in sources]
-        requests = self._requests()
-        pairs = list(zip(requests, self.drawer.draw_all(requests, threads), strict=True))
-        return [[chains for request, chains in pairs if request.source == s] for s in sources]
+        drawings = self.drawer.draw_all(self._requests(), threads)
+        return [[one for one in drawings if one.request.source == s] for s in sources]
 
     def _pilots_over(self, over: ChainDrawer | AimedChains) -> list[choice.Pilot]:
         """Return the pilots of the chains from each source over still water, or over a surface."""
@@ -192,6 +206,9 @@ class ForcedDetection:
                 found, seen = found.joined(link.power), light[s : s + 1]
             else:
                 continue
+            if len(self.ratios) > 1 and self._light is not None:
+                lit = self._light[s : s + 1] if link.down else self._light[kept]
+                found, seen = found.at_wavelengths(self.ratios, lit)
             counts = choice.allotment(share, self.drawer.nominals[s].expected, found, seen)
             key = self._seed(s)
             requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
@@ -236,6 +253,13 @@ class ForcedDetection:
     def expected(self) -> float:
         """Largest expected number of scatterings between a source and the surface."""
         return max(law.expected for law in self.drawer.nominals)
+
+    @property
+    def serves_neighbours(self) -> bool:
+        """Whether its chains alone, of point sources, make the gain: `FrozenForced` keeps them."""
+        return (
+            self._joined is None and set(self.method) == {"chains"} and not any(self.arrays.sizes)
+        )
 
     def _photons(self, photons: int, receivers: Iterable[int], first: int = 1) -> JoinedPhotons:
         """Return joined photons to some receivers; `first` applies where chains serve."""
@@ -282,13 +306,13 @@ class ForcedDetection:
 
     def sets(self, aimed: AimedChains) -> list[list[ChainSet]]:
         """Return the chains by source, with unscattered ones where slopes are random."""
-        if not aimed.rough:
-            return self.scattered_sets
-        pairs = zip(self._unscattered, self.scattered_sets, strict=True)
-        return [[first, *row] for first, row in pairs]
+        rows = self.scattered_sets
+        if aimed.rough:
+            rows = [[first, *row] for first, row in zip(self._unscattered, rows, strict=True)]
+        return [[self.drawer.whole(one) for one in row] for row in rows]
 
     @cached_property
-    def _unscattered(self) -> list[ChainSet]:
+    def _unscattered(self) -> list[Drawing]:
         """Unscattered chains by source, which differ by their random slopes only."""
         emitters = len(self.arrays.emitters)
         per_source = self.photons / (1 if self.arrays.down else emitters)
@@ -306,7 +330,7 @@ class ForcedDetection:
         aimed = self.over(mesh, intersector)
         sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets)
         jobs: list[Any] = [partial(self._direct, aimed, *pair) for pair in self.arrays.pairs]
-        jobs += [partial(aimed.aim, *job) for job in sums.jobs]
+        jobs += [partial(self._summed, aimed.aim, *job) for job in sums.jobs]
         scores = ordered_map(call, jobs, self.threads, ahead=len(jobs))
         sampled = sums.add_direct(list(islice(scores, len(self.arrays.pairs))))
         work = f"{sums.chains:,} chains over one surface"
@@ -314,6 +338,77 @@ class ForcedDetection:
         photons = None if self._joined is None else self._joined.evaluate(mesh, intersector)
         counts = parts.Counts(sums.chains, *(int(c) for c in aimed.counters))
         return sums.parts(counts._replace(sampled=sampled), photons, self.reflects)
+
+    def _summed(
+        self, aim: Callable[..., Aimed], source: int, receivers: list[int], block: Block
+    ) -> list[parts.BlockSums]:
+        """Return the sums over the chains of a block to some receivers."""
+        chains = self.drawer.drawn(block)
+        return [parts.BlockSums.of(aim(source, r, chains).score, block) for r in receivers]
+
+    def _of_unscattered(self, aim: Callable[..., Aimed], source: int, receiver: int) -> Floats:
+        """Return the mean score of the unscattered chains of each shift, shape (..., shifts)."""
+        drawing = self._unscattered[source]
+        found: Any = 0.0
+        for block in drawing.blocks():
+            (sums,) = self._summed(aim, source, [receiver], block)
+            if isinstance(found, float):
+                found = np.zeros((*sums.score.shape[:-1], SHIFTS))
+            found[..., block.shifts_in] += sums.score
+        return np.asarray(found / drawing.request.per_shift)
+
+    def tinted(
+        self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link]
+    ) -> list[parts.Parts]:
+        """Return the gain over a mesh at each wavelength of a tinting, that of each link."""
+        higher = self._reaching(mesh)
+        if higher is not self:
+            return higher.tinted(mesh, tinting, links)
+        aimed, m = self.over(mesh), len(links)
+        far = self._farthest(aimed, tinting, links)
+        sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets, (m,))
+        pairs = self.arrays.pairs
+        jobs: list[Any] = [partial(self._tinted, aimed, tinting, far, *pair) for pair in pairs]
+        tinted = partial(aimed.tinted, tinting=tinting)
+        jobs += [partial(self._summed, tinted, *job) for job in sums.jobs]
+        scores = ordered_map(call, jobs, self.threads, ahead=len(jobs))
+        sampled = sums.add_direct(list(islice(scores, len(pairs))))
+        sums.add_chains(list(paced(scores, len(sums.jobs), f"{sums.chains:,} chains")))
+        photons: list[Any] = [None] * m
+        if self._joined is not None:
+            photons = self._joined.at_wavelengths(mesh, tinting, links)
+        counts = parts.Counts(sums.chains, *(int(c) for c in aimed.counters))
+        counts = counts._replace(sampled=sampled)
+        return [sums.of(i).parts(counts, photons[i], self.reflects) for i in range(m)]
+
+    def _farthest(
+        self, aimed: AimedChains, tinting: Tinting, links: Sequence[Link]
+    ) -> tuple[int, AimedChains]:
+        """Return the wavelength that differs most on the way up, and its water below the mesh."""
+        ways = [
+            aimed.straight_tints(e, np.zeros((1, 3)), tinting.tints) for e in self.arrays.emitters
+        ]
+        i = int(np.abs(tinting.shares @ np.concatenate(ways).T).max(axis=1).argmax())
+        return i, aimed.in_water(self.arrays.frame.medium(ends.expected_water(links[i], crest=5.0)))
+
+    def _tinted(
+        self, aimed: AimedChains, tinting: Tinting, far: tuple[int, AimedChains], s: int, r: int
+    ) -> Floats:
+        """Return `_direct` at each wavelength, shape (wavelengths, 1 or shifts)."""
+
+        def light(point: Floats) -> Floats:
+            found = aimed.tinted_gains(s, r, tinting, far, Vec3(*point.tolist()))
+            if found is None:
+                raise self._too_narrow(s)
+            return found
+
+        if self.arrays.sizes[s] > 0.0:
+            return self._over_lamp(s, light).mean(axis=1).T
+        gains = aimed.tinted_gains(s, r, tinting, far)
+        if gains is not None and gains.any():
+            return gains[:, None]
+        found = self._of_unscattered(partial(aimed.tinted, tinting=tinting), s, r)
+        return found if found.any() else found[:, :1]
 
     def _direct(self, aimed: AimedChains, s: int, r: int) -> Floats:
         """Return the unscattered gain of a source and a receiver: one number, or one per shift."""
@@ -323,7 +418,7 @@ class ForcedDetection:
         if gains is not None and gains.any():
             return gains.sum(keepdims=True)
         # where no facet finds light, chains are asked before it is called dark
-        found = aimed.score(s, r, self._unscattered[s]).reshape(SHIFTS, -1).mean(axis=1)
+        found = self._of_unscattered(aimed.aim, s, r)
         return found if found.any() else found[:1]
 
     def _lamp_gains(self, aimed: AimedChains, s: int, r: int) -> Floats:
@@ -331,25 +426,34 @@ class ForcedDetection:
 
         From the first points of each shift, and from all unless these suffice.
         """
+        return self._over_lamp(s, lambda p: self._from_point(aimed, s, r, p).sum())
+
+    def _over_lamp(self, s: int, light: Callable[[Floats], Any]) -> Floats:
+        """Return the light (...,) of points of an extended source, shape (shifts, points, ...)."""
         points = self._lamp_points(s)
-        found = np.zeros((SHIFTS, 0))
+        found: Floats | None = None
         for some in (points[:, :_FEW_POINTS], points[:, _FEW_POINTS:]):
             if not some.size:
                 break
-            sums = [[self._from_point(aimed, s, r, p).sum() for p in row] for row in some]
-            found = np.concatenate([found, sums], axis=1)
-            if error_of_groups(found.mean(axis=1)) < _SMOOTH * found.mean():
+            sums = np.array([[light(p) for p in row] for row in some])
+            found = sums if found is None else np.concatenate([found, sums], axis=1)
+            error = error_of_groups(found.mean(axis=1))
+            if (error < _SMOOTH * found.mean(axis=(0, 1))).all():
                 break
+        assert found is not None
         return found
 
     def _from_point(self, aimed: AimedChains, s: int, r: int, point: Floats) -> Floats:
         """Return the unscattered gain through each facet from a point of an extended source."""
         gains = aimed.direct_gains(s, r, Vec3(*point.tolist()))
         if gains is None:
-            narrow = Described(f"a radius of {self.arrays.sizes[s] * self.arrays.frame.unit:g} m")
-            allowed = f"a point source below random slopes this narrow; {ends.ANALOG}"
-            raise Refused("transmitter", narrow, allowed)
+            raise self._too_narrow(s)
         return gains
+
+    def _too_narrow(self, s: int) -> Refused:
+        narrow = Described(f"a radius of {self.arrays.sizes[s] * self.arrays.frame.unit:g} m")
+        allowed = f"a point source below random slopes this narrow; {ends.ANALOG}"
+        return Refused("transmitter", narrow, allowed)
 
     def _lamp_points(self, s: int) -> Floats:
         """Return points of an extended source, shape (shifts, points, 3)."""
@@ -374,7 +478,7 @@ class ForcedDetection:
         sea = self.sea._replace(crest=top)
         return ForcedDetection(
             self.link, self.photons, self.seed, self.normals, self.threads, sea,
-            self.search, self.wanted,
+            self.search, self.wanted, self.ratios.tolist(),
         )  # fmt: skip
 
     def flat(self) -> TriangleMesh:
@@ -389,23 +493,33 @@ class ForcedDetection:
         Unscattered light without random slopes is one arrival a facet, with shift -1: it has no
         Monte Carlo error.
         """
+        return self.tinted_arrivals(mesh, UNTINTED, [self.link])[0]
+
+    def tinted_arrivals(
+        self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link]
+    ) -> list[ArrivalTally]:
+        """Return the light that arrives at each wavelength of a tinting, that of each link."""
         higher = self._reaching(mesh)
         if higher is not self:
-            return higher.arrivals(mesh)
-        aimed, rows = self.over(mesh), [list[Floats]() for _ in self.link.receivers]
+            return higher.tinted_arrivals(mesh, tinting, links)
+        aimed, rows = self.over(mesh), [list[Floats]() for _ in links]
         for e, t in self.arrays.pairs:
-            light = self._light_of(aimed, e, t)
-            row = np.column_stack([light.weight, light.water, light.air, light.shift])
-            rows[self.arrays.receiver(e, t)].append(row)
+            light = self._light_of(aimed, e, t, tinting.tints)
+            receiver = np.full(len(light.weight), self.arrays.receiver(e, t))
+            path = light.water, light.air, light.shift, light.angle
+            for row, factor in zip(rows, tinting.factors(light.tint), strict=True):
+                row.append(np.column_stack([receiver, light.weight * factor, *path]))
         if self._joined is not None:
-            photons = self._joined.evaluate(mesh, arrivals=True).arrivals or []
             served = [r for r, m in enumerate(self.method) if self.reflects or m == "joined"]
-            for r, row in zip(served, photons, strict=True):
-                rows[r].append(row)
-        whole = [np.insert(row, 0, r, axis=1) for r, found in enumerate(rows) for row in found]
-        return ArrivalTally.of_rows(np.concatenate(whole))
+            photons = self._joined.at_wavelengths(mesh, tinting, links, arrivals=True)
+            for row, found in zip(rows, photons, strict=True):
+                for r, light_of in zip(served, found.arrivals or [], strict=True):
+                    angle = np.full((len(light_of), 1), np.nan)  # not known
+                    receiver = np.full((len(light_of), 1), r)
+                    row.append(np.concatenate([receiver, light_of, angle], axis=1))
+        return [ArrivalTally.of_rows(np.concatenate(row)) for row in rows]
 
-    def _light_of(self, aimed: AimedChains, e: int, t: int) -> parts.Light:
+    def _light_of(self, aimed: AimedChains, e: int, t: int, tints: Tints | None) -> parts.Light:
         """Return the light of a pair over facets and chains."""
         chained = self.method[self.arrays.receiver(e, t)] == "chains"
         rows, sets = list[parts.Light](), self.scattered_sets[e] if chained else []
@@ -415,12 +529,17 @@ class ForcedDetection:
             for shift, i in np.ndindex(SHIFTS, n):
                 lamp = points[shift, i]
                 gains = self._from_point(aimed, e, t, lamp)
-                rows.append(parts.direct_light(aimed, e, t, gains, lamp, shift, n * SHIFTS))
+                of = lamp, shift, n * SHIFTS, tints
+                rows.append(parts.direct_light(aimed, e, t, gains, *of))
         elif (found := aimed.direct_gains(e, t)) is not None and found.any():
-            rows.append(parts.direct_light(aimed, e, t, found))
+            rows.append(parts.direct_light(aimed, e, t, found, tints=tints))
         else:
             sets = [self._unscattered[e], *sets]
-        return parts.merged(rows + [parts.chain_light(aimed, e, t, chains) for chains in sets])
+        for drawing in sets:
+            for block in drawing.blocks():
+                chains = self.drawer.drawn(block)
+                rows.append(parts.chain_light(aimed, e, t, chains, tints, block))
+        return parts.merged(rows)
 
 
 def cut_share(link: Link, mesh: TriangleMesh, seed: int, normals: str, threads: int) -> Floats:

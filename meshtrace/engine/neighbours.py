@@ -29,6 +29,7 @@ from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 
 _KEPT = 4  # sets of chains for the last geometries
+_KEPT_SEAS = 8  # Embree scenes and facets of the last surfaces
 
 
 class _Pair(NamedTuple):
@@ -89,6 +90,7 @@ class FrozenForced:
         self._normals, self._search = normals, search
         self._nodes: dict[tuple[int, int], Nodes] = {}
         self._drawn: dict[str, list[list[ChainSet]]] = {}
+        self._seas: dict[tuple[int, str], tuple[TriangleMesh, AimedChains]] = {}
         self._lock = Lock()
 
     def gains(self, link: Link, mesh: TriangleMesh) -> Floats:
@@ -105,14 +107,19 @@ class FrozenForced:
         -------
         ndarray, shape (receivers, shifts)
         """
-        found = np.zeros((len(link.receivers), SHIFTS))
+        return self.parts(link, mesh)[0]
+
+    def parts(self, link: Link, mesh: TriangleMesh) -> tuple[Floats, Floats]:
+        """Return `gains`, and their unscattered part, shapes (receivers, shifts)."""
+        found, direct = np.zeros((2, len(link.receivers), SHIFTS))
         for pair in self._pairs(link, mesh):
             if pair.direct is not None:
-                found[pair.receiver] += pair.share * pair.direct.sum()
+                direct[pair.receiver] += pair.share * pair.direct.sum()
             for chains in pair.sets:
                 score = pair.aimed.score(*pair.ends, chains)
-                found[pair.receiver] += pair.share * score.reshape(SHIFTS, -1).mean(axis=1)
-        return found
+                part = direct if chains.order == 0 else found
+                part[pair.receiver] += pair.share * score.reshape(SHIFTS, -1).mean(axis=1)
+        return found + direct, direct
 
     def unscattered(self, link: Link, mesh: TriangleMesh) -> Floats:
         """Return the unscattered gain of each receiver of a neighbouring link, without noise.
@@ -151,11 +158,22 @@ class FrozenForced:
         if len(arrays.emitters) != len(self._base.arrays.emitters):
             name = "receiver" if arrays.down else "transmitter"
             raise Refused(name, len(arrays.emitters), f"as many {name}s as in the base link")
-        aimed = AimedChains(
-            arrays, mesh, None, self._normals, link.physics.unresolved, self._search
-        )
+        aimed = self._over(mesh, arrays, link.physics.unresolved)
         aimed.nodes = self._nodes
         return arrays, aimed, self._sets(link, arrays, aimed)
+
+    def _over(self, mesh: TriangleMesh, arrays: ForcedLink, unresolved: str) -> AimedChains:
+        """Return the chains over a surface (cached for recent ones)."""
+        key = id(mesh), unresolved
+        known = self._seas.get(key)
+        if known is not None:
+            return known[1].of_link(arrays)
+        made = AimedChains(arrays, mesh, None, self._normals, unresolved, self._search)
+        with self._lock:
+            while len(self._seas) >= _KEPT_SEAS:
+                del self._seas[next(iter(self._seas))]
+            self._seas[key] = mesh, made  # the mesh lives as long as its number
+        return made
 
     def _sets(self, link: Link, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
         """Return the chains of a link (cached for recent geometries)."""

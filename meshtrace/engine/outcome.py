@@ -41,6 +41,9 @@ MESH_ERROR_WARNING = 3e-3
 _FEW = {"chains": 100.0, "joined photons": 400.0}
 """Effective samples below which an error is uncertain itself."""
 
+FEW_PHOTONS = 100.0
+"""Effective photons in an aperture below which those of another wavelength are not common."""
+
 _FEW_SHARE = {"chains": 0.1, "joined photons": 0.15}
 """Share of the samples below which they are few: a run of few photons is known to be uncertain.
 
@@ -196,9 +199,9 @@ def lack_of_samples(result: GainResult) -> float:
     )
 
 
-def warn_of_few(result: GainResult) -> None:
-    """Warn of gains with a small effective sample size."""
-    _warn_of_few([(r, row) for r, row, _ in _samples(result)])
+def warn_of_few(result: GainResult, where: str = "") -> None:
+    """Warn of gains with a small effective sample size; `where` is the begin of the text."""
+    _warn_of_few([(r, row) for r, row, _ in _samples(result)], where)
 
 
 def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
@@ -226,12 +229,19 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
         warn_of_omitted(chains.link, parts.gain)
 
 
-def _warn_of_few(found: list[tuple[int, ScatteredSamples]]) -> None:
+def receivers_of_few(parts: Parts) -> set[int]:
+    """Return the receivers whose scattered light matters and rests on few effective samples."""
+    light = parts.scattered.mean(axis=1)
+    found = _that_matter(parts.samples_by_receiver(), light, parts.gain)
+    return {r for r, row, _ in found if _is_few(row)}
+
+
+def _warn_of_few(found: list[tuple[int, ScatteredSamples]], where: str = "") -> None:
     for r, row in found:
         if _is_few(row):
             _warn(
-                f"receiver {r}: {row.scored:,} of {row.samples:,} {row.estimator} contribute, "
-                f"effective sample size {row.effective:.0f}: the error may exceed the "
+                f"{where}receiver {r}: {row.scored:,} of {row.samples:,} {row.estimator} "
+                f"contribute, effective sample size {row.effective:.0f}: the error may exceed the "
                 "standard error, and the gain has an upper bound",
                 FewSamplesWarning,
             )
@@ -305,6 +315,7 @@ def _arrivals(sums: PhotonSums) -> ArrivalTally:
         rows["water"],
         rows["air"],
         rows["photon"].astype(np.int64) % SHIFTS,
+        np.full(len(rows), np.nan),
     )
 
 
@@ -327,11 +338,8 @@ def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> Plane
 def irradiance_map(grid: options.IrradianceMap, sums: PhotonSums) -> MapTally:
     """Return the irradiance of analog photons in the cells of a map."""
     area = grid.step**2
-    axis = np.asarray(-grid.extent + grid.step * (np.arange(grid.n) + 0.5), np.float64)
-    total, squares = sums.map.value(), sums.map_squared.value()
-    cell = total / sums.photons
-    error = np.sqrt(np.maximum(squares / sums.photons - cell**2, 0.0) / max(sums.photons - 1, 1))
-    return MapTally(axis, axis, cell / area, error / area)
+    cell, error = (x[:, :, 0] / area for x in sums.map_mean())
+    return MapTally(grid.axes, grid.axes, cell, error)
 
 
 def warn_of_lost(result: GainResult) -> None:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.chains.aimed import Aimed, AimedChains, on_disk
-from meshtrace.engine.chains.sets import ChainSet
+from meshtrace.engine.chains.aimed import AimedChains, on_disk
+from meshtrace.engine.chains.sets import Block, ChainSet, Drawing
 from meshtrace.engine.choice import Method
 from meshtrace.engine.photons.joined import JoinedParts
 from meshtrace.engine.photons.targets import REFLECTED, SCATTERED
 from meshtrace.engine.setup.ends import ForcedLink
+from meshtrace.kernels.tints import NO_TINTS, Tints
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.models import Floats
 from meshtrace.results.gain import ScatteredSamples
 from meshtrace.results.tallies import error_of_groups
@@ -100,48 +103,78 @@ class Parts:
         return error_of_groups(self.shifts, axis=1)
 
 
-class ChainSums:
-    """Sums over chains, by receiver."""
+class BlockSums(NamedTuple):
+    """Sums over the chains of a block to one receiver, of one wavelength or of several (`...`)."""
 
-    def __init__(self, link: ForcedLink, method: list[Method], sets: list[list[ChainSet]]) -> None:
+    score: Floats  # (..., shifts)
+    square: Floats  # (...)
+    scored: NDArray[np.int64]  # (...) chains
+
+    @classmethod
+    def of(cls, score: Floats, block: Block) -> BlockSums:
+        """Return the sums of scores (..., chains)."""
+        n = block.shifts_in.stop - block.shifts_in.start
+        light = score.reshape(*score.shape[:-1], n, -1).sum(axis=-1)
+        square = np.einsum("...i,...i->...", score, score)
+        return cls(light, square, np.asarray(np.count_nonzero(score, axis=-1)))
+
+
+class ChainSums:
+    """Sums over chains, by receiver, of one wavelength or of several (`lead` of arrays)."""
+
+    def __init__(
+        self,
+        link: ForcedLink,
+        method: list[Method],
+        sets: list[list[Drawing]],
+        lead: tuple[int, ...] = (),
+    ) -> None:
         self._link, self._method = link, method
         receivers = len(method)
-        self._sets = [
-            (e, t, chains)
-            for e, t in link.pairs
-            for chains in sets[e]
-            if method[link.receiver(e, t)] == "chains"
-        ]
-        self.jobs = [(e, t, block) for e, t, chains in self._sets for block in chains.blocks()]
-        self.chains = sum(len(chains.audit) for row in sets for chains in row)
-        self._orders = max((chains.order for row in sets for chains in row), default=0)
-        self._direct = np.zeros((receivers, SHIFTS))
-        self._scattered = np.zeros((receivers, self._orders, SHIFTS))
-        self._squares = np.zeros(receivers)
-        self._samples, self._scored = np.zeros((2, receivers), np.int64)
+        self.jobs = list[tuple[int, list[int], Block]]()
+        for e, row in enumerate(sets):
+            served = [
+                t for f, t in link.pairs if f == e and method[link.receiver(e, t)] == "chains"
+            ]
+            if served:
+                self.jobs += [(e, served, block) for drawing in row for block in drawing.blocks()]
+        requests = [drawing.request for row in sets for drawing in row]
+        self.chains = sum(request.number for request in requests)
+        self._orders = max((request.order for request in requests), default=0)
+        self._direct = np.zeros((*lead, receivers, SHIFTS))
+        self._scattered = np.zeros((*lead, receivers, self._orders, SHIFTS))
+        self._squares = np.zeros((*lead, receivers))
+        self._samples, self._scored = np.zeros((2, *lead, receivers), np.int64)
 
     def add_direct(self, gains: Iterable[Floats]) -> int:
         """Add the unscattered gain of each pair; return the number of sampled ones."""
         sampled = 0
         for pair, gain in zip(self._link.pairs, gains, strict=True):
-            self._direct[self._link.receiver(*pair)] += self._link.share(*pair) * gain
-            sampled += len(gain) > 1
+            self._direct[..., self._link.receiver(*pair), :] += self._link.share(*pair) * gain
+            sampled += gain.shape[-1] > 1
         return sampled
 
-    def add_chains(self, aimed: Iterable[Aimed]) -> None:
-        """Add the scores of each job."""
-        found = iter(aimed)
-        for e, t, chains in self._sets:
-            r, share = self._link.receiver(e, t), self._link.share(e, t)
-            score = np.concatenate([next(found).score for _ in chains.blocks()])
-            means = share * score.reshape(SHIFTS, -1).mean(axis=1)
-            self._scattered[r, chains.order - 1] += means
-            self._samples[r] += len(score)
-            self._scored[r] += np.count_nonzero(score)
-            self._squares[r] += share**2 * np.mean(score**2) / len(score)
+    def add_chains(self, found: Iterable[list[BlockSums]]) -> None:
+        """Add the sums of each job."""
+        for (e, served, block), rows in zip(self.jobs, found, strict=True):
+            request, shifts = block.request, block.shifts_in
+            for t, sums in zip(served, rows, strict=True):
+                r, share = self._link.receiver(e, t), self._link.share(e, t)
+                light = share * (sums.score / request.per_shift)
+                self._scattered[..., r, request.order - 1, shifts] += light
+                self._samples[..., r] += block.rows.stop - block.rows.start
+                self._scored[..., r] += sums.scored
+                self._squares[..., r] += share**2 * sums.square / request.number**2
+
+    def of(self, i: int) -> ChainSums:
+        """Return the sums of one of several wavelengths."""
+        found = copy(self)
+        for name in ("_direct", "_scattered", "_squares", "_samples", "_scored"):
+            setattr(found, name, getattr(self, name)[i])
+        return found
 
     def parts(self, counts: Counts, found: JoinedParts | None, reflects: bool) -> Parts:
-        """Return the gain in parts, with the light of joined photons.
+        """Return the gain of one wavelength in parts, with the light of joined photons.
 
         They are joined to all receivers if `reflects`, else to those that rest on them alone.
         """
@@ -180,6 +213,7 @@ class Light(NamedTuple):
     angle: Floats  # to the axis of the receiver [rad]
     lamp: Floats  # cosine of the emission to the axis of the source
     shift: NDArray[np.int64]
+    tint: Floats  # (n, tints), see `kernels.tints`
 
     def by_shift(self, values: Floats) -> Floats:
         """Return the sum of the weights times values (n,) of each shift, shape (shifts,)."""
@@ -202,30 +236,47 @@ def direct_light(
     at: Floats | None = None,
     shift: int = -1,
     points: int = 1,
+    tints: Tints | None = NO_TINTS,
 ) -> Light:
     """Return unscattered light by facet, from the point `at` of several of an extended source."""
     link, unit = aimed.link, aimed.link.frame.unit
     lit = np.flatnonzero(gains)
     crossing = aimed.centroids[lit]
-    start = np.array(link.emitters[emitter].position) if at is None else at
+    source = link.emitters[emitter]
+    if at is not None:
+        source = source._replace(position=Vec3(*at.tolist()))
+    start = np.array(source.position)
     up, way = crossing - start, np.array(link.targets[target].center) - crossing
     water, air = (unit * np.linalg.norm(part, axis=1) for part in (up, way))
     order, shifts = np.zeros(len(lit), np.int64), np.full(len(lit), shift)
     weight = link.share(emitter, target) * gains[lit] / points
-    return Light(weight, order, water, air, *_angles(link, emitter, target, up, way), shifts)
+    angles, tint = (
+        _angles(link, emitter, target, up, way),
+        aimed.straight_tints(source, crossing, tints),
+    )
+    return Light(weight, order, water, air, *angles, shifts, tint)
 
 
-def chain_light(aimed: AimedChains, emitter: int, target: int, chains: ChainSet) -> Light:
-    """Return the arrivals of a set of chains."""
-    link, unit, n = aimed.link, aimed.link.frame.unit, len(chains.audit)
+def chain_light(
+    aimed: AimedChains,
+    emitter: int,
+    target: int,
+    chains: ChainSet,
+    tints: Tints | None = NO_TINTS,
+    block: Block | None = None,
+) -> Light:
+    """Return the arrivals of a set of chains, or of a block of one."""
+    link, unit = aimed.link, aimed.link.frame.unit
+    first, n = (block.rows.start, block.request.number) if block else (0, len(chains.audit))
     found = aimed.aim(emitter, target, chains, keep=True).arrivals
     end, chain = link.targets[target], found["chain"]
     way = on_disk(end.center, end, chains.chains.disk[chain]) - found["point"]
     weight = link.share(emitter, target) * found["weight"] / n
     water, air = unit * found["water"], unit * found["air"]
     angles = _angles(link, emitter, target, found["emission"], way)
-    order, shift = np.full(len(found), chains.order), chain // (n // SHIFTS)
-    return Light(weight, order, water, air, *angles, shift)
+    order, shift = np.full(len(found), chains.order), (first + chain) // (n // SHIFTS)
+    tint = aimed.chain_tints(emitter, chains, found, tints)
+    return Light(weight, order, water, air, *angles, shift, tint)
 
 
 def _angles(

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Any, Literal, Unpack
+from dataclasses import replace
+from typing import Any, Literal, Unpack, overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from meshtrace.engine import outcome
 from meshtrace.engine.bvh import EmbreeIntersector
@@ -28,21 +30,46 @@ from meshtrace.engine.setup.options import (
     read_records,
     resolve,
 )
+from meshtrace.engine.wavelengths import SpectralDetection, analog_sums, clearest
 from meshtrace.errors import Described, Refused, require_function, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.parallel import default_threads
 from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
+from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths
 
 _MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
 
 
+@overload
 def simulate(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
     estimator: Estimator | Literal["forced", "analog"] | None = None,
     *,
+    wavelengths_nm: None = None,
+    **options: Any,
+) -> GainResult: ...
+
+
+@overload
+def simulate(
+    link: Link | HasCase,
+    surface: MeshSource | TriangleMesh | None = None,
+    estimator: Estimator | Literal["forced", "analog"] | None = None,
+    *,
+    wavelengths_nm: ArrayLike,
+    **options: Any,
+) -> ByWavelength[GainResult]: ...
+
+
+def simulate(  # type: ignore[misc]
+    link: Link | HasCase,
+    surface: MeshSource | TriangleMesh | None = None,
+    estimator: Estimator | Literal["forced", "analog"] | None = None,
+    *,
+    wavelengths_nm: ArrayLike | None = None,
     photons: int | None = None,
     rtol: float | None = None,
     seed: int | None = None,
@@ -51,8 +78,8 @@ def simulate(
     record: Iterable[Record] = (),
     progress: Callable[[int], None] | None = None,
     **options: Unpack[Shortcuts],
-) -> GainResult:
-    """Simulate the gain of a link over a surface.
+) -> GainResult | ByWavelength[GainResult]:
+    r"""Simulate the gain of a link over a surface.
 
     Parameters
     ----------
@@ -64,6 +91,9 @@ def simulate(
     estimator : Forced or Analog, or "forced" or "analog", optional
         Scattering chains aimed at the aperture, the default, or photons followed one by one, the
         default over a surface that overhangs.
+    wavelengths_nm : array_like, optional
+        Wavelengths in vacuum [nm], in place of that of the sources: a gain for each, of common
+        paths, see Notes.
     photons : int, optional
         Chains (10 000 by default) or photons (1 000 000).
     rtol : float, optional
@@ -84,19 +114,32 @@ def simulate(
 
     Returns
     -------
-    GainResult
+    GainResult, or ByWavelength of them
 
     Raises
     ------
     Refused
-        If an option is out of range, the mesh does not cover the link, or the forced estimator
-        does not follow a feature of the link.
+        If an option is out of range, the mesh does not cover the link, the forced estimator does
+        not follow a feature of the link, or the water has no spectrum for other wavelengths.
 
     Warns
     -----
     DomainWarning
         If more than 1e-4 of the weight left the mesh sideways, light leaked through it, or the
         error of the mesh exceeds the standard error and 0.3 % of the gain.
+
+    Notes
+    -----
+    At each of several wavelengths (`Link.at_wavelength`) the paths are the same, and their weights
+
+    .. math:: w_j = w \prod_k \frac{b_j p_j}{b p}(z_k, \theta_k) e^{-\int (c_j - c) dl}
+
+    over their scatterings k and their ways through the water, from a base that scatters most.
+    Between the smallest and the largest index of the water, for each of which half of the paths
+    are refracted, gains are linear in the index. Wavelengths for which the base has too few
+    effective samples have paths of their own, as if run alone; so have all below bubbles with
+    photons in place of chains. The error of the mesh is that of one wavelength, relative to its
+    gain. Fates are those of photons of the base.
 
     Examples
     --------
@@ -112,14 +155,89 @@ def simulate(
     given = {key: value for key, value in given.items() if value is not None}
     case = resolve(link, surface, mesh=mesh, **given, **options)
     case = case._replace(run=case.run.replace(threads=default_threads(case.run.threads)))
+    result: GainResult | ByWavelength[GainResult]
     try:
-        result = _simulated(case, record, progress)
+        if wavelengths_nm is None:
+            result = _simulated(case, record, progress)
+            results = [result]
+        else:
+            if "irradiance-map" in read_records(record, case.run.estimator):
+                allowed = "arrivals, with wavelengths_nm; maps by coverage_map"
+                raise Refused("record", Described("a map"), allowed)
+            at = checked_wavelengths(wavelengths_nm)
+            links = [case.link.at_wavelength(nm) for nm in at]
+            results = _simulated_at(case, links, record, progress)
+            result = ByWavelength(np.array(at), tuple(results))
     except ArithmeticError as error:
         raise Refused("link", Described(f"{error}"), "numbers that do not overflow") from error
-    if not np.isfinite(result.gain).all():
-        gain = Described(f"a gain of {result.gain}")
-        raise Refused("link", gain, "numbers that do not overflow")
+    for one in results:
+        if not np.isfinite(one.gain).all():
+            gain = Described(f"a gain of {one.gain}")
+            raise Refused("link", gain, "numbers that do not overflow")
     return result
+
+
+def _simulated_at(
+    case: Case,
+    links: list[Link],
+    record: Iterable[Record],
+    progress: Callable[[int], None] | None,
+) -> list[GainResult]:
+    """Return the result of each link, alike but for wavelength and water, with common paths."""
+    first = clearest(links)
+    case, mesh, config = _over_mesh(case._replace(link=first))
+    records = read_records(record, case.run.estimator)
+    recorded = [r.model_dump(mode="json") for r in records.values()]
+    run: Run | None = case.run
+    results: list[GainResult] = []
+    while run is not None:
+        whole = {**run.to_config(), **case.meshing.model_dump(), "record": recorded}
+        origins = [{**provenance(link, config, whole), **case.origin} for link in links]
+        if isinstance(run.estimator, Analog):
+            intersector = EmbreeIntersector(mesh, case.threads)
+            how = {"progress": progress, "arrivals": bool(records), **case.how}
+            sums = analog_sums(links, intersector, run.estimator, run.photons, **how)
+            found = [
+                outcome.analog_result(link, one, origin, records)
+                for link, one, origin in zip(links, sums, origins, strict=True)
+            ]
+            if results:
+                found = [merge(list(pair)) for pair in zip(results, found, strict=True)]
+        else:
+            sea = TypicalSea.of([mesh])
+            parts = SpectralDetection(links, run.photons, **case.how, sea=sea, mesh=mesh)
+            light = parts.arrivals(mesh) if records else [None] * len(links)
+            rows = zip(links, parts.evaluate(mesh), origins, light, strict=True)
+            found = [
+                outcome.forced_result(case._replace(run=run, link=link), mesh, one, origin, seen)
+                for link, one, origin, seen in rows
+            ]
+        results = found
+        wanted = [more for one in results if (more := _further(case.run, one)) is not None]
+        run = max(wanted, key=lambda more: more.photons, default=None)
+    return _checked_at(results, case, mesh, links.index(first))
+
+
+def _checked_at(
+    results: list[GainResult], case: Case, mesh: TriangleMesh, first: int
+) -> list[GainResult]:
+    """Return results with the mesh error of one of them; warn of light that they omit."""
+    checked = _checked(results[first], case, mesh, {})
+    worst = max(results, key=outcome.lack_of_samples)
+    if worst is not results[first]:
+        nm = _wavelength_of(worst.provenance["link"]["transmitter"])
+        outcome.warn_of_few(worst, f"{nm:g} nm, the wavelength of fewest samples, ")
+    if checked.mesh_error is None:
+        return [checked if i == first else one for i, one in enumerate(results)]
+    relative = np.atleast_1d(checked.mesh_error) / np.maximum(checked.gains, 1e-300)
+    errors = [outcome.per_receiver(case.link, relative * one.gains) for one in results]
+    return [replace(one, mesh_error=error) for one, error in zip(results, errors, strict=True)]
+
+
+def _wavelength_of(sources: Any) -> float:
+    """Return the wavelength of the first source as plain data."""
+    first = sources[0] if isinstance(sources, list) else sources
+    return float(first["wavelength_nm"])
 
 
 def _simulated(
@@ -164,14 +282,14 @@ def _checked(
     if isinstance(case.run.estimator, Analog):
         outcome.warn_of_lost(result)
         options = case.run.estimator
-        intersector = EmbreeIntersector(mesh, case.threads)
         outcome.warn_of_dark_map(
             result,
             records,
             lambda grid, photons: run_analog(
-                case.link, intersector, options, photons=photons, record=[grid], **case.how
+                case.link, EmbreeIntersector(mesh, case.threads), options, photons=photons,
+                record=[grid], **case.how,
             ),
-        )
+        )  # fmt: skip
         return result
     result = with_mesh_error(result, case, mesh)
     outcome.warn_of_mesh(result, case, mesh)
@@ -190,8 +308,9 @@ def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:
     if not chosen and not getattr(case.surface, "single_valued", True):
         case = case._replace(run=case.run.replace(estimator="analog"))
     options = case.run.estimator
-    reach = None if isinstance(options, Analog) else crossing_reach(case.link)
-    mesh, config = mesh_for(case.link, case.surface, case.meshing, reach)
+    analog = isinstance(options, Analog)
+    reach = None if analog else crossing_reach(case.link)
+    mesh, config = mesh_for(case.link, case.surface, case.meshing, reach, few=analog)
     if isinstance(options, Analog):
         run = case.run.replace(estimator=options_over(mesh, options))
         return case._replace(run=run), mesh, config

@@ -30,18 +30,19 @@ import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import llvmlite
 import numba
 import numpy as np
-from llvmlite.binding import Linkage
+from llvmlite.binding import Linkage, parse_assembly
 from numba import njit
 from numba.core import codegen, compiler, dispatcher
 from numba.core.caching import FunctionCache
 from numba.core.compiler import CompileResult
 from numba.core.environment import lookup_environment
 from numba.core.registry import CPUDispatcher
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
 from meshtrace.files import atomic, cache_directory
@@ -99,24 +100,47 @@ class Whole(_Lowered):
 
     def finalize(self) -> None:
         """Link every function below the entry point once, optimise and emit."""
+        own = set(_environments(self._final_module))
         for module in _modules(self._linking_libraries):
             self._final_module.link_in(module, preserve=True)
         self._linking_libraries = []
+        for name in set(_environments(self._final_module)) - own:
+            # left out if unused, as nearly all: every load of the kernel would restore them
+            self._final_module.get_global_variable(name).linkage = Linkage.linkonce_any
         for function in self._final_module.functions:
             if function.linkage == Linkage.linkonce_odr and not function.is_declaration:
                 function.linkage = Linkage.internal  # nothing else calls it: unused arguments go
         super().finalize()
         generator: Any = self._codegen
-        for variable in self._final_module.global_variables:
-            if variable.name.startswith(_ENVIRONMENT):
-                environment = lookup_environment(variable.name)
-                if environment is not None:
-                    generator.set_env(variable.name, environment)
+        for name in _environments(self._final_module):
+            environment = lookup_environment(name)
+            if environment is not None:
+                generator.set_env(name, environment)
+
+    def serialize_using_object_code(self) -> tuple[str, str, tuple[bytes, bytes]]:
+        """Return the emitted code, and the names that it defines in place of code to link."""
+        names = (f.name for f in self._final_module.functions if not f.is_declaration)
+        stubs = "\n".join(f'@"{name}" = global i8 0' for name in names)
+        return (
+            self.name,
+            "object",
+            (self._get_compiled_object(), parse_assembly(stubs).as_bitcode()),
+        )
+
+    def _get_module_for_linking(self) -> NoReturn:
+        """Refuse a call from a kernel: entry points are called from Python alone."""
+        raise TypeError(f"{self.name} is an entry point, which kernels do not call")
 
     def _optimize_final_module(self) -> None:
         manager, builder = self._codegen._module_pass_manager()
         with self._recorded_timings.record("Module passes", builder):
             manager.run(self._final_module, builder)
+
+
+def _environments(module: Any) -> list[str]:
+    """Return the names of the environments, Python objects of a function, in a module."""
+    names = (variable.name for variable in module.global_variables)
+    return [name for name in names if name.startswith(_ENVIRONMENT)]
 
 
 def _modules(libraries: list[Any]) -> list[Any]:
@@ -245,7 +269,7 @@ class KernelCache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the saved overload of a signature, or None if it is missing or damaged."""
-        target_context.refresh()
+        rtsys.initialize(target_context)  # not `refresh`: its registries serve compilation alone
         if not self._enabled:
             return None
         key = self._index_key(sig, target_context.codegen())

@@ -163,7 +163,7 @@ def absorption_path(medium, z0, z1, length):
     """
     if not medium.layered:
         return medium.a * length
-    return length * _mean(medium.layer_a, medium.layer_a_path, medium.layer_step, -z0, -z1)
+    return length * mean_between(medium.layer_a, medium.layer_a_path, medium.layer_step, -z0, -z1)
 
 
 @inlined
@@ -175,25 +175,30 @@ def scattering_path(medium, p, q, length):
     """
     tau = medium.b * length
     if medium.layered:
-        tau = length * _mean(medium.layer_b, medium.layer_b_path, medium.layer_step, -p.z, -q.z)
+        tau = length * mean_between(
+            medium.layer_b, medium.layer_b_path, medium.layer_step, -p.z, -q.z
+        )
     if medium.depth_mode == DepthMode.NONE:
         return tau
     table, path, step = medium.bubble_b, medium.bubble_path, medium.bubble_step
     if medium.depth_mode != DepthMode.LOCAL:
         shift = medium.bubble_start
-        return tau + length * _mean(table, path, step, -p.z - shift, -q.z - shift)
+        return tau + length * mean_between(table, path, step, -p.z - shift, -q.z - shift)
     before = local_elevation(medium, p) - p.z
     for i in range(1, _PIECES + 1):
         at = along(p, minus(q, p), i / _PIECES)
         depth = local_elevation(medium, at) - at.z
-        tau += length / _PIECES * _mean(table, path, step, before, depth)
+        tau += length / _PIECES * mean_between(table, path, step, before, depth)
         before = depth
     return tau
 
 
 @inlined
-def _mean(table, path, step, d0, d1):
-    """Return the mean of a tabulated coefficient between two depths."""
+def mean_between(table, path, step, d0, d1):
+    """Return the mean of a tabulated coefficient between two depths.
+
+    Array twin: quadrature of `Water` layers in the tests.
+    """
     if abs(d1 - d0) < 1e-7:
         return lookup(table, 0.5 * (d0 + d1) / step)
     return (_cumulative(table, path, step, d1) - _cumulative(table, path, step, d0)) / (d1 - d0)

@@ -246,6 +246,7 @@ class Grid(NamedTuple):
     rounding: float  # of a coordinate, relative
     height: float  # largest coordinate across the grid [m]
     clear: float  # least distance of the facet [m]
+    flat: bool  # whether all heights are the level
 
 
 @inlined
@@ -271,10 +272,11 @@ def grid_facet(grid, vertices, p, d):
         return UNKNOWN
     ny = len(grid.y.line)
     t = (grid.level - p.z) / d.z
-    i, j = cell_of(grid.x, p.x + t * d.x), cell_of(grid.y, p.y + t * d.y)
-    if i < 0 or j < 0:
-        return UNKNOWN
-    t = (vertices[i * ny + j, 2] - p.z) / d.z
+    if not grid.flat:
+        i, j = cell_of(grid.x, p.x + t * d.x), cell_of(grid.y, p.y + t * d.y)
+        if i < 0 or j < 0:
+            return UNKNOWN
+        t = (vertices[i * ny + j, 2] - p.z) / d.z
     for _ in range(_STEPS):
         x, y, z = p.x + t * d.x, p.y + t * d.y, p.z + t * d.z
         i, j = cell_of(grid.x, x), cell_of(grid.y, y)

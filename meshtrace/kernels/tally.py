@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Absorption, absorption_path
+from meshtrace.kernels.tints import TINTS, copy_tint, tint_way
 from meshtrace.kernels.vectors import TWO_PI, Vec3, along, dot, minus, norm, row, scaled
 
 SCALE = 2.0**44
@@ -58,9 +59,12 @@ ARRIVAL = np.dtype(
     [
         ("photon", np.int64),
         ("receiver", np.int64),
+        ("part", np.int64),  # of the light of a joined photon
+        ("order", np.int64),  # of a joined photon
         ("weight", float),
         ("water", float),  # path in the water [m]
         ("air", float),
+        ("tint", float, (TINTS,)),  # see `meshtrace.kernels.tints`
     ]
 )
 """Light of a photon that enters an aperture."""
@@ -93,8 +97,11 @@ class Tallies(NamedTuple):
     map_step: float
     map_axis: Vec3  # axis of the aperture that the map stands for
     map_cos: float  # cosine of half its field of view
-    map: NDArray[np.int64]  # (nx, ny) weights in units of 2^-44
-    map_squared: NDArray[np.int64]  # (nx, ny) their squares
+    map_shares: NDArray[np.float64]  # (wavelengths, tints), see `meshtrace.kernels.tints`
+    map_scale: NDArray[np.float64]  # (wavelengths,) that keeps the digits of deep light
+    map_tint: NDArray[np.float64]  # (tints,) of the path under way
+    map: NDArray[np.int64]  # (nx, ny, wavelengths) scaled weights in units of 2^-44
+    map_squared: NDArray[np.int64]  # (nx, ny, wavelengths) their squares
     arrivals: NDArray[np.void]  # (capacity,) ARRIVAL
     n_arrivals: NDArray[np.int64]  # (1,)
 
@@ -163,7 +170,7 @@ def _transmission(medium, z0, z1, length):
 
 
 @inlined
-def score_apertures(tallies, apertures, first, photon, in_water, flight, fov, medium):
+def score_apertures(tallies, apertures, first, photon, in_water, flight, fov, medium, tints, tint):
     """Score a straight path on every aperture of its medium; return whether any accepted it.
 
     Array twin: the analytic disk integrals of the flat-sea tests.
@@ -189,6 +196,10 @@ def score_apertures(tallies, apertures, first, photon, in_water, flight, fov, me
             a.photon, a.receiver, a.weight = photon, i, w
             a.water = flight.water + (t if in_water else 0.0)
             a.air = flight.air + (0.0 if in_water else t)
+            copy_tint(tints, tint, a.tint)
+            if in_water:
+                z = flight.origin.z
+                tint_way(tints, a.tint, z, z + t * flight.direction.z, t)
     return received
 
 
@@ -220,13 +231,13 @@ def score_planes(tallies, column, index, flight, medium):
 
 
 @inlined
-def score_map(tallies, flight, medium):
+def score_map(tallies, flight, medium, tints, tint):
     """Add a path to the map on the receiver plane, if within the field of view.
 
     Array twin: numpy.histogram2d of recorded paths.
     A tilted aperture takes d . axis / d_z of the light across the level plane.
     """
-    nx, ny = tallies.map.shape
+    nx, ny, _ = tallies.map.shape
     d = flight.direction
     if nx == 0 or d.z == 0.0:
         return
@@ -243,5 +254,15 @@ def score_map(tallies, flight, medium):
         w = flight.weight * facing / abs(d.z)
         if tallies.map_z < 0.0:
             w *= _transmission(medium, flight.origin.z, tallies.map_z, t)
-        tallies.map[i, j] += units(w)
-        tallies.map_squared[i, j] += units(w * w)
+        here = tallies.map_tint
+        for r in range(len(here)):
+            here[r] = tint[r]
+        if tallies.map_z < 0.0:
+            tint_way(tints, here, flight.origin.z, tallies.map_z, t)
+        for k in range(len(tallies.map_scale)):
+            log = 0.0
+            for r in range(len(here)):
+                log += tallies.map_shares[k, r] * here[r]
+            light = w * math.exp(log) * tallies.map_scale[k]
+            tallies.map[i, j, k] += units(light)
+            tallies.map_squared[i, j, k] += units(light * light)

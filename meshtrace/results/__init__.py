@@ -10,4 +10,5 @@ from meshtrace.results.impulse import ImpulseResponse as ImpulseResponse
 from meshtrace.results.impulse import impulse_response as impulse_response
 from meshtrace.results.irradiance import IrradianceSeries as IrradianceSeries
 from meshtrace.results.series import GainSeries as GainSeries
+from meshtrace.results.wavelengths import ByWavelength as ByWavelength
 from meshtrace.stored import load as load

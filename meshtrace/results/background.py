@@ -75,7 +75,11 @@ class Background(Stored):
     def count_rate(self, ook: Any) -> float:
         """Return the primary counts of a receiver [s-1], before saturation.
 
-        r_b = PDE P_b / E_ph,  P_b = <L> dlambda T G
+        r_b = PDE P_b / E_ph,  P_b = <L> dlambda T G,
+
+        or, where the LED, the filter or the efficiency of the detector has a spectrum, the
+        integral of L T PDE / E_ph over wavelength and over angles that fill the field of view,
+        with the spectrum of the light above the sea (`Daylight.spectrum`).
 
         Parameters
         ----------
@@ -86,19 +90,19 @@ class Background(Stored):
         Notes
         -----
         G = min(A_lens n_med^2 pi sin^2 psi, pi A_det n_c^2) / n_med^2: behind an etendue-limited
-        lens a narrower field of view does not reduce the background. The spectrum counts as flat
-        over the filter: `Daylight.clear_sky(width_nm=...)` has the mean over a wide band.
+        lens a narrower field of view does not reduce the background. In the product the spectrum
+        counts as flat over the filter: `Daylight.clear_sky(width_nm=...)` has the mean over a wide
+        band.
 
         Raises
         ------
         Refused
             If the filter is wider than twice the wavelength, which its band is centred on.
         """
-        widest, width = 2.0 * self.wavelength_nm, ook.optics.filter_width_nm
+        widest, width = 2.0 * self.wavelength_nm, ook.optics.equivalent_width_nm
         if width > widest:
             raise Refused("optics.filter_width_nm", width, f"<= {widest:g}, twice the wavelength")
-        power = ook.optics.background_power(self.radiance, ook.sipm.area)
-        return float(ook.sipm.count_rate(power, 1e-9 * self.wavelength_nm))
+        return float(ook.background_count_rate(self))
 
     def _headline(self) -> str:
         return (

@@ -13,7 +13,8 @@ from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
 from meshtrace.stored import Stored, Variable
 
-_DARK = 0.01  # of the highest gain, below which errors are relative to it
+LIT = 0.01
+"""Share of the highest gain below which errors are relative to it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,7 +87,7 @@ def relative_errors(gain: Floats, stderr: Floats) -> Floats:
     highest = float(gain.max())
     if highest == 0.0:
         return np.full(gain.shape, np.inf)
-    return np.asarray(stderr / np.maximum(gain, _DARK * highest))
+    return np.asarray(stderr / np.maximum(gain, LIT * highest))
 
 
 def as_high(gain: Floats, stderr: Floats) -> NDArray[np.bool_]:

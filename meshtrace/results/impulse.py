@@ -8,17 +8,16 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import constants
 
 from meshtrace.errors import Described, Refused, require_between, require_finite, require_whole
 from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
-from meshtrace.results.tallies import error_of_groups
+from meshtrace.results.tallies import ArrivalTally, error_of_groups
 from meshtrace.stored import SHIFTS, Stored, Variable
 
 _MOST_BINS = 10**7
-SPEED_OF_LIGHT = constants.c
-"""Speed of light in vacuum [m s-1] (exact)."""
+SPEED_OF_LIGHT = 299_792_458.0
+"""Speed of light in vacuum [m s-1] (exact by definition of the metre)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,8 +36,9 @@ class ImpulseResponse(Stored):
         Mean delay behind the first arrival [s].
     rms_delay_spread, rms_delay_spread_stderr : float
         Root of the variance of the delays [s].
-    delay, weight : ndarray, shape (arrivals,)
-        Delays behind the first arrival [s] and contributions to the gain.
+    delay, weight, angle : ndarray, shape (arrivals,)
+        Delays behind the first arrival [s], contributions to the gain, and angles to the axis of
+        the receiver [rad], nan where they are not recorded.
     provenance : dict
         Versions, configuration and seeds of the run.
     """
@@ -53,6 +53,7 @@ class ImpulseResponse(Stored):
     rms_delay_spread_stderr: Annotated[float, Variable("")]
     delay: Annotated[Floats, Variable("arrival", name="arrival_delay")]
     weight: Annotated[Floats, Variable("arrival", name="arrival_weight")]
+    angle: Annotated[Floats, Variable("arrival", name="arrival_angle")]
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "impulse-response"
@@ -108,16 +109,25 @@ def impulse_response(
         raise Refused("result", found, "a result of simulate(..., record=[Arrivals()])")
     bin_width = require_between(bin_width, 0.0, math.inf, "bin_width")
     require_whole(receiver, 0, 2**31, "receiver")
-    mine = arrivals.receiver == receiver
-    if not mine.any():
-        raise Refused("receiver", receiver, "a receiver where light arrived")
-    water, air = arrivals.water_path[mine], arrivals.air_path[mine]
     try:
         link = result.provenance["link"]
-        time = (link["water"]["n"] * water + link["n_air"] * air) / SPEED_OF_LIGHT
+        indices = float(link["water"]["n"]), float(link["n_air"])
     except (LookupError, TypeError) as error:
         found = Described("no indices of water and air")
         raise Refused("result.provenance", found, "a result with its link") from error
+    return response_of(arrivals, *indices, bin_width, receiver, result.provenance)
+
+
+def response_of(
+    arrivals: ArrivalTally, n_water: float, n_air: float, bin_width: float = 1e-10,
+    receiver: int = 0, provenance: dict[str, Any] | None = None,
+) -> ImpulseResponse:  # fmt: skip
+    """Return the impulse response of arrivals between media of two indices."""
+    mine = arrivals.receiver == receiver
+    if not mine.any():
+        raise Refused("receiver", receiver, "a receiver where light arrived")
+    path = n_water * arrivals.water_path[mine] + n_air * arrivals.air_path[mine]
+    time = path / SPEED_OF_LIGHT
     weight, group = arrivals.weight[mine], arrivals.group[mine]
     first = float(time.min())
     delay = time - first
@@ -141,7 +151,8 @@ def impulse_response(
         rms_delay_spread_stderr=errors[1],
         delay=delay,
         weight=weight,
-        provenance=result.provenance,
+        angle=arrivals.angle[mine],
+        provenance=provenance or {},
     )
 
 

@@ -39,7 +39,8 @@ def provenance(link: Model, surface: dict[str, Any], run: dict[str, Any]) -> dic
 def water_of(provenance: dict[str, Any]) -> str:
     """Return a, b, wavelength and source of the water of a result as a line of text."""
     link = provenance["link"]
-    water = Water.model_validate({k: link["water"].get(k) for k in ("a", "b", "layers")})
+    fields = ("a", "b", "layers", "spectrum", "wavelength_nm")
+    water = Water.model_validate({name: link["water"].get(name) for name in fields})
     sources = link["transmitter"]
     source = sources[0] if isinstance(sources, list) else sources
     return water.described(source["wavelength_nm"])

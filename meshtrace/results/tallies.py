@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -102,6 +102,9 @@ class ArrivalTally(Tally):
     group : ndarray, shape (arrivals,)
         Independent estimate, 0 to 31, that an arrival belongs to; the groups share the gain
         equally. -1 has no Monte Carlo error.
+    angle : ndarray, shape (arrivals,)
+        Angle of arrival to the axis of the receiver [rad]; nan where it is not recorded, that is
+        for photons.
     """
 
     receiver: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_receiver")]
@@ -109,12 +112,23 @@ class ArrivalTally(Tally):
     water_path: Annotated[Floats, Variable("arrival", _joined, "arrival_water_path")]
     air_path: Annotated[Floats, Variable("arrival", _joined, "arrival_air_path")]
     group: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_group")]
+    angle: Annotated[Floats, Variable("arrival", _joined, "arrival_angle")]
+
+    def weighted(self, factor: float) -> ArrivalTally:
+        """Return the arrivals with a factor on their weights."""
+        return replace(self, weight=factor * self.weight)
+
+    def plus(self, other: ArrivalTally) -> ArrivalTally:
+        """Return the arrivals together with others."""
+        names = [item.name for item in fields(self)]
+        pairs = ([getattr(one, name) for one in (self, other)] for name in names)
+        return ArrivalTally(*map(np.concatenate, pairs))
 
     @classmethod
     def of_rows(cls, rows: Floats) -> ArrivalTally:
-        """Return arrivals from rows of receiver, weight, water path, air path and group."""
-        whole, weight, water, air, group = rows.T
-        return cls(whole.astype(np.int64), weight, water, air, group.astype(np.int64))
+        """Return arrivals from rows of receiver, weight, water path, air path, group and angle."""
+        whole, weight, water, air, group, angle = rows.T
+        return cls(whole.astype(np.int64), weight, water, air, group.astype(np.int64), angle)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import typeof
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import meshtrace as mt
+from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.state import Vertex
-from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.ends import crossing_reach, forced_link
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, SinusoidalSea, sea_in_wind
@@ -237,7 +239,9 @@ def test_interpolated_normals_weigh_reversed_light_as_light_from_the_air(normals
     mesh = WAVE.mesh(0.0, 4.0, 0.3)  # coarse, so that the normals differ from those of the facets
     forced = ForcedDetection(link, 32 * 256, 1, normals=normals, scattered="chains")
     aimed = forced.over(mesh)
-    shifts = aimed.score(0, 0, forced._unscattered[0]).reshape(32, -1).mean(axis=1)
+    shifts = (
+        aimed.score(0, 0, forced.drawer.whole(forced._unscattered[0])).reshape(32, -1).mean(axis=1)
+    )
     error = shifts.std(ddof=1) / math.sqrt(32)
     assert abs(shifts.mean() - aimed.facet_gains(0, 0).sum()) < 4.0 * error
 
@@ -436,3 +440,11 @@ def test_tilted_lamps_shine_aside():
 def test_links_without_a_reverse_problem_are_refused(link, sea, text):
     with pytest.raises(Refused, match=text):
         mt.simulate(link, sea, photons=32)
+
+
+def test_kernels_are_compiled_once_for_both_directions():
+    """An array that may be written to is another type, and half a dozen seconds of compilation."""
+    mesh = FlatSea().mesh(extent=4.0, spacing=1.0)
+    aimed = AimedChains(forced_link(mt.Link().mirrored()), mesh)
+    upside_down, _ = aimed._mirrored
+    assert typeof(upside_down) == typeof(aimed.surface)

@@ -13,6 +13,7 @@ from mc_statistics import ALPHA, sidak, z_test
 import meshtrace as mt
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.sets import flat_mesh
+from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.setup.ends import forced_link
 from meshtrace.surfaces import FlatSea
 
@@ -174,3 +175,24 @@ def test_a_map_that_looks_away_from_the_light_says_so(source, b, height, axis, w
     with pytest.warns(mt.DomainWarning, match=f"received {warned}"):
         dark = run()
     assert dark.map.irradiance.any() == (warned == "0.0")
+
+
+@pytest.mark.parametrize(
+    "water",
+    [mt.Water(a=0.1, b=1e30), mt.Water(layers=[(0.0, 0.1, 0.2), (9.0, 0.2, 1e30)])],
+    ids=["uniform", "layers"],
+)
+def test_opaque_water_is_refused_instead_of_followed_without_end(water):
+    link = mt.Link(water=water)
+    with pytest.raises(mt.Refused, match="an optical depth of 1e"):
+        JoinedPhotons(link, 32, seed=1)
+    with pytest.raises(mt.Refused, match='estimator="analog"'):
+        mt.simulate(link, FlatSea(), photons=32, seed=1)
+
+
+def test_the_deep_below_counts_by_the_collisions_that_it_lets_photons_try():
+    water = mt.Water(layers=[(0.0, 0.1, 0.2), (50.0, 1e30, 0.1)])
+    JoinedPhotons(mt.Link(water=water), 32, seed=1)  # absorption along the way: none
+    implicit = mt.Physics(absorption="implicit")
+    with pytest.raises(mt.Refused, match="an optical depth of 1e"):
+        JoinedPhotons(mt.Link(water=water, physics=implicit), 32, seed=1)

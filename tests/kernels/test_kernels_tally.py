@@ -11,6 +11,7 @@ from meshtrace.engine.photons.analog import FixedPointSum
 from meshtrace.engine.setup.arrays import aperture_arrays, medium_arrays
 from meshtrace.kernels import tally as kernel
 from meshtrace.kernels.interface import FieldOfView
+from meshtrace.kernels.tints import NO_TINTS
 from meshtrace.kernels.vectors import UP, Vec3, row
 
 
@@ -34,7 +35,7 @@ def planes(tallies, origins, directions, length, weight, medium):
 def mapped(tallies, origins, directions, weight, medium):
     for k in range(len(origins)):
         flight = kernel.Segment(row(origins, k), row(directions, k), math.inf, weight[k], 0.0, 0.0)
-        kernel.score_map(tallies, flight, medium)
+        kernel.score_map(tallies, flight, medium, NO_TINTS, np.zeros(8))
 
 
 @njit
@@ -45,10 +46,12 @@ def deposits(tallies, weights):
 
 @njit
 def scored(tallies, apertures, origins, directions, length, weight, fov, medium):
-    hit = np.zeros(len(origins), np.bool_)
+    hit, tint = np.zeros(len(origins), np.bool_), np.zeros(8)
     for k in range(len(origins)):
         flight = kernel.Segment(row(origins, k), row(directions, k), length, weight, 100.0, 7.0)
-        hit[k] = kernel.score_apertures(tallies, apertures, 0, k, True, flight, fov, medium)
+        hit[k] = kernel.score_apertures(
+            tallies, apertures, 0, k, True, flight, fov, medium, NO_TINTS, tint
+        )
     return hit
 
 
@@ -81,8 +84,11 @@ def tallies_of(
         map_step=2.0 * extent / cells if cells else 1.0,
         map_axis=Vec3(*axis),
         map_cos=cos,
-        map=np.zeros((cells, cells), np.int64),
-        map_squared=np.zeros((cells, cells), np.int64),
+        map_shares=np.zeros((2, 0)),
+        map_scale=np.array([1.0, 4.0]),
+        map_tint=np.zeros(0),
+        map=np.zeros((cells, cells, 2), np.int64),
+        map_squared=np.zeros((cells, cells, 2), np.int64),
         arrivals=np.zeros(arrivals, kernel.ARRIVAL),
         n_arrivals=np.zeros(1, np.int64),
     )
@@ -215,7 +221,9 @@ def test_score_is_weight_times_absorption_up_to_the_disk():
     expected = 0.5 * math.exp(-0.2 * 3.0)
     np.testing.assert_allclose(tallies.score[:, 0], [expected, 0.0], rtol=1e-14)
     assert tallies.n_arrivals[0] == 1
-    np.testing.assert_allclose(list(tallies.arrivals[0]), [0.0, 0.0, expected, 103.0, 7.0])
+    names = ["photon", "receiver", "weight", "water", "air"]
+    row = tallies.arrivals[names][0].tolist()
+    np.testing.assert_allclose(row, [0.0, 0.0, expected, 103.0, 7.0])
 
 
 def test_planes_take_down_and_up_light_plane_and_scalar():
@@ -294,7 +302,8 @@ def test_map_is_a_histogram(tilt_deg, fov_deg, medium):
     for got, power in ((tallies.map, 1), (tallies.map_squared, 2)):
         expected = np.histogram2d(x, y, bins=(edges, edges), weights=w**power)[0]
         assert expected.sum() > 100
-        np.testing.assert_allclose(got * kernel.UNIT, expected, atol=1e-8)
+        scaled = np.multiply.outer(expected, tallies.map_scale**power)
+        np.testing.assert_allclose(got * kernel.UNIT, scaled, atol=1e-8)
 
 
 def test_ledger_rounds_to_half_a_unit_and_does_not_depend_on_order():

@@ -79,6 +79,30 @@ def test_only_entry_points_are_optimised_and_emitted(kernel):
     assert part.get_pointer_to_function(part.name) == 0
 
 
+def test_a_saved_entry_point_raises_the_same(kernel):
+    result(kernel())
+    with pytest.raises(ValueError, match="a negative number"):
+        kernel()(-X, np.empty(3))
+
+
+@pytest.mark.skipif(not jit._LINKED, reason="linking is for one release of numba")
+def test_kernels_do_not_call_entry_points():
+    whole = jit.entry(lambda x: 2.0 * x)
+    with pytest.raises(TypeError, match="is an entry point, which kernels do not call"):
+        jit.entry(lambda x: whole(x))(1.0)
+
+
+@pytest.mark.skipif(not jit._LINKED, reason="linking is for one release of numba")
+def test_a_saved_entry_point_holds_no_objects_of_the_functions_below(kernel):
+    """Loading them takes five times as long as the code, and imports numba's own functions."""
+    compiled = kernel()
+    result(compiled)
+    (overload,) = compiled.overloads.values()
+    assert [e.env_name for e in overload._find_referenced_environments()] == [
+        overload.environment.env_name
+    ]
+
+
 @pytest.mark.parametrize("decorate", [jit.inlined, jit.outlined])
 def test_functions_below_entry_points_refuse_calls_from_python(decorate):
     @decorate

@@ -53,6 +53,11 @@ def _studies():
             link, sea, {"transmitter.half_angle_deg": (5.0, 20.0)}, objective="gain", photons=64,
             realizations=2,
         ),
+        "design": mt.design(mt.Scenario.from_toml("wind_speed = 0.0"), photons=64, realizations=8),
+        "wavelengths": mt.simulate(
+            link.replace("water", mt.Water.from_type("jerlov-II")), sea, photons=64,
+            wavelengths_nm=[450.0, 500.0],
+        ),
         "inference": mt.infer(
             {"transmitter.depth": [8.0, 10.0, 12.0], "gain": [9e-5, 6e-5, 4e-5], "stderr": [1e-6] * 3},
             link, ["water.a"], photons=64,

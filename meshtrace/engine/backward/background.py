@@ -9,9 +9,10 @@ or, over a mesh that leaves none out, by the points of the mesh that mirror it e
 from __future__ import annotations
 
 import math
-from typing import Any, Unpack
+from typing import Any, Unpack, overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from meshtrace.daylight.glint import connected_glint
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight
@@ -32,6 +33,7 @@ from meshtrace.engine.backward.view import (
     only_aperture,
     scene_of,
 )
+from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Case, HasCase, Meshing, Shortcuts, resolve
 from meshtrace.errors import Refused, require_kind, require_whole, require_word
@@ -42,16 +44,17 @@ from meshtrace.models import Floats
 from meshtrace.results.background import PARTS, Background
 from meshtrace.results.provenance import provenance
 from meshtrace.results.tallies import error_of_groups
+from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths
 from meshtrace.stored import SHIFTS
 
 _BOUNCES = 8
 _OFFSET = 1e-5  # start of a ray above its facet, in units of the frame
 
 
-def seen_from_air(case: Case, mesh: TriangleMesh, day: Daylight, photons: int) -> Floats:
+def seen_from_air(case: Case, sea: EmbreeIntersector, day: Daylight, photons: int) -> Floats:
     """Return the radiances of the parts by shift (shifts, parts) for a receiver in the air."""
     seed = case.run.seed
-    view, scene = View.of(case.link, photons, seed), scene_of(case, mesh, day)
+    view, scene = View.of(case.link, photons, seed), scene_of(case, sea, day)
     parts = follow(scene, view.origins(), view.directions(), view.uniforms[:, 4:], seed)
     parts = parts.reshape(SHIFTS, -1, len(PARTS)).mean(axis=1)
     if day.direct > 0.0:
@@ -61,7 +64,7 @@ def seen_from_air(case: Case, mesh: TriangleMesh, day: Daylight, photons: int) -
             glint = bent_sun(scene, law, view)
             parts[:, GLINT] += day.direct * (1.0 - scene.foam) * glint
     if day.water == "walk":
-        light = walked(case, mesh, day, view, in_water=False)
+        light = walked(case, sea, day, view, in_water=False)
         parts[:, WATER] += light.sum(axis=1)
     return parts
 
@@ -131,7 +134,29 @@ def _glint(scene: SeenSea, hit: Hit, view: Floats) -> Floats:
     return scene.day.direct * out
 
 
+@overload
 def background(
+    link: Link | HasCase,
+    surface: MeshSource | TriangleMesh | None = None,
+    day: Daylight | None = None,
+    *,
+    wavelengths_nm: None = None,
+    **options: Any,
+) -> Background: ...
+
+
+@overload
+def background(
+    link: Link | HasCase,
+    surface: MeshSource | TriangleMesh | None = None,
+    day: Daylight | None = None,
+    *,
+    wavelengths_nm: ArrayLike,
+    **options: Any,
+) -> ByWavelength[Background]: ...
+
+
+def background(  # type: ignore[misc]
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
     day: Daylight | None = None,
@@ -139,10 +164,11 @@ def background(
     photons: int = 4096,
     seed: int = 1,
     water: str | None = None,
+    wavelengths_nm: ArrayLike | None = None,
     mesh: Meshing | None = None,
     threads: int | None = None,
     **options: Unpack[Shortcuts],
-) -> Background:
+) -> Background | ByWavelength[Background]:
     """Return the background light of the receiver of a link.
 
     Parameters
@@ -159,6 +185,10 @@ def background(
         Key of the random numbers.
     water : {"quasi-single", "walk", "none"}, optional
         Light out of the water, by default `day.water`.
+    wavelengths_nm : array_like, optional
+        Wavelengths [nm], in place of that of the sources: a background for each, of the same rays
+        from the receiver over one mesh, under the light of the same model
+        (`Daylight.at_wavelength`).
     mesh : Meshing, optional
         Time and resolution of the surface.
     threads : int, optional
@@ -168,12 +198,13 @@ def background(
 
     Returns
     -------
-    Background
+    Background, or ByWavelength of them
 
     Raises
     ------
     Refused
-        If an option is out of range, or the link has several receivers.
+        If an option is out of range, the link has several receivers, or water or light are known at
+        one wavelength alone.
 
     Notes
     -----
@@ -199,18 +230,27 @@ def background(
     case = resolve(link, surface, mesh=mesh, **options)
     found, config = mesh_for(case.link, case.surface, case.meshing)
     run = {"photons": photons, "seed": seed, **case.meshing.model_dump()}
-    origin = {**provenance(case.link, config, run), "daylight": day.model_dump(mode="json")}
     case = case._replace(run=case.run.replace(seed=seed, threads=threads))
-    return background_over(case, found, day, photons, origin)
+    sea = EmbreeIntersector(found, case.threads)
+
+    def at(link: Link, day: Daylight) -> Background:
+        origin = {**provenance(link, config, run), "daylight": day.model_dump(mode="json")}
+        return background_over(case._replace(link=link), sea, day, photons, origin)
+
+    if wavelengths_nm is None:
+        return at(case.link, day)
+    waves = checked_wavelengths(wavelengths_nm)
+    results = [at(case.link.at_wavelength(nm), day.at_wavelength(nm)) for nm in waves]
+    return ByWavelength(np.array(waves), tuple(results))
 
 
 def background_over(
-    case: Case, mesh: TriangleMesh, day: Daylight, photons: int, origin: dict[str, Any]
+    case: Case, sea: EmbreeIntersector, day: Daylight, photons: int, origin: dict[str, Any]
 ) -> Background:
     """Return the background of the one receiver of a link over a mesh, of checked inputs."""
     aperture = only_aperture(case.link)
     seen = seen_from_air if aperture.center[2] > 0.0 else seen_from_water
-    by_shift = seen(case, mesh, day, photons)
+    by_shift = seen(case, sea, day, photons)
     total = by_shift.sum(axis=1)
     sin2 = math.sin(math.radians(0.5 * aperture.fov_deg)) ** 2
     return Background(

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -40,7 +40,6 @@ from meshtrace.errors import Refused
 from meshtrace.kernels.sources import Backward
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
-from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.phase import PhaseFunction
@@ -57,7 +56,7 @@ _FORWARD = math.radians(10.0)
 _WIDE = np.linspace(0.0, math.pi, _ANGLES) > _FORWARD
 
 
-def seen_from_water(case: Case, mesh: TriangleMesh, day: Daylight, photons: int) -> Floats:
+def seen_from_water(case: Case, sea: EmbreeIntersector, day: Daylight, photons: int) -> Floats:
     """Return the radiances of the parts by shift (shifts, parts) for a receiver in the water.
 
     Sun that reaches the receiver unscattered passes the mesh; scattered sunlight passes still
@@ -65,11 +64,11 @@ def seen_from_water(case: Case, mesh: TriangleMesh, day: Daylight, photons: int)
     """
     view = View.of(case.link, photons, case.run.seed)
     parts = np.zeros((SHIFTS, len(PARTS)))
-    light = walked(case, mesh, day, view, in_water=True)
+    light = walked(case, sea, day, view, in_water=True)
     parts[:, SKY], parts[:, SUN] = light[:, 0], light[:, 1]
     if day.direct == 0.0:
         return parts
-    scene, depths = scene_of(case, mesh, day), optical_depth(case.link)
+    scene, depths = scene_of(case, sea, day), optical_depth(case.link)
     if scene.rough:
         direct = _through_slopes(scene, view, depths)
     else:
@@ -131,7 +130,9 @@ def _through_slopes(scene: SeenSea, view: View, depths: Callable[[Floats], Float
     return solid * seen.reshape(SHIFTS, -1).mean(axis=1) / (math.pi * view.sin2_psi)
 
 
-def walked(case: Case, mesh: TriangleMesh, day: Daylight, view: View, *, in_water: bool) -> Floats:
+def walked(
+    case: Case, sea: EmbreeIntersector, day: Daylight, view: View, *, in_water: bool
+) -> Floats:
     """Return the radiance of sky and of scattered sun at a receiver by shift (shifts, 2).
 
     From the air only light that has been in the water counts.
@@ -150,8 +151,7 @@ def walked(case: Case, mesh: TriangleMesh, day: Daylight, view: View, *, in_wate
     bare = link.model_copy(update={"receiver": (), "planes": None})
     options = Analog(roulette=1e-3, max_surface_events=100)
     setup = setup_of(
-        bare, EmbreeIntersector(mesh, threads), options, case.run.seed, case.meshing.normals,
-        frame=frame_of(link),
+        bare, sea, options, case.run.seed, case.meshing.normals, frame=frame_of(link)
     )  # fmt: skip
     sun, irradiance = refracted_sun(day, n)
     world, foam = setup.world, setup.world.interface.foam_transmittance
@@ -180,6 +180,7 @@ def refracted_sun(day: Daylight, n: float) -> tuple[Floats, float]:
     return inside, day.direct * through * float(sun[2] / inside[2])
 
 
+@lru_cache(maxsize=8)
 def blurred_phase(phase: PhaseFunction) -> Floats:
     """Return a phase function, averaged over a disk, at equal steps of the angle from 0 to pi.
 

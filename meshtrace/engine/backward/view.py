@@ -24,14 +24,13 @@ from meshtrace.daylight.glint import slopes_of
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight
 from meshtrace.daylight.water_leaving import QuasiSingle
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.chains.sets import shifted, sobol_points
+from meshtrace.engine.chains.sets import shifted, shifted_points
 from meshtrace.engine.setup.arrays import frame_of, surface_arrays
 from meshtrace.engine.setup.options import Case
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import MeshArrays
 from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
-from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.results.background import PARTS
@@ -55,7 +54,7 @@ class View(NamedTuple):
         aperture, frame = only_aperture(link), frame_of(link)
         psi = math.radians(0.5 * aperture.fov_deg)
         axis, center = -np.array(aperture.axis), frame.points(np.array(aperture.center))
-        uniforms = shifted(*sobol_points(7, points // SHIFTS, (seed, 19)))
+        uniforms = shifted(*shifted_points(7, points // SHIFTS, (seed, 19)))
         return cls(center, axis, aperture.radius / frame.unit, math.sin(psi) ** 2, uniforms)
 
     def origins(self) -> Floats:
@@ -131,15 +130,15 @@ class SeenSea(NamedTuple):
         return self.surface.roughness.along > 0.0 or self.surface.roughness.across > 0.0
 
 
-def scene_of(case: Case, mesh: TriangleMesh, day: Daylight) -> SeenSea:
+def scene_of(case: Case, sea: EmbreeIntersector, day: Daylight) -> SeenSea:
     """Return sea and light in the local coordinates of a link."""
     link = case.link
-    local = frame_of(link).mesh(mesh)
+    local = frame_of(link).mesh(sea.mesh)
     water = None
     if day.water == "quasi-single":
         water = QuasiSingle(link.water, link.bubbles, link.n_air, day)
     return SeenSea(
-        EmbreeIntersector(local, case.threads),
+        sea if local is sea.mesh else sea.over(local),
         surface_arrays(local, case.meshing.normals, link.physics.unresolved),
         day,
         link.water.n / link.n_air,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from functools import cache, cached_property
 from typing import Literal, NamedTuple
 
@@ -15,13 +16,16 @@ from meshtrace.engine.chains import microfacets
 from meshtrace.engine.chains import unscattered as image
 from meshtrace.engine.chains.gain import Counter, direct_crossings
 from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request
+from meshtrace.engine.chains.tinted import tint_chains, tint_straight
 from meshtrace.engine.crossing import ROOT, Search
 from meshtrace.engine.setup.arrays import locator, surface_arrays, with_raster
 from meshtrace.engine.setup.ends import ForcedLink, forced_link
+from meshtrace.engine.setup.tinting import Tinting
 from meshtrace.kernels.interface import Direction, MeshArrays, Roughness, Snell
-from meshtrace.kernels.medium import DepthMode
+from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.rays import BESIDE, CUT, shadows
 from meshtrace.kernels.scene import FACET, Emitter, Locator, Scene, Target, facet_summary
+from meshtrace.kernels.tints import Tints
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -38,6 +42,10 @@ _POINT = 0.5  # radius of an aperture over the blur, up to which four points sta
 _WIDEST = 20.0  # radius of an aperture over the blur, beyond which slopes take fewer points
 _SLOPES = 55, 34  # points of the Fibonacci lattice of slopes, and its generator
 _SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
+_KEPT = (  # of the medium over a surface
+    "n_water", "n_air", "raster_x", "raster_y", "raster_step", "raster", "overhangs", "raster_low",
+    "raster_split",
+)  # fmt: skip
 _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
 
 
@@ -88,13 +96,24 @@ class AimedChains:
         self.blurred = self._blurs()
         self.facets = np.empty(len(mesh.faces), FACET)
         facet_summary(self.surface, self.facets)
-        self.medium = link.medium
+        self._serve(link)
+        self.nodes: dict[tuple[int, int], Nodes] = {}  # quadratures of the apertures
+        self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
+
+    def _serve(self, link: ForcedLink) -> None:
+        """Take what follows from a link."""
+        self.link, self.medium = link, link.medium
         if self.medium.depth_mode == DepthMode.LOCAL:
             self.medium = with_raster(self.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
         self.counters = np.zeros(len(Counter), np.int64)
-        self.nodes: dict[tuple[int, int], Nodes] = {}  # quadratures of the apertures
-        self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
+
+    def of_link(self, link: ForcedLink) -> AimedChains:
+        """Return the same surface over another link of the same frame and slopes."""
+        found = copy(self)
+        found.__dict__.pop("_extent", None)
+        found._serve(link)
+        return found
 
     @cached_property
     def _intersector(self) -> EmbreeIntersector:
@@ -134,9 +153,11 @@ class AimedChains:
         flip = np.array([1.0, 1.0, -1.0])
         s, series = self.surface, self.surface.roughness.series
         odd = series._replace(a=-series.a, aaa=-series.aaa, acc=-series.acc)
+        faces = np.ascontiguousarray(s.faces[:, ::-1])
+        faces.flags.writeable = False  # as those of every mesh: kernels are compiled for one kind
         surface = s._replace(
             vertices=s.vertices * flip,
-            faces=np.ascontiguousarray(s.faces[:, ::-1]),
+            faces=faces,
             face_normals=-s.face_normals * flip,
             vertex_normals=-s.vertex_normals * flip,
             low=np.array([s.low[0], s.low[1], -s.high[2]]),
@@ -209,7 +230,7 @@ class AimedChains:
             counters=np.zeros(len(Counter), np.int64),
             roots=np.zeros(ROOTS, ROOT),
         )
-        scene, flat = self.scene(emitter, target), chains.flat[receiver]
+        scene, flat = self.scene(emitter, target), chains.crossings(receiver)
         if self.blurred:
             found = microfacets.blurred_contributions(chains.chains, flat, self.spread, scene, out)
         else:
@@ -229,6 +250,71 @@ class AimedChains:
             arrivals = arrivals[(arrivals["doubt"] < 0) | ~cut[arrivals["doubt"]]]
         self.counters += out.counters
         return Aimed(out.score, arrivals)
+
+    def tinted(self, source: int, receiver: int, chains: ChainSet, tinting: Tinting) -> Aimed:
+        """Return the scores (wavelengths, chains) of a set of chains."""
+        found = self.aim(source, receiver, chains, keep=True).arrivals
+        score = np.zeros((len(tinting.shares), len(chains.audit)))
+        light = tinting.factors(self.chain_tints(source, chains, found, tinting.tints))
+        light *= found["weight"]
+        # crossings of one chain follow one another
+        first = np.flatnonzero(np.diff(found["chain"], prepend=-1))
+        if len(first):
+            score[:, found["chain"][first]] = np.add.reduceat(light, first, axis=1)
+        return Aimed(score, found)
+
+    def chain_tints(
+        self, source: int, chains: ChainSet, arrivals: NDArray[np.void], tints: Tints | None
+    ) -> Floats:
+        """Return the sums (arrivals, tints) of the chains that arrive from a source."""
+        if tints is None:
+            return np.zeros((len(arrivals), 0))
+        sums = np.empty((len(arrivals), len(tints.c)))
+        emitter = self.link.emitters[source]
+        tint_chains(chains.chains, arrivals, emitter, self.clear, tints, sums)
+        return sums
+
+    def straight_tints(self, start: Emitter, ends: Floats, tints: Tints | None) -> Floats:
+        """Return the sums (ways, tints) of straight ways from a source to ends (ways, 3)."""
+        if tints is None:
+            return np.zeros((len(ends), 0))
+        sums = np.empty((len(ends), len(tints.c)))
+        tint_straight(start.position, ends, self.clear, tints, sums)
+        return sums
+
+    @property
+    def clear(self) -> Medium:
+        """The water with its bubbles alone."""
+        return self.medium._replace(b=0.0, layered=False)
+
+    def tinted_gains(
+        self, source: int, receiver: int, tinting: Tinting, other: tuple[int, AimedChains],
+        at: Vec3 | None = None,
+    ) -> Floats | None:  # fmt: skip
+        """Return the unscattered gain at each wavelength, see `direct_gains`.
+
+        Light of a facet has one length of its way, that at which it agrees with the light of
+        another wavelength, given with the same surface over its water.
+        """
+        gains = self.direct_gains(source, receiver, at)
+        if gains is None:
+            return None
+        lit, emitter = np.flatnonzero(gains), self.link.emitters[source]
+        start = emitter if at is None else emitter._replace(position=at)
+        logs = tinting.shares @ self.straight_tints(start, self.centroids[lit], tinting.tints).T
+        far = other[1].direct_gains(source, receiver, at)
+        if not len(lit) or far is None:
+            return np.zeros(len(logs))
+        with np.errstate(all="ignore"):
+            stretch = np.log(far[lit] / gains[lit]) / logs[other[0]]
+        stretch[~np.isfinite(stretch) | (stretch <= 0.0)] = 1.0
+        return np.asarray(np.exp(logs * stretch) @ gains[lit])
+
+    def in_water(self, medium: Medium) -> AimedChains:
+        """Return the same surface over water with other coefficients."""
+        found = copy(self)
+        found.medium = medium._replace(**{name: getattr(self.medium, name) for name in _KEPT})
+        return found
 
     def _cut(self, origins: Floats, directions: Floats, lengths: Floats) -> NDArray[np.bool_]:
         """Return the straight paths that the surface blocks.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from meshtrace.engine.chains import microfacets, unscattered
 from meshtrace.engine.chains.gain import is_steep
+from meshtrace.engine.chains.tinted import straight_factors
 from meshtrace.engine.crossing import acceptance, aim_at, straight_shot, transmittance
 from meshtrace.kernels.interface import FieldOfView, exposure, normal_at
 from meshtrace.kernels.jit import entry, inlined, outlined
@@ -20,7 +21,6 @@ from meshtrace.kernels.sources import beam_width, dark_angle, is_dark
 from meshtrace.kernels.vectors import Vec2, Vec3, along, cross2, minus, minus2, norm, scaled
 
 _ROUNDING = 1e-12  # share of an image
-_MOST_SLOPE = 5.0  # standard deviations: 4e-6 of the light meets larger random slopes
 _BENT = 1.25  # slopes are not quite linear in the landing point
 _AT_EDGE = 8  # points along a cell at the edge of the field of view
 
@@ -124,7 +124,7 @@ def _light(x, y, f, cell, shot, scene):
 
 
 @outlined
-def _part_cells(f, n, i, j, side, cells, poly, shot, scene, gain):
+def _part_cells(f, n, i, j, side, cells, poly, shot, scene, colours, gain):
     """Add the light of the part (i, j, side) of a facet to the cells that its image meets.
 
     Array twin: `unscattered.image_gain` of one aperture.
@@ -152,7 +152,10 @@ def _part_cells(f, n, i, j, side, cells, poly, shot, scene, gain):
                 # light that is linear in the image has its mean over the overlap at the centroid
                 at = along(along(p, minus(q, p), u), minus(r, p), v)
                 light = _light(at.x, at.y, f, Vec2(x, y), shot, scene)
-                gain[k, m] += omega * share * light
+                if light > 0.0:
+                    straight_factors(source, at, colours)
+                    for colour in range(len(colours.factor)):
+                        gain[k, m, colour] += omega * share * light * colours.factor[colour]
 
 
 @outlined
@@ -190,8 +193,8 @@ def _region(cells):
 
 
 @entry
-def image_map(scene, cells, stretch, lever, stack, poly, gain):
-    """Add the unscattered gain of each cell, taken as an aperture of the cell's area."""
+def image_map(scene, cells, stretch, lever, stack, poly, colours, gain):
+    """Add the unscattered gains (x, y, wavelengths) of cells, as apertures of their areas."""
     shot = straight_shot(0.0, 0.0, scene)
     depth = -scene.emitter.position.z
     edge = min(max(unscattered.EDGE * depth, 0.005), 0.1)
@@ -206,12 +209,12 @@ def image_map(scene, cells, stretch, lever, stack, poly, gain):
                 f, nodes, image, region, stack, top, shot, scene
             )
             if side != 0:
-                _part_cells(f, nodes, i, j, side, cells, poly, shot, scene, gain)
+                _part_cells(f, nodes, i, j, side, cells, poly, shot, scene, colours, gain)
 
 
 @entry
-def blurred_map(scene, cells, stretch, most, across, rules, gain):
-    """Add the unscattered light of each cell through a surface with random slopes.
+def blurred_map(scene, cells, stretch, most, across, rules, colours, gain):
+    """Add the unscattered light (x, y, wavelengths) of cells through random slopes.
 
     Returns False if a facet has to be cut into more than `most` parts along an edge. `across`
     points along a cell resolve any of its light but that at the edge of the field of view.
@@ -245,7 +248,8 @@ def blurred_map(scene, cells, stretch, most, across, rules, gain):
         n = math.ceil(parts)
         for i in range(n):
             for k in range(2 * (n - i) - 1):
-                _blurred_part(f, n, *unscattered.part_of_row(i, k), box, cells, rules, scene, gain)
+                at = unscattered.part_of_row(i, k)
+                _blurred_part(f, n, *at, box, cells, rules, scene, colours, gain)
     return True
 
 
@@ -276,7 +280,7 @@ def _lit_cells(p, way, m, f, size, most, cells, scene):
     det = g11 * g22 - g12 * g21
     if det == 0.0:
         return whole
-    reach = _BENT * _MOST_SLOPE / abs(det)
+    reach = _BENT * microfacets.MOST_SLOPE / abs(det)
     dx = reach * math.sqrt(g12 * g12 + g22 * g22) + size
     dy = reach * math.sqrt(g11 * g11 + g21 * g21) + size
     square = g11 * g11 + g12 * g12 + g21 * g21 + g22 * g22
@@ -310,7 +314,7 @@ def _reached(p, n, w, length, size, most, cells, scene):
 
 
 @outlined
-def _blurred_part(f, n, i, j, side, box, cells, rules, scene, gain):
+def _blurred_part(f, n, i, j, side, box, cells, rules, scene, colours, gain):
     """Add the light of a part of a facet, blurred by random slopes, to the cells of a box.
 
     Array twin: see `blurred_map`.
@@ -321,6 +325,7 @@ def _blurred_part(f, n, i, j, side, box, cells, rules, scene, gain):
     tau = depth_between(scene.medium, scene.emitter.position, part.middle, part.length)
     light = part.light * math.exp(-tau) * part.omega
     light *= cells.step * cells.step
+    straight_factors(scene.emitter.position, part.middle, colours)
     for k in range(box.west, box.east + 1):
         x = cells.x + (k + 0.5) * cells.step
         for m in range(box.south, box.north + 1):
@@ -328,7 +333,10 @@ def _blurred_part(f, n, i, j, side, box, cells, rules, scene, gain):
             across = box.across
             if _at_edge(part.middle, x, y, cells, scene):
                 across = max(across, min(4 * across, _AT_EDGE))
-            gain[k, m] += light * _blur(part, x, y, cells, across, rules, scene)
+            seen = light * _blur(part, x, y, cells, across, rules, scene)
+            if seen > 0.0:
+                for colour in range(len(colours.factor)):
+                    gain[k, m, colour] += seen * colours.factor[colour]
 
 
 @inlined

@@ -10,10 +10,12 @@ import numpy as np
 from meshtrace.engine.chains import cells as kernel
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.microfacets import MOST_PARTS
+from meshtrace.engine.chains.tinted import Colours
 from meshtrace.engine.chains.unscattered import STACK
 from meshtrace.engine.setup.arrays import locator
 from meshtrace.engine.setup.ends import forced_link, require_height_field
 from meshtrace.engine.setup.options import IrradianceMap
+from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.errors import Refused
 from meshtrace.kernels.scene import Emitter, Target
 from meshtrace.kernels.vectors import Vec3
@@ -26,9 +28,16 @@ _COARSEST = 16  # points along a cell that resolve the blur by random slopes
 
 
 def unscattered_map(
-    link: Link, mesh: TriangleMesh, grid: IrradianceMap, normals: str = "vertex", threads: int = 1
+    link: Link,
+    mesh: TriangleMesh,
+    grid: IrradianceMap,
+    normals: str = "vertex",
+    threads: int = 1,
+    tinting: Tinting = UNTINTED,
 ) -> Floats | None:
-    """Return the unscattered gain of the first receiver in the cells of a map, shape (n, n).
+    """Return the unscattered gain of the first receiver in the cells of a map.
+
+    Shape (n, n, wavelengths).
 
     Light counts that crosses the surface once, at its first arrival, and meets nothing else. None
     where it has to be sampled: for extended sources, light from the air, receivers in the water or
@@ -52,8 +61,8 @@ def unscattered_map(
     aimed.locator = locator(aimed.surface, [target._replace(reach=math.inf)])
     step = grid.step / arrays.frame.unit
     cells = kernel.Cells(-0.5 * grid.n * step, -0.5 * grid.n * step, step, grid.n)
-    total = np.zeros((grid.n, grid.n))
-    images = ordered_map(partial(_image, aimed, target, cells), arrays.emitters, threads)
+    total = np.zeros((grid.n, grid.n, len(tinting.shares)))
+    images = ordered_map(partial(_image, aimed, target, cells, tinting), arrays.emitters, threads)
     for power, found in zip(arrays.power, images, strict=True):
         if found is None:
             return None
@@ -62,15 +71,17 @@ def unscattered_map(
 
 
 def _image(
-    aimed: AimedChains, target: Target, cells: kernel.Cells, emitter: Emitter
+    aimed: AimedChains, target: Target, cells: kernel.Cells, tinting: Tinting, emitter: Emitter
 ) -> Floats | None:
     """Return the unscattered gain of apertures of the cells' area from one source."""
     scene = aimed.scene(emitter, target)
-    gain = np.zeros((cells.n, cells.n))
+    n_colours, n_tints = tinting.shares.shape
+    gain = np.zeros((cells.n, cells.n, n_colours))
+    colours = Colours(*tinting, aimed.clear, np.zeros(n_tints), np.zeros(n_colours))
     stretch, lever = aimed.bounds_of(scene)
     if not aimed.rough:
         stack, polygons = np.empty((STACK, 3), np.int64), np.empty((2, 16, 2))
-        kernel.image_map(scene, cells, 1.5 * stretch, lever, stack, polygons, gain)
+        kernel.image_map(scene, cells, 1.5 * stretch, lever, stack, polygons, colours, gain)
         return gain
     n = scene.medium.n_water / scene.medium.n_air
     height = max(target.center.z - float(scene.surface.high[2]), 1e-6)
@@ -78,7 +89,7 @@ def _image(
     across = math.ceil(cells.step / blur) if blur > 0.0 else _COARSEST + 1
     if not aimed.blurred or across > _COARSEST:
         return None
-    whole = kernel.blurred_map(scene, cells, stretch, MOST_PARTS, across, _rules(), gain)
+    whole = kernel.blurred_map(scene, cells, stretch, MOST_PARTS, across, _rules(), colours, gain)
     return gain if whole else None
 
 

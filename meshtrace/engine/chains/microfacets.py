@@ -34,7 +34,7 @@ from meshtrace.kernels.interface import (
     slope_tilt,
     tilted,
 )
-from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
+from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.scene import height_on, locate
 from meshtrace.kernels.sources import (
@@ -61,7 +61,7 @@ from meshtrace.kernels.vectors import (
     scaled,
 )
 
-MOST_SLOPE = 7.0  # standard deviations beyond which a slope does not occur
+MOST_SLOPE = 5.0  # standard deviations: 4e-6 of the light meets larger random slopes
 PART_SLOPE = 0.7  # standard deviations by which the slope may change over a part of a facet
 PART_BEAM = 0.2  # longest edge of a part over the width of the beam
 RIM_BEAM = 0.02  # the same where a beam with a sharp rim ends
@@ -76,6 +76,8 @@ _FINER = 4.0  # parts of those of more than a few: no neighbours of the same cut
 _FINEST = 1.0 / 64.0  # of the longest edge, at the edge of the field of view
 _SHIFT = 0.7548776662466927  # plastic number^-1: shifts of lattices fill the square evenly
 _APART = 101  # between the shifts of facets
+_FAINT = 3.5  # least slope of parts that need no cut: their light is some 1e-3 of all
+_EVEN = 5.0  # most change of slope over a part that is half as large from its centre
 _NEAR = 2.0  # sizes of a part within which the edge of the field of view may cross it
 _NODES = np.int64(2**24)  # finest cut of an edge
 
@@ -172,49 +174,53 @@ def blurred_gain(scene, rule, stack, gain, doubtful):
     """
     dark = dark_angle(scene.emitter)
     for f in range(len(scene.surface.faces)):
-        if is_lit(f, ONE, ZERO, ZERO, ONE, dark, scene):
+        facet = scene.facets[f]
+        p = Vec3(facet.x, facet.y, facet.z)
+        if is_lit(f, p, unscattered.spatial_radius(facet), dark, scene):
             gain[f], steep = _facet_light(f, dark, rule, stack, scene)
             doubtful[f] = gain[f] > 0.0 and not steep
 
 
-@outlined
-def is_lit(f, nodes, i, j, side, dark, scene):
-    """Return whether random slopes may send light through a part (i, j, side) of a facet.
+@inlined
+def is_lit(f, p, h, dark, scene):
+    """Return whether random slopes may send light through a part of a facet.
 
     Array twin: `_part_gain` of its parts.
-    The bounds hold for any size: within a distance h of its centre directions turn by at
+    The bounds hold for any size: within a distance h of its centre P directions turn by at
     most h / (D - h), D the distance of the source or of the aperture, so that the normal
     N = n_w d - n_a r which refracts to the aperture changes by at most `turn`.
     """
-    target, facet = scene.target, scene.facets[f]
-    p = unscattered.node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
-    h = unscattered.spatial_radius(facet) * abs(side) / nodes
+    target = scene.target
     way = minus(p, scene.emitter.position)
     length = norm(way)
     big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
     wide = h + target.radius
-    if is_dark(p, h, dark, scene.emitter):
-        return False
-    if h >= length or wide >= flight:
-        return True
-    medium, rough = scene.medium, scene.surface.roughness
-    turn = medium.n_water * h / (length - h) + medium.n_air * wide / (flight - wide)
-    if big.z + turn <= 0.0:  # also where N is antiparallel to the normal
-        return False
-    n = normal_at(p.x, p.y, f, scene.surface)
-    u = whitened(rough, Vec2(n.x / n.z * big.z - big.x, n.y / n.z * big.z - big.y))
-    bend = 2.0 * h * facet.curvature
-    steep = math.hypot(n.x, n.y) / n.z + bend
-    slack = (turn * math.sqrt(1.0 + steep * steep) + bend * (abs(big.z) + turn)) / min(
-        rough.along, rough.across
-    )
-    return math.hypot(u.x, u.y) <= MOST_SLOPE * (big.z + turn) + slack
+    if h < length and wide < flight:
+        medium, rough = scene.medium, scene.surface.roughness
+        turn = medium.n_water * h / (length - h) + medium.n_air * wide / (flight - wide)
+        if big.z + turn <= 0.0:  # also where N is antiparallel to the normal
+            return False
+        narrow, broad = min(rough.along, rough.across), max(rough.along, rough.across)
+        bend = 2.0 * h * scene.facets[f].curvature
+        # most facets lie where the steepest one is not steep enough
+        steep = scene.surface.max_slope + bend
+        slack = turn * math.sqrt(1.0 + steep * steep) + bend * (abs(big.z) + turn)
+        missing = math.sqrt(big.x * big.x + big.y * big.y) - steep * abs(big.z)
+        if missing > broad * (MOST_SLOPE * (big.z + turn) + slack / narrow):
+            return False
+        n = normal_at(p.x, p.y, f, scene.surface)
+        u = whitened(rough, Vec2(n.x / n.z * big.z - big.x, n.y / n.z * big.z - big.y))
+        steep = math.sqrt(n.x * n.x + n.y * n.y) / n.z + bend
+        slack = turn * math.sqrt(1.0 + steep * steep) + bend * (abs(big.z) + turn)
+        if math.sqrt(dot2(u, u)) > MOST_SLOPE * (big.z + turn) + slack / narrow:
+            return False
+    return not is_dark(p, h, dark, scene.emitter)
 
 
 @outlined
 def _facet_light(f, dark, rule, stack, scene):
     """Return (gain, steep) of a facet; quarter parts that need a fine subdivision."""
-    total, steep, number = 0.0, True, 0
+    total, steep, number = 0.0, True, ZERO
     stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, _NODES
     top = 1
     while top > 0:
@@ -222,9 +228,13 @@ def _facet_light(f, dark, rule, stack, scene):
         i, j, side = stack[top, 0], stack[top, 1], stack[top, 2]
         smooth, sharp = _parts_along(f, i, j, side, scene)
         n = max(smooth, sharp, 1.0)
+        if sharp == 0.0:
+            continue
         if abs(side) < _NODES:
             n = max(_HALF_FINER * smooth, _FINER * sharp, 1.0)
-            if not is_lit(f, _NODES, i, j, side, dark, scene):
+            p = unscattered.node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
+            h = unscattered.spatial_radius(scene.facets[f]) * abs(side) / _NODES
+            if not is_lit(f, p, h, dark, scene):
                 continue
         if n > _FEW and abs(side) > 1:
             top = unscattered.push_quarters(stack, top, i, j, side)
@@ -248,7 +258,7 @@ def _parts_along(f, i, j, side, scene):
     """Return the numbers of parts along an edge of a part of a facet: smooth and sharp.
 
     Smooth for the profile of the beam, over which all facets are cut alike; sharp for edges of
-    light and for slopes.
+    light and for slopes, 0 where no slope that counts sends light to the aperture.
     """
     emitter, facet = scene.emitter, scene.facets[f]
     share = abs(side) / _NODES
@@ -264,11 +274,30 @@ def _parts_along(f, i, j, side, scene):
     if emitter.kind == SourceKind.TOP_HAT_BEAM and _is_rim(p, h, emitter):
         edge = min(edge, RIM_BEAM * width)
     nodes = unscattered.nodes_of(f, _NODES, i, j, side, scene.surface)
-    change = _change(f, *nodes, scene)
-    if change > _FEW * PART_SLOPE:
+    change, least = _change(f, *nodes, scene)
+    from_center = 0.5 if change < _EVEN else 1.0
+    beyond = least - from_center * (change + _slope_of_rim(p, scene))
+    if beyond > MOST_SLOPE:
+        return 0.0, 0.0
+    if beyond > _FAINT:
+        change = 0.0
+    elif change > _FEW * PART_SLOPE:
         change = min(change, _clipped_change(f, *nodes, scene))
     longest = 2.0 * facet.radius * share
     return longest / (PART_BEAM * width), max(change / PART_SLOPE, longest / edge)
+
+
+@inlined
+def _slope_of_rim(p, scene):
+    """Return twice the change of the needed slope from the centre of the aperture to its rim.
+
+    Array twin: see `slope_towards`; in standard deviations, for light that is not slanted.
+    """
+    way = minus(p, scene.emitter.position)
+    big, _, flight = _normal_to(p, scaled(1.0 / norm(way), way), Vec2(0.0, 0.0), scene)
+    rough, n = scene.surface.roughness, max(scene.medium.n_water, scene.medium.n_air)
+    narrow = min(rough.along, rough.across)
+    return 2.0 * n * scene.target.radius / (flight * max(big.z, 1e-9) * narrow)
 
 
 @outlined
@@ -352,15 +381,20 @@ def slope_change(f, scene):
     Array twin: see `slope_towards`.
     In standard deviations; infinite if no slope refracts light to the aperture at a corner.
     """
-    return _change(f, *corners(scene.surface.vertices, f, scene.surface.faces), scene)
+    return _change(f, *corners(scene.surface.vertices, f, scene.surface.faces), scene)[0]
 
 
 @inlined
 def _change(f, p, q, r, scene):
+    """Return the variation of the slope to the aperture between three points, and the least one.
+
+    Array twin: see `slope_towards`.
+    """
     u, v, w = _needed(p, f, scene), _needed(q, f, scene), _needed(r, f, scene)
     a, b, c = minus2(u, v), minus2(v, w), minus2(w, u)
     square = max(dot2(a, a), dot2(b, b), dot2(c, c))
-    return math.sqrt(square) if square < math.inf else math.inf
+    least = math.sqrt(min(dot2(u, u), dot2(v, v), dot2(w, w)))
+    return math.sqrt(square) if square < math.inf else math.inf, least
 
 
 @inlined

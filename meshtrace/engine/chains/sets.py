@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from functools import cache, lru_cache
-from itertools import chain
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from meshtrace.engine.chains import sampling as kernel
 from meshtrace.engine.chains.gain import flat_contributions, flat_crossings
 from meshtrace.engine.chains.sampling import Chains, Nominal
+from meshtrace.engine.chains.sobol import sobol_points
 from meshtrace.engine.crossing import FLAT
 from meshtrace.engine.setup.arrays import empty_locator, surface_arrays
 from meshtrace.engine.setup.ends import ForcedLink
@@ -31,7 +31,8 @@ _MAX_ORDER = 72
 _MOST_CROWDED = 4.0  # density of collisions near the surface over the mean: chains fill the way
 _MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
 _MOST_KEPT = 2**15  # numbers in a set of points that is kept for the next surface: 256 kB
-_BLOCK = 1024  # chains of a block for one thread, about
+_BLOCK, _LARGEST = 1024, 8192  # chains of a block for one thread: about, and at most
+_KEPT_BYTES = 2**26  # of chains that are kept for the next surface
 CROSSINGS = 4  # of a flat sea, kept for each chain
 _MIXTURE = np.array([0.1, 0.4, 0.15, 0.12, 0.1, 0.08, 0.05])  # free paths, stretched ways
 _FITTED = 0.8  # share of fitted chains in turbid water
@@ -47,23 +48,19 @@ class ChainSet(NamedTuple):
 
     order: int
     chains: Chains
-    flat: list[NDArray[np.void]]  # by receiver, (n, crossings) FLAT
     audit: Floats
+    find: Callable[[Chains, int], NDArray[np.void]]  # crossings to a receiver
+    flat: list[NDArray[np.void]]  # by receiver, (n, crossings) FLAT, or none if they are many
 
-    def blocks(self) -> list[ChainSet]:
-        """Return the chains in blocks of whole shifts, for threads."""
-        n = len(self.audit)
-        per_shift = n // SHIFTS
-        step = per_shift * max(_BLOCK // per_shift, 1)
-        if step >= n:
-            return [self]
-        return [self.rows(slice(first, first + step)) for first in range(0, n, step)]
+    def crossings(self, receiver: int) -> NDArray[np.void]:
+        """Return the crossings (n, crossings) of a flat sea to a receiver."""
+        return self.flat[receiver] if self.flat else self.find(self.chains, receiver)
 
     def rows(self, rows: slice) -> ChainSet:
         """Return some of the chains."""
         arrays: Any = (array[rows] for array in self.chains)
-        chains = Chains(*arrays)
-        return ChainSet(self.order, chains, [f[rows] for f in self.flat], self.audit[rows])
+        flat = [f[rows] for f in self.flat]
+        return self._replace(chains=Chains(*arrays), audit=self.audit[rows], flat=flat)
 
 
 class Request(NamedTuple):
@@ -74,14 +71,53 @@ class Request(NamedTuple):
     per_shift: int
     key: tuple[int, ...]
 
+    @property
+    def number(self) -> int:
+        """Number of the chains."""
+        return SHIFTS * self.per_shift
 
-class _Block(NamedTuple):
-    """Chains to be drawn by one thread from the points of some shifts."""
+    def spans(self) -> list[slice]:
+        """Return the rows of blocks for threads: whole shifts, or a part of one."""
+        n, most = self.per_shift, min(self.per_shift, _LARGEST)
+        if most < n:
+            ends = [slice(i, min(i + most, n)) for i in range(0, n, most)]
+            return [slice(s * n + e.start, s * n + e.stop) for s in range(SHIFTS) for e in ends]
+        step = n * max(_BLOCK // n, 1)
+        return [slice(i, min(i + step, self.number)) for i in range(0, self.number, step)]
 
-    source: int
-    chains: ChainSet
+
+class Block(NamedTuple):
+    """Chains for one thread: kept ones, or the points from which they are drawn."""
+
+    request: Request
+    rows: slice
     points: Floats
     shifts: Floats
+    kept: ChainSet | None
+
+    @property
+    def shifts_in(self) -> slice:
+        """Shifts of which it holds chains."""
+        n = self.request.per_shift
+        return slice(self.rows.start // n, -(-self.rows.stop // n))
+
+
+class Drawing(NamedTuple):
+    """Chains of a request, kept for further surfaces or drawn anew for each of them."""
+
+    request: Request
+    kept: ChainSet | None
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield the chains in blocks."""
+        if self.kept is not None:
+            none = np.zeros((0, 0))
+            for rows in self.request.spans():
+                yield Block(self.request, rows, none, none, self.kept.rows(rows))
+            return
+        points, shifts = points_of(self.request)
+        for rows in self.request.spans():
+            yield Block(self.request, rows, points, shifts, None)
 
 
 class ChainDrawer:
@@ -106,14 +142,12 @@ class ChainDrawer:
 
         Beyond it a Poisson law of the scatterings has less than 1e-7.
         """
-        from scipy.stats import poisson
-
         medium, expected = self.link.medium, self.nominals[source]
         b = medium.layer_b.mean() if medium.layered else medium.b
         most = 1.2 * max(expected.expected, b * expected.distance + float(medium.bubble_path[-1]))
         if b == 0.0 and medium.bubble_path[-1] == 0.0:
             return 0
-        if poisson.sf(_MAX_ORDER, 1.2 * expected.expected) > _MOST_LEFT_OUT:
+        if 1.0 - poisson_law(1.2 * expected.expected).sum() > _MOST_LEFT_OUT:
             raise Refused(
                 "water",
                 f"{expected.expected:.3g} scatterings expected on the way to the surface",
@@ -128,36 +162,66 @@ class ChainDrawer:
                 f"up to {_MOST_CROWDED:g}; light that wanders in a thin turbid layer needs "
                 'estimator="analog"',
             )
-        return int(min(max(poisson.isf(_TAIL, most), 1), _MAX_ORDER))
+        beyond = 1.0 - np.cumsum(poisson_law(most))
+        return int(np.clip(np.count_nonzero(beyond > _TAIL), 1, _MAX_ORDER))
 
     def draw(self, source: int, order: int, per_shift: int, key: tuple[int, ...]) -> ChainSet:
         """Return chains of one order, `per_shift` for each shift of the points."""
         request = Request(source, order, per_shift, key)
-        chains = self.empty(request)
-        for job in self._jobs(request, chains):
+        return self.whole(Drawing(request, None))
+
+    def draw_all(self, requests: Sequence[Request], threads: int = 1) -> list[Drawing]:
+        """Return sets of chains, which are drawn now if they are few enough to be kept.
+
+        The threads share their blocks.
+        """
+        drawings = [Drawing(request, None) for request in requests]
+        if sum(self._bytes(request) for request in requests) > _KEPT_BYTES:
+            return drawings
+        sets = [self.empty(request) for request in requests]
+        for _ in ordered_map(self._fill, self._jobs(drawings, sets), threads):
+            pass
+        return [Drawing(*pair) for pair in zip(requests, sets, strict=True)]
+
+    def whole(self, drawing: Drawing) -> ChainSet:
+        """Return all chains of a drawing."""
+        if drawing.kept is not None:
+            return drawing.kept
+        chains = self.empty(drawing.request)
+        for job in self._jobs([drawing], [chains]):
             self._fill(job)
         return chains
 
-    def draw_all(self, requests: Sequence[Request], threads: int = 1) -> list[ChainSet]:
-        """Return sets of chains; the threads share their blocks."""
-        sets = [self.empty(request) for request in requests]
-        jobs = chain.from_iterable(map(self._jobs, requests, sets))
-        for _ in ordered_map(self._fill, jobs, threads):
-            pass
-        return sets
+    def drawn(self, block: Block) -> ChainSet:
+        """Return the chains of a block."""
+        if block.kept is not None:
+            return block.kept
+        n = block.rows.stop - block.rows.start
+        chains = self._room(block.request, n, keep=False)
+        self._fill((block, chains))
+        return chains
 
-    def _jobs(self, request: Request, chains: ChainSet) -> Iterator[_Block]:
-        """Yield the blocks of a set of chains with their points."""
-        points, shifts = points_of(request)
-        first = 0
-        for block in chains.blocks():
-            n = len(block.audit) // request.per_shift
-            yield _Block(request.source, block, points, shifts[first : first + n])
-            first += n
+    @staticmethod
+    def _jobs(
+        drawings: Sequence[Drawing], sets: Sequence[ChainSet]
+    ) -> Iterator[tuple[Block, ChainSet]]:
+        """Yield the blocks of drawings with room for their chains."""
+        for drawing, chains in zip(drawings, sets, strict=True):
+            for block in drawing.blocks():
+                yield block, chains.rows(block.rows)
+
+    def _bytes(self, request: Request) -> int:
+        """Return the size of the chains of a request with their crossings to all receivers."""
+        row = 25 * request.order + 112 + len(self.link.targets) * CROSSINGS * FLAT.itemsize
+        return request.number * row
 
     def empty(self, request: Request) -> ChainSet:
         """Return an empty set of chains."""
-        n, order = SHIFTS * request.per_shift, request.order
+        return self._room(request, request.number, self._bytes(request) <= _KEPT_BYTES)
+
+    def _room(self, request: Request, n: int, keep: bool) -> ChainSet:
+        """Return room for n chains and, if `keep`, for their crossings."""
+        order = request.order
         chains = Chains(
             vertex=np.empty((n, order, 3)),
             kind=np.zeros((n, order), np.int8),
@@ -168,21 +232,32 @@ class ChainDrawer:
             tail=np.empty((n, 3)),
             tilt=np.empty((n, 2)),
         )
-        flat = [np.zeros((n, CROSSINGS), FLAT) for _ in self.link.targets]
-        return ChainSet(order, chains, flat, np.empty(n))
+        flat = [np.zeros((n, CROSSINGS), FLAT) for _ in self.link.targets] if keep else []
+        return ChainSet(order, chains, np.empty(n), partial(self._crossings, request.source), flat)
 
-    def _fill(self, job: _Block) -> None:
+    def _fill(self, job: tuple[Block, ChainSet]) -> None:
         """Draw the chains of a block from shifted points; find their crossings of a flat sea."""
-        source, block = job.source, job.chains
-        u = shifted(job.points, job.shifts)
-        block.audit[:] = u[:, -2]
+        block, found = job
+        source, per_shift = block.request.source, block.request.per_shift
+        rows = block.shifts_in
+        first = block.rows.start - rows.start * per_shift  # of a part of one shift
+        u = shifted(block.points[first : first + len(found.audit)], block.shifts[rows])
+        found.audit[:] = u[:, -2]
         law = self.nominals[source]
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
-        kernel.make_chains(block.chains, law, self.link.medium, u, component)
-        for receiver, out in enumerate(block.flat):
-            scene, raised = self.still_scenes(source, self.link.targets[receiver])
-            starts = starts_of(scene.emitter, scene.target)
-            flat_crossings(block.chains, starts, scene, raised, out)
+        kernel.make_chains(found.chains, law, self.link.medium, u, component)
+        for receiver, out in enumerate(found.flat):
+            self._find(source, found.chains, receiver, out)
+
+    def _crossings(self, source: int, chains: Chains, receiver: int) -> NDArray[np.void]:
+        """Return the crossings of a flat sea by chains from a source to a receiver."""
+        out = np.zeros((len(chains.path), CROSSINGS), FLAT)
+        self._find(source, chains, receiver, out)
+        return out
+
+    def _find(self, source: int, chains: Chains, receiver: int, out: NDArray[np.void]) -> None:
+        scene, raised = self.still_scenes(source, self.link.targets[receiver])
+        flat_crossings(chains, starts_of(scene.emitter, scene.target), scene, raised, out)
 
     def still_scenes(self, source: int, target: Target) -> tuple[Scene, Scene]:
         """Return a source and an aperture over still water, and over water at the ceiling."""
@@ -193,31 +268,33 @@ class ChainDrawer:
 
     def scores(self, source: int, chains: ChainSet) -> Floats:
         """Return the scores of chains over still water, shape (receivers, chains)."""
-        scores = np.empty((len(chains.flat), len(chains.audit)))
-        for receiver, (flat, score) in enumerate(zip(chains.flat, scores, strict=True)):
+        scores = np.empty((len(self.link.targets), len(chains.audit)))
+        for receiver, score in enumerate(scores):
             scene, _ = self.still_scenes(source, self.link.targets[receiver])
-            flat_contributions(chains.chains, flat, scene, score)
+            flat_contributions(chains.chains, chains.crossings(receiver), scene, score)
         return scores
+
+
+def poisson_law(mean: float) -> Floats:
+    """Return the probabilities of 0, 1, ... scatterings up to the highest order."""
+    order = np.arange(_MAX_ORDER + 1)
+    return np.exp(order * math.log(mean) - mean - np.cumsum(np.log(np.maximum(order, 1))))
 
 
 def points_of(request: Request) -> tuple[Floats, Floats]:
     """Return the points of a set of chains and their shifts, kept if they are few."""
     width = kernel.DIMENSIONS * request.order + 6
     few = request.per_shift * width <= _MOST_KEPT
-    return (_kept_points if few else sobol_points)(width, request.per_shift, request.key)
+    return (_kept_points if few else shifted_points)(width, request.per_shift, request.key)
 
 
-def sobol_points(width: int, per_shift: int, key: tuple[int, ...]) -> tuple[Floats, Floats]:
+def shifted_points(width: int, per_shift: int, key: tuple[int, ...]) -> tuple[Floats, Floats]:
     """Return Sobol points of the unit cube, (per_shift, width), and their random shifts."""
-    from scipy.stats import qmc
-
     rng = np.random.default_rng(key)
-    size = math.ceil(math.log2(max(per_shift, 2)))
-    points = qmc.Sobol(width, scramble=True, rng=rng).random_base2(size)[:per_shift]
-    return points, rng.random((SHIFTS, 1, width))
+    return sobol_points(width, per_shift, rng), rng.random((SHIFTS, 1, width))
 
 
-_kept_points = lru_cache(maxsize=64)(sobol_points)
+_kept_points = lru_cache(maxsize=64)(shifted_points)
 
 
 def shifted(points: Floats, shifts: Floats) -> Floats:

@@ -147,8 +147,10 @@ def view_margin(p, r, flight, target, fov):
     r is the direction in the air.
     """
     if fov == FieldOfView.ANGLE:
-        angle = math.acos(min(max(dot(r, target.axis), -1.0), 1.0))
-        return flight * (math.acos(target.cos_half_fov) - angle)
+        # the sine of an angle for the angle: all that counts lies near the edge
+        cosine, half = dot(r, target.axis), target.cos_half_fov
+        inside = cosine * math.sqrt(max(1.0 - half * half, 0.0))
+        return flight * (inside - half * math.sqrt(max(1.0 - cosine * cosine, 0.0)))
     reach = target.radius + (target.center.z - p.z) * target.tan_half_fov
     return reach - math.hypot(p.x - target.center.x, p.y - target.center.y)
 

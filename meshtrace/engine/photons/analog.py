@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -21,9 +21,11 @@ from meshtrace.engine.photons import state as kernel
 from meshtrace.engine.photons.flight import follow
 from meshtrace.engine.setup import arrays
 from meshtrace.engine.setup.options import BLOCK, Analog, IrradianceMap, Record, read_records
+from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.sources import FORWARD, N_SCORES
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, Tallies
+from meshtrace.kernels.tints import NO_TINTS
 from meshtrace.kernels.vectors import UP, Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -31,9 +33,10 @@ from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map, paced
 from meshtrace.stored import SHIFTS
 
+_HEADROOM = 6  # bits
 _GUIDED = 100  # crossings of light that a jet guides
 _EXACT = ("ledger", "map", "map_squared", "radiance")  # fields of `PhotonSums` and of tallies
-_SUMS = (*_EXACT, "n_photons", "misses", "n_arrivals")
+_SUMS = (*_EXACT, "map_tint", "n_photons", "misses", "n_arrivals")
 
 
 def options_over(mesh: TriangleMesh, options: Analog) -> Analog:
@@ -59,6 +62,11 @@ class FixedPointSum:
         self._whole += self._part >> 44
         self._part &= (1 << 44) - 1
 
+    def join(self, other: FixedPointSum) -> None:
+        """Add another sum."""
+        self.add(other._part)
+        self._whole += other._whole
+
     def value(self) -> Floats:
         """Return the sum as floating point numbers."""
         return self._whole + self._part * UNIT
@@ -74,10 +82,27 @@ class PhotonSums:
     count: NDArray[np.int64]
     misses: NDArray[np.int64]
     ledger: FixedPointSum
+    map_scale: Floats
     map: FixedPointSum
     map_squared: FixedPointSum
     radiance: FixedPointSum
     arrivals: list[NDArray[np.void]] = field(default_factory=list)
+
+    def plus(self, other: PhotonSums) -> PhotonSums:
+        """Return the tallies of the apertures together with those of other photons."""
+        names = ("photons", "score", "score_squared", "count", "misses")
+        found = {name: getattr(self, name) + getattr(other, name) for name in names}
+        ledger = FixedPointSum(self.ledger.value().shape)
+        for one in (self.ledger, other.ledger):
+            ledger.join(one)
+        return replace(self, **found, ledger=ledger, arrivals=self.arrivals + other.arrivals)
+
+    def map_mean(self) -> tuple[Floats, Floats]:
+        """Return the mean score of a photon in the cells (x, y, wavelengths), and its error."""
+        n, total, squares = self.photons, self.map.value(), self.map_squared.value()
+        cell = total / n
+        error = np.sqrt(np.maximum(squares / n - cell**2, 0.0) / max(n - 1, 1))
+        return cell / self.map_scale, error / self.map_scale
 
     def add(self, photons: int, tallies: Tallies) -> None:
         """Add a finished chunk with the next photons."""
@@ -95,6 +120,27 @@ class PhotonSums:
             rows = tallies.arrivals[:n]
             order = np.lexsort((rows["water"], rows["receiver"], rows["photon"]))
             self.arrivals.append(rows[order])
+
+
+def tinted(
+    sums: PhotonSums, tinting: Tinting, first: int, scale: Floats, arrivals: bool
+) -> list[PhotonSums]:
+    """Return the tallies of the apertures at each wavelength, from arrivals with their sums.
+
+    `first` is the id of the first photon, `scale` a factor on the scores of each wavelength;
+    `arrivals` are kept on demand.
+    """
+    light = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
+    n, found = len(sums.score), []
+    place, cell = np.unique((light["photon"] - first) * n + light["receiver"], return_inverse=True)
+    for by, factor in zip(scale, tinting.factors(light["tint"]), strict=True):
+        weight = by * factor * light["weight"]
+        score = np.bincount(cell, weight, len(place))
+        total, square = np.array([np.bincount(place % n, score**k, n) for k in (1, 2)], float)
+        rows = light[: len(light) * arrivals].copy()
+        rows["weight"] = weight[: len(rows)]
+        found.append(replace(sums, score=total, score_squared=square, arrivals=[rows]))
+    return found
 
 
 class Setup(NamedTuple):
@@ -128,6 +174,7 @@ def run_analog(
     recorder: kernel.Recorder | None = None,
     progress: Callable[[int], None] | None = None,
     sums: PhotonSums | None = None,
+    tinting: Tinting = UNTINTED,
 ) -> PhotonSums:
     """Trace photons and return their tallies.
 
@@ -157,6 +204,8 @@ def run_analog(
         Called with the number of photons done since its last call.
     sums : PhotonSums, optional
         Tallies of other photons with the same records, to which these are added.
+    tinting : Tinting
+        Functions that arrivals sum up, and their coefficients at the wavelengths of a map.
 
     Returns
     -------
@@ -166,11 +215,15 @@ def run_analog(
     options = options_over(intersector.mesh, options)
     recorder = recorder or new_recorder(0, 0)
     setup = setup_of(link, intersector, options, seed, normals, unscattered, records, recorder)
+    grid = records.get("irradiance-map")
+    none = _with_map(setup.world.tallies, link, setup.frame, grid, tinting)
+    setup = setup._replace(world=setup.world._replace(tints=tinting.tints, tallies=none))
     if sums is None:
-        none, score = setup.world.tallies, np.zeros(setup.n_scores)
+        score = np.zeros(setup.n_scores)
         exact: Any = {name: FixedPointSum(getattr(none, name).shape) for name in _EXACT}
         counts = none.n_photons.copy(), none.misses.copy()
-        sums = PhotonSums(0, score, score.copy(), *counts, **exact)
+        scale = none.map_scale
+        sums = PhotonSums(0, score, score.copy(), *counts, map_scale=scale, **exact)
     first, end = options.first_photon, options.first_photon + photons
     starts = range(first, end, options.batch_size)
     chunks = ((start, min(start + options.batch_size, end)) for start in starts)
@@ -219,7 +272,9 @@ def setup_of(
     frame = frame or arrays.frame_of(link)
     if frame != arrays.IDENTITY:
         intersector = intersector.over(frame.mesh(intersector.mesh))
-    surface = arrays.surface_arrays(intersector.mesh, normals, link.physics.unresolved)
+    mesh = intersector.mesh
+    normals = normals if mesh.max_slope > 0.0 else "facet"  # of a flat sea they are the same
+    surface = arrays.surface_arrays(mesh, normals, link.physics.unresolved)
     crest = float(surface.high[2])
     sources = frame.sources(arrays.source_arrays(link, frame.unit * (crest + 1e-3)))
     roulette, survival = options.roulette, 0.0
@@ -236,16 +291,17 @@ def setup_of(
         seed=np.uint64(seed),  # numba takes a Python integer for a signed one
         sources=sources,
         surface=surface,
-        grid=arrays.grid_arrays(intersector.mesh) if intersector.shortcut else arrays.NO_GRID,
+        grid=arrays.grid_arrays(mesh) if intersector.shortcut else arrays.NO_GRID,
         medium=arrays.with_raster(medium, intersector),
         apertures=frame.apertures(arrays.aperture_arrays(link)),
         interface=arrays.interface_arrays(link),
         limits=kernel.Limits(
             roulette, survival, options.max_events, options.max_surface_events, unscattered
         ),
-        tallies=_no_tallies(link, frame, records.get("irradiance-map")),
+        tallies=_no_tallies(link, frame),
         recorder=recorder or new_recorder(0, 0),
         back=FORWARD,
+        tints=NO_TINTS,
         bvh=NO_BVH,
         photon=np.zeros(1, kernel.PHOTON),
     )
@@ -262,12 +318,11 @@ def new_recorder(photons: int, vertices: int) -> kernel.Recorder:
     )
 
 
-def _no_tallies(link: Link, frame: arrays.Frame, record: Record | None) -> Tallies:
-    """Return tallies of no photons."""
-    planes, grid = link.planes, record if isinstance(record, IrradianceMap) else None
+def _no_tallies(link: Link, frame: arrays.Frame) -> Tallies:
+    """Return tallies of no photons, without a map."""
+    planes = link.planes
     depths = np.array(planes.depths if planes else ())
     bins = (planes.n_cosines, planes.n_azimuths) if planes else (0, 1)
-    n_cells = grid.n if grid else 0
     return Tallies(
         score=np.zeros((0, 0)),
         ledger=np.zeros(len(Fate), np.int64),
@@ -275,14 +330,55 @@ def _no_tallies(link: Link, frame: arrays.Frame, record: Record | None) -> Talli
         misses=np.zeros(len(kernel.Miss), np.int64),
         planes=-depths / frame.unit,
         radiance=np.zeros((SHIFTS, len(depths), *bins), np.int64),
-        map_z=grid.height / frame.unit if grid else 0.0,
-        map_x=(-grid.extent - frame.x) / frame.unit if grid else 0.0,
-        map_y=(-grid.extent - frame.y) / frame.unit if grid else 0.0,
-        map_step=grid.step / frame.unit if grid else 1.0,
-        map_axis=Vec3(*grid.axis) if grid else UP,
-        map_cos=max(math.cos(math.radians(grid.fov_deg) / 2.0), 1e-12) if grid else 0.0,
-        map=np.zeros((n_cells, n_cells), np.int64),
-        map_squared=np.zeros((n_cells, n_cells), np.int64),
+        map_z=0.0,
+        map_x=0.0,
+        map_y=0.0,
+        map_step=1.0,
+        map_axis=UP,
+        map_cos=0.0,
+        map_shares=np.zeros((1, 0)),
+        map_scale=np.ones(1),
+        map_tint=np.zeros(0),
+        map=np.zeros((0, 0, 1), np.int64),
+        map_squared=np.zeros((0, 0, 1), np.int64),
         arrivals=np.zeros(0, ARRIVAL),
         n_arrivals=np.zeros(1, np.int64),
     )
+
+
+def _with_map(
+    none: Tallies, link: Link, frame: arrays.Frame, grid: Record | None, tinting: Tinting
+) -> Tallies:
+    """Return tallies of no photons with a map at the wavelengths of a tinting."""
+    if not isinstance(grid, IrradianceMap):
+        return none
+    shape = (grid.n, grid.n, len(tinting.shares))
+    return none._replace(
+        map_z=grid.height / frame.unit,
+        map_x=(-grid.extent - frame.x) / frame.unit,
+        map_y=(-grid.extent - frame.y) / frame.unit,
+        map_step=grid.step / frame.unit,
+        map_axis=Vec3(*grid.axis),
+        map_cos=max(math.cos(math.radians(grid.fov_deg) / 2.0), 1e-12),
+        map_shares=tinting.shares,
+        map_scale=_scale(link, frame, grid, tinting),
+        map_tint=np.zeros(tinting.shares.shape[1]),
+        map=np.zeros(shape, np.int64),
+        map_squared=np.zeros(shape, np.int64),
+    )
+
+
+def _scale(link: Link, frame: arrays.Frame, grid: IrradianceMap, tinting: Tinting) -> Floats:
+    """Return powers of two with which squared weights of a map keep their digits.
+
+    From the absorption of the shortest way down the water. Weights at other wavelengths may exceed
+    it: `_HEADROOM` keeps the sums of a chunk below 2^63.
+    """
+    levels = [source.center[2] for source in link.transmitters]
+    way = min(abs(min(z, 0.0) - min(grid.height, 0.0)) for z in levels)
+    layers = link.water.layers
+    a = link.water.a if layers is None else min(row[1] for row in layers)
+    logs = np.full(len(tinting.shares), -a * way)
+    if tinting.tints is not None:
+        logs -= tinting.shares @ tinting.tints.c.mean(axis=1) * way / frame.unit
+    return np.exp2(np.floor(-np.clip(logs, -600.0, 0.0) / math.log(2.0)) - _HEADROOM)

@@ -33,6 +33,7 @@ from meshtrace.kernels.medium import Absorption, absorption_path, collide, sampl
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import UNKNOWN, first_facet, grid_facet
 from meshtrace.kernels.tally import Fate, Segment, deposit, score_map, score_planes
+from meshtrace.kernels.tints import is_tinted, reset_tint, tint_scattering, tint_way
 from meshtrace.kernels.vectors import Vec3, along, dot, plus, row, scaled, turn
 
 _OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
@@ -56,7 +57,7 @@ def to_sky(q, d, weight, world):
     scored = world.limits.unscattered or q.turned == 1 or q.crossings > 1
     received = scored and score_on_apertures(q, False, flight, world)
     if scored:
-        score_map(world.tallies, flight, world.medium)
+        score_map(world.tallies, flight, world.medium, world.tints, q.tint)
     deposit(world.tallies, Fate.RECEIVED.value if received else Fate.LANDED.value, weight)
     if received:
         q.outcome = Fate.RECEIVED.value
@@ -165,6 +166,7 @@ def fly_water(q, length, world):
         a_path = absorption_path(world.medium, q.z, p.z, length)
     if len(world.tallies.planes) > 0 or world.apertures.any_in_water or world.tallies.map_z < 0.0:
         _score_water(q, length, world)
+    tint_way(world.tints, q.tint, q.z, p.z, length)
     put(q, p)
     q.water += length
     if a_path > 0.0:
@@ -190,7 +192,7 @@ def _score_water(q, length, world):
     score_planes(world.tallies, column, q.id - world.first, flight, world.medium)
     score_on_apertures(q, True, flight, world)
     if world.tallies.map_z < 0.0:
-        score_map(world.tallies, flight, world.medium)
+        score_map(world.tallies, flight, world.medium, world.tints, q.tint)
 
 
 @inlined
@@ -217,6 +219,8 @@ def scatter(q, world):
             return Fate.ABSORBED.value
     if s >= 0.0:
         head(q, turn(heading(q), s, u_phi))
+        theta = 2.0 * math.asin(math.sqrt(s)) if is_tinted(world.tints) else 0.0
+        tint_scattering(world.tints, q.tint, q.z, theta)
         q.turned = 1
         record(world.recorder, q, Vertex.SCATTER)
     return _continue(q, u_path, world)
@@ -253,6 +257,7 @@ def _start(q, photon, world):
         in_water = world.sources.in_water[source]
     put(q, p)
     head(q, d)
+    reset_tint(world.tints, q.tint)
     q.weight, q.water, q.air = 1.0, 0.0, 0.0
     q.free = sample_free_path(world.medium, p, u_path) if in_water else math.inf
     q.id, q.event, q.crossings, q.facet = photon, 0, 0, -1

@@ -22,6 +22,7 @@ from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.phase import phase_at, sample_s
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.tints import is_tinted, tint_scattering
 from meshtrace.kernels.vectors import TWO_PI, Vec2, Vec3, dot, norm, row, scaled, turn
 
 _LOWEST = 0.3  # weight times importance, over that of the start
@@ -188,6 +189,8 @@ def redirect(q, s, u_phi, world):
         axis, edge = _cone_to(aimed - 1 - n, start, world)
         d = turn(axis, u * edge, u_phi)
     own = targets.mixed_phase(before, d, start, world)
+    theta = targets.angle_between(before, d) if is_tinted(world.tints) else 0.0
+    tint_scattering(world.tints, q.tint, start.z, theta)
     q.density = own
     if guide.lobe + guide.cone > 0.0:
         q.density = drawn_density(d, own, guide, q, start, world)

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from meshtrace.engine.photons.manifold import Manifold
 from meshtrace.engine.photons.targets import (
     JOINED_PHOTON,
     N_PARTS,
+    REFLECTED,
     TARGET,
     JoinedWorld,
     Joins,
@@ -31,13 +33,16 @@ from meshtrace.engine.photons.targets import (
 )
 from meshtrace.engine.setup import arrays, ends
 from meshtrace.engine.setup.options import BLOCK
+from meshtrace.engine.setup.tinting import Tinting
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import MeshArrays
+from meshtrace.kernels.medium import Absorption
 from meshtrace.kernels.phase import AngleTable
 from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.scene import FACET, Emitter, Target, facet_summary
 from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import ARRIVAL
+from meshtrace.kernels.tints import NO_TINTS
 from meshtrace.link import Link
 from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
@@ -62,7 +67,9 @@ _CLEAR_HIGHEST = 1.5
 _AIMED_HIGHEST = 2.0
 _BENT = 0.3  # fall of the importance with the bend of light over random slopes
 _BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
+_ROOM = 8  # arrivals of a photon at each target, else a block is followed again
 _EVENTS = 10_000_000  # of a photon and its copies
+_OPAQUE = 1e4  # largest optical depth: diffuse photons collide up to its square times (1 - g)
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
 
 
@@ -143,7 +150,8 @@ class JoinedPhotons:
     Raises
     ------
     Refused
-        If the link has a feature that joined photons do not follow.
+        If the link has a feature that joined photons do not follow, or if its largest
+        coefficient of scattering times the depth exceeds 1e4.
 
     Notes
     -----
@@ -170,10 +178,21 @@ class JoinedPhotons:
         for path, item in link.items():
             if isinstance(item, AirLamp) and item.size > 0.0:  # they are points to the photons
                 raise Refused(path, Described(f"a radius of {item.size:g} m"), ends.POINTS_ONLY)
+        self._require_depth(link)
         self.link, self.photons, self.seed = link, photons, seed
         self._normals, self._threads = normals, threads
         self._first = [int(k) for k in np.broadcast_to(first, len(link.receivers))]
         self._direct = direct
+
+    @staticmethod
+    def _require_depth(link: Link) -> None:
+        """Refuse water in which the steps of delta tracking are tiny beside the depth."""
+        medium = ends.expected_water(link, crest=0.0)
+        rate = medium.b_max if medium.absorption == Absorption.CONTINUOUS else medium.c_max
+        most = rate * max(-item.center[2] for _, item in link.items())
+        if most > _OPAQUE:
+            found = Described(f"an optical depth of {most:.3g}, at its densest place")
+            raise Refused("water", found, f"up to {_OPAQUE:g}; {ends.ANALOG}")
 
     def evaluate(
         self,
@@ -197,6 +216,33 @@ class JoinedPhotons:
         Refused
             If the mesh overhangs.
         """
+        (found,) = self._evaluated(mesh, intersector, arrivals, None)
+        return found
+
+    def at_wavelengths(
+        self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link], arrivals: bool = False
+    ) -> list[JoinedParts]:
+        """Return the gain over a mesh at each wavelength of a tinting, that of each link.
+
+        Below bubbles each wavelength has its own photons: which of water and bubbles scatters a
+        photon towards a receiver is not drawn.
+        """
+        if self.link.bubbles is None and tinting.follows:
+            return self._evaluated(mesh, None, arrivals, tinting)
+        found = []
+        for link in links:
+            own = copy(self)
+            own.link = link.model_copy(update={"receiver": self.link.receiver})
+            found.append(own.evaluate(mesh, arrivals=arrivals))
+        return found
+
+    def _evaluated(
+        self,
+        mesh: TriangleMesh,
+        intersector: EmbreeIntersector | None,
+        arrivals: bool,
+        tinting: Tinting | None,
+    ) -> list[JoinedParts]:
         ends.require_height_field(mesh)
         frame = arrays.frame_of(self.link)
         local = frame.mesh(mesh)
@@ -209,8 +255,9 @@ class JoinedPhotons:
             targets = [ends.target_of(link.receivers[i], frame) for i in order]
             to = _Ends(targets, np.ones(len(order)), [self._first[i] for i in order])
             world = self._world(frame, intersector, None, to)
-            parts = self._parts([self._follow(world, intersector, arrivals)], frame, arrivals)
-            return parts.of(np.argsort(order))
+            found = self._follow(world, intersector, arrivals, tinting)
+            rows = np.argsort(order)
+            return [self._parts([run], frame, arrivals).of(rows) for run in found]
         power = np.array([t.power_mw for t in link.transmitters])
         lamps = [
             ends.lamp_target(t, link, frame) for t in link.transmitters if isinstance(t, AirLamp)
@@ -220,8 +267,8 @@ class JoinedPhotons:
             emitter = ends.emitter_of(end, frame)
             to = _Ends(lamps, emitter.power * power / power.sum(), [scored] * len(lamps))
             world = self._world(frame, intersector, emitter, to)
-            runs.append(self._follow(world, intersector, arrivals))
-        return self._parts(runs, frame, arrivals)
+            runs.append(self._follow(world, intersector, arrivals, tinting))
+        return [self._parts(list(each), frame, arrivals) for each in zip(*runs, strict=True)]
 
     def _world(
         self,
@@ -252,7 +299,7 @@ class JoinedPhotons:
         n = len(to.targets)
         return JoinedWorld(
             0, np.uint64(self.seed), sources, surface, grid, medium,
-            arrays.interface_arrays(link), joins, manifold, _EVENTS, NO_BVH,
+            arrays.interface_arrays(link), joins, manifold, _EVENTS, NO_TINTS, NO_BVH,
             np.zeros(1 + _COPIES, JOINED_PHOTON), np.zeros((0, n, N_PARTS)),
             np.zeros((n, _ORDERS)), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
         )  # fmt: skip
@@ -322,16 +369,24 @@ class JoinedPhotons:
                 return False
         return True
 
-    def _follow(self, world: JoinedWorld, intersector: EmbreeIntersector, arrivals: bool) -> _Run:
-        """Return the sums over the photons of one run."""
-        n = len(world.joins.target)
+    def _follow(
+        self,
+        world: JoinedWorld,
+        intersector: EmbreeIntersector,
+        arrivals: bool,
+        tinting: Tinting | None,
+    ) -> list[_Run]:
+        """Return the sums over the photons of one run, at each wavelength of a tinting."""
+        n, m = len(world.joins.target), 1 if tinting is None else len(tinting.shares)
         spans = [(i, min(i + BLOCK, self.photons)) for i in range(0, self.photons, BLOCK)]
-        counts = np.zeros((n, N_PARTS)), np.zeros((n, N_PARTS))
-        run = _Run(np.zeros((SHIFTS, n, N_PARTS)), *counts, np.zeros((n, _ORDERS)), [])
+        runs = [_Run.of(n) for _ in range(m)]
+        if tinting is not None:
+            world = world._replace(tints=tinting.tints)
+        kept = arrivals or tinting is not None
 
-        def follow(span: tuple[int, int]) -> JoinedWorld:
+        def follow(span: tuple[int, int]) -> list[_Run]:
             first, last = span
-            room = (last - first) * n if arrivals else 0
+            room = _ROOM * (last - first) * n if kept else 0
             while True:
                 with intersector.function() as bvh:
                     block = world._replace(
@@ -345,18 +400,19 @@ class JoinedPhotons:
                         n_arrivals=np.zeros(1, np.int64),
                     )
                     follow_joined(first, last, block)
-                if not arrivals or block.n_arrivals[0] <= room:
-                    return block
+                if not kept or block.n_arrivals[0] <= room:
+                    break
                 room = int(block.n_arrivals[0])
+            light = block.arrivals[: block.n_arrivals[0]]
+            if tinting is None:
+                return [_Run.of_scores(block.score, block.order, light)]
+            factors = tinting.factors(light["tint"])
+            return [_tinted(block, light, row, arrivals) for row in factors]
 
-        for block in ordered_map(follow, spans, self._threads):
-            for g in range(SHIFTS):  # blocks are whole numbers of groups
-                run.groups[g] += block.score[g::SHIFTS].sum(axis=0)
-            run.scored[:] += np.count_nonzero(block.score, axis=0)
-            run.square[:] += np.einsum("ijk,ijk->jk", block.score, block.score)
-            run.orders[:] += block.order
-            run.arrivals.append(block.arrivals[: block.n_arrivals[0]])
-        return run
+        for found in ordered_map(follow, spans, self._threads):
+            for run, part in zip(runs, found, strict=True):
+                run.add(part)
+        return runs
 
     def _parts(self, runs: list[_Run], frame: arrays.Frame, arrivals: bool) -> JoinedParts:
         """Return the gains by receiver: targets of one run, or runs over all lamps."""
@@ -401,6 +457,42 @@ class _Run(NamedTuple):
     square: Floats  # (targets, parts)
     orders: Floats  # (targets, orders)
     arrivals: list[NDArray[np.void]]
+
+    @classmethod
+    def of(cls, n: int) -> _Run:
+        """Return the sums over no photons, of n targets."""
+        counts = np.zeros((n, N_PARTS)), np.zeros((n, N_PARTS))
+        return cls(np.zeros((SHIFTS, n, N_PARTS)), *counts, np.zeros((n, _ORDERS)), [])
+
+    @classmethod
+    def of_scores(cls, score: Floats, orders: Floats, light: NDArray[np.void]) -> _Run:
+        """Return the sums over the photons of a block, a whole number of groups."""
+        groups = np.array([score[g::SHIFTS].sum(axis=0) for g in range(SHIFTS)])
+        square = np.einsum("ijk,ijk->jk", score, score)
+        return cls(groups, np.count_nonzero(score, axis=0), square, orders, [light])
+
+    def add(self, part: _Run) -> None:
+        """Add the sums over other photons."""
+        for mine, other in zip(self[:4], part[:4], strict=True):
+            mine += other
+        self.arrivals.extend(part.arrivals)
+
+
+def _tinted(block: JoinedWorld, light: NDArray[np.void], factor: Floats, arrivals: bool) -> _Run:
+    """Return the sums over the photons of a block with factors on their light."""
+    weight, row = factor * light["weight"], light["receiver"]
+    place = ((light["photon"] - block.first) * block.score.shape[1] + row) * N_PARTS
+    score = np.bincount(place + light["part"], weight, block.score.size)
+    once = light["part"] != REFLECTED
+    cell = row * _ORDERS + np.minimum(light["order"], _ORDERS - 1)
+    orders = np.bincount(cell[once], weight[once], block.order.size)
+    shaped: Any = score.reshape(block.score.shape)
+    by_order: Any = orders.reshape(block.order.shape)
+    kept = light[:0]
+    if arrivals:
+        kept = light.copy()
+        kept["weight"] = weight
+    return _Run.of_scores(shaped, by_order, kept)
 
 
 def is_flat(surface: MeshArrays) -> bool:

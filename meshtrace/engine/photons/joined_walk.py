@@ -37,6 +37,7 @@ from meshtrace.kernels.phase import sample_s
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import UNKNOWN, first_facet, grid_facet
 from meshtrace.kernels.sources import lambert_reflection, launch
+from meshtrace.kernels.tints import reset_tint, tint_way
 from meshtrace.kernels.vectors import Vec2, along, dot, row
 
 _HAIR = 1e-5  # [m], distance of a ray's start from the facet that it leaves
@@ -60,6 +61,7 @@ def _start(q, photon, world):
     q.water, q.id, q.event, q.order, q.reflections = 0.0, photon, 0, 0, 0
     q.level, q.density, q.bend = level_over(p, world), 0.0, 0.0
     q.copies, q.is_guided, q.aimed = 0, 0, 0
+    reset_tint(world.tints, q.tint)
     q.importance = importance(p, world.joins)
     _draw_path(q, u_path, world)
     _look_ahead(q, world, world.manifold)
@@ -107,6 +109,7 @@ def _fly(q, length, world):
     start, often = place(q), world.joins.often
     q.x, q.y, q.z = q.x + length * q.dx, q.y + length * q.dy, q.z + length * q.dz
     q.water += length
+    tint_way(world.tints, q.tint, start.z, q.z, length)
     if world.medium.absorption == Absorption.CONTINUOUS:
         tau = absorption_path(world.medium, start.z, q.z, length)
         if often > 1.0:

@@ -37,6 +37,7 @@ from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
 from meshtrace.kernels.scene import FLAT_SEA, height_on
+from meshtrace.kernels.tints import copy_tint, is_tinted, tint_scattering, tint_way
 from meshtrace.kernels.vectors import (
     ORIGIN,
     UP,
@@ -113,8 +114,17 @@ def _point_density(i, light, world):
     return (1.0 - t.sloped) / t.area + t.sloped * light.density
 
 
+class Way(NamedTuple):
+    """Way of a photon through a crossing to a target."""
+
+    theta: float  # angle of a scattering at its start [rad], < 0 without one
+    z: float  # height of the crossing [m]
+    water: float  # [m]
+    air: float
+
+
 @inlined
-def _score(q, i, light, water, air, world):
+def _score(q, i, light, way, world):
     """Score light of a photon on target i."""
     light *= world.joins.target[i].share
     part = targets.SCATTERED if q.order > 0 else targets.DIRECT
@@ -127,7 +137,12 @@ def _score(q, i, light, water, air, world):
     world.n_arrivals[0] = n + 1
     if n < len(world.arrivals):
         a = world.arrivals[n]
-        a.photon, a.receiver, a.weight, a.water, a.air = q.id, i, light, water, air
+        a.photon, a.receiver, a.weight = q.id, i, light
+        a.water, a.air, a.part, a.order = q.water + way.water, way.air, part, q.order
+        copy_tint(world.tints, q.tint, a.tint)
+        tint_way(world.tints, a.tint, q.z, way.z, way.water)
+        if way.theta >= 0.0:
+            tint_scattering(world.tints, a.tint, q.z, way.theta)
 
 
 @outlined
@@ -162,7 +177,7 @@ def join_crossing(q, facet, length, chance, world):
             )
             other *= length * length * g.z / (dot(d, g) * scene.target.area * q.density)
         score = weight * light.density * light.share / (own + other)
-        _score(q, i, score, q.water + length, light.flight, world)
+        _score(q, i, score, Way(-1.0, p.z, length, light.flight), world)
 
 
 @outlined
@@ -203,6 +218,14 @@ def join_collision(q, at_bottom, world):
             _join_by_slope(p, q, i, goal, still, chance, at_bottom, scene, world, world.manifold)
         else:
             _join_bent(q, i, goal, still, chance, at_bottom, scene, world, world.manifold)
+
+
+@inlined
+def _turn(w, d, at_bottom, world):
+    """Return the scattering angle of an event [rad] where it is asked for, -1 at the bottom."""
+    if at_bottom:
+        return -1.0
+    return targets.angle_between(d, w) if is_tinted(world.tints) else 0.0
 
 
 @inlined
@@ -250,7 +273,8 @@ def _join_by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manif
     turned *= math.exp(-depth_between(world.medium, start, p, length))
     light_in = turned * light.density * light.share / (own + other)
     if light_in > 0.0:
-        _score(q, i, q.weight * light_in, q.water + length, light.flight, world)
+        theta = _turn(w, d, at_bottom, world)
+        _score(q, i, q.weight * light_in, Way(theta, p.z, length, light.flight), world)
 
 
 @outlined
@@ -297,4 +321,5 @@ def _join_at(at, facet, multiplicity, q, i, shot, chance, at_bottom, scene, worl
     light *= math.exp(-depth_between(world.medium, start, p, m.length))
     light *= multiplicity
     if light > 0.0:
-        _score(q, i, q.weight * light, q.water + m.length, m.flight, world)
+        theta = _turn(m.w, d, at_bottom, world)
+        _score(q, i, q.weight * light, Way(theta, p.z, m.length, m.flight), world)

@@ -21,6 +21,7 @@ from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import Bvh, Grid
 from meshtrace.kernels.sources import Backward, Sources
 from meshtrace.kernels.tally import Apertures, Fate, Tallies, deposit, score_apertures
+from meshtrace.kernels.tints import TINTS, Tints
 from meshtrace.kernels.vectors import Vec3, row, write
 
 UNDER_WAY = [
@@ -35,6 +36,7 @@ UNDER_WAY = [
     ("water", float),  # path in the water [m]
     ("id", np.int64),
     ("event", np.int64),
+    ("tint", float, (TINTS,)),  # see `meshtrace.kernels.tints`
 ]
 """What is known of every photon."""
 
@@ -111,6 +113,7 @@ class World(NamedTuple):
     tallies: Tallies
     recorder: Recorder
     back: Backward
+    tints: Tints | None
     bvh: Bvh
     photon: NDArray[np.void]  # (1,) PHOTON, the one under way
 
@@ -167,10 +170,11 @@ def set_weight(q, weight, fate, world):
 @inlined
 def score_on_apertures(q, in_water, flight, world):
     """Score a straight path on the apertures; return whether any received it."""
-    fov, medium = world.interface.fov, world.medium
+    fov, medium, tints = world.interface.fov, world.medium, world.tints
     return score_apertures(
-        world.tallies, world.apertures, world.first, q.id, in_water, flight, fov, medium
-    )
+        world.tallies, world.apertures, world.first, q.id, in_water, flight, fov, medium,
+        tints, q.tint,
+    )  # fmt: skip
 
 
 @inlined

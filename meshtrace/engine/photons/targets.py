@@ -17,6 +17,7 @@ from meshtrace.kernels.phase import AngleTable, phase_at
 from meshtrace.kernels.rays import Bvh, Grid, facet_over
 from meshtrace.kernels.scene import Emitter, Locator, Scene, Target, height_on, locate
 from meshtrace.kernels.sources import Sources
+from meshtrace.kernels.tints import Tints
 from meshtrace.kernels.vectors import (
     ORIGIN,
     TWO_PI,
@@ -134,6 +135,7 @@ class JoinedWorld(NamedTuple):
     joins: Joins
     manifold: Manifold | None  # for smooth waves
     events: int  # after which a photon is ended
+    tints: Tints | None
     bvh: Bvh
     photon: NDArray[np.void]  # JOINED_PHOTON: the one under way, and copies of it that wait
     score: NDArray[np.float64]  # (photons, targets, `N_PARTS`)

@@ -8,6 +8,7 @@ far from the origin are mapped to it.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from enum import IntEnum
@@ -102,7 +103,7 @@ _LEAST_STEEP = 0.2  # vertical over horizontal components, above a flat sea
 _MOST_BINS = 2**17
 
 _NONE = Axis(np.zeros(0), np.zeros(0), np.zeros(0, np.int64), 0.0)
-NO_GRID = Grid(_NONE, _NONE, 0.0, np.inf, 0.0, 0.0, 0.0)
+NO_GRID = Grid(_NONE, _NONE, 0.0, np.inf, 0.0, 0.0, 0.0, False)
 """Grid that answers no ray."""
 
 
@@ -307,12 +308,29 @@ def empty_locator() -> Locator:
 
 
 def locator(surface: interface.MeshArrays, targets: Sequence[Target]) -> Locator:
-    """Return bins over the part of the surface that the receivers can see."""
+    """Return bins over the part of the surface that the receivers can see.
+
+    Surfaces of a series over the same grid lines share their bins.
+    """
     pad = 2.0
     low = [min(t.center[i] - t.reach - pad for t in targets) for i in range(2)]
     high = [max(t.center[i] + t.reach + pad for t in targets) for i in range(2)]
     low = [max(low[i], float(surface.low[i])) for i in range(2)]
     high = [min(high[i], float(surface.high[i])) for i in range(2)]
+    key = *low, *high
+    plane = surface.faces, surface.vertices[:, :2]
+    for (faces, places), other, grid in tuple(_bins_kept):
+        if key == other and np.array_equal(places, plane[1]) and np.array_equal(faces, plane[0]):
+            return grid
+    grid = _bins(surface, low, high)
+    _bins_kept.append(((plane[0], plane[1].copy()), key, grid))
+    return grid
+
+
+_bins_kept: deque[Any] = deque(maxlen=2)  # for both directions
+
+
+def _bins(surface: interface.MeshArrays, low: list[float], high: list[float]) -> Locator:
     width = max(high[0] - low[0], high[1] - low[1])
     step = max(0.1, width / 400.0)
     nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
@@ -381,6 +399,7 @@ def grid_arrays(mesh: TriangleMesh) -> Grid:
         rounding=_ROUNDING,
         height=float(high[2] - low[2] + max(high[2], -low[2])),
         clear=_ROUNDING * float(np.abs(mesh.bounds).max()),
+        flat=bool(low[2] == high[2]),
     )
 
 

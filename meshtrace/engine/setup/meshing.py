@@ -38,6 +38,7 @@ With random slopes beyond the waves it is 0.5 % of a gain.
 
 _MOST_FACETS = 8e6
 _PLANE_CELLS = 128  # over the half-width of a plane, fine or coarse, that needs no fine mesh
+_PHOTON_CELLS = 8  # over the half-width for individual photons, which search no facets
 _ASIDE = 5.0  # [m], beyond which the forced estimator has fine facets at the crossings alone
 _CLEAR = 0.5  # transport depth up to which scattered light of a beam crosses near it
 _MOST_LIT = 2e6
@@ -55,6 +56,7 @@ def mesh_for(
     meshing: Meshing = Meshing(),  # noqa: B008 - frozen
     reach: float | None = None,
     per_wave: float = GAIN_SPACING,
+    few: bool = False,
 ) -> tuple[TriangleMesh, dict[str, Any]]:
     """Return the mesh for a link and the configuration that identifies it.
 
@@ -72,6 +74,8 @@ def mesh_for(
     per_wave : float
         Spacing over 1 / k of the shortest wave of a sum of waves where light crosses, unless the
         spacing is given: `GAIN_SPACING` or `FADING_SPACING`. Only with `reach`.
+    few : bool
+        Few facets where the surface is a plane, for individual photons.
 
     Raises
     ------
@@ -83,7 +87,7 @@ def mesh_for(
         mesh = surface
     else:
         require_surface(surface)
-        lines = mesh_lines(link, surface, meshing, reach, per_wave)
+        lines = mesh_lines(link, surface, meshing, reach, per_wave, few=few)
         mesh = surface.mesh(meshing.time, **lines)
     require_cover(link, mesh)
     return mesh, surface_config(surface)
@@ -104,13 +108,17 @@ def mesh_lines(
     meshing: Meshing = Meshing(),  # noqa: B008 - frozen
     reach: float | None = None,
     per_wave: float = GAIN_SPACING,
+    lit: float = 1.0,
+    few: bool = False,
 ) -> dict[str, Any]:
     """Return the extent, spacing and centre of the mesh of a sea, as arguments of its `mesh`.
 
     Parameters
     ----------
-    link, surface, meshing, reach, per_wave
+    link, surface, meshing, reach, per_wave, few
         As for `mesh_for`.
+    lit : float
+        Half-width of the fine part, over that of `Link.lit_patch`; cells widen outside of it.
 
     Raises
     ------
@@ -120,7 +128,8 @@ def mesh_lines(
     f = link.footprint() if reach is None else link.footprint(_ASIDE)
     if reach is not None and reach < math.inf:
         far = math.dist(f.center, link.origin)
-        wide = min(reach + far + 20.0 * f.spacing, f.extent)
+        beside = 20.0 if lit >= 1.0 else 10.0
+        wide = min(reach + far + beside * f.spacing, f.extent)
         wide = max(wide, f.fine_extent + 10.0 * f.spacing)
         places = np.array([item.center[:2] for _, item in link.items()])
         aside = float(np.abs(places - f.center).max())
@@ -133,8 +142,10 @@ def mesh_lines(
     given = meshing.spacing is not None or meshing.extent is not None
     single = reach is not None and not given and not isinstance(surface, PlaneSurface)
     if single and isinstance(surface, SurfaceModel):
-        f = _resolving(link, surface, f, per_wave, meshing.time)
+        f = _resolving(link, surface, f, per_wave, meshing.time, lit)
     if isinstance(surface, PlaneSurface):
+        if few and not given:
+            f = f._replace(fine_extent=f.extent, spacing=f.extent / _PHOTON_CELLS)
         spacing = max(f.spacing, f.fine_extent / _PLANE_CELLS)
         coarse = max(f.coarse_spacing, f.extent / _PLANE_CELLS, spacing)
         f = f._replace(spacing=spacing, coarse_spacing=coarse)
@@ -168,7 +179,7 @@ def _is_narrow(link: Link, f: Footprint) -> bool:
 
 
 def _resolving(
-    link: Link, surface: SurfaceModel, f: Footprint, per_wave: float, time: float
+    link: Link, surface: SurfaceModel, f: Footprint, per_wave: float, time: float, lit: float
 ) -> Footprint:
     """Return a mesh that resolves the waves at the crossing of unscattered light.
 
@@ -184,6 +195,7 @@ def _resolving(
     beyond = getattr(surface, "unresolved_slopes", lambda _: None)(spacing)
     random = (0.0, 0.0) if beyond is None else beyond.vertex
     center, half = link.lit_patch(math.sqrt(0.5 * (float(slopes.sum()) + sum(random))))
+    half *= lit
     if single:
         tilts = math.sqrt(min(random)) if link.physics.unresolved == "tilt" else 0.0
         bend = _curvature(surface, center, half, time)

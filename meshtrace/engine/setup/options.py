@@ -22,13 +22,14 @@ from typing import (
     runtime_checkable,
 )
 
+import numpy as np
 from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 
 from meshtrace.errors import Described, Refused, require_keys, require_kind
 from meshtrace.fading.resolving import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh, require_surface
-from meshtrace.models import Family, Finite, Model
+from meshtrace.models import Family, Finite, Floats, Model
 from meshtrace.parallel import default_threads
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces.bands import Band, MeshWaves
@@ -180,6 +181,11 @@ class IrradianceMap(Record, frozen=True):
         """Cells along each axis."""
         return math.ceil(2.0 * self.extent / self.step - 1e-9)
 
+    @property
+    def axes(self) -> Floats:
+        """Centres of the cells along x, and along y [m]."""
+        return np.asarray(-self.extent + self.step * (np.arange(self.n) + 0.5), np.float64)
+
 
 class Shortcuts(TypedDict, total=False):
     """Fields of `Meshing` and of the estimators that `simulate` accepts as keywords."""
@@ -225,7 +231,8 @@ class StudyOptions(RunOptions, total=False):
     store : path, optional
         File that keeps finished steps: a second call with the same arguments resumes the first.
     workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
+        Processes in place of threads, 1 for this one, or the address or file of a running dask
+        scheduler.
     progress : callable, optional
         Called with 1 after each step.
     """

@@ -61,7 +61,7 @@ def test_the_slope_sends_light_to_the_point(receiver, rough_mesh, scene_of):
     rng = np.random.default_rng(3)
     wind, variances = math.radians(ROUGH.direction_deg), np.array(ROUGH.vertex)
     seen = 0
-    for _ in range(200):
+    for _ in range(400):
         p = np.array([*rng.normal(0.3, 0.5, 2), rng.normal(0.0, 0.2)])
         mesh_slope, goal = rng.normal(0.0, 0.1, 2), rng.normal(0.0, 0.1, 2)
         tx, ty, density, rho, flight = towards(p, mesh_slope, goal, scene)

@@ -1,0 +1,143 @@
+"""Waters of one link at several wavelengths as common functions, see `kernels.tints`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from meshtrace.engine.setup.arrays import Frame
+from meshtrace.kernels.phase import SMALLEST_ANGLE
+from meshtrace.kernels.tints import NO_TINTS, TINTS, Tints
+from meshtrace.link import Link
+from meshtrace.models import Floats
+
+_NODES = 2049  # of layered water
+_PER_LOG = 50.0  # cells over the logarithm of the scattering angle
+_NONE = -700.0  # logarithm of no scattering
+_EXACT = 1e-6  # error of a logarithm: of a scattering, and of the way through the water
+
+
+class Tinting(NamedTuple):
+    """Weights of paths at several wavelengths from those of one of them.
+
+    Parameters
+    ----------
+    tints : Tints or None
+        Common functions, in the frame of the link; None at one wavelength.
+    shares : ndarray, shape (wavelengths, tints)
+        Their coefficients.
+    """
+
+    tints: Tints | None
+    shares: Floats
+
+    def factors(self, sums: Floats) -> Floats:
+        """Return the factors (wavelengths, paths) on the weights of paths with sums (paths, >=)."""
+        found: Floats = self.shares @ sums[:, : self.shares.shape[1]].T
+        return np.exp(found, out=found)
+
+    @property
+    def follows(self) -> bool:
+        """Whether photons can sum up all functions."""
+        return self.tints is None or len(self.tints.c) <= TINTS
+
+
+UNTINTED = Tinting(NO_TINTS, np.zeros((1, 0)))
+"""Weights at one wavelength, that of the paths."""
+
+
+def tinting(base: Link, links: Sequence[Link], frame: Frame) -> Tinting | None:
+    """Return the factors of links over a base that differs in water and bubbles alone.
+
+    Parameters
+    ----------
+    base, links
+        The link whose paths are followed, and those whose weights they get.
+    frame : Frame
+        Frame of the paths.
+
+    Returns
+    -------
+    Tinting or None
+        None where the base has no paths of a link: where it does not scatter, or not by an angle.
+    """
+    layers = [row.water.layers for row in (base, *links)]
+    deepest = max((rows[-1][0] for rows in layers if rows), default=0.0)
+    deep = max(-item.center[2] for _, item in base.items())
+    grid = np.linspace(0.0, max(deepest, 1e-3), _NODES) if deepest else np.array([0.0, 1.0])
+    waters = _profiles([base, *links], grid)
+    edges = np.exp(np.arange(math.log(SMALLEST_ANGLE), math.log(math.pi), 1.0 / _PER_LOG))
+    middle = np.minimum(edges * math.exp(0.5 / _PER_LOG), math.pi)
+    alike = [row.water.phase == base.water.phase for row in links]
+    cells = np.ones(1) if all(alike) else middle
+    phases = np.ones((len(links) + 1, len(cells)))
+    if not all(alike):
+        phases = np.array([row.water.phase.pdf(middle) for row in (base, *links)])
+    bubbles, extra = _bubbles(base, links, middle)
+    logs = [_logs(rows) for rows in (waters[1], phases, bubbles)]
+    if any(rows is None for rows in logs):
+        return None
+    b, phase, bubble = (rows for rows in logs if rows is not None)
+    c = waters.sum(axis=0)
+    parts = [deep * (c[1:] - c[0]), b, phase, bubble, extra]
+    whole = np.concatenate(parts, axis=1)
+    shares, functions = _common(whole)
+    cuts = np.cumsum([part.shape[1] for part in parts])[:-1]
+    c, b, phase, bubble, extra = np.split(functions, cuts, axis=1)
+    size = max(phase.shape[1], bubble.shape[1])
+    if size > 1:
+        phase, bubble = (np.broadcast_to(x, (len(x), size)).copy() for x in (phase, bubble))
+    step = float(grid[1]) / frame.unit
+    c = c * (frame.unit / deep)
+    path = np.zeros_like(c)
+    path[:, 1:] = np.cumsum(0.5 * step * (c[:, 1:] + c[:, :-1]), axis=1)
+    found = Tints(step, c, path, b, phase, extra[:, 0].copy(), bubble,
+                  math.log(SMALLEST_ANGLE), _PER_LOG)  # fmt: skip
+    return Tinting(found._replace(c=c.copy(), b=b.copy()), shares)
+
+
+def _profiles(links: Sequence[Link], grid: Floats) -> Floats:
+    """Return a and b of each link over the depth, shape (2, links, nodes)."""
+    return np.array([np.broadcast_arrays(*row.water.profile(grid)) for row in links]).swapaxes(0, 1)
+
+
+def _bubbles(base: Link, links: Sequence[Link], angle: Floats) -> tuple[Floats, Floats]:
+    """Return b p of the bubbles, base first, over that of the base; b over its own, less 1."""
+    populations = [row.bubbles for row in (base, *links) if row.bubbles is not None]
+    first = base.bubbles
+    if first is None or all(one == first for one in populations):
+        return np.ones((len(links) + 1, 1)), np.zeros((len(links), 1))
+    depth = np.linspace(0.0, 4.0 * first.e_folding, 9)
+    b = np.array([one.b(depth) for one in populations])
+    share = b[:, :1] / b[:1, :1]
+    if not np.allclose(b, share * b[:1], rtol=1e-6):
+        none = np.ones((len(links) + 1, 1))
+        none[0] = 0.0  # other shapes: no path of the base is one of another
+        return none, np.zeros((len(links), 1))
+    pdf = np.array([one.phase_function().pdf(angle) for one in populations])
+    return share * pdf, share[1:] - 1.0
+
+
+def _logs(rows: Floats) -> Floats | None:
+    """Return the logarithms of rows over the first, None where that is 0 and another is not."""
+    base, others = rows[0], rows[1:]
+    if ((base == 0.0) & (others > 0.0)).any():
+        return None
+    ratio = np.divide(others, base, out=np.ones_like(others), where=base > 0.0)
+    return np.log(np.maximum(ratio, math.exp(_NONE)))
+
+
+def _common(rows: Floats) -> tuple[Floats, Floats]:
+    """Return coefficients (rows, k) and common functions (k, nodes) of rows.
+
+    As few as the largest error of an element allows.
+    """
+    u, s, v = np.linalg.svd(rows, full_matrices=False)
+    for k in range(1, len(s) + 1):
+        shares = u[:, :k] * s[:k]
+        if np.abs(rows - shares @ v[:k]).max() <= _EXACT:
+            break
+    return shares, v[:k]

@@ -1,0 +1,177 @@
+"""Results of one link at several wavelengths."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+
+import numpy as np
+
+from meshtrace.errors import Described, Refused, require_finite
+from meshtrace.fields import attrs
+from meshtrace.models import Floats
+from meshtrace.results.gain import GainResult
+from meshtrace.stored import Stored, kind_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Result = TypeVar("Result", bound=Stored)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ByWavelength(Stored, Generic[Result]):
+    """Results of one link at several wavelengths, with common paths where that is possible.
+
+    The standard errors of the wavelengths are correlated: their noise cancels in ratios.
+
+    Attributes
+    ----------
+    wavelength_nm : ndarray, shape (n,)
+        Wavelengths in vacuum [nm], rising.
+    results : tuple
+        Result at each wavelength, of one kind.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> from meshtrace.surfaces import FlatSea
+    >>> link = mt.Link(water=mt.Water.from_type("jerlov-II"))
+    >>> found = mt.simulate(link, FlatSea(), photons=1024, wavelengths_nm=[450, 500, 550])
+    >>> found["gain"].dims, found.brightest
+    (('wavelength', 'receiver'), 500.0)
+    """
+
+    wavelength_nm: Floats
+    results: tuple[Result, ...]
+
+    kind: ClassVar[str] = "wavelengths"
+    title: ClassVar[str] = "meshtrace results by wavelength"
+
+    @property
+    def provenance(self) -> list[Any]:
+        """Provenance of each wavelength."""
+        return [result.provenance for result in self.results]
+
+    def at_wavelength(self, wavelength_nm: float) -> Result:
+        """Return the result at a wavelength [nm].
+
+        Raises
+        ------
+        Refused
+            If the result has no such wavelength.
+        """
+        found = np.flatnonzero(self.wavelength_nm == wavelength_nm)
+        if not len(found):
+            known = ", ".join(f"{nm:g}" for nm in self.wavelength_nm)
+            raise Refused("wavelength_nm", wavelength_nm, known)
+        return self.results[int(found[0])]
+
+    def __iter__(self) -> Iterator[tuple[float, Result]]:
+        """Yield wavelengths [nm] and results."""
+        return zip(self.wavelength_nm.tolist(), self.results, strict=True)
+
+    def __len__(self) -> int:
+        return len(self.results)
+
+    def __getitem__(self, name: str) -> xr.DataArray:
+        """Return a variable of the dataset, such as "gain", with the dimension `wavelength`."""
+        data = self._content()
+        if name not in data:
+            raise Refused("name", name, ", ".join(map(str, data.data_vars)))
+        return data[name]
+
+    @property
+    def brightest(self) -> float:
+        """Wavelength of the highest mean gain of the first receiver [nm]."""
+        gain = self["gain"]
+        if "receiver" in gain.dims:
+            gain = gain.isel(receiver=0)
+        means = gain.mean([name for name in gain.dims if name != "wavelength"])
+        return float(self.wavelength_nm[int(means.values.argmax())])
+
+    def _headline(self) -> str:
+        low, high = self.wavelength_nm[[0, -1]]
+        return f"{len(self)} wavelengths, {low:g} to {high:g} nm, of kind {self.results[0].kind}"
+
+    def summary(self) -> str:
+        """Return a line for each wavelength as text for a terminal."""
+        first = self.results[0]
+        if not isinstance(first, GainResult):
+            return "\n".join(f"{nm:>8g} nm  {found._headline()}" for nm, found in self)
+        lines = [f"{'nm':>8}{'gain':>13}{'standard error':>16}{'effective samples':>19}  water"]
+        for nm, found in self:
+            assert isinstance(found, GainResult)
+            for r, (gain, stderr) in enumerate(zip(found.gains, found.stderrs, strict=True)):
+                samples = f"{found.scattered[r].effective:,.0f}" if found.scattered else "-"
+                water = found.provenance.get("link", {}).get("water", {})
+                known = [f"{key} {water[key]:.4g}" for key in ("a", "b", "n") if key in water]
+                about = ", ".join([f"receiver {r}"] * (len(found.gains) > 1) + known)
+                lines.append(f"{nm:>8g}{gain:>13.4e}{stderr:>16.1e}{samples:>19}  {about}")
+        return "\n".join(lines)
+
+    def _content(self) -> xr.Dataset:
+        import xarray as xr
+
+        parts = [result._content() for result in self.results]
+        each = [json.dumps(part.attrs, default=_plain) for part in parts]
+        parts = [
+            part.drop_attrs(deep=False).drop_vars("wavelength_nm", errors="ignore")
+            for part in _alike(parts)
+        ]
+        data = xr.concat(
+            parts, "wavelength", data_vars="all", coords="minimal", compat="override",
+            join="outer", combine_attrs="override",
+        )  # fmt: skip
+        nm = ("wavelength", self.wavelength_nm, attrs("wavelength_nm"))
+        return data.assign_coords(wavelength_nm=nm).assign_attrs(of=self.results[0].kind, each=each)
+
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any) -> ByWavelength[Any]:
+        kind, each = kind_of(data.attrs["of"]), np.atleast_1d(data.attrs["each"])
+        results: list[Any] = []
+        for i, (about, origin) in enumerate(zip(each, provenance, strict=True)):
+            one = data.isel(wavelength=i).assign_attrs(**json.loads(about))
+            results.append(kind._restored(one, origin))
+        return cls(data["wavelength_nm"].to_numpy(), tuple(results))
+
+
+def _plain(value: Any) -> Any:
+    """Return a number or an array of numpy as plain data."""
+    return value.tolist()
+
+
+def _alike(parts: Sequence[xr.Dataset]) -> list[xr.Dataset]:
+    """Return datasets padded to common sizes along dimensions without coordinates."""
+    sizes: dict[Any, int] = {}
+    for part in parts:
+        for name, size in part.sizes.items():
+            sizes[name] = max(sizes.get(name, 0), size)
+    found = []
+    for part in parts:
+        free = {n: k for n, k in part.sizes.items() if n not in part.coords}
+        lack = {n: (0, sizes[n] - k) for n, k in free.items() if k < sizes[n]}
+        found.append(part.pad(lack, constant_values=0.0) if lack else part)
+    return found
+
+
+def by_wavelength(data: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with wavelengths, if it has the dimension, as its coordinate."""
+    return data.swap_dims(wavelength="wavelength_nm") if "wavelength" in data.dims else data
+
+
+def checked_wavelengths(wavelengths_nm: Any) -> list[float]:
+    """Return wavelengths [nm], rising and all different.
+
+    Raises
+    ------
+    Refused
+        If there is none, or one twice, or one is no finite number.
+    """
+    allowed = "one or more wavelengths [nm]"
+    found = np.sort(np.atleast_1d(require_finite(wavelengths_nm, "wavelengths_nm", allowed)))
+    if len(np.unique(found)) < len(found):
+        raise Refused("wavelengths_nm", Described("one given twice"), "different wavelengths [nm]")
+    return [float(nm) for nm in found]

@@ -1,0 +1,267 @@
+"""Several wavelengths with common paths against direct runs of each."""
+
+import numpy as np
+import pytest
+from mc_statistics import ALPHA, sidak, z_test
+
+import meshtrace as mt
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.forced import ForcedDetection, TypicalSea
+from meshtrace.engine.photons.analog import run_analog
+from meshtrace.engine.photons.joined import JoinedPhotons
+from meshtrace.engine.setup.arrays import frame_of
+from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup.options import resolve
+from meshtrace.engine.setup.tinting import tinting
+from meshtrace.engine.wavelengths import SpectralDetection, analog_sums
+from meshtrace.errors import Refused
+from meshtrace.results import load
+from meshtrace.surfaces import FlatSea, JonswapSea
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning"),
+    pytest.mark.filterwarnings("ignore:.*effective sample size:meshtrace.FewSamplesWarning"),
+]
+
+SEAS = {"flat": FlatSea(), "wavy": JonswapSea(wind_speed=5.0, seed=2)}
+WATERS = {
+    "clear": [{"a": 0.114, "b": 0.037}, {"a": 0.05, "b": 0.02}, {"a": 0.3, "b": 0.1}],
+    "coastal": [{"a": 0.179, "b": 0.22}, {"a": 0.1, "b": 0.3}, {"a": 0.4, "b": 0.1}],
+}
+CASES = [(water, sea) for water in WATERS for sea in SEAS]
+TYPED = mt.Link(water=mt.Water.from_type("jerlov-II"))
+
+
+def links_of(waters, link=None):
+    link = link or mt.Link()
+    return [link.replace(water=link.water.replace(**water)) for water in waters]
+
+
+def mesh_of(link, sea):
+    case = resolve(link, sea)
+    return mesh_for(case.link, case.surface, case.meshing, crossing_reach(case.link))[0]
+
+
+def compare(found, direct, tests):
+    """Compare (gain, error) at each wavelength with independent ones."""
+    for (gain, error), (other, its_error) in zip(found, direct, strict=True):
+        p = z_test(gain, error, other, its_error)
+        assert p > sidak(ALPHA, tests), f"{gain} +- {error}, direct {other} +- {its_error}"
+
+
+def forced(links, mesh, photons=4096, seed=1):
+    sea = TypicalSea.of([mesh])
+    parts = SpectralDetection(links, photons, seed, sea=sea, mesh=mesh).evaluate(mesh)
+    return [(p.gain[0], p.stderr[0]) for p in parts]
+
+
+def one_by_one(links, mesh, photons=4096, seed=100):
+    sea, found = TypicalSea.of([mesh]), []
+    for k, link in enumerate(links):  # independent of each other
+        parts = ForcedDetection(link, photons, seed + k, sea=sea).evaluate(mesh)
+        found.append((parts.gain[0], parts.stderr[0]))
+    return found
+
+
+@pytest.mark.parametrize(("water", "sea"), CASES)
+def test_chains_bring_the_light_of_all_wavelengths(water, sea):
+    links = links_of(WATERS[water])
+    mesh = mesh_of(links[1], SEAS[sea])
+    compare(forced(links, mesh), one_by_one(links, mesh), 12)
+
+
+@pytest.mark.thorough
+def test_many_chains_agree_to_two_thousandths():
+    links = links_of(WATERS["clear"])
+    mesh = mesh_of(links[1], SEAS["flat"])
+    found, direct = forced(links, mesh, 2**17), one_by_one(links, mesh, 2**17)
+    ratio = np.array([gain / other for (gain, _), (other, _) in zip(found, direct, strict=True)])
+    assert abs(ratio - 1.0).max() < 2e-3
+
+
+def test_unscattered_light_has_no_noise():
+    """Light of a facet at a third wavelength follows from two: 1e-5 of direct runs."""
+    waters = [{"a": a, "b": 0.05} for a in (0.02, 0.2, 0.5)]
+    links = links_of(waters)
+    for sea in SEAS.values():
+        mesh = mesh_of(links[0], sea)
+        parts = SpectralDetection(links, 64, 1, mesh=mesh).evaluate(mesh)
+        direct = [ForcedDetection(link, 64, 1).evaluate(mesh) for link in links]
+        found = [p.ballistic[0] / d.ballistic[0] for p, d in zip(parts, direct, strict=True)]
+        assert found == pytest.approx(np.ones(3), abs=1e-5)
+
+
+@pytest.mark.parametrize("sea", SEAS)
+@pytest.mark.slow
+def test_joined_photons_bring_the_light_of_all_wavelengths(sea):
+    other = mt.FournierForand(n=1.12)
+    links = links_of([{"a": 0.18, "b": 0.3}, {"a": 0.1, "b": 0.25, "phase": other},
+                      {"a": 0.4, "b": 0.15}])  # fmt: skip
+    mesh = mesh_of(links[1], SEAS[sea])
+    common = tinting(links[0], links, frame_of(links[0]))
+    parts = JoinedPhotons(links[0], 2**15, 1).at_wavelengths(mesh, common, links)
+    alone = [JoinedPhotons(link, 2**15, 9 + k).evaluate(mesh) for k, link in enumerate(links)]
+    for part in (1, 2):  # scattered, and reflected first
+        rows = [[(p.parts[part, 0], p.stderr[part, 0]) for p in found] for found in (parts, alone)]
+        compare(*rows, 12)
+    same = JoinedPhotons(links[0], 2**15, 1).evaluate(mesh)
+    assert parts[0].groups == pytest.approx(same.groups, rel=1e-12)
+    assert parts[0].orders == pytest.approx(same.orders, rel=1e-12)
+
+
+@pytest.mark.parametrize(("water", "sea"), CASES)
+@pytest.mark.slow
+def test_analog_photons_bring_the_light_of_all_wavelengths(water, sea):
+    wide = mt.Link(receiver=mt.Receiver(radius=1.0, fov_deg=120.0))
+    links = links_of(WATERS[water], wide)
+    mesh = mesh_for(links[1], SEAS[sea], mt.Meshing(spacing=0.2))[0]
+    surface, n = EmbreeIntersector(mesh, 1), 2**17
+    sums = analog_sums(links, surface, mt.Analog(), n, None, seed=1)
+    direct = [run_analog(link, surface, photons=n, seed=40 + k) for k, link in enumerate(links)]
+    rows = []
+    for found in (sums, direct):
+        gain = [s.score[0] / n for s in found]
+        error = [np.sqrt(s.score_squared[0]) / n for s in found]
+        rows.append(list(zip(gain, error, strict=True)))
+    compare(*rows, 12)
+
+
+LAYERS = [
+    [(0.0, 0.1, 0.2), (4.0, 0.12, 0.3), (10.0, 0.12, 0.15)],
+    [(0.0, 0.2, 0.1), (4.0, 0.1, 0.25), (10.0, 0.3, 0.05)],
+]
+
+
+@pytest.mark.slow
+def test_photons_in_layers():
+    wide = mt.Link(receiver=mt.Receiver(radius=1.0, fov_deg=120.0))
+    links = [wide.replace(water=mt.Water(layers=rows)) for rows in LAYERS]
+    mesh = mesh_for(links[0], SEAS["wavy"], mt.Meshing(spacing=0.2))[0]
+    surface, n = EmbreeIntersector(mesh, 1), 2**16
+    sums = analog_sums(links, surface, mt.Analog(), n, None, seed=1)
+    direct = [run_analog(link, surface, photons=n, seed=40 + k) for k, link in enumerate(links)]
+    rows = []
+    for found in (sums, direct):
+        error = [np.sqrt(s.score_squared[0]) / n for s in found]
+        rows.append([(s.score[0] / n, e) for s, e in zip(found, error, strict=True)])
+    compare(*rows, 4)
+    common = tinting(links[0], links, frame_of(links[0]))
+    parts = JoinedPhotons(links[0], 2**14, 1).at_wavelengths(mesh, common, links)
+    alone = [JoinedPhotons(link, 2**14, 9 + k).evaluate(mesh) for k, link in enumerate(links)]
+    compare(*([(p.parts[1, 0], p.stderr[1, 0]) for p in found] for found in (parts, alone)), 4)
+
+
+@pytest.mark.slow
+def test_layers_and_bubbles():
+    bubbles = mt.HallNovarini(wind_speed=10.0)
+    base = mt.Link(bubbles=bubbles)
+    links = [
+        base.replace(water=mt.Water(layers=LAYERS[0])),
+        base.replace(water=mt.Water(layers=LAYERS[1])),
+        base.replace(water=mt.Water(layers=LAYERS[0]), bubbles=bubbles.replace(q=1.5)),
+    ]
+    sea = JonswapSea(wind_speed=10.0, seed=2)
+    mesh = mesh_of(links[0], sea)
+    compare(forced(links, mesh, 8192), one_by_one(links, mesh, 8192), 3)
+
+
+def test_a_downlink():
+    link = mt.Link().mirrored()
+    links = links_of(WATERS["coastal"], link)
+    mesh = mesh_of(links[1], SEAS["wavy"])
+    compare(forced(links, mesh), one_by_one(links, mesh), 3)
+
+
+def test_gains_follow_the_index_of_the_water():
+    waters = [{**w, "n": n} for w, n in zip(WATERS["clear"], (1.345, 1.3375, 1.33), strict=True)]
+    links = links_of(waters)
+    mesh = mesh_of(links[1], SEAS["flat"])
+    compare(forced(links, mesh), one_by_one(links, mesh), 3)
+    parts = SpectralDetection(links, 64, 1, mesh=mesh).evaluate(mesh)
+    for part, link in zip(parts, links, strict=True):
+        direct = ForcedDetection(link, 64, 1).evaluate(mesh)
+        assert part.ballistic == pytest.approx(direct.ballistic, rel=2e-4)
+
+
+@pytest.mark.thorough
+def test_a_wavelength_far_from_the_base_has_paths_of_its_own():
+    links = links_of([{"a": 0.1, "b": 1.2}, {"a": 0.1, "b": 1.15}, {"a": 0.5, "b": 0.15}])
+    mesh = mesh_of(links[0], SEAS["flat"])
+    sea = TypicalSea.of([mesh])
+    found = SpectralDetection(links, 1024, 1, sea=sea, mesh=mesh)
+    assert [group.rows for group in found._groups] == [[0, 1], [2]]
+    alone = ForcedDetection(links[2], 1024, 1, sea=sea).evaluate(mesh)
+    assert found.evaluate(mesh)[2].gain == alone.gain
+
+
+def test_one_wavelength_is_a_usual_run():
+    kw = {"photons": 512, "seed": 4, "spacing": 0.5}
+    found = mt.simulate(TYPED, FlatSea(), wavelengths_nm=[520.0], **kw).at_wavelength(520.0)
+    alone = mt.simulate(TYPED.at_wavelength(520.0), FlatSea(), **kw)
+    assert (found.gain, found.gain_stderr) == (alone.gain, alone.gain_stderr)
+    assert found.provenance["link"] == alone.provenance["link"]
+
+
+@pytest.mark.parametrize("estimator", ["forced", "analog"])
+def test_threads_do_not_change_a_bit(estimator):
+    kw = {"photons": 8192, "seed": 4, "spacing": 0.5, "wavelengths_nm": [450.0, 550.0]}
+    one = mt.simulate(TYPED, SEAS["wavy"], estimator, threads=1, **kw)
+    two = mt.simulate(TYPED, SEAS["wavy"], estimator, threads=2, **kw)
+    assert one["gain"].equals(two["gain"])
+    assert one["gain_stderr"].equals(two["gain_stderr"])
+
+
+def test_a_result_has_a_dimension_of_wavelength(tmp_path):
+    two = TYPED.replace(receiver=(mt.Receiver(), mt.Receiver(height=8.0)))
+    kw = {"photons": 512, "spacing": 0.5, "wavelengths_nm": [550.0, 450.0, 500.0]}
+    found = mt.simulate(two, FlatSea(), **kw)
+    assert found["gain"].dims == ("wavelength", "receiver")
+    assert found["wavelength_nm"].to_numpy().tolist() == [450.0, 500.0, 550.0]
+    found.save(tmp_path / "result.nc")
+    kept = load(tmp_path / "result.nc")
+    assert kept["gain"].equals(found["gain"])
+    assert kept.summary() == found.summary()
+    one, other = found.at_wavelength(500.0), kept.at_wavelength(500.0)
+    assert one.summary() == other.summary()
+    assert one.provenance == other.provenance
+    assert [nm for nm, _ in kept] == [450.0, 500.0, 550.0]
+
+
+def test_refusals():
+    with pytest.raises(Refused, match="spectrum"):
+        mt.simulate(mt.Link(), FlatSea(), wavelengths_nm=[450.0, 500.0])
+    with pytest.raises(Refused, match="given twice"):
+        mt.simulate(TYPED, FlatSea(), wavelengths_nm=[450.0, 450.0])
+    grid = mt.IrradianceMap(height=5.0, extent=1.0, step=0.5)
+    with pytest.raises(Refused, match="record"):
+        mt.simulate(TYPED, FlatSea(), "analog", wavelengths_nm=[450.0], record=[grid])
+    found = mt.simulate(TYPED, FlatSea(), photons=64, spacing=1.0, wavelengths_nm=[450.0])
+    with pytest.raises(Refused, match="450"):
+        found.at_wavelength(460.0)
+
+
+@pytest.mark.thorough
+def test_errors_of_a_far_wavelength_are_true():
+    """Scatter of 64 seeds over the stated error, chi-square of 63 degrees of freedom."""
+    from scipy.stats import chi2
+
+    links = links_of([{"a": 0.05, "b": 0.4}, {"a": 0.5, "b": 0.15}])
+    mesh = mesh_of(links[0], SEAS["wavy"])
+    sea = TypicalSea.of([mesh])
+    found = [SpectralDetection(links, 1024, s, sea=sea, mesh=mesh) for s in range(64)]
+    assert [group.rows for group in found[0]._groups] == [[0, 1]]
+    parts = [one.evaluate(mesh)[1] for one in found]
+    gain, error = (np.array([getattr(p, name)[0] for p in parts]) for name in ("gain", "stderr"))
+    square = 63.0 * gain.var(ddof=1) / np.mean(error**2)
+    assert ALPHA < chi2.sf(square, 63) < 1.0 - ALPHA
+
+
+def test_few_samples_are_warned_of_at_the_worst_wavelength():
+    """Once each wavelength had a warning of its own."""
+    water = mt.Water(spectrum=mt.optics.Constituents(chlorophyll=1.0), wavelength_nm=500.0)
+    link = mt.Link(water=water, receiver=mt.Receiver(fov_deg=20.0)).at_depth(20.0)
+    sea = JonswapSea(wind_speed=5.0, seed=1)
+    with pytest.warns(mt.FewSamplesWarning, match="400 nm, the wavelength of fewest") as found:
+        mt.simulate(link, sea, photons=64, spacing=0.5, wavelengths_nm=[400.0, 500.0, 620.0])
+    assert len(found) <= 2
