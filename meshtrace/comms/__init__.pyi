@@ -6,6 +6,8 @@ from . import interleaving as interleaving
 from . import ook as ook
 from . import pulses as pulses
 from . import receivers as receivers
+from . import response as response
+from . import spectra as spectra
 from .decisions import Decision as Decision
 from .decisions import ReceiverModel as ReceiverModel
 from .devices import LedDriver as LedDriver
@@ -13,3 +15,5 @@ from .devices import OpticalFrontEnd as OpticalFrontEnd
 from .devices import SiPM as SiPM
 from .devices import Tia as Tia
 from .ook import OokLink as OokLink
+from .response import ChannelResponse as ChannelResponse
+from .spectra import Curve as Curve

@@ -6,7 +6,10 @@ import math
 import warnings
 from typing import Protocol
 
+import numpy as np
+
 from meshtrace.comms.ook import OokLink
+from meshtrace.comms.spectra import Curve
 from meshtrace.errors import require_between
 
 MOST_BIAS_CURRENT = 10e-3
@@ -99,7 +102,7 @@ def warn_of_background(ook: OokLink, found: Radiance) -> None:
     optics = ook.optics
     shift = filter_shift_nm(found.wavelength_nm, 0.5 * optics.fov_deg)
     texts = []
-    if optics.filter_width_nm < shift:
+    if not optics.spectral and optics.filter_width_nm < shift:
         texts.append(
             f"filter_width_nm {optics.filter_width_nm:g} is less than the shift of an interference "
             f"filter at the edge of the field of view, {shift:.3g} nm: light from there is lost"
@@ -136,13 +139,15 @@ def widest_filter_nm(ook: OokLink, found: Radiance, power: float, ber: float) ->
 
     Notes
     -----
-    The averaging window stays that of `ook`. A shift of the filter over the field of view
-    (`filter_shift_nm`) is left out.
+    The averaging window stays that of `ook`. Where light has a spectrum the width also changes the
+    share of the signal, and the widest of the widths is returned; nan for a filter by a table.
     """
     from scipy.optimize import brentq
 
     require_between(ber, 0.0, 0.5, "ber")
     fixed = ook.replace(window=ook.averaging_window) if ook.averaging_window else ook
+    if ook.spectral or isinstance(ook.sipm.pde, Curve):
+        return _widest_of_spectra(fixed, found, power, ber)
     per_nm = found.count_rate(ook) / ook.optics.filter_width_nm
 
     def excess(log_width: float) -> float:
@@ -156,3 +161,19 @@ def widest_filter_nm(ook: OokLink, found: Radiance, power: float, ber: float) ->
     if excess(high) <= 0.0:
         return math.inf
     return math.exp(float(brentq(excess, low, high, xtol=1e-4)))
+
+
+def _widest_of_spectra(ook: OokLink, found: Radiance, power: float, ber: float) -> float:
+    """Return the widest filter where it changes the signal too, on steps of 3 % in width."""
+    if isinstance(ook.optics.filter_transmission, Curve):
+        return math.nan
+    if ook.filter_share == 0.0:
+        return 0.0
+    incident = power / ook.filter_share
+    for width in 2.0 * found.wavelength_nm * 0.97 ** np.arange(1, 500):
+        trial = ook.replace("optics.filter_width_nm", float(width))
+        rate = ook.background_rate + found.count_rate(trial)
+        lit = trial.replace(background_rate=rate)
+        if float(lit.ber(incident * trial.filter_share)) <= ber:
+            return math.inf if width > 1.9 * found.wavelength_nm else float(width)
+    return 0.0

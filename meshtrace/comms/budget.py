@@ -96,7 +96,7 @@ def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike =
         gain_db=_db(g),
         tilt_db=_db(tilt),
         concentration_db=float(_db(optics.concentration_efficiency(area))),
-        filter_db=float(_db(optics.filter_transmission)),
+        filter_db=float(_db(link.filter_share)),
         received_dbm=_db(link.received_power(g * tilt) / 1e-3),
         required_dbm=float(_db(required / 1e-3)),
         margin_optical_db=margin,
@@ -115,7 +115,8 @@ def required_gain(link: OokLink, ber: float) -> float:
         Bit error rate, 0 < ber < 0.5.
     """
     require_kind(link, OokLink, "link")
-    return link.required_power(ber) / float(link.received_power(1.0))
+    received = float(link.received_power(1.0))
+    return link.required_power(ber) / received if received > 0.0 else math.inf
 
 
 def faded_gains(gain: ArrayLike, h_alpha: ArrayLike) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -9,19 +10,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.comms.budget import ber_of_gains, faded_gains
-from meshtrace.comms.decisions import non_negative, soft_information
+from meshtrace.comms.decisions import mixed_information, non_negative, soft_information
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import require_between, require_kind
 from meshtrace.models import Floats
+
+_STATES = 8  # that stand for the light of other bits
 
 
 class Capacity(NamedTuple):
     """Rates over a fading channel [bit s-1].
 
     `hard` and `soft` are averages over the ensemble (ergodic: a code must span the fades), after
-    hard decisions and from full counts without intersymbol interference; `hard_outage` is the rate
-    that all but the stated share of the realizations carry, the figure for codes shorter than a
-    wave's fade.
+    hard decisions and from full counts of each bit, where only the channel's response mixes bits,
+    not the poles of the devices; `hard_outage` is the rate that all but the stated share of the
+    realizations carry, the figure for codes shorter than a wave's fade.
     """
 
     hard: float
@@ -87,12 +90,37 @@ def capacity(
     # Poisson counts with the signal-to-noise ratio of quieter ones
     quiet = sum(link.shot_levels(power)) / (low + high)
     pairs = zip(*(level * link.bit_time / quiet for level in (low, high)), strict=True)
-    soft = np.array([soft_information(float(a), float(b), link.sipm.branching) for a, b in pairs])
+    soft = np.array([_soft(link, float(a), float(b)) for a, b in pairs])
     # full counts bound every decision; Gaussian models break that below a count or so in a one
     hard = np.minimum(hard_information(ber_of_gains(link, g)), soft)
     carried = float(np.quantile(hard, outage, method="lower"))
     rate = link.bit_rate
     return Capacity(rate * float(hard.mean()), rate * float(soft.mean()), rate * carried)
+
+
+def _soft(link: OokLink, n0: float, n1: float) -> float:
+    """Return the information of the full counts of a bit, behind the response of the channel."""
+    branching = link.sipm.branching
+    if link.filters.response is None:
+        return soft_information(n0, n1, branching)
+    own, others, chance = _interference(link)
+    zero, one = (n0 + (n1 - n0) * (b * own + others) for b in (0.0, 1.0))
+    return mixed_information(zero, one, chance, branching)
+
+
+@functools.lru_cache(maxsize=64)
+def _interference(link: OokLink) -> tuple[float, Floats, Floats]:
+    """Return the share of a bit's light in its slot, and the law of the light of other bits."""
+    shares = link.filters.slot_shares(link.bit_time, link.memory)
+    if link.equalizer == "dfe":
+        shares = np.where(link.equalized(link.memory), 0.0, shares)
+    others = shares[1:]
+    bits = np.array(np.unravel_index(np.arange(2**others.size), (2,) * others.size)).T
+    light = np.asarray(bits @ others)
+    bins = np.minimum((_STATES * light / max(light.max(), 1e-300)).astype(int), _STATES - 1)
+    count, total = np.bincount(bins), np.bincount(bins, light)
+    seen = count > 0
+    return float(shares[0]), total[seen] / count[seen], count[seen] / light.size
 
 
 def wyner_capacity(peak_rate: float, dark_rate: float, mean_share: float = 1.0) -> float:

@@ -39,7 +39,7 @@ class ReceiverModel(Family, default="W"):
     that a field such as ``kind: Literal["mine"] = "mine"`` gives it. Its methods get the
     `OokLink` whose model it is.
 
-    docs/guides/own_receiver_model.md is an example.
+    docs/guides/own_models.md is an example.
     """
 
     has_pulses: ClassVar[bool] = False
@@ -289,6 +289,57 @@ def soft_information(n0: float, n1: float, branching: float) -> float:
     return float(np.clip(0.5 * sum(terms) / math.log(2.0), 0.0, 1.0))
 
 
+_EXACT = 1e3  # mean counts up to which a mixture of their laws is summed
+
+
+def mixed_information(
+    zero: ArrayLike, one: ArrayLike, chance: ArrayLike, branching: float
+) -> float:
+    """Return `soft_information` where other bits add light: every law is a mixture.
+
+    Parameters
+    ----------
+    zero, one : array_like, shape (m,)
+        Mean primaries in a zero and in a one for each state of the other bits, >= 0.
+    chance : array_like, shape (m,)
+        Probabilities of the states; they add up to 1.
+    branching : float
+        Mean number of direct secondaries per avalanche.
+
+    Notes
+    -----
+    The other bits are unknown, so that this is the rate of a decoder of single bits. Means above
+    1000 count as normal, with 32 nodes in each state.
+
+    Examples
+    --------
+    >>> round(mixed_information([2.0, 3.0], [20.0, 21.0], [0.5, 0.5], 0.0), 6)
+    0.992362
+    """
+    from scipy.special import logsumexp
+
+    means = np.stack([non_negative(name, x) for name, x in (("zero", zero), ("one", one))])
+    share, log_chance = 1.0 - branching, np.log(non_negative("chance", chance))
+    if means.max() < _EXACT:
+        most = float(means.max()) / share
+        k = np.arange(math.ceil(most + 12.0 * math.sqrt(most) / share + 40.0), dtype=float)
+        laws = [[generalized_poisson_logpmf(k, float(n), branching) for n in row] for row in means]
+        log_law = logsumexp(np.array(laws) + log_chance[:, None], axis=1)
+        log_mean = np.logaddexp(*log_law) - math.log(2.0)
+        terms = np.exp(log_law) * np.maximum(log_law - log_mean, -1e3)
+        return float(np.clip(0.5 * terms.sum() / math.log(2.0), 0.0, 1.0))
+    nodes, weights = np.polynomial.hermite_e.hermegauss(32)
+    std = np.sqrt(np.maximum(means, 1.0) / share)
+    at = means[..., None] + std[..., None] * nodes
+    z = (at[..., None, None] - means) / std  # of each law (2, states) at each node
+    log_law = logsumexp(log_chance - np.log(std) - 0.5 * z * z, axis=-1)
+    other = np.stack(
+        [log_law[0, ..., 1] - log_law[0, ..., 0], log_law[1, ..., 0] - log_law[1, ..., 1]]
+    )
+    lost = np.logaddexp(0.0, other) @ (weights / weights.sum()) @ np.exp(log_chance)
+    return float(np.clip(1.0 - 0.5 * lost.sum() / math.log(2.0), 0.0, 1.0))
+
+
 ComplexArray = NDArray[np.complex128]
 
 _POINTS = 2**16
@@ -321,7 +372,7 @@ def compound_poisson_decision(
         T [s].
     removed : ndarray
         Mean that an equaliser takes off for each of the present and earlier bits that was a one
-        (memory,) [s-1]; its length is the number of bits that matter.
+        (memory,) [s-1], next ones last; its length is the number of bits that matter.
     branching : float
         Mean number of direct secondaries per avalanche, 0 <= lam < 1.
     thermal_std : float
@@ -367,7 +418,8 @@ def compound_poisson_decision(
         light = exponent(lambda age: (high - low) * filters.light_since(age, ago, bit_time))
         return np.asarray(np.exp(light + 1j * frequency * removed[ago]))
 
-    for ago in range(1, removed.size):
+    ahead = min(filters.bits_ahead(bit_time), removed.size - 1)
+    for ago in (*range(1, removed.size - ahead), *range(-ahead, 0)):
         zero = zero * 0.5 * (1.0 + bit(ago))
     one = zero * bit(0)
     ber, index = _least_error(np.fft.irfft(zero, _POINTS), np.fft.irfft(one, _POINTS))

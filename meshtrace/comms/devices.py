@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import math
+from typing import Any, Self
 
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
-from scipy import constants
 
-from meshtrace.errors import require_between
+from meshtrace.comms.spectra import Curve, share_or_curve
+from meshtrace.errors import Described, Refused, require_between
 from meshtrace.models import Floats, Model, NonNegative, Positive
+from meshtrace.results.impulse import SPEED_OF_LIGHT
+
+# exact: BIPM, "The International System of Units", 9th edition (2019), section 2.2
+_PLANCK = 6.62607015e-34  # J s
+_ELEMENTARY_CHARGE = 1.602176634e-19  # C
+_BOLTZMANN = 1.380649e-23  # J/K
 
 
 def photon_energy(wavelength: float) -> float:
@@ -37,7 +44,7 @@ def photon_energy(wavelength: float) -> float:
     4.226480547e-19
     """
     require_between(wavelength, 1e-7, 1e-5, "wavelength", "[]", "1e-7 <= wavelength <= 1e-5 m")
-    return constants.h * constants.c / wavelength
+    return _PLANCK * SPEED_OF_LIGHT / wavelength
 
 
 class SiPM(Model, frozen=True):
@@ -56,8 +63,9 @@ class SiPM(Model, frozen=True):
         Number of cells N.
     area : float
         Active area [m2].
-    pde : float
-        Photon detection efficiency [1], with the fill factor in it: never multiply by both.
+    pde : float or Curve
+        Photon detection efficiency [1], with the fill factor in it: never multiply by both. A
+        number holds at every wavelength; of a table a file of wavelength [nm] and efficiency.
     dark_count_rate : float
         Primary dark counts of the whole device [s-1].
     p_crosstalk, p_afterpulse : float
@@ -81,12 +89,34 @@ class SiPM(Model, frozen=True):
     gain: Positive = 1e6
     n_spads: int = pydantic.Field(default=14410, gt=0)
     area: Positive = 9.43e-6
-    pde: float = pydantic.Field(default=0.30, gt=0.0, le=1.0, allow_inf_nan=False)
+    pde: float | Curve = 0.30
     dark_count_rate: NonNegative = 471e3
     p_crosstalk: float = pydantic.Field(default=0.025, ge=0.0, lt=0.5, allow_inf_nan=False)
     p_afterpulse: float = pydantic.Field(default=0.0075, ge=0.0, lt=0.1, allow_inf_nan=False)
     recovery_time: NonNegative = 15e-9
     bandwidth: Positive = 2e6
+
+    @pydantic.field_validator("pde", mode="wrap")
+    @classmethod
+    def _efficiency(cls, value: Any, _: Any) -> float | Curve:
+        return share_or_curve(value, "pde")
+
+    def pde_at(self, wavelength_nm: ArrayLike) -> Floats:
+        """Return the photon detection efficiency at wavelengths [nm]; 0 beyond a table."""
+        if isinstance(self.pde, Curve):
+            return self.pde.at(wavelength_nm)
+        return np.full(np.shape(wavelength_nm), self.pde)
+
+    def _pde(self, wavelength: float) -> float:
+        """Return the efficiency at a wavelength [m], > 0, or refuse."""
+        if not isinstance(self.pde, Curve):
+            return self.pde
+        found = float(self.pde.at(1e9 * wavelength))
+        if found == 0.0:
+            low, high = self.pde.wavelength_nm[0], self.pde.wavelength_nm[-1]
+            allowed = f"a table with an efficiency > 0 there, this one has {low:g} ... {high:g} nm"
+            raise Refused("pde", Described(f"no efficiency at {1e9 * wavelength:g} nm"), allowed)
+        return found
 
     @property
     def branching(self) -> float:
@@ -113,7 +143,7 @@ class SiPM(Model, frozen=True):
         wavelength : float
             Wavelength [m].
         """
-        return self.pde * np.asarray(power, dtype=float) / photon_energy(wavelength)
+        return self._pde(wavelength) * np.asarray(power, dtype=float) / photon_energy(wavelength)
 
     def saturated_rate(self, rate: ArrayLike) -> Floats:
         """Return the counts that the cells pass on at a high rate, r / (1 + r tau / N).
@@ -151,7 +181,7 @@ class SiPM(Model, frozen=True):
         r = np.asarray(rate, dtype=float)
         return 1.0 / (1.0 + r * self.recovery_time / self.n_spads) ** 2
 
-    def fired_cells(self, photons: ArrayLike) -> Floats:
+    def fired_cells(self, photons: ArrayLike, wavelength: float = 470e-9) -> Floats:
         """Return the mean number of cells fired by a flash shorter than the dead time.
 
         N_fired = N (1 - exp(-PDE n_ph / N))
@@ -160,13 +190,15 @@ class SiPM(Model, frozen=True):
         ----------
         photons : array_like
             Photons on the device n_ph, any shape.
+        wavelength : float
+            Wavelength [m], for an efficiency given by a table.
         """
         n = self.n_spads
-        return -n * np.expm1(-self.pde * np.asarray(photons, dtype=float) / n)
+        return -n * np.expm1(-self._pde(wavelength) * np.asarray(photons, dtype=float) / n)
 
     def bias_current(self, rate: ArrayLike) -> Floats:
         """Return the mean current [A] of primary counts r [s-1], G e F r."""
-        current = self.gain * constants.e * self.excess_noise_factor
+        current = self.gain * _ELEMENTARY_CHARGE * self.excess_noise_factor
         return current * self.saturated_rate(rate)
 
     def nep_paper(self, wavelength: float) -> float:
@@ -196,7 +228,7 @@ class SiPM(Model, frozen=True):
         3.419612e-15
         """
         root = 1.0 + math.sqrt(1.0 + 2.0 * self.dark_count_rate / self.bandwidth)
-        scale = self.excess_noise_factor * math.sqrt(self.bandwidth) / self.pde
+        scale = self.excess_noise_factor * math.sqrt(self.bandwidth) / self._pde(wavelength)
         return photon_energy(wavelength) * scale * root
 
     def noise_power_paper(self, wavelength: float, noise_bandwidth: float) -> float:
@@ -241,7 +273,7 @@ class SiPM(Model, frozen=True):
         require_between(noise_bandwidth, 0.0, math.inf, "noise_bandwidth", allowed="> 0 Hz")
         fb = self.excess_noise_factor * noise_bandwidth
         root = 1.0 + math.sqrt(1.0 + 2.0 * self.dark_count_rate / fb)
-        return photon_energy(wavelength) * fb / self.pde * root
+        return photon_energy(wavelength) * fb / self._pde(wavelength) * root
 
 
 class Tia(Model, frozen=True):
@@ -271,8 +303,8 @@ class Tia(Model, frozen=True):
         gain : float
             Charge per count G [electrons].
         """
-        current = 4.0 * constants.k * self.temperature / self.resistance
-        return current / (gain * constants.e) ** 2
+        current = 4.0 * _BOLTZMANN * self.temperature / self.resistance
+        return current / (gain * _ELEMENTARY_CHARGE) ** 2
 
 
 class LedDriver(Model, frozen=True):
@@ -284,6 +316,10 @@ class LedDriver(Model, frozen=True):
         Emitted optical power [W], the average one unless `power_is_peak`.
     wavelength : float
         Wavelength in vacuum [m].
+    width_nm : float
+        Full width at half maximum of a Gaussian spectrum [nm]; 0 for a single wavelength.
+    spectrum : Curve, optional
+        Spectrum of any unit in place of the Gaussian one: a file of wavelength [nm] and power.
     bandwidth : float
         -3 dB frequency of its first-order response [Hz].
     extinction_ratio : float
@@ -299,9 +335,17 @@ class LedDriver(Model, frozen=True):
 
     power: Positive = 0.1
     wavelength: float = pydantic.Field(default=470e-9, ge=1e-7, le=1e-5, allow_inf_nan=False)
+    width_nm: NonNegative = 0.0
+    spectrum: Curve | None = None
     bandwidth: Positive = 10e6
     extinction_ratio: float = pydantic.Field(default=0.1, ge=0.0, lt=1.0, allow_inf_nan=False)
     power_is_peak: bool = False
+
+    @pydantic.model_validator(mode="after")
+    def _one_spectrum(self) -> Self:
+        if self.spectrum is not None and self.width_nm > 0.0:
+            raise Refused("width_nm", self.width_nm, "0 beside spectrum")
+        return self
 
     @property
     def time_constant(self) -> float:
@@ -345,16 +389,25 @@ class OpticalFrontEnd(Model, frozen=True):
         Refractive index n_medium in front of the aperture [1]: 1 in air, some 1.34 under water.
     etendue_limited : bool
         Whether the concentration is limited by the conservation of etendue.
-    filter_transmission : float
-        Transmission of the optical filter at the signal's wavelength [1].
+    filter_transmission : float or Curve
+        Transmission of the optical filter [1]: that of a rectangular band, or over wavelength at
+        normal incidence, a file of wavelength [nm] and transmission.
     filter_width_nm : float
-        Optical width of the filter [nm]; it matters for background light only.
+        Optical width of a rectangular band [nm].
+    filter_center_nm : float, optional
+        Centre of a rectangular band at normal incidence [nm]; the signal's wavelength by default.
+    filter_index : float, optional
+        Effective index of an interference filter, whose transmission shifts to the blue under
+        slanted light, lambda(theta) = lambda_0 sqrt(1 - (sin(theta) / n_eff)^2); none by default.
 
     Notes
     -----
     Departs from the paper, which takes all light through a lens of 5 cm radius with 60 degrees of
     field of view onto 9.43 mm2. That needs a concentration of 833, and no optics can exceed
     n^2 / sin^2(fov / 2) = 9: the loss is 19.7 dB (optical). `etendue_limited=False` is its form.
+
+    The filter covers the aperture: light meets it under its angle of arrival. Behind a
+    concentrator it would meet wider angles.
 
     References
     ----------
@@ -371,8 +424,51 @@ class OpticalFrontEnd(Model, frozen=True):
     concentrator_index: float = pydantic.Field(default=1.5, ge=1.0, le=4.0, allow_inf_nan=False)
     medium_index: float = pydantic.Field(default=1.0, ge=1.0, le=2.0, allow_inf_nan=False)
     etendue_limited: bool = True
-    filter_transmission: float = pydantic.Field(default=1.0, gt=0.0, le=1.0, allow_inf_nan=False)
+    filter_transmission: float | Curve = 1.0
     filter_width_nm: Positive = 10.0
+    filter_center_nm: float | None = pydantic.Field(default=None, ge=100.0, le=1e4)
+    filter_index: float | None = pydantic.Field(default=None, ge=1.0, le=4.0)
+
+    @pydantic.field_validator("filter_transmission", mode="wrap")
+    @classmethod
+    def _transmission(cls, value: Any, _: Any) -> float | Curve:
+        return share_or_curve(value, "filter_transmission")
+
+    @pydantic.model_validator(mode="after")
+    def _one_filter(self) -> Self:
+        if self.filter_center_nm is not None and isinstance(self.filter_transmission, Curve):
+            allowed = "none beside a table of filter_transmission"
+            raise Refused("filter_center_nm", self.filter_center_nm, allowed)
+        return self
+
+    @property
+    def spectral(self) -> bool:
+        """Whether the filter is other than a band of one transmission around the signal."""
+        shaped = isinstance(self.filter_transmission, Curve) or self.filter_center_nm is not None
+        return shaped or self.filter_index is not None
+
+    @property
+    def peak_transmission(self) -> float:
+        """Largest transmission of the filter [1]."""
+        found = self.filter_transmission
+        return max(found.value) if isinstance(found, Curve) else found
+
+    @property
+    def equivalent_width_nm(self) -> float:
+        """Integral of the transmission at normal incidence over its largest value [nm]."""
+        found = self.filter_transmission
+        if isinstance(found, Curve):
+            return found.integral / self.peak_transmission
+        return self.filter_width_nm
+
+    def band(self, wavelength_nm: float) -> tuple[float, float]:
+        """Return the edges of the filter at normal incidence [nm] for a signal's wavelength."""
+        found = self.filter_transmission
+        if isinstance(found, Curve):
+            return found.wavelength_nm[0], found.wavelength_nm[-1]
+        center = wavelength_nm if self.filter_center_nm is None else self.filter_center_nm
+        half = 0.5 * self.filter_width_nm
+        return max(center - half, 1e-3), center + half
 
     @property
     def _acceptance(self) -> float:
@@ -395,8 +491,8 @@ class OpticalFrontEnd(Model, frozen=True):
         return min(1.0, limit / self._acceptance)
 
     def efficiency(self, detector_area: float) -> float:
-        """Return the concentration efficiency times filter transmission."""
-        return self.concentration_efficiency(detector_area) * self.filter_transmission
+        """Return the concentration efficiency times the largest transmission of the filter."""
+        return self.concentration_efficiency(detector_area) * self.peak_transmission
 
     def background_power(self, radiance_per_nm: float, detector_area: float) -> float:
         """Return the background light on the detector, P_b = L dlambda T G.
@@ -422,4 +518,4 @@ class OpticalFrontEnd(Model, frozen=True):
         allowed = ">= 0 W m-2 nm-1 sr-1"
         require_between(radiance_per_nm, 0.0, math.inf, "radiance_per_nm", "[)", allowed)
         etendue = self._acceptance * self.efficiency(detector_area)
-        return radiance_per_nm * self.filter_width_nm * etendue
+        return radiance_per_nm * self.equivalent_width_nm * etendue

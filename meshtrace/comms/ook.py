@@ -16,8 +16,11 @@ import pydantic
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.comms.decisions import ReceiverModel, non_negative, pattern_decision
-from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia
+from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia, photon_energy
 from meshtrace.comms.pulses import Eye, PulseFilters
+from meshtrace.comms.response import SHORT, ChannelResponse
+from meshtrace.comms.spectra import Curve, background_counted, signal_passed
+from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Refused, require_between, require_kind, require_whole, require_word
 from meshtrace.link import Link, Receiver
 from meshtrace.models import Floats, Model, NonNegative
@@ -63,6 +66,12 @@ class OokLink(Model, frozen=True):
         Shot noise of saturated cells: "renewal" reduces it by the Fano factor of their dead time
         (`SiPM.fano_factor`), "poisson" keeps that of the compressed rate. "auto" is "renewal" with
         background light and a Gaussian model, otherwise "poisson".
+    response : ChannelResponse, optional
+        Response of the channel, which spreads the pulses of all models but G0 and GP; by default,
+        and with an rms delay spread below a thousandth of a bit, it is instantaneous.
+    gain_spectrum : Curve, optional
+        Gain of the channel over wavelength, of any scale, which weighs the spectrum of the LED; by
+        default that of the signal's wavelength holds at all.
     memory : int
         Bits of intersymbol interference, the present one included.
     window : float, optional
@@ -76,8 +85,9 @@ class OokLink(Model, frozen=True):
 
     Notes
     -----
-    The sample is taken at the end of the bit, the best instant behind a causal low-pass. Light is
-    shaped by the LED's pole, the noise of the counts by the receiver's filters only. In count units
+    The sample is taken at the end of the bit, the best instant behind a causal low-pass, and behind
+    a channel later by the median delay of its response. Light is shaped by the LED's pole and the
+    channel, the noise of the counts by the receiver's filters only. In count units
     (charge over gain, secondaries divided out),
 
         mean = r0 + (r1 - r0) sum(b_k w_k)
@@ -114,6 +124,8 @@ class OokLink(Model, frozen=True):
     background_rate: NonNegative = 0.0
     saturation: bool = True
     saturation_noise: Literal["auto", "renewal", "poisson"] = "auto"
+    response: ChannelResponse | None = None
+    gain_spectrum: Curve | None = None
     memory: int = pydantic.Field(default=8, ge=1, le=12)
     window: float | None = pydantic.Field(default=None, ge=0.0, allow_inf_nan=False)
     equalizer: Literal["none", "dfe"] = "none"
@@ -253,14 +265,27 @@ class OokLink(Model, frozen=True):
 
     @property
     def on_detector(self) -> OokLink:
-        """The link with default optics: the same to all that starts from the power on the SiPM."""
-        return self.model_copy(update={"optics": OpticalFrontEnd()})
+        """The link with default optics: the same to all that starts from the power on the SiPM.
+
+        Without a response that counts as instantaneous. Where light has a spectrum, both stay:
+        counts for a power follow the filter.
+        """
+        if self.spectral:
+            return self
+        response = self.response if self.spread_in_bits >= SHORT else None
+        return self.model_copy(update={"optics": OpticalFrontEnd(), "response": response})
 
     @property
     def filters(self) -> PulseFilters:
-        """LED pole, SiPM pole and averaging window in use."""
-        window = self.averaging_window
-        return PulseFilters(self.led.time_constant, self.sipm.time_constant, window)
+        """LED pole, response of the channel, SiPM pole and averaging window in use."""
+        poles = self.led.time_constant, self.sipm.time_constant
+        response = self.response if self.spread_in_bits >= SHORT else None
+        return PulseFilters(*poles, self.averaging_window, response)
+
+    @property
+    def spread_in_bits(self) -> float:
+        """Rms delay spread of the channel over the bit time [1]."""
+        return 0.0 if self.response is None else self.response.rms_spread * self.bit_rate
 
     def received_power(self, gain: ArrayLike) -> Floats:
         """Return the optical power on the SiPM for a channel gain [W], in the sense of `led.power`.
@@ -271,7 +296,45 @@ class OokLink(Model, frozen=True):
             Share of the emitted power that enters the aperture and field of view, any shape.
         """
         g = non_negative("gain", gain)
-        return self.led.power * self.optics.efficiency(self.sipm.area) * g
+        lens = self.optics.concentration_efficiency(self.sipm.area)
+        return self.led.power * (lens * self.filter_share) * g
+
+    @property
+    def spectral(self) -> bool:
+        """Whether light and counts are integrals over wavelength, not products."""
+        led = self.led
+        return led.width_nm > 0.0 or led.spectrum is not None or self.optics.spectral
+
+    @property
+    def filter_share(self) -> float:
+        """Share of the signal that passes the filter [1], see `spectra.signal_passed`."""
+        return signal_passed(self).share if self.spectral else self.optics.peak_transmission
+
+    def count_rate(self, power: ArrayLike) -> Floats:
+        """Return the primary counts of the signal per second, before saturation [s-1].
+
+        Parameters
+        ----------
+        power : array_like
+            Optical power on the SiPM [W], any shape.
+        """
+        if not self.spectral:
+            return self.sipm.count_rate(power, self.led.wavelength)
+        passed = signal_passed(self)
+        efficiency = passed.counted / passed.share if passed.share > 0.0 else 0.0
+        power = np.asarray(power, dtype=float)
+        return efficiency * power / photon_energy(self.led.wavelength)
+
+    def background_count_rate(self, found: Any) -> float:
+        """Return the primary counts of a background, see `results.Background.count_rate`."""
+        optics, nm = self.optics, found.wavelength_nm
+        power = optics.background_power(found.radiance, self.sipm.area)
+        if not (self.spectral or isinstance(self.sipm.pde, Curve)):
+            return float(self.sipm.count_rate(power, 1e-9 * nm))
+        day = found.provenance.get("daylight")
+        light = Daylight.model_validate(day).spectrum if day else np.ones_like
+        per_nm = power / (optics.equivalent_width_nm * optics.peak_transmission)
+        return per_nm * background_counted(self, nm, light) / photon_energy(1e-9 * nm)
 
     def levels(self, power: ArrayLike) -> tuple[Floats, Floats]:
         """Return the primary count rates of long zeros and long ones [s-1], with dark counts.
@@ -312,16 +375,24 @@ class OokLink(Model, frozen=True):
 
     def _rates(self, power: ArrayLike) -> tuple[Floats, Floats]:
         """Return the primary count rates of long zeros and ones before saturation [s-1]."""
-        light = self.sipm.count_rate(non_negative("power", power, _MOST_POWER), self.led.wavelength)
+        light = self.count_rate(non_negative("power", power, _MOST_POWER))
         dark = self.sipm.dark_count_rate + self.background_rate
         low, high = self.led.levels(light)
         return low + dark, high + dark
 
     def patterns(self) -> NDArray[np.bool_]:
-        """Return the bit patterns (p, k) that matter, present bit first."""
-        cursors = self.filters.mean_cursors(self.bit_time, self.memory)
-        count = max(1, int(np.count_nonzero(cursors > _NEGLIGIBLE_CURSOR)))
+        """Return the bit patterns (p, k) that matter: present bit, earlier, next ones."""
+        filters = self.filters
+        ahead = min(filters.bits_ahead(self.bit_time), self.memory - 1)
+        earlier = filters.mean_cursors(self.bit_time, self.memory)[: self.memory - ahead]
+        last = np.flatnonzero(earlier > _NEGLIGIBLE_CURSOR).max(initial=0)
+        count = 1 + int(last) + ahead
         return np.array(np.unravel_index(np.arange(2**count), (2,) * count)).T.astype(bool)
+
+    def equalized(self, count: int) -> NDArray[np.bool_]:
+        """Return which of the bits (count,) decision feedback knows, the earlier ones."""
+        ago = np.arange(count)
+        return (ago > 0) & (ago < count - self.filters.bits_ahead(self.bit_time))
 
     def moments(self, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
         """Return mean and variance of the sample for every bit pattern.
@@ -467,8 +538,21 @@ class OokLink(Model, frozen=True):
 
 @functools.lru_cache(maxsize=1024)
 def _required_power(link: OokLink, ber: float) -> float:
-    one_count = link.bit_rate / float(link.sipm.count_rate(1.0, link.led.wavelength))
-    return _crossing(lambda p: float(link.ber(p)) - ber, 1e-9 * one_count)
+    per_watt = float(link.count_rate(1.0))
+    if per_watt == 0.0:
+        return math.inf
+    start = 1e-9 * link.bit_rate / per_watt
+    likely = start * 4.0**11  # on the same steps: hundredths of a count in a bit rarely suffice
+
+    def excess(power: float) -> float:
+        return float(link.ber(power)) - ber
+
+    receiver = link.receiver
+    if receiver.has_pulses and not receiver.exact_counts:  # a closed eye, at once
+        unlimited = link.model_copy(update={"saturation": False})
+        if float(unlimited.ber(_MOST_POWER)) >= ber:
+            return math.inf
+    return _crossing(excess, likely if excess(likely) >= 0.0 else start)
 
 
 def _crossing(excess: Callable[[float], float], start: float) -> float:
@@ -479,6 +563,8 @@ def _crossing(excess: Callable[[float], float], start: float) -> float:
     from scipy.optimize import brentq
 
     for low in start * 4.0 ** np.arange(45):
+        if 4.0 * low > _MOST_POWER:
+            break
         if excess(4.0 * low) < 0.0:
             bracket = math.log(low), math.log(4.0 * low)
             return math.exp(float(brentq(lambda x: excess(math.exp(x)), *bracket)))

@@ -1,27 +1,31 @@
-"""Light pulses and their shot noise behind the filters of LED and receiver.
+"""Light pulses and their shot noise behind the channel and the filters of LED and receiver.
 
-The light is shaped by the LED's pole. Each count is shaped by the SiPM's pole and, optionally, by
-an average over a window that ends at the sample: impulse response g(t), of unit area. The mean
-signal is the light filtered by g, the shot noise (Campbell) the light filtered by g^2.
+The light is shaped by the LED's pole and the response of the channel. Each count is shaped by the
+SiPM's pole and, optionally, by an average over a window that ends at the sample: impulse response
+g(t), of unit area. The mean signal is the light filtered by g, the shot noise (Campbell) the light
+filtered by g^2.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.comms.response import ChannelResponse
 from meshtrace.models import Floats
 
 _Terms = list[tuple[float, float]]
+_NODES = 2**14  # of the energy of a pulse behind a channel, in the exact law
 
 
 @dataclasses.dataclass(frozen=True)
 class PulseFilters:
-    """Filters of an optical link: LED pole, SiPM pole, averaging window.
+    """Filters of an optical link: LED pole, channel, SiPM pole, averaging window.
 
     Parameters
     ----------
@@ -29,6 +33,15 @@ class PulseFilters:
         Time constants of the two poles [s].
     window : float
         Length of the averaging window [s]; 0 samples the SiPM's output itself.
+    response : ChannelResponse, optional
+        Response of the channel; None for an instantaneous one.
+
+    Notes
+    -----
+    Behind a channel the light of a step is the mean of l(t + t_c - tau_j) over the shares of the
+    response. The receiver's clock follows the light: t_c is the median delay, the best instant
+    of a receiver that averages over a bit if the response is shorter than that. Light that comes
+    sooner is then part of the sample of the bit before.
 
     References
     ----------
@@ -45,9 +58,13 @@ class PulseFilters:
     tau_led: float
     tau_sipm: float
     window: float = 0.0
+    response: ChannelResponse | None = None
 
     def mean_step(self, t: ArrayLike) -> Floats:
-        """Return the mean signal `t` [s] after the light is switched on, int g(u) l(t - u) du."""
+        """Return the mean signal `t` [s] after the light is switched on, int g(u) l(t - u) du.
+
+        Behind a channel `t` counts from the median delay.
+        """
         a, w = 1.0 / self.tau_sipm, self.window
         if w == 0.0:
             return self._step(t, [], [(a, a)])
@@ -93,10 +110,17 @@ class PulseFilters:
             return lit * (1.0 - exprel(-lit / self.tau_led)) if self.tau_led > 0.0 else lit
 
         start, end = (bits_ago + 1) * bit_time, bits_ago * bit_time
-        return energy(start) - energy(start - age) - energy(end) + energy(end - age)
+        if self.response is None:
+            return energy(start) - energy(start - age) - energy(end) + energy(end - age)
+        # smooth over the nodes: the pole and the response blur its kink
+        at: Floats = np.linspace(min(end - float(age.max()), 0.0), start, _NODES)
+        shares = zip(self.response.share, self._delays, strict=True)
+        lit = np.sum([share * energy(at - delay) for share, delay in shares], axis=0)
+        before, after = (np.interp(edge - age, at, lit) for edge in (start, end))
+        return np.interp(start, at, lit) - before - np.interp(end, at, lit) + after
 
     def mean_cursors(self, bit_time: float, count: int, phase: float = 1.0) -> Floats:
-        """Return the shares of the present and earlier bits in the sample of a bit.
+        """Return the shares of bits in the sample of one of them: present, earlier, next ones.
 
         w_0 = s(phase T),  w_k = s((k + phase) T) - s((k + phase - 1) T)
 
@@ -105,27 +129,63 @@ class PulseFilters:
         bit_time : float
             T [s].
         count : int
-            Number of bits, the present one included.
+            Number of bits, the present one and `bits_ahead` next ones included.
         phase : float
             Sampling instant within the bit, 0 < phase <= 1; 1 is its end.
 
         Returns
         -------
         ndarray
-            w_k (count,).
+            w_k (count,), k = 0, 1, ..., and last the next bits, ..., -2, -1.
         """
-        edges = self.mean_step((np.arange(count) + phase) * bit_time)
-        return np.diff(edges, prepend=0.0)
+        return self._cursors(self.mean_step, bit_time, count, phase)
 
     def shot_cursors(self, bit_time: float, count: int, phase: float = 1.0) -> Floats:
         """Return the shares v_k [s-1] of these bits in the shot noise, as `mean_cursors`."""
-        edges = self.shot_step((np.arange(count) + phase) * bit_time)
-        return np.diff(edges, prepend=0.0)
+        return self._cursors(self.shot_step, bit_time, count, phase)
+
+    def slot_shares(self, bit_time: float, count: int) -> Floats:
+        """Return the shares of the light of these bits in one slot of T, as `mean_cursors`.
+
+        The channel alone, without the poles and the window.
+        """
+
+        def ramp(t: Floats) -> Floats:
+            return self._behind_channel(lambda at: np.clip(at / bit_time, 0.0, 1.0), t)
+
+        return self._cursors(ramp, bit_time, count, 1.0)
+
+    def bits_ahead(self, bit_time: float) -> int:
+        """Return the number of next bits whose light can come before the sample."""
+        return 0 if self.response is None else math.ceil((self.response.clock or 0.0) / bit_time)
+
+    def _cursors(
+        self, step: Callable[[Floats], Floats], bit_time: float, count: int, phase: float
+    ) -> Floats:
+        ahead = min(self.bits_ahead(bit_time), count - 1)
+        bits = np.arange(-ahead, count - ahead, dtype=np.float64)
+        edges = step((bits + phase) * bit_time)
+        return np.roll(np.diff(edges, prepend=0.0), -ahead)
+
+    @property
+    def _delays(self) -> Floats:
+        """Delays of the channel behind the clock [s]."""
+        assert self.response is not None
+        return np.array(self.response.delay) - (self.response.clock or 0.0)
+
+    def _behind_channel(self, step: Callable[[Floats], Floats], t: Floats) -> Floats:
+        if self.response is None:
+            return step(t)
+        return step(t[..., None] - self._delays) @ np.array(self.response.share)
 
     def _step(self, t: ArrayLike, inside: _Terms, behind: _Terms) -> Floats:
+        at = np.asarray(t, dtype=float)
+        return self._behind_channel(lambda then: self._prompt_step(then, inside, behind), at)
+
+    def _prompt_step(self, t: Floats, inside: _Terms, behind: _Terms) -> Floats:
         # g or g^2 is one sum of exponentials c exp(-a u) inside the window and another, counted
         # from the window's end, after it.
-        elapsed: Floats = np.maximum(np.asarray(t, dtype=float), 0.0)
+        elapsed: Floats = np.maximum(t, 0.0)
         during = np.minimum(elapsed, self.window)
         after = elapsed - during
         total = np.zeros_like(elapsed)

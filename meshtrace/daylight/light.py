@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -13,7 +14,7 @@ from pydantic import Field, field_validator, model_validator
 from meshtrace.daylight.patterns import PATTERNS, sky
 from meshtrace.errors import Described, Refused, require_between, require_whole, require_word
 from meshtrace.kernels.sources import Sky
-from meshtrace.models import Finite, Model, NonNegative
+from meshtrace.models import Finite, Floats, Model, NonNegative
 from meshtrace.optics.fresnel import unit_vector
 
 # zenith angle [deg], direct normal and diffuse horizontal irradiance at 470 nm [W m-2 nm-1] of
@@ -117,6 +118,24 @@ def clear_irradiance(
     ----------
     Bird and Riordan (1986), J. Clim. Appl. Meteorol. 25, 87.
     """
+    nodes, *values = _clear_spectra(
+        sun_zenith_deg, aerosol, ozone, water_vapour, pressure, ground_albedo, day_of_year
+    )
+    at = wavelength_nm + 0.5 * width_nm * (np.linspace(-1.0, 1.0, 101) if width_nm else np.zeros(1))
+    direct, diffuse = (float(np.interp(at, nodes, value).mean()) for value in values)
+    return Irradiance(direct, diffuse)
+
+
+def _clear_spectra(
+    sun_zenith_deg: float,
+    aerosol: float = 0.10,
+    ozone: float = 0.30,
+    water_vapour: float = 2.0,
+    pressure: float = 101325.0,
+    ground_albedo: float = 0.06,
+    day_of_year: int = 80,
+) -> tuple[Floats, Floats, Floats]:
+    """Return wavelengths [nm], direct normal and diffuse horizontal irradiance of SPECTRL2."""
     pvlib = _pvlib()
     air_mass = pvlib.atmosphere.get_relative_airmass(sun_zenith_deg, model="kastenyoung1989")
     found = pvlib.spectrum.spectrl2(
@@ -131,11 +150,8 @@ def clear_irradiance(
         aerosol_turbidity_500nm=aerosol,
         dayofyear=day_of_year,
     )
-    nodes = np.ravel(found["wavelength"])
-    at = wavelength_nm + 0.5 * width_nm * (np.linspace(-1.0, 1.0, 101) if width_nm else np.zeros(1))
-    direct, diffuse = (float(np.interp(at, nodes, np.ravel(found[k])).mean())
-                       for k in ("dni", "dhi"))  # fmt: skip
-    return Irradiance(direct, diffuse)
+    nodes, direct, diffuse = (np.ravel(found[name]) for name in ("wavelength", "dni", "dhi"))
+    return nodes, direct, diffuse
 
 
 def default_irradiance(zenith_deg: float, wavelength_nm: float) -> Irradiance:
@@ -292,6 +308,34 @@ class Daylight(Model, frozen=True):
     def sky(self) -> Sky:
         """Radiance of the sky, without the disk of the sun."""
         return sky(self.pattern, self.diffuse, self.sun_zenith_deg, self.sun_azimuth_deg)
+
+    def spectrum(self, wavelength_nm: Floats) -> Floats:
+        """Return the horizontal irradiance at wavelengths (n,) [nm] over that at the own one.
+
+        Parameters
+        ----------
+        wavelength_nm : ndarray, shape (n,)
+            Wavelengths [nm].
+
+        Raises
+        ------
+        Refused
+            If pvlib (extra `daylight`) is not installed.
+
+        Notes
+        -----
+        That of sun and clear sky by SPECTRL2 at the own zenith angle and atmosphere, with a step
+        of some 10 nm, so that Fraunhofer lines are smoothed; overcast skies and the moon have it
+        too. Flat for the moonless night and for a uniform sky.
+        """
+        if self.pattern == "uniform":
+            return np.ones_like(wavelength_nm)
+        names = ("aerosol", "ozone", "water_vapour", "pressure", "day_of_year")
+        own: dict[str, Any] = {k: v for k, v in self.recipe.items() if k in names}
+        nodes, direct, diffuse = _clear_spectra(self.sun_zenith_deg, **own)
+        whole = math.cos(math.radians(self.sun_zenith_deg)) * direct + diffuse
+        at = np.interp([self.wavelength_nm, *wavelength_nm], nodes, whole)
+        return np.asarray(at[1:] / at[0])
 
     @classmethod
     def clear_sky(
@@ -466,6 +510,42 @@ class Daylight(Model, frozen=True):
         _require_absent(fields, "direct", "diffuse", "recipe")
         fields = {"pattern": "uniform", "light": "moonless night", **fields}
         return cls(direct=0.0, diffuse=math.pi * NIGHT_RADIANCE, **fields)
+
+    def at_wavelength(self, wavelength_nm: float) -> Self:
+        """Return the light of the same model at another wavelength.
+
+        Parameters
+        ----------
+        wavelength_nm : float
+            Wavelength [nm]; other than 470 nm most models need pvlib.
+
+        Raises
+        ------
+        Refused
+            If the irradiances are not those of a model.
+
+        Examples
+        --------
+        >>> Daylight.night().at_wavelength(520.0).wavelength_nm
+        520.0
+        """
+        if wavelength_nm == self.wavelength_nm:
+            return self
+        kept = self.model_dump(include={"pattern", "water", "foam_reflectance", "light"})
+        zenith, azimuth = self.sun_zenith_deg, self.sun_azimuth_deg
+        place: dict[str, Any] = {"sun_zenith_deg": zenith, "sun_azimuth_deg": azimuth}
+        models: dict[str, Callable[..., Self]] = {
+            "clear sky": partial(self.clear_sky, **place),
+            "overcast sky": partial(self.overcast, **place),
+            "moonlight": partial(self.moon, zenith_deg=zenith, azimuth_deg=azimuth),
+            "moonless night": partial(self.night, **place),
+        }
+        make = models.get(self.light)
+        options = {**self.recipe, **kept}
+        if make is None or make(wavelength_nm=self.wavelength_nm, **options) != self:
+            given = Described(f"irradiances at {self.wavelength_nm:g} nm")
+            raise Refused("day", given, f"a model of {', '.join(models)}, for other wavelengths")
+        return make(wavelength_nm=wavelength_nm, **options)
 
 
 def _require_absent(fields: dict[str, Any], *names: str) -> None:

@@ -22,9 +22,9 @@ class Whitecaps(Model, frozen=True):
     ----------
     wind_speed : float
         U10 [m s-1], 0 <= U10 <= 30.
-    model : str
-        "w_0225": 1 - T_u = 1.2e-5 U^3.3, times (0.225 U - 0.99) above 9 m/s;
-        "paper_0255": the same with the published 0.255; "monahan80": 2.95e-6 U^3.52.
+    model : {"w_0225", "paper_0255", "monahan80"}
+        Share 1 - T_u of the surface. "w_0225" has 1.2e-5 U^3.3, times (0.225 U - 0.99) above
+        9 m/s, "paper_0255" the same with the published 0.255, "monahan80" 2.95e-6 U^3.52.
 
     Notes
     -----

@@ -17,6 +17,13 @@ from scipy.signal import lfilter, oaconvolve
 from meshtrace.comms import OokLink
 
 
+class Channel(NamedTuple):
+    """Delays [s] and weights of the light that arrives."""
+
+    delay: NDArray[np.float64]
+    weight: NDArray[np.float64]
+
+
 class Samples(NamedTuple):
     """Sent bits and the receiver's sample of each, in primary counts per second."""
 
@@ -35,28 +42,65 @@ def branch(primaries: NDArray[np.int64], branching: float, rng: np.random.Genera
 
 
 def simulate(
-    link: OokLink, power: float, n_bits: int, seed: int, steps: int = 40, block: int = 20_000
+    link: OokLink,
+    power: float,
+    n_bits: int,
+    seed: int,
+    steps: int = 40,
+    block: int = 20_000,
+    channel: Channel | None = None,
 ) -> Samples:
-    """Send random bits and sample the receiver at the end of each, in independent blocks."""
+    """Send random bits and sample the receiver at the end of each, in independent blocks.
+
+    Behind a channel the samples are taken later by the median delay.
+    """
     rng = np.random.default_rng(seed)
-    runs = [_block(link, power, block, rng, steps) for _ in range(math.ceil(n_bits / block))]
+    runs = [
+        _block(link, power, block, rng, steps, channel) for _ in range(math.ceil(n_bits / block))
+    ]
     return Samples(*(np.concatenate(part) for part in zip(*runs, strict=True)))
 
 
 def _block(
-    link: OokLink, power: float, n_bits: int, rng: np.random.Generator, steps: int
+    link: OokLink,
+    power: float,
+    n_bits: int,
+    rng: np.random.Generator,
+    steps: int,
+    channel: Channel | None,
 ) -> Samples:
-    warm_up = 12
-    bits = rng.random(n_bits + warm_up) < 0.5
+    warm_up, later = 12, 2
+    bits = rng.random(n_bits + warm_up + later) < 0.5
     dt = link.bit_time / steps
     low, high = (float(level) for level in link.levels(power))
     drive = np.repeat(bits, steps)
-    counts = rng.poisson(_light_per_step(drive, link.led.time_constant, dt, low, high))
-    counts = branch(counts, link.sipm.branching, rng)
+    light, lag = _light_per_step(drive, link.led.time_constant, dt, low, high), 0
+    if channel is not None:
+        taps, lag = _taps(channel, dt)
+        light = low * dt + np.maximum(oaconvolve(light - low * dt, taps)[: light.size], 0.0)
+    counts = branch(rng.poisson(light), link.sipm.branching, rng)
     signal = oaconvolve(counts, _impulse_response(link, dt))[: counts.size]
-    sample = signal[steps - 1 :: steps] / link.sipm.excess_noise_factor
+    sample = signal[steps - 1 + lag :: steps] / link.sipm.excess_noise_factor
     sample += _thermal(link, sample.size, rng)
-    return Samples(bits[warm_up:], sample[warm_up:])
+    return Samples(bits[warm_up:-later], sample[warm_up : warm_up + n_bits])
+
+
+def _taps(channel: Channel, dt: float) -> tuple[NDArray[np.float64], int]:
+    """Return the light of a channel by steps, and its median delay in steps.
+
+    Each delay is shared out between two steps; the median falls on one of them.
+    """
+    order = np.argsort(channel.delay)
+    share = np.cumsum(channel.weight[order]) / channel.weight.sum()
+    median = channel.delay[order][np.searchsorted(share, 0.5)]
+    lag = math.ceil(median / dt)
+    at = (channel.delay - median) / dt + lag
+    left = np.floor(at).astype(int)
+    right = at - left
+    size = left.max() + 2
+    taps = np.bincount(left, channel.weight * (1.0 - right), size)
+    taps += np.bincount(left + 1, channel.weight * right, size)
+    return taps / taps.sum(), lag
 
 
 def _light_per_step(

@@ -279,3 +279,8 @@ def test_bad_arguments_are_refused():
 def test_round_trip():
     link = OokLink.preset("paper", bit_rate=5e6, optics=OpticalFrontEnd(fov_deg=10.0))
     assert OokLink.model_validate_json(link.model_dump_json()) == link
+
+
+def test_a_closed_eye_needs_infinite_power_at_any_bit_rate():
+    for rate in (1e8, 1e9, 1e10):
+        assert OokLink(bit_rate=rate, window=0.0).required_power(1e-3) == math.inf

@@ -154,3 +154,16 @@ def test_a_receiver_beyond_the_floor_is_refused():
         mt.Link(
             water=mt.Water(bottom_depth=5.0), transmitter=mt.AirLed(), receiver=mt.WaterReceiver()
         )
+
+
+def test_a_link_at_another_wavelength():
+    lamps = (mt.Led(), mt.GaussianBeam(wavelength_nm=450.0))
+    water = mt.Water.from_type("jerlov-II", n=1.34)
+    green = mt.Link(water=water, transmitter=lamps).at_wavelength(520.0)
+    assert [t.wavelength_nm for t in green.transmitters] == [520.0, 520.0]
+    assert green.water == mt.Water.from_type("jerlov-II", 520.0, n=1.34)
+    assert mt.Link().at_wavelength(470.0) == mt.Link()
+    windy = mt.Link(water=water).in_wind(8.0)
+    assert windy.at_wavelength(520.0).bubbles == windy.bubbles
+    with pytest.raises(Refused, match=r"^water: a 0.114, b 0.037 m-1 of one wavelength"):
+        mt.Link().at_wavelength(520.0)

@@ -1,0 +1,214 @@
+"""Spectra of a link: source, filter and detector over wavelength, and integrals over them."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import pydantic
+from numpy.typing import ArrayLike
+
+from meshtrace.columns import read_columns
+from meshtrace.errors import Described, Refused, require_between, require_keys
+from meshtrace.models import Floats, Model, NonNegative, Positive
+
+_NODES = 2001  # over the spectrum of a source or a band
+_RAYS = 512  # angles of a filled field of view
+_WIDTHS = 4.0  # of half a Gaussian spectrum, in full widths at half maximum
+_FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))
+
+
+class Curve(Model, frozen=True):
+    """Values over wavelength, linear between them and 0 beyond.
+
+    In link files also ``{file = "led.csv"}``: a text file of two columns, wavelength [nm] and
+    value, see `columns.read_columns`.
+
+    Parameters
+    ----------
+    wavelength_nm : sequence of float
+        Wavelengths [nm], rising, two or more.
+    value : sequence of float
+        Values >= 0, not all 0.
+
+    Examples
+    --------
+    >>> round(float(Curve(wavelength_nm=(450.0, 470.0), value=(0.2, 0.4)).at(460.0)), 6)
+    0.3
+    """
+
+    wavelength_nm: tuple[Positive, ...]
+    value: tuple[NonNegative, ...]
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _from_file(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or "file" not in data:
+            return data
+        require_keys(data, ["file"])
+        if not isinstance(data["file"], str):
+            raise Refused("file", data["file"], "the path of a text file")
+        nm, value = read_columns(data["file"]).values[:, :2].T
+        return {"wavelength_nm": nm.tolist(), "value": value.tolist()}
+
+    @pydantic.model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if len(self.wavelength_nm) < 2 or np.any(np.diff(self.wavelength_nm) <= 0.0):
+            found = Described(f"{len(self.wavelength_nm)} wavelengths")
+            raise Refused("wavelength_nm", found, "two or more, rising [nm]")
+        if len(self.value) != len(self.wavelength_nm) or not any(self.value):
+            found = Described(f"{len(self.value)} values")
+            raise Refused("value", found, "a value >= 0 for each wavelength, not all 0")
+        return self
+
+    def at(self, wavelength_nm: ArrayLike) -> Floats:
+        """Return the values at wavelengths [nm], any shape."""
+        at = np.asarray(wavelength_nm, float)
+        return np.interp(at, self.wavelength_nm, self.value, left=0.0, right=0.0)
+
+    @property
+    def integral(self) -> float:
+        """Integral over wavelength [nm]."""
+        return float(np.trapezoid(self.value, self.wavelength_nm))
+
+
+def share_or_curve(value: Any, name: str) -> float | Curve:
+    """Return a share 0 < x <= 1, or shares over wavelength; refuse other values by name."""
+    if isinstance(value, dict | Curve):
+        curve = Curve.model_validate(value)
+        if max(curve.value) > 1.0:
+            raise Refused("value", max(curve.value), "shares 0 ... 1")
+        return curve
+    allowed = f"0 < {name} <= 1, or a table of wavelength_nm and value, or of file"
+    return require_between(value, 0.0, 1.0, name, "(]", allowed)
+
+
+class Passed(NamedTuple):
+    """Light behind a filter: its share, and the share times the efficiency of the detector.
+
+    `counted` is relative to photons of the signal's wavelength at an efficiency of 1.
+    """
+
+    share: float
+    counted: float
+
+
+class _Angles(NamedTuple):
+    """Squared sines of angles of incidence, with equal shares of the light."""
+
+    sin2: Floats
+
+    @classmethod
+    def of_view(cls, fov_deg: float) -> _Angles:
+        """Return those of light that fills a field of view, by the cosine law."""
+        edge = math.sin(math.radians(0.5 * fov_deg)) ** 2
+        return cls(edge * (np.arange(_RAYS) + 0.5) / _RAYS)
+
+    def factors(self, index: float | None) -> Floats:
+        """Return the factors on the wavelengths of an interference filter."""
+        if index is None:
+            return np.ones(1)
+        return np.sqrt(1.0 - self.sin2 / index**2)
+
+
+@functools.lru_cache(maxsize=256)
+def signal_passed(ook: Any) -> Passed:
+    r"""Return the share of the LED's light that passes the filter, and that is counted.
+
+    .. math:: S = \int s(\lambda) \, g(\lambda) \,
+        \langle T(\lambda / f(\theta)) \rangle \, d\lambda, \quad
+        f(\theta) = \sqrt{1 - (\sin\theta / n_\mathrm{eff})^2}
+
+    with the spectrum s of unit area, the gain of the channel g over that at the signal's
+    wavelength, and the mean over the angles of arrival.
+    """
+    nm = 1e9 * ook.led.wavelength
+    at, density = _source(ook, nm)
+    gain = ook.gain_spectrum
+    if gain is None and ook.response is not None:
+        gain = ook.response.gain_spectrum
+    if gain is not None:
+        here = float(gain.at(nm))
+        if here == 0.0:
+            lowest, *_, highest = gain.wavelength_nm
+            raise Refused("gain_spectrum", nm, f"light at the signal, {lowest:g} ... {highest:g}")
+        density = density * gain.at(at) / here
+    angles = _Angles.of_view(ook.optics.fov_deg)
+    if ook.response is not None and ook.response.angle_deg:
+        angles = _Angles(np.sin(np.radians(ook.response.angle_deg)) ** 2)
+    counted = density * ook.sipm.pde_at(at) * at / nm
+    return Passed(*(_through(ook.optics, nm, at, w, angles) for w in (density, counted)))
+
+
+def lit_band(ook: Any) -> tuple[float, float]:
+    """Return the ends of the light of the LED that can pass the filter [nm], equal for one colour.
+
+    Of a Gaussian spectrum light farther than two full widths, 3e-6 of all, is left out.
+    """
+    led, nm = ook.led, 1e9 * ook.led.wavelength
+    low, high = nm - 2.0 * led.width_nm, nm + 2.0 * led.width_nm
+    if led.spectrum is not None:
+        low, *_, high = led.spectrum.wavelength_nm
+    first, last = ook.optics.band(nm)
+    first *= float(_Angles.of_view(ook.optics.fov_deg).factors(ook.optics.filter_index).min())
+    return max(low, min(first, nm)), min(high, max(last, nm))
+
+
+def background_counted(ook: Any, nm: float, light: Callable[[Floats], Floats]) -> float:
+    r"""Return the integral of background light behind the filter over wavelength [nm].
+
+    .. math:: \int \frac{L(\lambda)}{L(\lambda_0)} \langle T(\lambda / f(\theta)) \rangle
+        \mathrm{PDE}(\lambda) \frac{\lambda}{\lambda_0} \, d\lambda
+
+    Parameters
+    ----------
+    ook : OokLink
+        Filter and detector; the light fills the field of view.
+    nm : float
+        Wavelength of the background :math:`\lambda_0` [nm].
+    light : callable
+        Returns the spectrum over that at this wavelength, at wavelengths (n,) [nm].
+    """
+    optics = ook.optics
+    angles = _Angles.of_view(optics.fov_deg)
+    low, high = optics.band(1e9 * ook.led.wavelength)
+    low *= float(angles.factors(optics.filter_index).min())
+    beyond = 0.01 * (high - low)
+    at = np.linspace(max(low - beyond, 1e-3), high + beyond, _NODES)
+    weight = light(at) * ook.sipm.pde_at(at) * at / nm * (at[1] - at[0])
+    return _through(optics, 1e9 * ook.led.wavelength, at, weight, angles)
+
+
+def _source(ook: Any, nm: float) -> tuple[Floats, Floats]:
+    """Return wavelengths and the shares of the LED's light at them."""
+    led = ook.led
+    if led.spectrum is not None:
+        at = np.linspace(led.spectrum.wavelength_nm[0], led.spectrum.wavelength_nm[-1], _NODES)
+        density = led.spectrum.at(at)
+    elif led.width_nm > 0.0:
+        at = nm + led.width_nm * np.linspace(-_WIDTHS, _WIDTHS, _NODES)
+        density = np.exp(-0.5 * ((at - nm) * _FWHM / led.width_nm) ** 2) * (at > 0.0)
+    else:
+        return np.array([nm]), np.ones(1)
+    return at, density / density.sum()
+
+
+def _through(optics: Any, signal_nm: float, at: Floats, weight: Floats, angles: _Angles) -> float:
+    """Return the sum of weights (n,) behind a filter, averaged over angles."""
+    factors = angles.factors(optics.filter_index)[:, None]
+    transmission = optics.filter_transmission
+    if isinstance(transmission, Curve):
+        return float((transmission.at(at / factors) @ weight).mean())
+    low, high = optics.band(signal_nm)
+    if len(at) == 1:
+        seen = (low * factors <= at) & (at <= high * factors)
+        return float(transmission * weight[0] * seen.mean())
+    # the light between edges that fall between the nodes, each of which stands for a cell
+    step = at[1] - at[0]
+    edges = np.append(at - 0.5 * step, at[-1] + 0.5 * step)
+    sums = np.append(0.0, np.cumsum(weight))
+    inside = np.interp(high * factors, edges, sums) - np.interp(low * factors, edges, sums)
+    return float(transmission * inside.mean())
