@@ -11,9 +11,12 @@ from .convergence.drivers import fading_study as fading_study
 from .convergence.drivers import time_step_study as time_step_study
 from .convergence.study import ConvergenceStudy as ConvergenceStudy
 from .coverage import coverage_map as coverage_map
+from .designs.page import Design as Design
+from .designs.study import design as design
 from .inference import Inference as Inference
 from .inference import infer as infer
 from .irradiance import irradiance_series as irradiance_series
+from .keys import Variant as Variant
 from .optimisation import Optimum as Optimum
 from .optimisation import optimize as optimize
 from .performance import DepthSweep as DepthSweep

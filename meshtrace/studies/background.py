@@ -15,7 +15,8 @@ from meshtrace.comms.background import DARK, occupancy, with_background
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.backward.background import background, background_over
-from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import Case, RunOptions, require_options
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
 from meshtrace.link import Link
@@ -26,7 +27,9 @@ from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of
+from meshtrace.studies.keys import Variant
 from meshtrace.studies.series import in_flight
+from meshtrace.studies.store import digest_of
 from meshtrace.uav.airframe import Flight
 
 _MOST_SEAS = 16  # of the mean background of an ensemble
@@ -183,7 +186,7 @@ def described(ook: OokLink, found: Background) -> str:
     day = found.provenance["daylight"]
     follows = day["direct"] > 0.0 or day["light"] == "overcast sky"
     sun = f" at zenith angle {day['sun_zenith_deg']:g} deg" if follows else ""
-    width = ook.optics.filter_width_nm
+    width = ook.optics.equivalent_width_nm
     return (
         f"{found.light}{sun}, {found.radiance:.3g} W m-2 sr-1 nm-1 at {found.wavelength_nm:g} nm, "
         f"{ook.background_rate:.3g} counts/s through {width:g} nm, {occupancy(ook):.2g} for a cell "
@@ -200,32 +203,56 @@ def electronics_of(
     return None if chosen is None else OokLink.of_link(campaign.link, chosen, bit_rate)
 
 
-def held_light(ook: OokLink, campaign: Campaign, of: str) -> tuple[OokLink, str]:
-    """Return a transmission under the background of a scenario, and the text of that light.
+class Lights:
+    """Transmissions of variants of a link under their background light.
 
-    For studies of many links near one: all of them take its background.
+    Parameters
+    ----------
+    campaign : Campaign
+        The base link with its surface and options.
+    seed : int, optional
+        Seed of the rays, by default that of the run; equal rays for all variants.
 
-    Raises
-    ------
-    Refused
-        If the study is of the range of a receiver in the water, whose background follows its depth.
+    Notes
+    -----
+    Keys of the detector change the counts of a background, all others of its link but the lamp
+    its radiance, too: it is computed once for each receiver, water and daylight.
     """
-    day, link = light_of(campaign, None), campaign.link
-    if day is None:
-        return ook, DARK
-    if of == "range" and link.direction == "down":
-        raise Refused("daylight", day.light, "none, for the range of a receiver in the water")
-    found = background(
-        link,
-        campaign.surface,
-        day,
-        photons=RAYS,
-        seed=campaign.run.seed,
-        mesh=campaign.meshing,
-        threads=campaign.run.threads,
-    )
-    lit = with_background(ook, found)
-    return lit, f"{described(lit, found)}; the same for all links"
+
+    def __init__(self, campaign: Campaign, seed: int | None = None) -> None:
+        self._campaign, self._lamp = campaign, campaign.link.transmitter
+        self._seed = campaign.run.seed if seed is None else seed
+        self._kept: dict[str, Background] = {}
+
+    def background(self, variant: Variant) -> Background | None:
+        """Return the background of a variant, None in the dark."""
+        day = checked_daylight(variant.daylight, variant.link)
+        if day is None:
+            return None
+        link = variant.link.model_copy(update={"transmitter": self._lamp})
+        surface = self._campaign.surface if variant.sea is None else variant.sea
+        parts = [part.model_dump(mode="json") for part in (link, day)]
+        key = digest_of([*parts, surface_config(surface)])
+        if key not in self._kept:
+            meshing, run = self._campaign.meshing, self._campaign.run
+            self._kept[key] = background(
+                link, surface, day, photons=RAYS, seed=self._seed, mesh=meshing, threads=run.threads
+            )
+        return self._kept[key]
+
+    def lit(self, variant: Variant) -> OokLink | None:
+        """Return the transmission of a variant with the counts of its background, if any."""
+        if variant.detector is None:
+            return None
+        found = self.background(variant)
+        return variant.detector if found is None else with_background(variant.detector, found)
+
+    def text(self, variant: Variant) -> str:
+        """Return the light of a variant and its counts; empty without a transmission."""
+        if variant.detector is None:
+            return ""
+        found = self.background(variant)
+        return DARK if found is None else described(with_background(variant.detector, found), found)
 
 
 def error_rate(
@@ -290,7 +317,8 @@ def _seen(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> Call
         surface, time = steps.surface(i)
         case = Case(link, surface, campaign.run, campaign.meshing.replace(time=time))
         mesh, _ = mesh_for(link, surface, case.meshing)
-        found = background_over(case, mesh, day, photons, {})
+        sea = EmbreeIntersector(mesh, case.threads)
+        found = background_over(case, sea, day, photons, {})
         numbers = found.radiance, found.radiance_stderr, found.acceptance, found.wavelength_nm
         return np.concatenate([found.part_radiance, found.part_radiance_stderr, numbers])
 

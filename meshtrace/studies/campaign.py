@@ -9,11 +9,17 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
+from meshtrace.engine.neighbours import FrozenForced
 from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_for, surface_config
+from meshtrace.engine.setup.meshing import (
+    FADING_SPACING,
+    mesh_lines,
+    require_cover,
+    surface_config,
+)
 from meshtrace.engine.setup.options import (
     Forced,
     Meshing,
@@ -22,6 +28,7 @@ from meshtrace.engine.setup.options import (
     require_options,
     resolve,
 )
+from meshtrace.engine.wavelengths import SpectralDetection, clearest
 from meshtrace.errors import Described, Refused, require_function
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
@@ -29,6 +36,7 @@ from meshtrace.mesh import MeshSource, SeededSurface, SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, ordered_map, paced, trim_memory
 from meshtrace.results.provenance import provenance
+from meshtrace.results.wavelengths import checked_wavelengths
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.cluster import Cluster
@@ -101,6 +109,10 @@ class Campaign(NamedTuple):
         File that keeps finished surfaces.
     progress : callable, optional
         Called with 1 after each step.
+    spectral : bool
+        Whether the links are one at several wavelengths, with common paths where possible.
+    lit : float
+        Half-width of the fine part of the meshes, over that of `Link.lit_patch`.
     """
 
     links: Mapping[str, Link]
@@ -111,6 +123,8 @@ class Campaign(NamedTuple):
     cluster: Cluster | None = None
     store: Store = Store()
     progress: Callable[[int], None] | None = None
+    spectral: bool = False
+    lit: float = 1.0
 
     @property
     def link(self) -> Link:
@@ -144,6 +158,7 @@ class Campaign(NamedTuple):
         """Return the configuration that the numbers of a step depend on, as plain data."""
         return {
             "links": {name: link.model_dump(mode="json") for name, link in self.links.items()},
+            "spectral": self.spectral,
             "surface": surface_config(self.surface),
             "photons": self.run.photons,
             "seed": self.run.seed,
@@ -186,11 +201,28 @@ class Campaign(NamedTuple):
         seeds = np.array([realization_seed(self.run.seed, i) for i in range(n)], np.int64)
         return Steps("realization", seeds, lambda i: (sea.with_seed(int(seeds[i])), time))
 
-    def mesh(self, links: Sequence[Link], surface: MeshSource, time: float) -> TriangleMesh:
-        """Return the mesh of a surface at a time, as far as light can cross to any receiver."""
-        meshing, joint = self.meshing.replace(time=time), with_all_ends(links)
+    def lines(self, links: Sequence[Link], surface: MeshSource) -> dict[str, Any]:
+        """Return the arguments of a mesh as far as light can cross to any receiver, at any time."""
+        if self.spectral:  # the ends of all are the same
+            links = [clearest(links)]
+        joint = with_all_ends(links)
         reach = max(crossing_reach(link) + math.dist(link.origin, joint.origin) for link in links)
-        return mesh_for(joint, surface, meshing, reach, FADING_SPACING)[0]
+        return mesh_lines(joint, surface, self.meshing, reach, FADING_SPACING, self.lit)
+
+    def mesh(
+        self,
+        links: Sequence[Link],
+        surface: MeshSource | TriangleMesh,
+        time: float,
+        lines: dict[str, Any] | None = None,
+    ) -> TriangleMesh:
+        """Return the mesh of a surface at a time; `lines` are those of several times."""
+        made = surface
+        if not isinstance(made, TriangleMesh):
+            made = made.mesh(time, **(lines or self.lines(links, made)))
+        for link in links:
+            require_cover(link, made)
+        return made
 
     def over(
         self,
@@ -308,21 +340,57 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
         return links if steps.links is None else steps.links[i]
 
     def mesh(i: int) -> TriangleMesh:
-        return campaign.mesh(over(i), *steps.surface(i))
+        return campaign.mesh(over(i), *steps.surface(i), lines)
 
     def chains(link: Link) -> ForcedDetection:
         return ForcedDetection(link, run.photons, run.seed, normals, sea=typical)
 
+    def spectral(over: Sequence[Link], made: TriangleMesh) -> SpectralDetection:
+        return SpectralDetection(over, run.photons, run.seed, normals, sea=typical, mesh=made)
+
     def evaluate(i: int) -> Floats:
         made = first.pop(i) if i in first else mesh(i)
-        parts = [one.evaluate(made) for one in common or map(chains, over(i))]
+        if tilted:
+            pairs = zip(tilted, over(i), strict=True)
+            return np.stack([one.parts(link, made) for one, link in pairs], axis=1)
+        if campaign.spectral:
+            parts = (paths or spectral(over(i), made)).evaluate(made)
+        else:
+            parts = [one.evaluate(made) for one in common or map(chains, over(i))]
         return np.array([[one.shifts for one in parts], [one.direct for one in parts]])
 
     n = len(steps.labels)
+    widest, source = _widest(steps, links), campaign.surface
+    lines = campaign.lines(widest, source) if widest and isinstance(source, MeshSource) else None
     first = {i: mesh(i) for i in range(min(1 if steps.links else probed, n))}
     typical = TypicalSea.of(first.values(), MANY_SEAS)
-    common = [] if steps.links else [chains(link) for link in links]
+    moving = steps.links is not None
+    alone = campaign.spectral or (moving and not widest)
+    common = [] if alone else [chains(link) for link in links]
+    paths = spectral(links, first[0]) if campaign.spectral and not moving else None
+    tilted = []
+    if moving and common and all(one.serves_neighbours for one in common):
+        tilted = [
+            FrozenForced(link, run.photons, run.seed, typical, normals, "usual") for link in links
+        ]
+    elif moving:
+        common = []
     return evaluate
+
+
+def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
+    """Return the links with the widest mesh, one for all times; None if each surface has its own.
+
+    Ends that tilt have one mesh, ends that move aside have others.
+    """
+    if steps.along != "time":
+        return None
+    if steps.links is None:
+        return links
+    ends = [row[0].air_end[1] for row in steps.links]
+    if any(end.center != ends[0].center for end in ends):
+        return None
+    return steps.links[int(np.argmax([end.tilt_deg for end in ends]))]
 
 
 def mean(samples: xr.DataArray, over: str) -> xr.DataArray:
@@ -365,6 +433,7 @@ def campaign_of(
     *,
     several: bool = True,
     chains: int = DEFAULT_CHAINS,
+    wavelengths_nm: ArrayLike | None = None,
     **run: Unpack[StudyOptions],
 ) -> Campaign:
     """Return the campaign of a link over a sea, checked.
@@ -384,6 +453,8 @@ def campaign_of(
         Whether the study needs a sea, and a single mesh is refused.
     chains : int
         Chains of a link that are not given.
+    wavelengths_nm : array_like, optional
+        Wavelengths [nm] at which the link is taken, named by them; by default its own.
     **run
         See `StudyOptions`.
 
@@ -410,4 +481,10 @@ def campaign_of(
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (MeshSource)")
     cluster = None if workers is None else Cluster(workers).checked()
     links = {"link": case.link}
-    return Campaign(links, case.surface, case.run, case.meshing, scenario, cluster, store, progress)
+    if wavelengths_nm is not None:
+        at = checked_wavelengths(wavelengths_nm)
+        links = {f"{nm!r} nm": case.link.at_wavelength(nm) for nm in at}
+    return Campaign(
+        links, case.surface, case.run, case.meshing, scenario, cluster, store, progress,
+        wavelengths_nm is not None,
+    )  # fmt: skip

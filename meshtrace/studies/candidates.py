@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache, partial
 from typing import Any, Literal, get_args
 
@@ -18,19 +18,20 @@ from meshtrace.link import Led, Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
+from meshtrace.studies.background import Lights
 from meshtrace.studies.campaign import Campaign
+from meshtrace.studies.keys import Variant
 from meshtrace.studies.neighbours import Neighbours
-from meshtrace.studies.sensitivity.parameters import Quantity
+from meshtrace.studies.response import MOST_SEAS, Responses
+from meshtrace.studies.sensitivity.quantity import Quantity
 from meshtrace.studies.store import digest_of
-from meshtrace.uav.airframe import Flight
+from meshtrace.uav.airframe import Flight, Uav
 
-Objective = Literal["outage", "gain", "range", "margin"]
-Custom = Callable[[Link, Floats, Floats], float]
+Objective = Literal["outage", "gain", "range", "margin", "capacity"]
+Custom = Callable[[Variant, Floats, Floats], float]
 
 _DARK = 1e-30  # gain that stands for no light
 _DB = 10.0 / math.log(10.0)
-Evaluate = Callable[[Link], Sequence[tuple[Floats, Floats]]]
-"""Gains and weights of a link: of all, and of the groups of the jackknife."""
 
 
 def weighted_quantile(values: Floats, weights: Floats, quantile: float) -> float:
@@ -45,28 +46,27 @@ class Goal:
 
     Parameters
     ----------
-    objective : {"outage", "gain", "range", "margin"} or callable
+    objective : {"outage", "gain", "range", "margin", "capacity"} or callable
         "outage": the quantile of -ln(gain / need), smooth where the outage of a sample is a
-        step function. A callable takes (link, gains, weights) and returns a number to minimise.
+        step function. A callable takes (candidate, gains, weights) and returns a number to
+        minimise.
     quantile : float
         Quantile of the gain for "outage".
-    ook : OokLink or None
-        Transmission.
+    lights : Lights
+        Background light of each candidate.
     limit : float
         Bit error rate of a working link.
     """
 
     def __init__(
-        self, objective: Objective | Custom, quantile: float, ook: OokLink | None, limit: float
+        self, objective: Objective | Custom, quantile: float, lights: Lights, limit: float
     ) -> None:
         if not callable(objective) and objective not in get_args(Objective):
             raise Refused(
                 "objective", objective, f"{', '.join(get_args(Objective))}, or a function"
             )
-        if ook is None and objective in ("outage", "range", "margin"):
-            raise Refused("ook", None, f"a transmission, for {objective}")
         self.objective = objective
-        self._quantile, self._ook, self._limit = quantile, ook, limit
+        self._quantile, self._lights, self._limit = quantile, lights, limit
         self._rates = Quantity("range", limit)
 
     @property
@@ -74,49 +74,67 @@ class Goal:
         """Name of the objective."""
         return "custom" if callable(self.objective) else self.objective
 
-    def costs(self, link: Link, evaluate: Evaluate) -> Floats:
+    def costs(self, at: Variant, sample: Sample) -> Floats:
         """Return the number to minimise: of all gains, then of the groups of the jackknife."""
         if self.objective == "range":
-            return self._ranges(link, evaluate)
-        return np.array([self._cost(link, *group) for group in evaluate(link)])
+            return self._ranges(at, sample)
+        groups = sample.groups(at)
+        if self.objective != "gain":
+            at = at._replace(detector=self._lights.lit(sample.responses.behind(at)))
+        return np.array([self._cost(at, *group) for group in groups])
 
-    def _cost(self, link: Link, gains: Floats, weights: Floats) -> float:
+    def _cost(self, at: Variant, gains: Floats, weights: Floats) -> float:
+        """Return the number to minimise of a candidate under its background light."""
         if callable(self.objective):
-            return float(self.objective(link, gains, weights))
+            return float(self.objective(at, gains, weights))
+        if self.objective == "capacity":
+            assert at.detector is not None
+            carried = self._rates.information(at.detector)(np.log(self._powers(at.detector, gains)))
+            rate = at.detector.bit_rate * float(carried @ weights) / float(weights.sum())
+            return -math.log(max(rate, _DARK))
         mean = math.log(max(float(gains @ weights) / float(weights.sum()), _DARK))
         if self.objective == "gain":
             return -mean
-        need = math.log(self._need(link))
+        need = math.log(min(self._need(at), 1.0 / _DARK))
         if self.objective == "margin":
             return need - mean
         logs = np.log(np.maximum(gains, _DARK))
         return need - weighted_quantile(logs, weights, self._quantile)
 
-    def quantity(self, link: Link, cost: float, evaluate: Evaluate) -> float:
-        """Return the quantity of the objective: gain, outage, range [m] or margin [dB]."""
+    @staticmethod
+    def _powers(ook: OokLink, gains: Floats) -> Floats:
+        """Return the received powers of gains, with a floor [W]."""
+        return np.maximum(ook.received_power(gains), _DARK)
+
+    def quantity(self, at: Variant, cost: float, sample: Sample) -> float:
+        """Return the quantity of the objective: that of `Optimum.value`."""
         if self.objective == "outage":
-            gains, weights = evaluate(link)[0]
-            return float(weights[gains < self._need(link)].sum() / weights.sum())
-        scale = {"gain": math.exp(-cost), "range": -cost, "margin": -_DB * cost}
-        return scale.get(self.name, cost)
+            gains, weights = sample.groups(at)[0]
+            lit = self._lights.lit(sample.responses.behind(at))
+            need = self._need(at._replace(detector=lit))
+            return float(weights[gains < need].sum() / weights.sum())
+        if self.name in ("gain", "capacity"):
+            return math.exp(-cost)
+        return {"range": -cost, "margin": -_DB * cost}.get(self.name, cost)
 
     def error(self, cost: float, stderr: float) -> float:
         """Return the standard error of the quantity by the error of the cost; nan for an outage."""
-        scale = {"gain": math.exp(-cost), "margin": _DB, "outage": math.nan}
-        return stderr * scale.get(self.name, 1.0)
+        if self.name in ("gain", "capacity"):
+            return stderr * math.exp(-cost)
+        return stderr * {"margin": _DB, "outage": math.nan}.get(self.name, 1.0)
 
-    def _need(self, link: Link) -> float:
-        assert self._ook is not None
-        return required_gain(OokLink.of_link(link, self._ook), self._limit)
+    def _need(self, at: Variant) -> float:
+        assert at.detector is not None
+        return required_gain(at.detector, self._limit)
 
-    def _ranges(self, link: Link, evaluate: Evaluate) -> Floats:
+    def _ranges(self, at: Variant, sample: Sample) -> Floats:
         """Return minus the depths of an averaged error rate equal to the limit."""
-        assert self._ook is not None
-        ook = OokLink.of_link(link, self._ook)
-        depth = link.depth
+        depth = at.link.depth
         found: list[tuple[float, Floats]] = []
         for _ in range(8):
-            groups = evaluate(link.at_depth(depth))
+            there = at._replace(link=at.link.at_depth(depth))
+            groups, ook = sample.groups(there), self._lights.lit(sample.responses.behind(there))
+            assert ook is not None
             excess = np.array([self._excess(ook, *group) for group in groups])
             found.append((depth, excess))
             if len(found) == 1:
@@ -133,7 +151,7 @@ class Goal:
     def _excess(self, ook: OokLink, gains: Floats, weights: Floats) -> float:
         """Return the logarithm of the ratio of the light to the need."""
         law = self._rates.law(ook, rising=False)
-        logs = np.log(np.maximum(ook.received_power(gains), _DARK))
+        logs = np.log(self._powers(ook, gains))
         low, high = -20.0, 20.0
         for _ in range(40):
             shift = 0.5 * (low + high)
@@ -146,7 +164,8 @@ class Goal:
 
 _POSITIONS = 12  # of the receiver over each of several seas
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # azimuths that fill a disk evenly
-_CASES = 4  # candidates whose arrivals are kept for other fields of view
+_CANDIDATES = 64  # whose gains are kept
+_CASES = 6  # candidates whose arrivals are kept for other fields of view
 
 
 _EDGE = math.radians(2.0)  # more than a facet is seen under
@@ -196,11 +215,14 @@ class Sample:
         if flight is not None or any(hover_std):
             self._places = _POSITIONS if random else realizations
         self._draw(campaign, hover_std)
+        uav = flight and flight.uav
         self._near = Neighbours(
             campaign, self._seas, phases=random, fading=True,
-            kept=self._seas, around=self._spread(link, 0),
+            kept=self._seas, around=self._spread(link, uav, 0),
         )  # fmt: skip
         self._lights = lru_cache(_CASES)(partial(self._over_seas, self._near.light))
+        self.responses = Responses(self._some_light, Variant(link, None, uav=uav))
+        self._known = lru_cache(_CANDIDATES)(self._kept)
         self._identity = {
             "realizations": realizations,
             "hover_std": hover_std,
@@ -220,44 +242,48 @@ class Sample:
         places = radius[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
         self._offsets = places * np.array(hover_std)
         self.weights = np.tile(edges[:-1] - edges[1:], self._seas) / self._seas
-        self._tilts = np.zeros((self._seas, m, 2))
         if flight is not None:
             wind, seed = campaign.wind_of(flight), realization_seed(self._seed, 0)
-            tilt = flight.uav.tilt(wind.sample_wind(self._seas * m, seed))
-            angles = np.degrees(np.stack([tilt.angle, tilt.azimuth], axis=1))
-            self._tilts = angles.reshape(self._seas, m, 2)
+            self._winds = wind.sample_wind(self._seas * m, seed).reshape(self._seas, m, 3)
 
-    def _spread(self, link: Link, i: int) -> Link:
+    def _spread(self, link: Link, uav: Uav | None, i: int) -> Link:
         """Return a link with its end in the air at all places over sea i."""
         name, end = link.air_end
-        if end.tilt_deg != 0.0 and self._flight is not None:
+        if end.tilt_deg != 0.0 and uav is not None:
             raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the aircraft tilts it")
+        leans: list[dict[str, float]] = [{} for _ in self._offsets]
+        if uav is not None:
+            tilts = (np.degrees(part) for part in uav.tilt(self._winds[i]))
+            keys = ("tilt_deg", "tilt_azimuth_deg")
+            leans = [
+                dict(zip(keys, map(float, one), strict=True)) for one in zip(*tilts, strict=True)
+            ]
         ends = []
-        for (x, y), (tilt, azimuth) in zip(self._offsets, self._tilts[i], strict=True):
+        for (x, y), lean in zip(self._offsets, leans, strict=True):
             place = (end.position[0] + float(x), end.position[1] + float(y))
-            lean = {} if self._flight is None else {
-                "tilt_deg": float(tilt), "tilt_azimuth_deg": float(azimuth)
-            }  # fmt: skip
             ends.append(end.replace(position=place, **lean))
         return link.model_copy(update={name: tuple(ends)})
 
-    def gains(self, link: Link) -> Floats:
-        """Return the gains of a candidate, kept in the store, shape (seas * places, shifts)."""
-        candidate = digest_of(link.model_dump(mode="json"))
+    def gains(self, at: Variant) -> Floats:
+        """Return the gains of a candidate, shape (seas * places, shifts).
+
+        They are kept, in the store as well: keys of the detector need no new light.
+        """
+        return self._known(at.link, None if self._flight is None else at.uav)
+
+    def _kept(self, link: Link, uav: Uav | None) -> Floats:
+        """Return the gains of a candidate from the store, or compute them."""
+        parts = [link.model_dump(mode="json"), None if uav is None else uav.model_dump(mode="json")]
         name = f"candidates of seed {self._seed}"
         (found,) = self._near.campaign.over(
-            lambda: lambda _: self._computed(link), [candidate], name, self._identity
+            lambda: lambda _: self._computed(link, uav), [digest_of(parts)], name, self._identity
         )
         return found
 
-    def _computed(self, link: Link) -> Floats:
+    def _computed(self, link: Link, uav: Uav | None) -> Floats:
         """Return the gains of a candidate over all seas."""
         if self._turned:
-            same = link
-            for name in self._turned:
-                part, key = name.split(".")
-                same = same.replace(name, getattr(getattr(self._start, part), key))
-            lights = self._lights(same)
+            lights = self.light(link, uav)
             half = math.radians(0.5 * link.receivers[0].fov_deg)
             direct = [(light.shift < 0) & (np.abs(light.angle - half) < _EDGE) for light in lights]
             cut = (
@@ -268,20 +294,49 @@ class Sample:
                 return np.array([light.by_shift(self._factor(link, light)) for light in lights])
             sampled = [self._factor(link, light) * (light.shift >= 0) for light in lights]
             rows = [light.by_shift(part) for light, part in zip(lights, sampled, strict=True)]
-            return np.array(rows) + np.array(self._over_seas(self._near.unscattered, link))[:, None]
-        return np.array(self._over_seas(self._near.gains, link))
+            return (
+                np.array(rows)
+                + np.array(self._over_seas(self._near.unscattered, link, uav))[:, None]
+            )
+        return np.array(self._over_seas(self._near.gains, link, uav))
 
-    def _over_seas(self, evaluate: Callable[[Link, int], Any], link: Link) -> list[Any]:
-        """Return the values of a candidate at all places over all seas."""
+    def light(self, link: Link, uav: Uav | None = None) -> list[Light]:
+        """Return the light of a candidate at all places over all seas, before it is weighed again.
+
+        Variables that only weigh it are those of the start.
+        """
+        for name in self._turned:
+            part, key = name.split(".")
+            link = link.replace(name, getattr(getattr(self._start, part), key))
+        return self._lights(link, uav)
+
+    def _some_light(self, at: Variant) -> list[Light]:
+        """Return the light of a candidate at all places over some seas, for its response."""
+        link, uav, n = at.link, None if self._flight is None else at.uav, MOST_SEAS * self._places
+        if self._turned:
+            lights = [
+                light._replace(weight=light.weight * self._factor(link, light))
+                for light in self.light(link, uav)[:n]
+            ]
+        else:
+            lights = self._over_seas(self._near.light, link, uav, MOST_SEAS)
+        pairs = zip(lights, self.weights[:n], strict=True)
+        return [light._replace(weight=weight * light.weight) for light, weight in pairs]
+
+    def _over_seas(
+        self, evaluate: Callable[[Link, int], Any], link: Link, uav: Uav | None,
+        seas: int | None = None,
+    ) -> list[Any]:  # fmt: skip
+        """Return the values of a candidate at all places over all seas, or the first ones."""
 
         def one(i: int) -> list[Any]:
-            links = [self._spread(link, i)]
+            links = [self._spread(link, uav, i)]
             if link.direction == "down":  # the light of lamps at several places would add up
                 lamps = links[0].transmitters
                 links = [link.model_copy(update={"transmitter": lamp}) for lamp in lamps]
             return [value for at in links for value in evaluate(at, i)]
 
-        return [value for row in self._near.map(one) for value in row]
+        return [value for row in self._near.map(one, seas) for value in row]
 
     def _factor(self, link: Link, light: Light) -> Floats:
         """Return the weights of arrivals at a candidate, relative to the start."""
@@ -293,9 +348,9 @@ class Sample:
             factor *= (new.order + 1.0) / (old.order + 1.0) * lit ** (new.order - old.order)
         return factor
 
-    def groups(self, link: Link) -> list[tuple[Floats, Floats]]:
+    def groups(self, at: Variant) -> list[tuple[Floats, Floats]]:
         """Return mean gains of a candidate, and weights: all, without each shift, each sea."""
-        gains = self.gains(link)
+        gains = self.gains(at)
         found = [(gains.mean(axis=1), self.weights)]
         found += [(np.delete(gains, i, axis=1).mean(axis=1), self.weights) for i in range(SHIFTS)]
         if self._seas > 1:

@@ -85,7 +85,7 @@ def light_pattern(
     require_between(time, -math.inf, math.inf, "time")
     case = resolve(link, surface)
     link, sea = case.link, case.surface
-    source, receiver = _checked(link, sea, extent, step)
+    source, receiver = pattern_ends(link, sea, extent, step)
     assert isinstance(sea, Surface)
     extent, step = float(extent), float(step)
     n = math.ceil(extent / step - 1e-9)
@@ -108,7 +108,7 @@ def light_pattern(
     return CoverageMap(x, y, gain, np.zeros_like(gain), origin)
 
 
-def _checked(link: Link, surface: Any, extent: float, step: float) -> tuple[Any, Receiver]:
+def pattern_ends(link: Link, surface: Any, extent: float, step: float) -> tuple[Any, Receiver]:
     """Return source and receiver of a link that the pattern is defined for."""
     extent = require_between(extent, 0.0, math.inf, "extent")
     least, most = 2.0 * extent / _MOST_CELLS, 0.25 * extent

@@ -1,4 +1,4 @@
-"""Processes of a dask cluster that evaluate the jobs of a loop: workers and their environments."""
+"""Processes that evaluate the jobs of a loop: this one, and those of a dask cluster."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from functools import lru_cache
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from meshtrace.errors import Described, Refused, one_line, require_between, require_whole
@@ -24,6 +25,7 @@ DEFAULT_TIMEOUT = 60.0
 """Seconds to wait for a scheduler and for a worker."""
 
 _CHATTY = ("distributed", "tornado", "asyncio")  # loggers of lost connections
+_START = 4.0  # [s] that a local cluster takes to start, with the imports of its workers
 _POLL = 0.02  # [s] between looks for finished tasks
 _ANSWER = 2.0  # [s] to wait for a result, or for the scheduler
 _ALLOWED = "a running dask scheduler with workers; the same command resumes"
@@ -35,8 +37,9 @@ class Cluster(NamedTuple):
     Parameters
     ----------
     workers : int or str, optional
-        Processes on this machine, all cores by default, or the address or file (.json) of a
-        running dask scheduler.
+        Processes on this machine, of which one is this process; or the address or file (.json) of a
+        running dask scheduler. By default all cores, once the jobs last longer in this process
+        than the start of others.
     timeout : float
         Seconds to wait for the scheduler, and for a worker.
     on_start : callable, optional
@@ -48,9 +51,12 @@ class Cluster(NamedTuple):
     on_start: Callable[[str], None] | None = None
 
     def checked(self) -> Cluster:
-        """Return the cluster; refuse numbers out of range."""
+        """Return the cluster; refuse numbers out of range, and to go on without dask."""
         if not isinstance(self.workers, str | None):
             require_whole(self.workers, 1, 1024, "workers")
+        if self.workers != 1 and find_spec("distributed") is None:
+            missing = 'workers: distributed is missing, pip install "meshtrace[batch]"'
+            raise ModuleNotFoundError(missing, name="distributed")
         require_between(self.timeout, 0.0, math.inf, "timeout", "[)")
         return self
 
@@ -71,11 +77,39 @@ class Cluster(NamedTuple):
         Refused
             If there is no scheduler or no worker, one is lost for good, or a worker would compute
             other numbers: another version of meshtrace, its kernels, numpy or numba.
-        ModuleNotFoundError
-            If dask and distributed are not installed.
         """
-        require_dask()
+        here = 0
+        for here, found in enumerate(self._here(setup, jobs), 1):
+            yield here - 1, found
+        if here < len(jobs):
+            for i, found in self._elsewhere(setup, jobs[here:]):
+                yield here + i, found
+
+    def _here(
+        self, setup: Callable[[], Callable[[Any], Any]], jobs: Sequence[Any]
+    ) -> Iterator[Any]:
+        """Yield the results, or exceptions, of the first jobs, those of this process."""
+        seconds = _START if self.workers is None else 0.0
+        if not isinstance(self.workers, str):
+            one = min(self.workers or os.cpu_count() or 1, len(jobs)) == 1
+            seconds = math.inf if one else seconds
+        if seconds == 0.0:
+            return
+        end, work = time.monotonic() + seconds, setup()
+        for job in jobs:
+            try:
+                yield work(job)
+            except Exception as error:
+                yield error
+            if time.monotonic() > end:
+                return
+
+    def _elsewhere(
+        self, setup: Callable[[], Callable[[Any], Any]], jobs: Sequence[Any]
+    ) -> Iterator[tuple[int, Any]]:
+        """Yield the number of each job as a worker finishes it, and its result or exception."""
         import cloudpickle
+        import distributed  # noqa: F401  (its loggers exist from here on)
 
         with _quiet(), _client(self.workers, self.timeout) as client:
             _require_equal_workers(client, self.timeout)
@@ -89,16 +123,6 @@ class Cluster(NamedTuple):
                     raise _lost(client, n, len(jobs)) from found
                 yield number[future.key], _checked(found)
                 future.release()
-
-
-def require_dask() -> None:
-    """Refuse to go on without dask."""
-    try:
-        import distributed  # noqa: F401  (its loggers exist from here on)
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            f'workers: {error.name} is missing, pip install "meshtrace[batch]"', name=error.name
-        ) from error
 
 
 @lru_cache(2)

@@ -36,6 +36,7 @@ from meshtrace.studies.background import (
     transmission_of,
 )
 from meshtrace.studies.campaign import Campaign, campaign_of, mean, stderr
+from meshtrace.studies.response import through_channel
 from meshtrace.studies.series import gain_series
 from meshtrace.tables import text_table
 
@@ -250,7 +251,7 @@ def _under_light(
     errors = found.gain_stderr.tolist()
     for one, day, gains, own in zip(campaigns, days, samples, errors, strict=True):
         base = one.scenario.detector if one.scenario is not None else None
-        ook = transmission_of(one.link, base)
+        ook = through_channel(transmission_of(one.link, base), one, realizations)
         light = background_over_seas(one, day, realizations) if day else None
         if light is not None:
             warn_of_background(with_background(ook, light), light)

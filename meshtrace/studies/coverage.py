@@ -7,17 +7,17 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from typing import Any, Unpack
+from typing import Any, Unpack, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.maps import unscattered_map
 from meshtrace.engine.outcome import (
+    FEW_PHOTONS,
     FewSamplesWarning,
     analog_result,
-    irradiance_map,
     largest_weight,
     warn_of_dark_map,
     warn_of_lost,
@@ -32,12 +32,15 @@ from meshtrace.engine.setup.options import (
     require_options,
     resolve,
 )
+from meshtrace.engine.setup.tinting import UNTINTED
+from meshtrace.engine.wavelengths import CommonPaths, clearest, photon_paths, scattering
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.results.coverage import CoverageMap, relative_errors
+from meshtrace.results.coverage import LIT, CoverageMap, relative_errors
 from meshtrace.results.provenance import provenance
+from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths
 from meshtrace.scenario import Scenario
 from meshtrace.studies.store import Item, Kept, Store
 
@@ -46,7 +49,31 @@ _MOST_AT_ONCE = 16.0  # times the photons: an error of few hits is uncertain its
 _MESHES = 4  # that are kept for further photons
 
 
+@overload
 def coverage_map(
+    link: Link | Scenario,
+    surface: MeshSource | TriangleMesh | None = None,
+    extent: float = 5.0,
+    step: float = 0.25,
+    *,
+    wavelengths_nm: None = None,
+    **options: Any,
+) -> CoverageMap: ...
+
+
+@overload
+def coverage_map(
+    link: Link | Scenario,
+    surface: MeshSource | TriangleMesh | None = None,
+    extent: float = 5.0,
+    step: float = 0.25,
+    *,
+    wavelengths_nm: ArrayLike,
+    **options: Any,
+) -> ByWavelength[CoverageMap]: ...
+
+
+def coverage_map(  # type: ignore[misc]
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
     extent: float = 5.0,
@@ -55,8 +82,9 @@ def coverage_map(
     times: Sequence[float] | None = None,
     photons: int = 4_000_000,
     rtol: float | None = None,
+    wavelengths_nm: ArrayLike | None = None,
     **run: Unpack[RunOptions],
-) -> CoverageMap:
+) -> CoverageMap | ByWavelength[CoverageMap]:
     r"""Return the gain over the plane of the receiver.
 
     By analog photons: every photon that leaves the sea, or goes down, passes the plane somewhere,
@@ -83,13 +111,16 @@ def coverage_map(
         Relative standard error > 0 to reach in every cell by more photons; unscattered light is
         exact where its image is known. Cells darker than a hundredth of the highest gain reach
         `rtol` of that.
+    wavelengths_nm : array_like, optional
+        Wavelengths [nm], in place of that of the sources: a map for each, of common photons (see
+        `simulate`); `rtol` holds for all.
     **run
         Options of the run, see `RunOptions`. The store keeps the photons of each time, which a
         smaller `rtol` uses again; progress is by the photons followed since the last call.
 
     Returns
     -------
-    CoverageMap
+    CoverageMap, or ByWavelength of them
 
     Warns
     -----
@@ -114,6 +145,12 @@ def coverage_map(
     tilted, extended sources, light from the air, surfaces that overhang, random slopes too narrow
     for the cells, some forms as published).
     With `rtol` dark cells have an upper bound, `gain_bound`.
+
+    At several wavelengths the photons are those of the wavelength that scatters most, half of them
+    with the smallest and half with the largest index of the water; so are the two images of all
+    facets. Maps are linear in the index between. A wavelength with fewer than 100 effective photons
+    in the median cell of more than 1 % of the highest gain has photons of its own, unless those of
+    the base are few, too.
     """
     require_options(run, RunOptions)
     options: dict[str, Any] = {name: value for name, value in run.items() if value is not None}
@@ -131,19 +168,29 @@ def coverage_map(
     view = {"axis": receiver.axis, "fov_deg": receiver.fov_deg}
     grid = IrradianceMap(height=receiver.center[2], extent=extent, step=step, **view)
     exact = rtol is not None and not isinstance(case.run.estimator, Analog)
-    mapped = _Mapped(case, receiver, grid, at, exact, progress)
-    with Store(store, "coverage_map").loop("photons", mapped.identity()) as mapped.kept:
-        return mapped.run(photons, rtol)
+    inputs = receiver, grid, at, exact, progress
+    waves = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
+    links = [case.link.at_wavelength(nm) for nm in waves] or [case.link]
+    kept, found = Store(store, "coverage_map"), dict[int, CoverageMap]()
+    while waiting := [i for i in range(len(links)) if i not in found]:
+        base, common = photon_paths(links, waiting)
+        mapped = _Mapped(case, links, common, *inputs)
+        with kept.loop(f"photons of link {base}", mapped.identity()) as mapped.kept:
+            found |= mapped.run(photons, rtol, base)
+    results = [found[i] for i in range(len(links))]
+    return ByWavelength(np.array(waves), tuple(results)) if waves else results[0]
 
 
 class _Mapped:
-    """Map of a receiver: link, surface and options, cells and times, and its unscattered light."""
+    """Maps of a receiver at wavelengths with common photons, and their unscattered light."""
 
     kept: Kept
 
     def __init__(
         self,
         case: Case,
+        links: Sequence[Link],
+        common: CommonPaths,
         receiver: Receiver | WaterReceiver,
         grid: IrradianceMap,
         times: list[float],
@@ -152,7 +199,12 @@ class _Mapped:
     ) -> None:
         options = case.run.estimator
         self._options = options if isinstance(options, Analog) else Analog()
+        case = case._replace(link=clearest(links))
         self._case = case._replace(run=case.run.replace(estimator=self._options))
+        self._links, self._common = [links[i] for i in common.rows], common
+        self._tinting = common.tinting or UNTINTED
+        shares = np.array([1.0 - common.shares, common.shares])
+        self._shares = shares[: len(common.bases)]  # of the photons of each base
         self._receiver, self._grid, self._times = receiver, grid, times
         self._progress = progress
         half = 0.5 * grid.n * grid.step
@@ -174,21 +226,22 @@ class _Mapped:
 
     def _unscattered(self) -> Floats | None:
         """Return the unscattered gain of the cells, or None if photons have to carry it."""
-        link, options = self._case.link, (self._case.meshing.normals, self._case.threads)
-        link = link.replace(receiver=self._receiver)
-        total = np.zeros((self._grid.n, self._grid.n))
-        for time in self._times:
-            found = unscattered_map(link, self._mesh(time), self._grid, *options)
-            if found is None:
-                return None
-            total += found / len(self._times)
+        options = self._case.meshing.normals, self._case.threads, self._tinting
+        total = np.zeros((self._grid.n, self._grid.n, len(self._links)))
+        for link, shares in zip(self._common.bases, self._shares, strict=True):
+            link = link.replace(receiver=self._receiver)
+            for time in self._times:
+                found = unscattered_map(link, self._mesh(time), self._grid, *options)
+                if found is None:
+                    return None
+                total += shares * found / len(self._times)
         return total
 
     def identity(self) -> dict[str, Any]:
         """Return the configuration that the tallies depend on, as plain data."""
         case = self._case
         return {
-            "link": case.link.model_dump(mode="json"),
+            "links": [link.model_dump(mode="json") for link in self._links],
             "surface": surface_config(case.surface),
             "run": self._options.model_dump(mode="json"),
             "seed": case.run.seed,
@@ -198,94 +251,151 @@ class _Mapped:
             "unscattered": self._image is None,
         }
 
-    def run(self, photons: int, rtol: float | None) -> CoverageMap:
-        """Return the map by photons, which carry all light, or the light that the image lacks."""
+    def run(self, photons: int, rtol: float | None, base: int) -> dict[int, CoverageMap]:
+        """Return maps by photons, which carry all light, or the light that the images lack.
+
+        Those of the wavelengths for which the photons of the base are many enough.
+        """
         more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
-        each, sums = 0, None
-        while sums is None or more > 0:
+        each, sums, kept = 0, list[PhotonSums](), list[int]()
+        while not sums or more > 0:
             sums = self._follow(each, more, sums)
             each += more
             gain, stderr = self._gain(sums)
-            lack = 0.0 if rtol is None else (relative_errors(gain, stderr).max() / rtol) ** 2
+            kept = kept or self._well_sampled(sums, base)
+            pairs = [(gain[:, :, k], stderr[:, :, k]) for k in kept]
+            errors = [relative_errors(*pair).max() for pair in pairs if pair[0].any()]
+            # maps without any light are given up
+            lack = 0.0 if rtol is None else (max(errors, default=0.0) / rtol) ** 2
             wanted = math.ceil(each * min(1.1 * float(lack), _MOST_AT_ONCE))
-            # a map without any light is given up
-            lacks = lack > 1.0 and gain.max() > 0.0
-            more = max(min(wanted, Analog.most_photons) - each, 0) if lacks else 0
-        records, origin = {"irradiance-map": self._grid}, self._origin(each, rtol)
-        result = analog_result(self._case.link, sums, origin, records)
-        warn_of_lost(result)
-        if self._image is None:
-            warn_of_dark_map(result, records, self._back)
+            more = max(min(wanted, Analog.most_photons) - each, 0) if lack > 1.0 else 0
+        self._warn(sums)
+        rows = [self._common.rows[k] for k in kept]
+        maps = [
+            self._map(self._links[k], *pair, sums, each, rtol)
+            for k, pair in zip(kept, pairs, strict=True)
+        ]
+        return dict(zip(rows, maps, strict=True))
+
+    def _well_sampled(self, sums: list[PhotonSums], base: int) -> list[int]:
+        """Return which wavelengths have enough effective photons in a typical lit cell."""
+        found = []
+        for gain, stderr in zip(*(np.moveaxis(x, 2, 0) for x in self._mixed(sums)), strict=True):
+            lit = gain > LIT * gain.max()
+            found.append(float(np.median((gain[lit] / stderr[lit]) ** 2)) if lit.any() else 0.0)
+        limit = min(FEW_PHOTONS, 0.5 * found[self._common.rows.index(base)])
+        pairs = zip(self._common.rows, found, strict=True)
+        return [k for k, (i, number) in enumerate(pairs) if i == base or number >= limit]
+
+    def _map(
+        self, link: Link, gain: Floats, stderr: Floats, sums: list[PhotonSums], photons: int,
+        rtol: float | None,
+    ) -> CoverageMap:  # fmt: skip
+        """Return the map of a wavelength."""
         bound = None
         if rtol is not None:
             cells = int((relative_errors(gain, stderr) > rtol).sum())
             if cells:
                 text = f"rtol: {cells} of {gain.size} cells have not reached {rtol:g}"
-                warnings.warn(f"{text} with the most photons", FewSamplesWarning, stacklevel=3)
-            bound = self._bound(gain, stderr, sums.photons)
-        assert result.map is not None
-        return CoverageMap(result.map.x, result.map.y, gain, stderr, origin, bound)
+                warnings.warn(f"{text} with the most photons", FewSamplesWarning, stacklevel=5)
+            bound = self._bound(link, gain, stderr, sum(one.photons for one in sums))
+        axis = self._grid.axes
+        return CoverageMap(axis, axis, gain, stderr, self._origin(link, photons, rtol), bound)
+
+    def _warn(self, sums: list[PhotonSums]) -> None:
+        """Warn of lost photons, and of a map that looks away from the light."""
+        records = {"irradiance-map": self._grid}
+        results = [
+            analog_result(link, one, {}, records)
+            for link, one in zip(self._common.bases, sums, strict=True)
+        ]
+        for result in results:
+            warn_of_lost(result)
+        if self._image is None:
+            warn_of_dark_map(results[0], records, self._back)
 
     def _back(self, grid: IrradianceMap, photons: int) -> PhotonSums:
         """Follow a few photons at the first time with another map."""
-        case, intersector = (
-            self._case,
-            EmbreeIntersector(self._mesh(self._times[0]), self._case.threads),
-        )
+        case = self._case
+        intersector = EmbreeIntersector(self._mesh(self._times[0]), case.threads)
+        link = self._common.bases[0]
         return run_analog(
-            case.link, intersector, self._options, photons=photons, record=[grid], **case.how
+            link, intersector, self._options, photons=photons, record=[grid], **case.how
         )
 
-    def _follow(self, done: int, photons: int, sums: PhotonSums | None) -> PhotonSums:
-        """Follow more photons at each time, and add their tallies to the sums."""
+    def _follow(self, done: int, photons: int, sums: list[PhotonSums]) -> list[PhotonSums]:
+        """Follow more photons at each time, and return their tallies with the sums, by base."""
+        found: list[Any] = list(sums) or [None] * len(self._common.bases)
+        n = len(found)
         for i, time in enumerate(self._times):
             first = self._options.first_photon + len(self._times) * done + i * photons
-            key = f"{photons} from {first}"
-            if key in self.kept:
-                sums = _unpacked(self.kept[key])
-                if self._progress is not None:
-                    self._progress(photons)
-                continue
-            case, options = self._case, self._options.replace(first_photon=first)
-            sums = run_analog(
-                case.link, EmbreeIntersector(self._mesh(time), case.threads), options,
-                photons=photons, record=[self._grid], unscattered=self._image is None, sums=sums,
-                progress=self._progress, **case.how,
-            )  # fmt: skip
-            self.kept.keep(key, *_packed(sums))
-        assert sums is not None
+            cuts = [first + k * photons // n for k in range(n + 1)]
+            for k, link in enumerate(self._common.bases):
+                found[k] = self._more(link, time, cuts[k], cuts[k + 1] - cuts[k], found[k])
+        return found
+
+    def _more(
+        self, link: Link, time: float, first: int, photons: int, sums: PhotonSums | None
+    ) -> PhotonSums:
+        """Follow photons of a base, and add their tallies to the sums."""
+        key = f"{photons} from {first}"
+        if key in self.kept:
+            if self._progress is not None:
+                self._progress(photons)
+            return _unpacked(self.kept[key])
+        case, options = self._case, self._options.replace(first_photon=first)
+        sums = run_analog(
+            link, EmbreeIntersector(self._mesh(time), case.threads), options,
+            photons=photons, record=[self._grid], unscattered=self._image is None, sums=sums,
+            tinting=self._tinting, progress=self._progress, **case.how,
+        )  # fmt: skip
+        self.kept.keep(key, *_packed(sums))
         return sums
 
-    def _gain(self, sums: PhotonSums) -> tuple[Floats, Floats]:
-        """Return gain and standard error of the cells."""
-        area = np.pi * self._receiver.radius**2
-        found = irradiance_map(self._grid, sums)
-        gain, stderr = area * found.irradiance, area * found.irradiance_stderr
+    def _mixed(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
+        """Return gain by photons and standard error of the cells (x, y, wavelengths)."""
+        scale = np.pi * self._receiver.radius**2 / self._grid.step**2
+        means, errors = np.array([one.map_mean() for one in sums]).swapaxes(0, 1)
+        shares = self._shares[:, None, None]
+        gain: Floats = scale * (shares * means).sum(axis=0)
+        return gain, scale * np.sqrt(((shares * errors) ** 2).sum(axis=0))
+
+    def _gain(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
+        """Return gain and standard error of the cells (x, y, wavelengths)."""
+        gain, stderr = self._mixed(sums)
         if self._image is None:
             return gain, stderr
-        total, squares = (float(x.value().sum()) for x in (sums.map, sums.map_squared))
-        typical = area / self._grid.step**2 * squares / max(total, 1e-300)
-        return self._image + gain, np.hypot(stderr, typical / sums.photons)
+        area = np.pi * self._receiver.radius**2
+        typical = np.zeros(gain.shape[2])
+        for one, shares in zip(sums, self._shares, strict=True):
+            total, squares = (x.value().sum(axis=(0, 1)) for x in (one.map, one.map_squared))
+            weight = squares / np.maximum(total, 1e-300) / one.map_scale
+            typical += shares * area / self._grid.step**2 * weight / one.photons
+        return self._image + gain, np.hypot(stderr, typical)
 
-    def _origin(self, photons: int, rtol: float | None) -> dict[str, Any]:
-        """Return the provenance of the map."""
+    def _origin(self, link: Link, photons: int, rtol: float | None) -> dict[str, Any]:
+        """Return the provenance of a map."""
         case = self._case
         meshing = case.meshing.replace(time=self._times[0]).model_dump()
         run = {**case.run.to_config(), "photons": photons, "rtol": rtol, **meshing}
         run["record"] = [self._grid.model_dump(mode="json")]
-        origin = {**provenance(case.link, surface_config(case.surface), run), **case.origin}
+        origin = {**provenance(link, surface_config(case.surface), run), **case.origin}
         light = "photons" if self._image is None else "image"
         return {**origin, "times": self._times, "unscattered": light}
 
-    def _bound(self, gain: Floats, stderr: Floats, photons: int) -> Floats | None:
+    def _bound(self, link: Link, gain: Floats, stderr: Floats, photons: int) -> Floats | None:
         """Return upper bounds of dark cells, 95 % confidence, nan elsewhere; None if all are lit.
 
         No photon scores more than its largest weight w times the aperture over the cell; with
-        mean m and standard error s the bound is m + 2 s + 3 w / n (rule of three).
+        mean m and standard error s the bound is m + 2 s + 3 w / n (rule of three). A photon of a
+        base that scatters more has the more weight the longer it has not scattered: w counts the
+        straight way down the water.
         """
         if (gain > 0.0).all():
             return None
-        weight = largest_weight(self._case.link, 0.0)
+        fewer = max(scattering(self._common.bases[0])[0] - scattering(link)[0], 0.0)
+        depth = max(-item.center[2] for _, item in link.items())
+        weight = largest_weight(link, 0.0) * math.exp(fewer * depth)
         most = weight * np.pi * self._receiver.radius**2 / self._grid.step**2
         return np.where(gain > 0.0, np.nan, gain + 2.0 * stderr + 3.0 * most / photons)
 

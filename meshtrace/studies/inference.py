@@ -1,4 +1,4 @@
-"""Properties of a link from measured gains: least squares with covariance and identifiability."""
+"""Properties of a link from measurements: least squares with covariance and identifiability."""
 
 from __future__ import annotations
 
@@ -28,9 +28,12 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS, Stored, Variable
+from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
+from meshtrace.studies.keys import Parameter, Variant, parameters
 from meshtrace.studies.neighbours import Neighbours, has_moments, moments
-from meshtrace.studies.sensitivity.parameters import Parameter, Variant, parameters
+from meshtrace.studies.response import Responses
+from meshtrace.studies.sensitivity.quantity import Quantity
 from meshtrace.studies.store import digest_of
 from meshtrace.surfaces import FlatSea
 from meshtrace.tables import text_table
@@ -45,12 +48,17 @@ _LIGHTS = 3  # of each: the base and the sides of a difference
 _STEP = 0.01  # of differences in the logarithm
 
 
+OF_DETECTOR = ("power", "ber")
+"""Measurements behind the optics: received power [W], and bit error rate."""
+
+
 class Measurements(NamedTuple):
-    """Gains, or counts, with errors, and the values of the link that belong to each."""
+    """Gains, counts, powers or error rates with errors, and the keys that belong to each."""
 
     value: Floats  # (n,)
     stderr: Floats  # (n,) nan of counts, which follow the law of Poisson
     keys: list[dict[str, Any]]  # (n,) values by dotted key
+    names: list[str]  # (n,) quantities
 
     @property
     def counted(self) -> NDArray[np.bool_]:
@@ -85,7 +93,7 @@ def read_measurements(given: Any) -> Measurements:
         raise Refused("measurements", Described(type(given).__name__), "rows, or a table")
     if not rows:
         raise Refused("measurements", Described("empty"), "at least one")
-    values, errors, keys = [], [], []
+    values, errors, keys, names = [], [], [], []
     for i, row in enumerate(rows):
         rest, path = dict(row), f"measurements[{i}]"
         if "counts" in rest and "stderr" not in rest and "gain" not in rest:
@@ -93,16 +101,18 @@ def read_measurements(given: Any) -> Measurements:
             number = require_real(counts, f"{path}.counts", "a number >= 0")
             if not 0.0 <= number < math.inf:
                 raise Refused(f"{path}.counts", counts, "a number >= 0")
+            name = "counts"
             values.append(number)
             errors.append(math.nan)
         else:
-            name = "gain" if "gain" in rest or "counts" not in rest else "counts"
+            name = next((k for k in ("gain", "counts", *OF_DETECTOR) if k in rest), "gain")
             values.append(_positive(rest.pop(name, None), f"{path}.{name}"))
             errors.append(_positive(rest.pop("stderr", None), f"{path}.stderr"))
         keys.append(rest)
+        names.append(name)
     if not any(values):
         raise Refused("measurements.counts", Described("all 0"), "a count > 0 in one of them")
-    return Measurements(np.array(values), np.array(errors), keys)
+    return Measurements(np.array(values), np.array(errors), keys, names)
 
 
 def _positive(value: Any, path: str) -> float:
@@ -114,11 +124,11 @@ def _positive(value: Any, path: str) -> float:
 
 
 class Prediction(NamedTuple):
-    """Predicted gains with their derivatives and errors."""
+    """Predicted measurements with their derivatives and errors."""
 
-    log: Floats  # (n,) ln gain
-    slope: Floats  # (n, unknowns) d ln gain / d unknown: of ln p, or of p for offsets and angles
-    covariance: Floats  # (n, n) of ln gain, by the chains
+    log: Floats  # (n,) ln of the measurement
+    slope: Floats  # (n, unknowns) its derivatives by ln p, or by p for offsets and angles
+    covariance: Floats  # (n, n) of the logarithms, by the chains
 
 
 class Predictor:
@@ -127,43 +137,53 @@ class Predictor:
     Parameters
     ----------
     campaign : Campaign
-        The link at the starting values, the surface and the options.
-    keys : list of dict
-        Values of the link that belong to each measurement.
+        The link, the surface and the options.
+    start : Variant
+        The link with its detector and daylight at the starting values.
+    data : Measurements
+        Measurements with the keys that belong to each.
     unknowns : list of Parameter
         Unknown parameters of the link, and the scale; a and b of uniform water weigh the arrivals
         again.
     """
 
     def __init__(
-        self, campaign: Campaign, keys: list[dict[str, Any]], unknowns: list[Parameter]
+        self, campaign: Campaign, start: Variant, data: Measurements, unknowns: list[Parameter]
     ) -> None:
-        link, self._campaign = campaign.link, campaign
+        self._campaign, self._names = campaign, data.names
+        self._lights, self._rates = Lights(campaign), Quantity("ber", 1e-3)
         self._of_link = np.array([p is not _SCALE for p in unknowns])
         self._unknowns = [p for p in unknowns if p is not _SCALE]
-        self._links = []
-        for i, row in enumerate(keys):
-            at = link
+        self._starts = []
+        for i, (row, name) in enumerate(zip(data.keys, data.names, strict=True)):
+            at = start
+            if name in OF_DETECTOR and start.detector is None:
+                raise Refused(f"measurements[{i}].{name}", Described("no [detector]"), "a detector")
             for key, value in row.items():
                 try:
-                    at = at.replace(key, value)
+                    at = at.set(key, value)
                 except Refused as refused:
                     raise refused.inside("measurements", i) from None
-            only_aperture(at)
-            self._links.append(at)
-        self._quick = has_moments(link)
+            only_aperture(at.link)
+            self._starts.append(at)
+        self._quick = has_moments(start.link)
         alone = campaign.alone
-        self._near = lru_cache(_LARGEST)(lambda i: Neighbours(alone.of(self._links[i])))
+        self._near = lru_cache(_LARGEST)(lambda i: Neighbours(alone.of(self._starts[i].link)))
         self._light = lru_cache(_LIGHTS * _LARGEST)(
-            lambda i, x: self._near(i).light(self._at(i, x), 0)[0]
+            lambda i, x: self._near(i).light(self._at(i, x).link, 0)[0]
         )
-        known = [link.model_dump(mode="json") for link in self._links]
+        self._responses = lru_cache(_LARGEST)(
+            lambda i: Responses(
+                lambda at: [self._near(i).light(at.link, 0)[0]], self._starts[i], common=True
+            )
+        )
+        known = [at.link.model_dump(mode="json") for at in self._starts]
         names = [p.name for p in self._unknowns]
         self._identity = {"measured": digest_of(known), "unknown": names}
 
     def at(self, x: Floats) -> Prediction:
         """Return the predictions at a point: ln(p / start), or p - start for offsets and angles."""
-        steps = [(i, *x[self._of_link].tolist()) for i in range(len(self._links))]
+        steps = [(i, *x[self._of_link].tolist()) for i in range(len(self._starts))]
         found = self._campaign.over(lambda: self._one, steps, "predictions", self._identity)
         rows = np.array(list(found))
         shifts, slopes = rows[:, :SHIFTS], rows[:, SHIFTS:]
@@ -172,7 +192,41 @@ class Predictor:
         covariance = off @ off.T / (SHIFTS * (SHIFTS - 1))
         by_all = np.ones((len(rows), len(x)))
         by_all[:, self._of_link] = slopes
-        return Prediction(np.log(means) + x[~self._of_link].sum(), by_all, covariance)
+        gains = np.log(means) + x[~self._of_link].sum()
+        if not any(name in OF_DETECTOR for name in self._names):
+            return Prediction(gains, by_all, covariance)
+        return self._detected(x[self._of_link], Prediction(gains, by_all, covariance))
+
+    def _detected(self, x: Floats, light: Prediction) -> Prediction:
+        """Return the predictions of powers and error rates from those of the gains.
+
+        d ln q / dx = (d ln q / d ln g) (d ln g / dx) + (d ln q / dx at a fixed gain)
+        """
+        n = len(self._starts)
+        logs, growth, own = light.log.copy(), np.ones(n), np.zeros((n, len(x)))
+        for i in range(n):
+
+            def at(point: Floats, step: float = 0.0, i: int = i) -> float:
+                return self._of_gain(i, tuple(point.tolist()), light.log[i] + step)
+
+            logs[i] = at(x)
+            growth[i] = (at(x, _STEP) - at(x, -_STEP)) / (2.0 * _STEP)
+            for k, p in enumerate(self._unknowns):
+                width = p.step if p.absolute else _STEP
+                move = width * (np.arange(len(x)) == k)
+                own[i, k] = (at(x + move) - at(x - move)) / (2.0 * width)
+        slope = growth[:, None] * light.slope
+        slope[:, self._of_link] += own
+        return Prediction(logs, slope, light.covariance * np.outer(growth, growth))
+
+    def _of_gain(self, i: int, x: tuple[float, ...], log_gain: float) -> float:
+        """Return the logarithm of a measurement at a gain."""
+        name, at = self._names[i], self._at(i, x)
+        if name not in OF_DETECTOR or at.detector is None:
+            return log_gain
+        power = log_gain + math.log(float(at.detector.received_power(1.0)))
+        lit = self._lights.lit(self._responses(i).behind(at)) if name == "ber" else None
+        return power if lit is None else float(self._rates.law(lit)(np.array([power]))[0])
 
     def _one(self, step: tuple[Any, ...]) -> Floats:
         """Return gains by shift and logarithmic slopes of one measurement."""
@@ -184,6 +238,8 @@ class Predictor:
             if self._quick and p.name in WATER:
                 at, light = self._weighed(number, x)
                 slope = float(moments(at, light)[p.name].mean() / gains.mean())
+            elif p.name.split(".")[0] in ("detector", "daylight"):
+                slope = 0.0
             else:
                 width = p.step if p.absolute else _STEP
                 sides = [
@@ -208,8 +264,8 @@ class Predictor:
         """
         quick = [self._quick and p.name in WATER for p in self._unknowns]
         traced = tuple(None if q else step for q, step in zip(quick, x, strict=True))
-        link, light = self._at(number, x), self._light(number, traced)
-        old, new = self._at(number, traced).water, link.water
+        link, light = self._at(number, x).link, self._light(number, traced)
+        old, new = self._at(number, traced).link.water, link.water
         if (old.a, old.b) != (new.a, new.b):
             factor = np.exp((old.a - new.a + old.b - new.b) * light.water)
             if new.b != old.b:
@@ -217,16 +273,16 @@ class Predictor:
             light = light._replace(weight=light.weight * factor)
         return link, light
 
-    def _at(self, number: int, x: tuple[float | None, ...]) -> Link:
+    def _at(self, number: int, x: tuple[float | None, ...]) -> Variant:
         """Return a measured link with the unknowns that have a value."""
         pairs = zip(self._unknowns, x, strict=True)
         values = ((p, p.moved(step)) for p, step in pairs if step is not None)
-        return Variant(self._links[number], self._campaign.surface).at(values).link
+        return self._starts[number].at(values)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Inference(Stored):
-    """Unknown parameters of a link from measured gains.
+    """Unknown parameters of a link from measurements.
 
     Attributes
     ----------
@@ -263,8 +319,8 @@ class Inference(Stored):
     weakest: str
     chi2: float
     degrees: int
-    measured: Annotated[Floats, Variable("measurement", name="measured_gain")]
-    predicted: Annotated[Floats, Variable("measurement", name="predicted_gain")]
+    measured: Annotated[Floats, Variable("measurement", name="measured_value")]
+    predicted: Annotated[Floats, Variable("measurement", name="predicted_value")]
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "inference"
@@ -342,18 +398,20 @@ def infer(
     photons: int = DEFAULT_CHAINS,
     **run: Unpack[RunOptions],
 ) -> Inference:
-    """Return unknown parameters of a link from measured gains.
+    """Return unknown parameters of a link from measured gains, powers or error rates.
 
     Parameters
     ----------
     measurements : sequence of mappings, or mapping of columns
         Each with "gain" and "stderr", or "counts" (that follow the law of Poisson, 0 included,
-        unless "stderr" is given), and the keys of the link that differ between measurements,
-        such as "transmitter.depth" and "receiver.fov_deg".
+        unless "stderr" is given), or behind the optics of the detector with "power" [W] or "ber"
+        and "stderr", and the keys that differ between measurements, such as
+        "transmitter.depth", "receiver.fov_deg" and "detector.bit_rate".
     link : Link or Scenario
-        The link at the starting values of the unknowns.
+        The link at the starting values of the unknowns; a scenario also gives the detector, and
+        the daylight behind error rates.
     unknown : sequence of str
-        Keys of the link, and "scale" for a common factor of all measurements.
+        Keys of link, detector and daylight, and "scale" for a common factor of all gains.
     prior : mapping of str to (mean, std), optional
         Independent knowledge of unknowns.
     surface : MeshSource or TriangleMesh, optional
@@ -387,6 +445,8 @@ def infer(
     which intervals of few chains were too narrow. Counts n have the likelihood of Poisson,
     by Fisher's scoring: n / mu - 1 for ln y - m, and 1 / mu for (s / y)^2, mu the prediction.
 
+    Error rates are those behind the response of the channel from the chains of each measurement.
+
     Before the fit the singular values of W^1/2 J, without priors, tell which combinations the
     measurements see; `weakest` names the one that they see least. A parameter whose relative
     error without priors exceeds 100 % is not quoted: its value is nan.
@@ -411,10 +471,13 @@ def infer(
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
     variant = Variant(campaign.link, campaign.surface)
+    detector = electronics_of(campaign, getattr(campaign.scenario, "detector", None), None)
+    if detector is not None and set(data.names) & set(OF_DETECTOR):
+        variant = variant._replace(detector=detector, daylight=light_of(campaign, None))
     found = parameters(variant, keys, None, "vertex", "unknown") if keys else []
     for p in found:
         if p.name.split(".")[0] in ("sea", "wind_speed"):
-            raise Refused("unknown", p.name, "keys of the link, or scale")
+            raise Refused("unknown", p.name, "keys of link, detector and daylight, or scale")
     of_link = iter(found)
     unknowns = [_SCALE if name == SCALE else next(of_link) for name in names]
     priors = _priors(prior, names, unknowns)
@@ -423,7 +486,7 @@ def infer(
     known = len(data.value) + len(priors.axis)
     if len(names) > known:
         raise Refused("unknown", names, f"at most {known}: measurements and priors")
-    fit = _Fit(data, names, unknowns, priors, Predictor(campaign, data.keys, unknowns))
+    fit = _Fit(data, names, unknowns, priors, Predictor(campaign, variant, data, unknowns))
     return fit.result(campaign.provenance())
 
 

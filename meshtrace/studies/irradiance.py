@@ -52,24 +52,95 @@ _MOST_POINTS = 4_000_000  # of a grid
 _SCATTERED = 0.05  # of the depth: the part of the scattered light that follows the pattern
 
 
-class _Plane(NamedTuple):
-    """What all frames of a depth have in common."""
+class _SunRay(NamedTuple):
+    """Unscattered sunlight below still water."""
+
+    n: float  # of the water, relative to the air
+    zenith: float  # cosine of the angle to the vertical, in the air
+    sine: float  # in the water
+    cosine: float
+    turn: float  # azimuth of the sun [rad]
+    entering: float  # irradiance that enters the water [W m-2 nm-1]
+    attenuation: float  # along the depth [m-1]
+
+    @classmethod
+    def of(cls, day: Daylight, water: Water) -> _SunRay:
+        """Return the sunlight of a day in a water."""
+        n = water.n / Link().n_air
+        sine = math.sin(math.radians(day.sun_zenith_deg)) / n
+        cosine = math.sqrt(1.0 - sine**2)
+        entering = day.direct * day.sun[2]
+        entering *= 1.0 - float(fresnel_reflectance(day.sun[2], 1.0, n))
+        turn = math.radians(day.sun_azimuth_deg)
+        return cls(n, day.sun[2], sine, cosine, turn, entering, water.c / cosine)
+
+    def at(self, depth: float) -> float:
+        """Return the downward irradiance at a depth [W m-2 nm-1]."""
+        return self.entering * math.exp(-self.attenuation * depth)
+
+    def entry(self, depth: float) -> tuple[float, float]:
+        """Return the point of the surface from which light comes to a depth below the origin."""
+        away = depth * self.sine / self.cosine
+        return away * math.cos(self.turn), away * math.sin(self.turn)
+
+    def lever(self, depth: float) -> float:
+        """Return the displacement of the light at a depth by a unit of slope [m]."""
+        return depth * (1.0 - self.zenith / (self.n * self.cosine)) / self.cosine**2
+
+    def disk(self, depth: float) -> tuple[float, float]:
+        """Return the half-axes of the image of the sun at a depth, along and across its light."""
+        across = math.radians(SUN_RADIUS_DEG) * depth / (self.n * self.cosine)
+        return across * self.zenith / self.cosine**2, across
+
+
+class _Collector(NamedTuple):
+    """Disk at a depth on which the irradiance is wanted, and the patch about it."""
+
+    radius: float
+    floating: bool
+    patch: tuple[float, float] | None
+    fineness: float
+
+
+class _Scattered(NamedTuple):
+    """Light at a depth that is not unscattered sunlight."""
+
+    sunlight: float
+    spread: Callable[[float, int], Floats] | None  # shares on the cells about the unscattered ray
+    sky: float
+
+
+class _Grids(NamedTuple):
+    """Points of the surface and cells of a plane at a depth."""
+
+    x: Floats
+    y: Floats
+    cells: int  # along an axis
+    cell: float  # edge [m]
+    support: float  # half-length of the light of the collector [m]
+
+
+class _Kernels(NamedTuple):
+    """Shares of the light of a cell in the irradiance at the collector, and their transforms."""
+
+    direct: Floats
+    scattered: Floats
+    transfer: NDArray[np.complex128]
+    scattered_transfer: NDArray[np.complex128]
+
+
+class _DepthPlan(NamedTuple):
+    """Data that all frames of a depth share."""
 
     depth: float
+    ray: _SunRay
     floating: bool
     waves: WaveComponents | None  # None: a surface that is no sum of waves
-    x: Floats  # points of the surface
-    y: Floats
     grid: WaveGrid | None
-    corner: tuple[float, float]  # of the cells
-    cell: float
-    kernel: Floats  # share of the light of a cell in the irradiance at the collector
-    scattered_kernel: Floats
-    transfer: NDArray[np.complex128]  # of the pattern, by wavenumbers
-    scattered_transfer: NDArray[np.complex128]
-    still: float  # of unscattered sunlight
-    scattered: float
-    sky: float
+    grids: _Grids
+    kernels: _Kernels
+    still: float  # irradiance of unscattered sunlight
+    scattered: _Scattered
 
 
 def irradiance_series(
@@ -175,13 +246,11 @@ def irradiance_series(
     options: dict[str, Any] = {"photons": photons, "workers": workers, **run}
     campaign = campaign_of(Link(water=water), sea, "irradiance_series", **options)
     seed = campaign.run.seed
-    light = _scattered_light(daylight, water, depths, photons, seed)
-    planes = [
-        _plane(
-            sea, daylight, water, depth, band, collector, patch, fineness, below == "waves", *parts
-        )
-        for depth, band, *parts in zip(depths, bands, *light, strict=True)
-    ]
+    disk = _Collector(0.5 * collector, below == "waves", patch, fineness)
+    ray, plans = _SunRay.of(daylight, water), []
+    for depth, band in zip(depths.tolist(), bands, strict=True):
+        scattered = _scattered_light(daylight, water, ray, depth, photons, seed)
+        plans.append(_plan(sea, ray, depth, band, disk, scattered))
     ready, cells = process_time(), None if patch is None else _patch_cells(patch)
     described = {"collector": collector, "below": below, "fineness": fineness, "photons": photons}
     identity = {
@@ -191,7 +260,7 @@ def irradiance_series(
         "patch": patch,
         "times": digest_of(times.tolist()),
     }
-    setup = partial(_frames, sea, daylight, water, planes, cells, times)
+    setup = partial(_frames, sea, daylight, water, plans, cells, times)
     found = np.array(list(campaign.over(setup, range(len(times)), "frames", identity, "frames")))
     total, direct, pattern = np.split(found, [len(depths), 2 * len(depths)], axis=1)
     origin = {
@@ -201,8 +270,8 @@ def irradiance_series(
         "water": water.model_dump(mode="json"),
         "run": {**described, "seed": seed},
         "omega_max": list(bands),
-        "surface_points": [len(p.x) * len(p.y) for p in planes],
-        "spacing": [float(p.x[1] - p.x[0]) for p in planes],
+        "surface_points": [len(p.grids.x) * len(p.grids.y) for p in plans],
+        "spacing": [float(p.grids.x[1] - p.grids.x[0]) for p in plans],
         "setup_cpu_seconds": ready - start,
         "cpu_seconds_per_frame": (process_time() - ready) / len(times),
     }
@@ -211,8 +280,8 @@ def irradiance_series(
         depths,
         total,
         direct,
-        np.array([p.sky for p in planes]),
-        np.array([p.still for p in planes]),
+        np.array([p.scattered.sky for p in plans]),
+        np.array([p.still for p in plans]),
         origin,
         cells,
         cells,
@@ -257,53 +326,33 @@ def _resolved(
 
 
 def _scattered_light(
-    day: Daylight, water: Water, depths: Floats, photons: int, seed: int
-) -> tuple[list[float], list[float], list[Any]]:
-    """Return the irradiance of scattered sunlight and of the sky at each depth, and its spread.
-
-    The spread is a function of a half-length and a cell: the shares of the scattered light on
-    cells about the unscattered ray.
-    """
-    n = Link(water=water).water.n
+    day: Daylight, water: Water, ray: _SunRay, depth: float, photons: int, seed: int
+) -> _Scattered:
+    """Return the scattered sunlight and the light of the sky at a depth, under still water."""
+    sky = 0.0
+    if day.diffuse > 0.0:
+        ends = {"transmitter": AirLed(wavelength_nm=day.wavelength_nm),
+                "receiver": WaterReceiver(depth=depth, radius=0.01, fov_deg=180.0)}  # fmt: skip
+        link, count = Link(water=water, **ends), 32 * max(1, photons // 32)
+        seen = background(link, FlatSea(), day, photons=count, seed=seed, threads=1)
+        sky = math.pi * float(seen.part_radiance[PARTS.index("sky")])
+    if water.b == 0.0:
+        return _Scattered(0.0, None, sky)
+    pencil = Sun(
+        zenith_deg=day.sun_zenith_deg, azimuth_deg=(day.sun_azimuth_deg + 180.0) % 360.0,
+        half_width=1e-6 * depth, position=ray.entry(depth),
+    )  # fmt: skip
+    link = Link(
+        water=water, transmitter=pencil, receiver=(), planes=IrradiancePlanes(depths=(depth,))
+    )
+    run = partial(
+        simulate, link, FlatSea(), estimator="analog", photons=photons, seed=seed, threads=1
+    )
     level = day.direct * day.sun[2]
-    sky: list[float] = []
-    scattered: list[float] = []
-    spreads: list[Any] = []
-    for depth in depths.tolist():
-        inside = math.sqrt(1.0 - (math.sin(math.radians(day.sun_zenith_deg)) / n) ** 2)
-        sky.append(0.0)
-        if day.diffuse > 0.0:
-            ends = {"transmitter": AirLed(wavelength_nm=day.wavelength_nm),
-                    "receiver": WaterReceiver(depth=depth, radius=0.01, fov_deg=180.0)}  # fmt: skip
-            link, count = Link(water=water, **ends), 32 * max(1, photons // 32)
-            seen = background(link, FlatSea(), day, photons=count, seed=seed, threads=1)
-            sky[-1] = math.pi * float(seen.part_radiance[PARTS.index("sky")])
-        if water.b == 0.0:
-            scattered.append(0.0)
-            spreads.append(None)
-            continue
-        shift = depth * math.sqrt(1.0 / inside**2 - 1.0)
-        turn = math.radians(day.sun_azimuth_deg)
-        entry = shift * math.cos(turn), shift * math.sin(turn)
-        pencil = Sun(
-            zenith_deg=day.sun_zenith_deg, azimuth_deg=(day.sun_azimuth_deg + 180.0) % 360.0,
-            half_width=1e-6 * depth, position=entry,
-        )  # fmt: skip
-        link = Link(
-            water=water, transmitter=pencil, receiver=(), planes=IrradiancePlanes(depths=(depth,))
-        )
-        run = partial(
-            simulate, link, FlatSea(), estimator="analog", photons=photons, seed=seed, threads=1
-        )
-        straight = (1.0 - float(fresnel_reflectance(day.sun[2], 1.0, n))) * math.exp(
-            -water.c * depth / inside
-        )
-        planes = run().planes
-        assert planes is not None
-        share = max(float(planes.e_d[0]) - straight, 0.0)
-        scattered.append(level * share)
-        spreads.append(partial(_spread, run, depth, straight, share))
-    return scattered, sky, spreads
+    straight, planes = ray.at(depth) / level, run().planes
+    assert planes is not None
+    share = max(float(planes.e_d[0]) - straight, 0.0)
+    return _Scattered(level * share, partial(_spread, run, depth, straight, share), sky)
 
 
 def _spread(
@@ -318,87 +367,93 @@ def _spread(
     return np.asarray(np.maximum(power, 0.0) / max(share, 1e-300))
 
 
-def _plane(
+def _plan(
     sea: Surface,
-    day: Daylight,
-    water: Water,
+    ray: _SunRay,
     depth: float,
     band: float | None,
-    collector: float,
-    patch: tuple[float, float] | None,
-    fineness: float,
-    floating: bool,
-    scattered: float,
-    sky: float,
-    spread: Any,
-) -> _Plane:
+    collector: _Collector,
+    scattered: _Scattered,
+) -> _DepthPlan:
     """Return the grids and kernels of a depth."""
-    n = water.n / Link().n_air
-    sine = math.sin(math.radians(day.sun_zenith_deg)) / n
-    inside = math.sqrt(1.0 - sine**2)
     waves, shortest, slope = _waves(sea, band)
-    lever = depth * (1.0 - day.sun[2] / (n * inside)) / inside**2
-    alpha = math.radians(SUN_RADIUS_DEG) * depth / (n * inside)
-    disks = alpha * day.sun[2] / inside**2, alpha  # of the sun's image, along and across its light
+    lever = ray.lever(depth)
     if band is not None:
         tilts = np.sqrt(sea.slopes_beyond(band)) * lever  # type: ignore[attr-defined]
     else:
         missing = sea.unresolved_slopes(GAIN_SPACING / shortest if shortest else 1.0)
         tilts = lever * np.sqrt((0.0, 0.0) if missing is None else missing.vertex)
-    blur = math.sqrt(0.0625 * collector**2 + 0.25 * disks[1] ** 2 + tilts.max() ** 2)
-    spacing = blur / _RAYS
-    if shortest:
-        spacing = min(spacing, GAIN_SPACING / shortest)
-    cell = blur / _CELLS
-    if patch is not None:
-        cell = patch[1] / math.ceil(patch[1] / cell)
-    spacing = cell / math.ceil(fineness * cell / spacing)  # even light on still water
-    support = 0.5 * collector + disks[0] + _BLURS * float(tilts.max())
-    half = support + _SCATTERED * depth * (water.b > 0.0)
-    half = max(half, 0.0 if patch is None else patch[0] + support) + 3.0 * cell
-    cells = 2 * math.ceil(half / cell)
-    half = 0.5 * cells * cell
-    turn = math.radians(day.sun_azimuth_deg)
-    away = depth * sine / inside
-    reach = half + _SLOPES * lever * slope + 2.0 * spacing
-    trough = 0.0 if floating else _SLOPES * _height(waves)
+    trough = 0.0 if collector.floating else _SLOPES * _height(waves)
     if trough >= depth:
         allowed = f'> {trough:.3g} m, below all troughs, or below = "waves"'
         raise Refused("depths", depth, allowed)
-    crest = trough * sine / inside
-    points = 2 * math.ceil((reach + crest) / spacing) + 1
+    finest = GAIN_SPACING / shortest if shortest else math.inf
+    bent = _SLOPES * lever * slope + trough * ray.sine / ray.cosine
+    around = 0.0 if scattered.spread is None else _SCATTERED * depth
+    grids = _grids(depth, ray, collector, tilts, finest, bent, around)
+    wind = math.radians(getattr(sea, "_slopes_along_deg", 0.0))
+    blur = _transfer(grids, collector.radius, ray.disk(depth), ray.turn, tilts, wind)
+    kernels = _kernels(grids, blur, collector.radius, scattered.spread)
+    grid = None if waves is None else WaveGrid(waves.kx, waves.ky, grids.x, grids.y, _ERROR)
+    return _DepthPlan(
+        depth, ray, collector.floating, waves, grid, grids, kernels, ray.at(depth), scattered
+    )
+
+
+def _grids(
+    depth: float,
+    ray: _SunRay,
+    collector: _Collector,
+    tilts: Floats,
+    finest: float,
+    bent: float,
+    around: float,
+) -> _Grids:
+    """Return the points of the surface and the cells of a plane.
+
+    Waves bend light by up to `bent` [m]; cells reach `around` [m] beyond the collector's light.
+    """
+    disk, patch = ray.disk(depth), collector.patch
+    blur = math.sqrt(0.25 * collector.radius**2 + 0.25 * disk[1] ** 2 + tilts.max() ** 2)
+    cell = blur / _CELLS
+    if patch is not None:
+        cell = patch[1] / math.ceil(patch[1] / cell)
+    spacing = min(blur / _RAYS, finest)
+    spacing = cell / math.ceil(collector.fineness * cell / spacing)  # even light on still water
+    support = collector.radius + disk[0] + _BLURS * float(tilts.max())
+    half = max(support + around, 0.0 if patch is None else patch[0] + support) + 3.0 * cell
+    cells = 2 * math.ceil(half / cell)
+    points = 2 * math.ceil((0.5 * cells * cell + bent + 2.0 * spacing) / spacing) + 1
     if points**2 > _MOST_POINTS:
         found = Described(f"{points:,} by {points:,} points of the sea at {depth:g} m")
         allowed = f"at most {_MOST_POINTS:,}: a wider collector, lower omega_max or smaller patch"
         raise Refused("depths", found, allowed)
     lines: Floats = spacing * (np.arange(points, dtype=np.float64) - points // 2)
-    x, y = away * math.cos(turn) + lines, away * math.sin(turn) + lines
-    grid = None
-    if waves is not None:
-        grid = WaveGrid(waves.kx, waves.ky, x, y, _ERROR)
-    wind = math.radians(getattr(sea, "_slopes_along_deg", 0.0))
-    transfer: Any = _transfer(cells, cell, 0.5 * collector, disks, turn, tilts, wind)
-    spread_transfer = np.zeros_like(transfer, complex)
+    x, y = ray.entry(depth)
+    return _Grids(x + lines, y + lines, cells, cell, support)
+
+
+def _kernels(
+    grids: _Grids, blur: Floats, radius: float, spread: Callable[[float, int], Floats] | None
+) -> _Kernels:
+    """Return the kernels of unscattered light and of the pattern of scattered light.
+
+    The light of a cell counts by the way from it to the collector.
+    """
+    cells, cell = grids.cells, grids.cell
+    wide = np.zeros_like(blur, complex)
     if spread is not None:
         shares = np.zeros((cells, cells))
-        shares[1:, 1:] = spread(half - 0.5 * cell, cells - 1)
+        shares[1:, 1:] = spread(0.5 * (cells - 1) * cell, cells - 1)
         shares = np.fft.ifftshift(shares)
-        spread_transfer = np.fft.fft2(shares) * _disk(*_wavenumbers(cells, cell), 0.5 * collector)
-    # the light of a cell counts by the way from it to the collector
-    kernel, wide = (
-        np.fft.fftshift(np.fft.ifft2(t.conj()).real) for t in (transfer, spread_transfer)
-    )
-    far = np.hypot(*np.meshgrid(*2 * [cell * (np.arange(cells) - cells // 2)])) > support + cell
-    kernel[far] = 0.0  # the ripple of a sharp edge
-    kernel /= kernel.sum()
-    transfer = np.asarray(np.fft.fft2(np.fft.ifftshift(kernel)))
-    low = -half - 0.5 * cell  # the collector is over the middle of a cell
-    through = 1.0 - float(fresnel_reflectance(day.sun[2], 1.0, n))
-    still = day.direct * day.sun[2] * through * math.exp(-water.c * depth / inside)
-    return _Plane(
-        depth, floating, waves, x, y, grid, (low, low), cell, kernel, wide, transfer,
-        spread_transfer, still, scattered, sky,
-    )  # fmt: skip
+        wide = np.fft.fft2(shares) * _disk(*_wavenumbers(cells, cell), radius)
+    direct, scattered = (np.fft.fftshift(np.fft.ifft2(t.conj()).real) for t in (blur, wide))
+    lines = cell * (np.arange(cells) - cells // 2)
+    far = np.hypot(lines[:, None], lines) > grids.support + cell
+    direct[far] = 0.0  # the ripple of a sharp edge
+    direct /= direct.sum()
+    transfer = np.asarray(np.fft.fft2(np.fft.ifftshift(direct)))
+    return _Kernels(direct, scattered, transfer, wide)
 
 
 def _waves(sea: Surface, band: float | None) -> tuple[WaveComponents | None, float, float]:
@@ -433,8 +488,7 @@ def _disk(kx: Floats, ky: Floats, radius: float) -> Floats:
 
 
 def _transfer(
-    cells: int,
-    cell: float,
+    grids: _Grids,
     radius: float,
     disks: Sequence[float],
     turn: float,
@@ -442,7 +496,8 @@ def _transfer(
     wind: float,
 ) -> Floats:
     """Return the transform of collector, sun's image and tilts, less the sharing by cells."""
-    kx, ky = _wavenumbers(cells, cell)
+    cell = grids.cell
+    kx, ky = _wavenumbers(grids.cells, cell)
 
     def turned(angle: float) -> tuple[Floats, Floats]:
         c, s = math.cos(angle), math.sin(angle)
@@ -460,7 +515,7 @@ def _frames(
     sea: Surface,
     day: Daylight,
     water: Water,
-    planes: list[_Plane],
+    plans: list[_DepthPlan],
     cells: Floats | None,
     times: Floats,
 ) -> Callable[[int], Floats]:
@@ -471,52 +526,51 @@ def _frames(
 
     def frame(i: int) -> Floats:
         total, direct, patterns = [], [], []
-        for plane in planes:
-            light = _landed(sea, day, water, plane, float(times[i]))
-            unscattered = float((light * plane.kernel).sum())
-            follows = 0.0
-            if plane.scattered > 0.0:
-                follows = float(((light / plane.still - 1.0) * plane.scattered_kernel).sum())
-            rest = plane.sky + plane.scattered
-            total.append(unscattered + plane.scattered * follows + rest)
+        for plan in plans:
+            light = _landed(sea, day, water, plan, float(times[i]))
+            unscattered, follows = float((light * plan.kernels.direct).sum()), 0.0
+            if plan.scattered.sunlight > 0.0:
+                relative = light / plan.still - 1.0
+                follows = float((relative * plan.kernels.scattered).sum())
+            rest = plan.scattered.sky + plan.scattered.sunlight
+            total.append(unscattered + plan.scattered.sunlight * follows + rest)
             direct.append(unscattered)
             if cells is not None:
-                patterns.append((_pattern(plane, light, cells) + rest).ravel())
+                patterns.append((_pattern(plan, light, cells) + rest).ravel())
         return np.concatenate([total, direct, *patterns])
 
     return frame
 
 
-def _pattern(plane: _Plane, light: Floats, cells: Floats) -> Floats:
+def _pattern(plan: _DepthPlan, light: Floats, cells: Floats) -> Floats:
     """Return the sunlight of the collector over a patch, less the mean of scattered light."""
-    found = np.fft.ifft2(np.fft.fft2(light) * plane.transfer).real
-    if plane.scattered > 0.0:
-        relative = np.fft.fft2(light / plane.still - 1.0) * plane.scattered_transfer
-        found += plane.scattered * np.fft.ifft2(relative).real
-    stride = round(float(cells[1] - cells[0]) / plane.cell)
+    found = np.fft.ifft2(np.fft.fft2(light) * plan.kernels.transfer).real
+    if plan.scattered.sunlight > 0.0:
+        relative = np.fft.fft2(light / plan.still - 1.0) * plan.kernels.scattered_transfer
+        found += plan.scattered.sunlight * np.fft.ifft2(relative).real
+    stride = round(float(cells[1] - cells[0]) / plan.grids.cell)
     first = len(light) // 2 - stride * (len(cells) // 2)
     part = slice(first, first + stride * len(cells), stride)
     return np.asarray(found[part, part])
 
 
-def _landed(sea: Surface, day: Daylight, water: Water, plane: _Plane, time: float) -> Floats:
+def _landed(sea: Surface, day: Daylight, water: Water, plan: _DepthPlan, time: float) -> Floats:
     """Return the irradiance of unscattered sunlight on the cells of a plane."""
-    if plane.grid is None or plane.waves is None:
-        z, zx, zy = sea.grid(plane.x, plane.y, time)
+    x, y, cells, cell, _ = plan.grids
+    if plan.grid is None or plan.waves is None:
+        z, zx, zy = sea.grid(x, y, time)
     else:
-        z, zx, zy = plane.grid.sum(elevation_and_slopes(plane.waves, time))
-    if plane.floating:
+        z, zx, zy = plan.grid.sum(elevation_and_slopes(plan.waves, time))
+    if plan.floating:
         z = z - z.mean()
-    cells = len(plane.kernel)
     light = np.zeros((cells, cells))
-    corner = float(plane.x[0]), float(plane.y[0])
-    spacing = float(plane.x[1] - plane.x[0])
-    n = water.n / Link().n_air
+    corner, low = (float(x[0]), float(y[0])), -0.5 * (cells + 1) * cell
+    # the collector is over the middle of a cell
     land_sunlight(
-        z, zx, zy, corner, spacing, day.sun, n, water.c, plane.depth, plane.corner, plane.cell,
-        light,
+        z, zx, zy, corner, float(x[1] - x[0]), day.sun, plan.ray.n, water.c, plan.depth,
+        (low, low), cell, light,
     )  # fmt: skip
-    return light * (day.direct / plane.cell**2)
+    return light * (day.direct / cell**2)
 
 
 def _patch_cells(patch: tuple[float, float]) -> Floats:

@@ -112,13 +112,17 @@ class Neighbours:
         """Return the unscattered gain of each receiver over realization i, without noise."""
         return self.frozen.unscattered(link, self.mesh(i))
 
-    def light(self, link: Link, i: int) -> list[Light]:
+    def light(self, link: Link, i: int, surface: Any = None) -> list[Light]:
         """Return the light that arrives at each receiver over realization i."""
-        return self.frozen.light(link, self.mesh(i))
+        return self.frozen.light(link, self.mesh(i, surface))
 
-    def map(self, evaluate: Callable[[int], Result]) -> list[Result]:
-        """Return the results of each sea in order, computed by the threads of the campaign."""
-        return list(ordered_map(evaluate, range(self.seas), self.campaign.threads))
+    def map(self, evaluate: Callable[[int], Result], seas: int | None = None) -> list[Result]:
+        """Return the results of each sea in order, computed by the threads of the campaign.
+
+        By default of all seas, otherwise of the first ones.
+        """
+        n = self.seas if seas is None else min(seas, self.seas)
+        return list(ordered_map(evaluate, range(n), self.campaign.threads))
 
     def over(
         self, evaluate: Callable[[int], Floats], steps: int, name: str, **identity: Any

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,8 +27,14 @@ from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.results.background import Background
 from meshtrace.results.series import GainSeries
-from meshtrace.studies.campaign import Campaign
-from meshtrace.studies.series import over_realizations, over_times
+from meshtrace.studies.campaign import Campaign, Steps
+from meshtrace.studies.response import (
+    MeanResponse,
+    mean_response,
+    mean_responses,
+    over_colours,
+)
+from meshtrace.studies.series import gain_series, in_flight
 from meshtrace.uav.airframe import Flight
 from meshtrace.uav.tilt import h_alpha
 
@@ -78,12 +85,52 @@ def independent(samples: Floats) -> Floats:
     return samples.mean(axis=1) if len(samples) > 1 else samples[0]
 
 
+class CommonPaths(NamedTuple):
+    """Gains and responses of a link at several wavelengths with common paths, kept for all of them.
+
+    Parameters
+    ----------
+    wavelengths_nm : tuple of float
+        Wavelengths [nm].
+    kept : dict
+        Campaigns and their gains by depth, filled at the first wavelength.
+    responses : dict
+        Responses at all wavelengths by depth, likewise.
+    """
+
+    wavelengths_nm: tuple[float, ...]
+    kept: dict[str, tuple[Campaign, Any]]
+    responses: dict[str, list[MeanResponse | None]]
+
+    def series(self, campaign: Campaign, steps: Callable[[Campaign], Steps]) -> GainSeries:
+        """Return the gains of a campaign of one of the wavelengths."""
+        ((name, link),) = campaign.links.items()
+        if name not in self.kept:
+            whole = self._whole(campaign)
+            self.kept[name] = whole, whole.gains(steps(whole))
+        return gain_series(*self.kept[name], f"{link.transmitters[0].wavelength_nm!r} nm")
+
+    def response(self, campaign: Campaign, seas: int) -> MeanResponse | None:
+        """Return the mean response of a campaign of one of the wavelengths."""
+        ((name, link),) = campaign.links.items()
+        if name not in self.responses:
+            self.responses[name] = mean_responses(self._whole(campaign), seas)
+        at = self.wavelengths_nm.index(link.transmitters[0].wavelength_nm)
+        return self.responses[name][at]
+
+    def _whole(self, campaign: Campaign) -> Campaign:
+        """Return the campaign of all wavelengths."""
+        links = {f"{nm!r} nm": campaign.link.at_wavelength(nm) for nm in self.wavelengths_nm}
+        return campaign._replace(links=links, spectral=True)
+
+
 class Ensemble(NamedTuple):
     """Seas and tilts for the average of a link."""
 
     campaign: Campaign
     n: int
     flight: Flight | None
+    common: CommonPaths | None = None
 
     def provenance(self) -> dict[str, Any]:
         """Return the aircraft, its wind and the number of realizations."""
@@ -104,13 +151,15 @@ class Ensemble(NamedTuple):
         campaign, flight = self.at(link), self.flight
         if flight is not None and flight.coupled:
             times = flight.time_step * np.arange(self.n, dtype=np.float64)
-            series = over_times(campaign, times, flight)
+            series = self._series(campaign, lambda one: in_flight(one, times, flight))
+            series = replace(series, provenance=series.provenance | campaign.of_flight(flight))
             n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else float(self.n)
             return FadingSamples(series, np.ones((self.n, 1)), n)
         if isinstance(campaign.surface, SeededSurface):
-            series = over_realizations(campaign, self.n)
+            series = self._series(campaign, lambda one: one.realizations(self.n))
         else:
-            series = over_times(campaign, np.array([campaign.meshing.time]))
+            now = np.array([campaign.meshing.time])
+            series = self._series(campaign, lambda one: one.in_time(now))
         seas = len(series.gain)
         if flight is None:
             return FadingSamples(series, np.ones((seas, 1)), float(seas))
@@ -121,6 +170,19 @@ class Ensemble(NamedTuple):
         fov = math.radians(link.only_receiver.fov_deg)
         factors = h_alpha(flight.uav.tilt(winds).angle, fov).reshape(seas, tilts)
         return FadingSamples(series, factors, float(seas if seas > 1 else tilts))
+
+    def response(self, ook: OokLink, link: Link) -> MeanResponse | None:
+        """Return the mean response of the channel over some of the seas."""
+        of = self.at(link), self.n
+        if self.common is None:
+            return mean_response(ook, *of)
+        return over_colours(self.common.response(*of), ook, *of)
+
+    def _series(self, campaign: Campaign, steps: Callable[[Campaign], Steps]) -> GainSeries:
+        """Return the gains of a link over the surfaces."""
+        if self.common is None:
+            return gain_series(campaign, campaign.gains(steps(campaign)))
+        return self.common.series(campaign, steps)
 
 
 class OperatingPoint(NamedTuple):
@@ -148,6 +210,12 @@ class OperatingPoint(NamedTuple):
         Probability that the bit error rate of a realization misses the limit.
     capacity : Capacity
         Hard and soft ergodic rates, hard-decision rate of all but 1 % of the fades [bit s-1].
+    rms_delay_spread : Estimate
+        Rms delay spread of the channel [s]; nan without light.
+    dispersion_db : float
+        Required power behind the response of the channel over that behind an instantaneous one:
+        10 log10 of the optical powers; inf where no power reaches the limit, nan where none does
+        even without the response.
     widest_filter_nm : float
         Widest filter with which the mean received power reaches the limit of the bit error rate
         under the background light [nm]; nan without background light.
@@ -164,17 +232,29 @@ class OperatingPoint(NamedTuple):
     ber: Estimate
     outage: Estimate
     capacity: Capacity
+    rms_delay_spread: Estimate
+    dispersion_db: float
     widest_filter_nm: float = math.nan
 
 
 def operating_point(
     dark: OokLink, depth: float, samples: FadingSamples, limit: float, confidence: float, seed: int,
-    found: Background | None = None,
+    found: Background | None = None, seen: MeanResponse | None = None,
 ) -> OperatingPoint:  # fmt: skip
-    """Return the performance at one bit rate and depth, under a background light."""
+    """Return the performance at one bit rate and depth, under a background light.
+
+    Behind the response of the channel that was seen, unless the transmission has its own.
+    """
     from scipy.special import ndtri
 
     quantile = float(ndtri(0.5 + 0.5 * confidence))
+    spread = Estimate(math.nan, math.nan, math.nan)
+    if dark.response is not None:
+        spread = Estimate(*(3 * (dark.response.rms_spread,)))
+    elif seen is not None:
+        dark, mean = dark.replace(response=seen.response), seen.rms_spread
+        reach = quantile * seen.rms_spread_stderr
+        spread = Estimate(mean, max(mean - reach, 0.0), mean + reach)
     gain = samples.mean_gain(quantile)
     power = _estimate(dark.received_power(gain))
     ook, widest = dark, math.nan
@@ -207,8 +287,20 @@ def operating_point(
         ber=ber,
         outage=outage_of_samples(ook, samples, limit, quantile, confidence),
         capacity=capacity(ook, samples_of_law),
+        rms_delay_spread=spread,
+        dispersion_db=_dispersion_db(ook, limit),
         widest_filter_nm=widest,
     )
+
+
+def _dispersion_db(ook: OokLink, limit: float) -> float:
+    """Return the power that the response of the channel costs [dB]."""
+    if ook.filters.response is None:
+        return 0.0
+    prompt = ook.replace(response=None).required_power(limit)
+    if math.isinf(prompt):
+        return math.nan
+    return 10.0 * math.log10(ook.required_power(limit) / prompt)
 
 
 def ber_of_samples(

@@ -25,11 +25,12 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
 from meshtrace.stored import Stored, Variable
-from meshtrace.studies.background import electronics_of, held_light
+from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of
 from meshtrace.studies.candidates import REWEIGHED, Custom, Goal, Objective, Sample
+from meshtrace.studies.keys import Parameter, Variant, parameters
 from meshtrace.studies.neighbours import error_of
-from meshtrace.studies.sensitivity.parameters import FADES, Parameter, Variant, parameters
+from meshtrace.studies.sensitivity.quantity import FADES
 from meshtrace.tables import text_table
 from meshtrace.uav.airframe import Flight
 
@@ -61,14 +62,14 @@ class Optimum(Stored):
     Attributes
     ----------
     objective : str
-        "gain", "outage", "range", "margin" or "custom".
+        "gain", "outage", "range", "margin", "capacity" or "custom".
     value : float
         The quantity of the best link over the common seas: mean gain, outage, range [m], margin
-        [dB]; of "custom" the minimum.
+        [dB], capacity [bit s-1]; of "custom" the minimum.
     stderr : float
         Standard error of the value; of an outage that of `cost`.
     cost : float
-        What was minimised: -ln(gain), the quantile of -ln(gain / need), -range [m].
+        What was minimised: -ln(gain), the quantile of -ln(gain / need), -range [m], -ln(capacity).
     variables : tuple of str
         Names of the variables.
     values, start : ndarray, shape (n,)
@@ -112,8 +113,13 @@ class Optimum(Stored):
 
     @property
     def best(self) -> Link:
-        """The best link."""
+        """The best link; `changes` has the keys of its detector as well."""
         return Link.model_validate(self.provenance["best"])
+
+    @property
+    def changes(self) -> dict[str, float]:
+        """Values of the best link by key, for `Scenario.load`."""
+        return dict(zip(self.variables, self.values.tolist(), strict=True))
 
     def _headline(self) -> str:
         shown = ", ".join(
@@ -148,6 +154,7 @@ class Optimum(Stored):
 
 Method = Literal["auto", "bounded", "cobyqa", "global"]
 
+Constraint = Callable[[Variant], float]
 _FRESH = 1_000_003  # added to the seed for the validation
 _GRID = 7  # candidates of one variable before the bounded search
 _MOST = 6  # variables of COBYQA
@@ -162,7 +169,7 @@ def optimize(
     surface: MeshSource | TriangleMesh | None = None,
     over: Mapping[str, tuple[float, float]] | None = None,
     objective: Objective | Custom = "outage",
-    constraints: Sequence[Callable[[Link], float]] = (),
+    constraints: Sequence[Constraint] = (),
     hover_std: tuple[float, float] = (0.0, 0.0),
     *,
     flight: Flight | None = None,
@@ -184,13 +191,15 @@ def optimize(
     surface : MeshSource or TriangleMesh, optional
         The surface, by default as for `simulate`.
     over : mapping of str to (low, high)
-        Variables by their keys in a link file, such as receiver.fov_deg, with bounds.
-    objective : {"outage", "gain", "range", "margin"} or callable
+        Variables by their keys in a link file, such as receiver.fov_deg and
+        detector.optics.filter_width_nm, with bounds.
+    objective : {"outage", "gain", "range", "margin", "capacity"} or callable
         Quantity to improve. "outage" minimises the `quantile` of -ln(gain / need), "gain" and
-        "margin" maximise means, "range" the depth at which the averaged error rate meets `limit`.
-        A callable takes (link, gains, weights) and returns a number to minimise.
+        "margin" maximise means, "range" the depth at which the averaged error rate meets `limit`,
+        "capacity" the rate after hard decisions. A callable takes (candidate, gains, weights)
+        and returns a number to minimise; `Variant` has the parts of a candidate.
     constraints : sequence of callable
-        Functions of the link that are >= 0 where it is allowed.
+        Functions of a candidate (`Variant`) that are >= 0 where it is allowed.
     hover_std : (float, float)
         Standard deviations of the place of the end in the air along x and y [m].
     flight : Flight, optional
@@ -225,13 +234,16 @@ def optimize(
 
     Notes
     -----
-    The same seas, places, tilts and chains serve every candidate (sample average approximation),
-    so that the cost is a deterministic, nearly smooth function. The optimum of a sample is
-    optimistic: `validation` compares it with the start on fresh ones. Fields of view come from
-    the angles of arrival of one run, and half angles from its directions of emission. Under the
-    daylight of a scenario all candidates have the background of the start. Unless `waves` of the
-    meshing says otherwise, meshes hold all waves that make the light of the start fade for the
-    outage and the range over several seas; gain and margin need none of the short ones.
+    The same seas, places, tilts and chains serve every candidate (sample average approximation), so
+    that the cost is a deterministic, nearly smooth function. The optimum of a sample is optimistic:
+    `validation` compares it with the start on fresh ones. Fields of view come from the angles of
+    arrival of one run, and half angles from its directions of emission. Under the daylight of a
+    scenario each candidate has its own background, with common rays. Keys of the detector need no
+    new light. Each candidate has the response of the channel from its own chains, over up to four
+    seas with their places and tilts, unless the rms delay spread of the start is less than a
+    ten-thousandth of a bit. Unless `waves` of the meshing says otherwise, meshes hold all waves
+    that make the light of the start fade for the outage and the range over several seas; gain and
+    margin need none of the short ones.
 
     Examples
     --------
@@ -243,9 +255,9 @@ def optimize(
     'transmitter.half_angle_deg is at the bound 3'
     """
     require_options(run, RunOptions)
+    require_whole(realizations, 1, 100_000, "realizations")
     fading = realizations > 1 and objective in FADES
     campaign = campaign_of(link, surface, "optimize", fading, several=False, photons=photons, **run)
-    require_whole(realizations, 1, 100_000, "realizations")
     require_between(quantile, 0.0, 1.0, "quantile")
     require_between(limit, 0.0, 0.5, "limit")
     require_kind(flight, Flight | None, "flight")
@@ -254,38 +266,43 @@ def optimize(
     flight = flight and flight.checked()
     if not (isinstance(constraints, list | tuple) and all(map(callable, constraints))):
         raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")
-    electronics, light = electronics_of(campaign, ook, bit_rate), ""
+    electronics = electronics_of(campaign, ook, bit_rate)
+    if electronics is None and objective in ("outage", "range", "margin", "capacity"):
+        raise Refused("ook", None, f"a transmission, for {objective}")
     if electronics is not None:
         campaign = campaign.of(electronics.channel(campaign.link))
-        if objective in ("outage", "range", "margin"):
-            electronics, light = held_light(electronics, campaign, str(objective))
-    goal = Goal(objective, quantile, electronics, limit)
-    variables, bounds = _variables(campaign, over)
+    day = None if electronics is None else light_of(campaign, None)
+    start = Variant(campaign.link, None, electronics, day, flight and flight.uav)
+    lights = Lights(campaign)
+    goal = Goal(objective, quantile, lights, limit)
+    variables, bounds = _variables(campaign, start, over)
     spread = require_pair(hover_std, "hover_std", "two numbers >= 0 [m]")
     if min(spread) < 0.0:
         raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
-    search = _Search(campaign, goal, variables, bounds, (realizations, spread, flight))
+    search = _Search(campaign, goal, start, variables, bounds, (realizations, spread, flight))
     found = search.optimum(tuple(constraints), method)
-    return replace(found, notes=(*found.notes, f"background light: {light}")) if light else found
+    if electronics is None or objective == "gain":
+        return found
+    light = lights.text(search.variant(found.values))
+    return replace(found, notes=(*found.notes, f"background light: {light}"))
 
 
 def _variables(
-    campaign: Campaign, over: Mapping[str, tuple[float, float]] | None
+    campaign: Campaign, start: Variant, over: Mapping[str, tuple[float, float]] | None
 ) -> tuple[list[Parameter], Floats]:
     """Return the variables and their bounds (n, 2)."""
     if not isinstance(over, Mapping) or not over:
         raise Refused("over", over, "a table of names and bounds (low, high)")
-    variant = Variant(campaign.link, None)  # the keys of the link alone
     bounds = []
     for name, ends in over.items():
         pair = require_pair(ends, f"over.{name}", "(low, high), low < high")
         if not pair[0] < pair[1]:
             raise Refused(f"over.{name}", ends, "(low, high), low < high")
         bounds.append(pair)
-    found = parameters(variant, list(over), None, campaign.meshing.normals, "over")
+    found = parameters(start, list(over), None, campaign.meshing.normals, "over")
     for p, pair in zip(found, bounds, strict=True):
         for end in pair:
-            p.at(variant, float(end))
+            p.at(start, float(end))
     return found, np.array(bounds)
 
 
@@ -296,11 +313,13 @@ class _Search:
         self,
         campaign: Campaign,
         goal: Goal,
+        start: Variant,
         variables: list[Parameter],
         bounds: Floats,
         sampled: tuple[int, tuple[float, float], Flight | None],
     ) -> None:
         self._campaign, self._goal, self._variables = campaign, goal, variables
+        self._variant = start
         self._bounds = bounds
         self._log = np.array([not p.absolute for p in variables]) & (bounds[:, 0] > 0.0)
         names = [p.name for p in variables]
@@ -339,13 +358,13 @@ class _Search:
             logs = np.log(values / low) / np.log(high / low)
         return np.where(self._log, logs, (values - low) / (high - low))
 
-    def _link(self, values: Floats) -> Link:
-        pairs = zip(self._variables, values.tolist(), strict=True)
-        return Variant(self._campaign.link, self._campaign.surface).at(pairs).link
+    def variant(self, values: Floats) -> Variant:
+        """Return the candidate with values of the variables."""
+        return self._variant.at(zip(self._variables, values.tolist(), strict=True))
 
     def _costs(self, values: Floats, sample: Sample | None = None) -> Floats:
         """Return the costs of a candidate: of all gains, and of the groups of the jackknife."""
-        return self._goal.costs(self._link(values), (sample or self._sample).groups)
+        return self._goal.costs(self.variant(values), sample or self._sample)
 
     def _cost(self, x: Any) -> float:
         """Return the cost of a point of the unit cube, kept in the history."""
@@ -357,7 +376,7 @@ class _Search:
                 self._campaign.progress(1)
         return float(self._history[key][0])
 
-    def optimum(self, constraints: tuple[Callable[[Link], float], ...], method: str) -> Optimum:
+    def optimum(self, constraints: tuple[Constraint, ...], method: str) -> Optimum:
         """Return the best candidate with its flatness and validation."""
         require_word(method, get_args(Method), "method")
         n = len(self._variables)
@@ -373,7 +392,7 @@ class _Search:
         self._cost(self._place(self._start))
         getattr(self, f"_{method}")(constraints)
         allowed = {k: v for k, v in self._history.items()
-                   if all(g(self._link(np.array(k))) >= -1e-9 for g in constraints)}  # fmt: skip
+                   if all(g(self.variant(np.array(k))) >= -1e-9 for g in constraints)}  # fmt: skip
         if not allowed:
             raise Refused("constraints", "no candidate", "constraints that some candidate meets")
         best = np.array(min(allowed, key=lambda k: float(allowed[k][0])))
@@ -389,12 +408,12 @@ class _Search:
         ends = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _GRID - 1)])
         minimize_scalar(self._cost, bounds=ends, method="bounded", options={"xatol": _FINEST})
 
-    def _cobyqa(self, constraints: tuple[Callable[[Link], float], ...]) -> None:
+    def _cobyqa(self, constraints: tuple[Constraint, ...]) -> None:
         """Search several variables with constraints, without derivatives."""
         from scipy.optimize import Bounds, minimize
 
         n = len(self._variables)
-        limits = [{"type": "ineq", "fun": lambda x, g=g: g(self._link(self._values(x)))}
+        limits = [{"type": "ineq", "fun": lambda x, g=g: g(self.variant(self._values(x)))}
                   for g in constraints]  # fmt: skip
         minimize(
             self._cost,
@@ -405,13 +424,13 @@ class _Search:
             options={"initial_tr_radius": 0.25, "final_tr_radius": _FINEST, "maxfev": 40 + 25 * n},
         )
 
-    def _global(self, constraints: tuple[Callable[[Link], float], ...]) -> None:
+    def _global(self, constraints: tuple[Constraint, ...]) -> None:
         """Search by differential evolution; candidates that break a constraint are not run."""
         from scipy.optimize import differential_evolution
 
         def cost(x: Floats) -> float:
-            link = self._link(self._values(x))
-            broken = sum(max(-float(g(link)), 0.0) for g in constraints)
+            at = self.variant(self._values(x))
+            broken = sum(max(-float(g(at)), 0.0) for g in constraints)
             return 1e9 * (1.0 + broken) if broken else self._cost(x)
 
         n = len(self._variables)
@@ -447,7 +466,7 @@ class _Search:
 
     def _result(self, best: Floats, cost: float, stderr: float) -> Optimum:
         """Return the optimum with its validation on fresh seeds."""
-        campaign, goal, link = self._campaign, self._goal, self._link(best)
+        campaign, goal, at = self._campaign, self._goal, self.variant(best)
         tried = dict(self._history)  # those of the flat intervals come later
         flatness = self._flat(best, cost, stderr)
         fresh = self._new_sample((campaign.run.seed + _FRESH) % 2**64)
@@ -455,7 +474,7 @@ class _Search:
         difference, error = float(old[0] - new[0]), error_of(old - new)
         improved = bool(difference > 2.0 * error) if error > 0.0 else difference > 0.0
         quantities = [
-            goal.quantity(self._link(v), float(c[0]), fresh.groups)
+            goal.quantity(self.variant(v), float(c[0]), fresh)
             for v, c in ((best, new), (self._start, old))
         ]
         for p, value, (low, high) in zip(self._variables, best, self._bounds, strict=True):
@@ -465,7 +484,7 @@ class _Search:
         if not improved:
             notes.append("no improvement found")
         error_of_value = goal.error(cost, stderr)
-        value = goal.quantity(link, cost, self._sample.groups)
+        value = goal.quantity(at, cost, self._sample)
         return Optimum(
             objective=goal.name,
             value=value,
@@ -480,5 +499,5 @@ class _Search:
             costs=np.array([found[0] for found in tried.values()]),
             validation=Validation(quantities[0], quantities[1], difference, error, improved),
             notes=tuple(notes),
-            provenance=campaign.provenance() | {"best": link.model_dump(mode="json")},
+            provenance=campaign.provenance() | {"best": at.link.model_dump(mode="json")},
         )

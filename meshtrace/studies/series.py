@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
+from meshtrace.results.wavelengths import ByWavelength
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of, mean, stderr
 from meshtrace.uav.airframe import Flight, Route
 
@@ -27,15 +28,38 @@ if TYPE_CHECKING:
 _STATISTICS = 50  # gains, the least for a comparison with the closed form
 
 
+@overload
 def time_series(
+    link: Link | Scenario,
+    surface: Any = None,
+    times: ArrayLike | None = None,
+    *,
+    wavelengths_nm: None = None,
+    **options: Any,
+) -> GainSeries: ...
+
+
+@overload
+def time_series(
+    link: Link | Scenario,
+    surface: Any = None,
+    times: ArrayLike | None = None,
+    *,
+    wavelengths_nm: ArrayLike,
+    **options: Any,
+) -> ByWavelength[GainSeries]: ...
+
+
+def time_series(  # type: ignore[misc]
     link: Link | Scenario,
     surface: MeshSource | None = None,
     times: ArrayLike | None = None,
     *,
     flight: Flight | None = None,
     route: Route | None = None,
+    wavelengths_nm: ArrayLike | None = None,
     **run: Unpack[StudyOptions],
-) -> GainSeries:
+) -> GainSeries | ByWavelength[GainSeries]:
     """Return the gain over a moving sea, by forced detection with one set of chains.
 
     Parameters
@@ -52,12 +76,14 @@ def time_series(
         in the pattern of the lamp.
     route : Route, optional
         Waypoints of the receiver, or the lamp of a downlink, whose own position they replace.
+    wavelengths_nm : array_like, optional
+        Wavelengths in vacuum [nm], in place of that of the sources. See `simulate`.
     **run
         Options of the run, see `StudyOptions`.
 
     Returns
     -------
-    GainSeries
+    GainSeries, or ByWavelength of them
 
     Raises
     ------
@@ -92,13 +118,17 @@ def time_series(
     """
     if times is None and not isinstance(surface, MeshSource):
         surface, times = None, surface
-    campaign = campaign_of(link, surface, "time_series", fading=True, **run)
+    campaign = campaign_of(
+        link, surface, "time_series", fading=True, wavelengths_nm=wavelengths_nm, **run
+    )
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
     require_kind(flight, Flight | None, "flight")
     require_kind(route, Route | None, "route")
     flight = flight and flight.checked()
     if campaign.meshing.time != 0.0:
         raise Refused("sea.time", campaign.meshing.time, "0 with times")
+    if campaign.spectral:
+        return by_wavelength(campaign, in_flight(campaign, at, flight, route))
     series = over_times(campaign, at, flight, route)
     return series if flight or route else _beside_closed_form(campaign, series)
 
@@ -114,14 +144,37 @@ def over_times(
     return gain_series(campaign, gains, **more)
 
 
+@overload
 def ensemble(
     link: Link | Scenario,
     realizations: int,
     surface: SurfaceModel | None = None,
     *,
+    wavelengths_nm: None = None,
+    **options: Any,
+) -> GainSeries: ...
+
+
+@overload
+def ensemble(
+    link: Link | Scenario,
+    realizations: int,
+    surface: SurfaceModel | None = None,
+    *,
+    wavelengths_nm: ArrayLike,
+    **options: Any,
+) -> ByWavelength[GainSeries]: ...
+
+
+def ensemble(  # type: ignore[misc]
+    link: Link | Scenario,
+    realizations: int,
+    surface: SurfaceModel | None = None,
+    *,
     wind_speed: float | None = None,
+    wavelengths_nm: ArrayLike | None = None,
     **run: Unpack[StudyOptions],
-) -> GainSeries:
+) -> GainSeries | ByWavelength[GainSeries]:
     """Return the gains over independent realizations of a sea, by forced detection.
 
     Parameters
@@ -134,12 +187,14 @@ def ensemble(
         The sea; by default that of `wind_speed`.
     wind_speed : float, optional
         Wind of the default sea [m s-1]: that of the link's bubbles or whitecaps, or 5.
+    wavelengths_nm : array_like, optional
+        Wavelengths in vacuum [nm], in place of that of the sources. See `simulate`.
     **run
         Options of the run, see `StudyOptions`.
 
     Returns
     -------
-    GainSeries
+    GainSeries, or ByWavelength of them
 
     Notes
     -----
@@ -155,8 +210,19 @@ def ensemble(
         from meshtrace.surfaces import sea_in_wind
 
         surface = sea_in_wind(wind_speed)
-    campaign = campaign_of(link, surface, "ensemble", fading=True, **run)
+    campaign = campaign_of(
+        link, surface, "ensemble", fading=True, wavelengths_nm=wavelengths_nm, **run
+    )
+    if campaign.spectral:
+        return by_wavelength(campaign, campaign.realizations(realizations))
     return _beside_closed_form(campaign, over_realizations(campaign, realizations))
+
+
+def by_wavelength(campaign: Campaign, steps: Steps) -> ByWavelength[GainSeries]:
+    """Return the gains at each wavelength of a spectral campaign over its surfaces."""
+    gains = campaign.gains(steps)
+    at = np.array([link.transmitters[0].wavelength_nm for link in campaign.links.values()])
+    return ByWavelength(at, tuple(gain_series(campaign, gains, name) for name in campaign.links))
 
 
 def over_realizations(campaign: Campaign, n: int) -> GainSeries:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import sys
 import time
 import tomllib
@@ -21,11 +22,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.comms.background import DARK
+from meshtrace.comms.response import ChannelResponse
 from meshtrace.engine.backward.background import background
-from meshtrace.engine.setup.options import Forced
+from meshtrace.engine.setup.options import Arrivals, Forced
+from meshtrace.engine.simulate import simulate
 from meshtrace.errors import MISSING, Described, Refused, require_keys, require_whole
 from meshtrace.fields import FIELDS, attrs
 from meshtrace.kernels.random import realization_seed
@@ -33,13 +36,17 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.models import import_modules, modules_of, trusting
 from meshtrace.parallel import paced
+from meshtrace.results.gain import GainResult
+from meshtrace.results.impulse import impulse_response
 from meshtrace.results.provenance import environment
+from meshtrace.results.wavelengths import checked_wavelengths
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
 from meshtrace.scenario.daylight import changes_irradiance, daylight_recipe
 from meshtrace.scenario.files import as_table, parse_toml, read_text
+from meshtrace.scenario.parts import gives_spectrum
 from meshtrace.stored import FORMAT_VERSION
 from meshtrace.studies.background import RAYS, checked_daylight, error_rate, transmission_of
-from meshtrace.studies.cluster import DEFAULT_TIMEOUT, Cluster, error_text, require_dask
+from meshtrace.studies.cluster import DEFAULT_TIMEOUT, Cluster, error_text
 from meshtrace.studies.store import Item, Store
 
 if TYPE_CHECKING:
@@ -95,6 +102,7 @@ class Sweep:
     rtol: float | None = 0.01
     photons: int | None = None
     seed: int = 1
+    wavelengths_nm: tuple[float, ...] = ()  # that of the sources if empty
     modules: tuple[str, ...] = ()  # of the user's classes, which another process imports first
 
     def check(self) -> None:
@@ -102,6 +110,11 @@ class Sweep:
         require_whole(self.realizations, 1, 10**7, "realizations")
         require_whole(self.seed, 0, 2**64 - 1, "seed")
         base = self.scenario({})
+        for name in self.parameters:
+            if self.wavelengths_nm and name.endswith("wavelength_nm"):
+                allowed = "no wavelength among the parameters, or no wavelengths_nm"
+                raise Refused("parameters", name, allowed)
+        self._each_colour(base)
         if self.lit:
             transmission_of(base.link.replace(receiver=base.link.receivers[0]), base.detector)
         if not self.parameters:
@@ -139,12 +152,14 @@ class Sweep:
         Returns
         -------
         Item
-            Of each realization the numbers of `measured` by receiver, and the seconds that it took,
-            shape (n, measured * receivers + 1); their errors are a list as JSON.
+            Of each realization the numbers of `measured` by wavelength and receiver, and the
+            seconds that it took, shape (n, measured * wavelengths * receivers + 1); their errors
+            are a list as JSON.
         """
         import_modules(self.modules)
-        n = task.last - task.first
-        found, error = np.full((n, len(self.measured) * self.receivers + 1), np.nan), [""] * n
+        n, numbers = task.last - task.first, len(self.measured) * self.receivers
+        found = np.full((n, numbers * max(len(self.wavelengths_nm), 1) + 1), np.nan)
+        error = [""] * n
         for i in range(n):
             start = time.perf_counter()
             try:
@@ -155,7 +170,7 @@ class Sweep:
         return Item(found, json.dumps(error))
 
     def _measure(self, task: Task, realization: int) -> NDArray[np.float64]:
-        """Return the numbers of `measured`, each by receiver."""
+        """Return the numbers of `measured`, each by wavelength and receiver."""
         scenario = self.scenario(self.changes(task))
         surface, key = scenario.surface, self.seed
         if self.realizations > 1:
@@ -163,11 +178,23 @@ class Sweep:
             surface = surface.with_seed(phases) if hasattr(surface, "with_seed") else surface
         run = scenario.run.model_copy(update={"seed": key, "threads": 1})
         scenario = scenario.model_copy(update={"surface": surface, "run": run})
-        result = scenario.simulate()
+        record = [Arrivals()] if self.lit else ()
+        if not self.wavelengths_nm:
+            return self._numbers(scenario, simulate(scenario, record=record))[:, None]
+        found = simulate(scenario, wavelengths_nm=self.wavelengths_nm, record=record)
+        pairs = zip(self._each_colour(scenario), found.results, strict=True)
+        return np.stack([self._numbers(*pair) for pair in pairs], axis=1)
+
+    def _each_colour(self, scenario: Scenario) -> list[Scenario]:
+        """Return a scenario at each of the wavelengths."""
+        return [scenario.at_wavelength(nm) for nm in self.wavelengths_nm]
+
+    def _numbers(self, scenario: Scenario, result: GainResult) -> NDArray[np.float64]:
+        """Return the numbers of `measured` of a result, each by receiver."""
         rows = [getattr(result, name) for name in MEASURED]
         rows = [np.full(self.receivers, np.nan if row is None else row) for row in rows]
         if self.lit:
-            rows += list(_under_daylight(scenario, rows[0], rows[1]))
+            rows += list(_under_daylight(scenario, result))
         return np.stack(rows)
 
     @cached_property
@@ -202,6 +229,7 @@ class Sweep:
             "rtol": self.rtol,
             "photons": self.photons,
             "parameters": self.parameters,
+            "wavelengths_nm": list(self.wavelengths_nm),
             "link": tomllib.loads(self.base),
             "measured": list(self.measured),
             "receivers": self.receivers,
@@ -217,23 +245,27 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
     coordinates = {name: _labels(values) for name, values in identity["parameters"].items()}
     coordinates["realization"] = np.arange(identity["realizations"])
     dims, shape = tuple(coordinates), tuple(map(len, coordinates.values()))
-    names, receivers = identity["measured"], identity["receivers"]
-    numbers = np.full((*shape, len(names) * receivers + 1), np.nan)
+    names, at = identity["measured"], identity["wavelengths_nm"]
+    sizes = len(names), max(len(at), 1), identity["receivers"]
+    numbers = np.full((*shape, math.prod(sizes) + 1), np.nan)
     error = np.full(shape, "", object)
     for task, item in items.items():
         numbers[task.region], error[task.region] = item.numbers, json.loads(item.text)
-    measured = numbers[..., :-1].reshape(*shape, len(names), receivers)
+    measured = numbers[..., :-1].reshape(*shape, *sizes)
     variables: dict[str, Any] = {
         "seconds": (dims, numbers[..., -1], {"units": "s"}),
         "error": (dims, error.astype(str)),
     }
     for i, name in enumerate(names):
         light = {"light": identity["light"]} if name == "ber" else {}
-        whole = measured[..., i, :] if identity["listed"] else measured[..., i, 0]
-        along = (*dims, "receiver") if identity["listed"] else dims
-        variables[name] = (along, whole, {**attrs(name), **light})
+        several = bool(at), identity["listed"]
+        kept = tuple(slice(None) if each else 0 for each in several)
+        along = (*dims, *itertools.compress(("wavelength", "receiver"), several))
+        variables[name] = (along, measured[..., i, :, :][(..., *kept)], {**attrs(name), **light})
     about = {key: attrs(key.rpartition(".")[2]) for key in dims if key.rpartition(".")[2] in FIELDS}
     labelled = {key: (key, values, about.get(key, {})) for key, values in coordinates.items()}
+    if at:
+        labelled["wavelength_nm"] = ("wavelength", np.array(at), attrs("wavelength_nm"))
     origin = {
         "title": "meshtrace sweep",
         "format_version": FORMAT_VERSION,
@@ -251,14 +283,17 @@ def _labels(values: list[Any]) -> NDArray[Any]:
     return np.array([v if isinstance(v, str) else json.dumps(v) for v in values])
 
 
-def _under_daylight(
-    scenario: Scenario, gain: NDArray[np.float64], stderr: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the numbers of `LIT` (4, receivers) at the gains of a scenario."""
+def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float64]:
+    """Return the numbers of `LIT` (4, receivers) at the gains and responses of a scenario."""
     rows = []
-    for receiver, h, error in zip(scenario.link.receivers, gain, stderr, strict=True):
+    numbers = zip(scenario.link.receivers, result.gains, result.stderrs, strict=True)
+    for i, (receiver, h, error) in enumerate(numbers):
         link = scenario.link.replace(receiver=receiver)
         ook, found = transmission_of(link, scenario.detector), None
+        if h > 0.0 and ook.response is None:
+            seen = impulse_response(result, receiver=i)
+            response = ChannelResponse.of(seen.delay, seen.weight, seen.angle)
+            ook = ook.replace(response=response)
         if checked_daylight(scenario.daylight, link) is not None:
             alone = scenario.model_copy(update={"link": link})
             found = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
@@ -276,6 +311,7 @@ def sweep(
     rtol: float | None = 0.01,
     photons: int | None = None,
     seed: int = 1,
+    wavelengths_nm: ArrayLike | None = None,
     store: str | Path | None = None,
     workers: int | str | None = None,
     timeout: float = DEFAULT_TIMEOUT,
@@ -305,12 +341,16 @@ def sweep(
         Chains (forced) or photons (analog) of every gain, with `rtol` the first guess.
     seed : int
         Key of the random numbers, 0 <= seed < 2^64. Points share them.
+    wavelengths_nm : array_like, optional
+        Wavelengths [nm], in place of that of the sources, with the gains of common paths at each
+        point (see `simulate`) and the light of the same model.
     store : path, optional
         File that keeps finished points; of a study file by default beside it. A second call with
         the same arguments and version resumes the first, however it was stopped.
     workers : int or str, optional
-        Processes, all cores by default, or the address or file of a running dask scheduler. The
-        result does not depend on them.
+        Processes, or the address or file of a running dask scheduler: 1 for this process alone, by
+        default all cores, where points take longer than the start of processes. The result does
+        not depend on them.
     timeout : float
         Seconds to wait for the scheduler, and for a worker.
     progress : bool or callable
@@ -320,10 +360,11 @@ def sweep(
     Returns
     -------
     xarray.Dataset
-        Dimensions are the parameters in their order and "realization" (and "receiver" for a
-        link with a list of receivers); variables gain, gain_stderr, gain_ballistic, seconds and
-        error, the text of a failure or empty; under daylight also background_radiance and ber,
-        with their standard errors. The attribute `light` of ber names the light.
+        Dimensions are the parameters in their order and "realization" ("wavelength" for several
+        wavelengths, "receiver" for a link with a list of receivers); variables gain, gain_stderr,
+        gain_ballistic, seconds and error, the text of a failure or empty; under daylight also
+        background_radiance and ber, with their standard errors. The attribute `light` of ber names
+        the light. The response of the channel spreads its pulses, see `link_performance`.
 
     Raises
     ------
@@ -332,7 +373,7 @@ def sweep(
         sweep or is in use; the scheduler is lost, has no worker, or one that would
         compute other numbers.
     ModuleNotFoundError
-        If dask and distributed are not installed.
+        If dask and distributed are not installed, which `workers` other than 1 need.
 
     Notes
     -----
@@ -348,15 +389,20 @@ def sweep(
     The cluster on this machine starts new Python processes: in a script call `sweep` under
     `if __name__ == "__main__":`.
     """
-    require_dask()
     given = link.get("daylight") if isinstance(link, Mapping) else None
-    options = {"realizations": realizations, "rtol": rtol, "photons": photons, "seed": seed}
+    options: dict[str, Any] = {"rtol": rtol, "photons": photons, "seed": seed}
+    options |= {"realizations": realizations, "wavelengths_nm": wavelengths_nm}
     study = _study(_base(link, surface), given, parameters, **options)
     return _swept(study, store, workers, timeout, progress)
 
 
 def _study(
-    base: Scenario, light: Any, parameters: Mapping[str, Sequence[Any]], **options: Any
+    base: Scenario,
+    light: Any,
+    parameters: Mapping[str, Sequence[Any]],
+    *,
+    wavelengths_nm: Any = None,
+    **options: Any,
 ) -> Sweep:
     """Return the checked study; `light` is the given table [daylight], None for a model."""
     import tomli_w
@@ -366,8 +412,11 @@ def _study(
     if base.daylight is not None and any(map(changes_irradiance, plain)):
         found = daylight_recipe(base.daylight) if light is None else light
         config["daylight"] = as_table(found, "daylight", "model")
+    if base.link.water.spectrum is None and any(map(gives_spectrum, plain)):
+        config["water"] = {k: v for k, v in config["water"].items() if k.startswith("bottom")}
     text = tomli_w.dumps(config)
-    study = Sweep(text, plain, **options)
+    waves = () if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
+    study = Sweep(text, plain, **options, wavelengths_nm=tuple(waves))
     study.check()
     return replace(study, modules=tuple(modules_of(f"{text}{plain}")))
 
@@ -452,9 +501,9 @@ def sweep_file(
     Parameters
     ----------
     path : path
-        TOML file. [sweep] takes realizations, rtol, photons, seed and store, as in `sweep`
-        (rtol, photons and seed may stand in [run] too); [sweep.parameters] the lists of values
-        by their dotted keys.
+        TOML file. [sweep] takes realizations, rtol, photons, seed, wavelengths_nm and store, as in
+        `sweep` (rtol, photons and seed may stand in [run] too); [sweep.parameters] the lists of
+        values by their dotted keys.
     store
         As in `sweep`; a store in the file lies beside it.
     trust : bool
@@ -485,13 +534,13 @@ def sweep_file(
         wind_speed = [5.0, 13.0]
         transmitter.depth = [5.0, 10.0, 20.0]
     """
-    require_dask()
     path = Path(path)
     config, table = _read(path)
     run = config.get("run", {})
     given = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
     try:
-        require_keys(table, ("parameters", "realizations", *_SHARED, "store"), "sweep")
+        known = "parameters", "realizations", *_SHARED, "wavelengths_nm", "store"
+        require_keys(table, known, "sweep")
     except Refused as error:
         raise error.of(str(path)) from None
     given |= {key: value for key, value in table.items() if key not in ("parameters", "store")}

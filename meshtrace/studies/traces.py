@@ -31,6 +31,7 @@ DEFAULT_CHAINS = 1024
 """Chains of each direction."""
 
 _PIECE = 50  # frames of a step, which a stopped run keeps
+_LIT = 2.0 / 3.0  # 99.5 % of the light crosses in the fine part, the rest in cells somewhat wider
 _RAYS = 512  # of the background at each of its times
 _COLUMNS = "gain", "gain_stderr", "gain_ballistic"
 _MOST_FRAMES = 10**8
@@ -87,7 +88,9 @@ class ChannelTrace(Stored):
 
     @property
     def rate(self) -> float:
-        """Frames per second [s-1]."""
+        """Frames per second [s-1]; nan of a single frame."""
+        if len(self.time) < 2:
+            return math.nan
         return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
 
     def series(self, direction: Literal["up", "down"] = "up") -> GainSeries:
@@ -118,6 +121,8 @@ class ChannelTrace(Stored):
 
     def _headline(self) -> str:
         means = ", ".join(f"{m:.4e}" for m in np.atleast_1d(self.gain.mean(axis=0))[:4])
+        if len(self.time) < 2:
+            return f"1 frame, mean gain {means}"
         return f"{len(self.time):,} frames at {self.rate:g} per s, mean gain {means}"
 
     def summary(self) -> str:
@@ -193,8 +198,9 @@ def channel_trace(
     Notes
     -----
     All frames have common chains, so that their Monte Carlo noise is common, too, unless an
-    aircraft moves the link. Unless `waves` of the meshing says otherwise, the mesh holds all waves
-    that make the light of the links fade.
+    aircraft flies a route; chains are aimed anew where it tilts. The mesh is somewhat smaller than
+    that of a series: frames of both agree within the error of the mesh, some 0.5 %. Unless `waves`
+    of the meshing says otherwise, the mesh holds all waves that make the light of the links fade.
 
     Examples
     --------
@@ -249,6 +255,7 @@ def _campaign(
 ) -> Campaign:
     """Return the campaign of one or both directions."""
     one = campaign_of(link, surface, "trace", fading=True, chains=DEFAULT_CHAINS, **run)
+    one = one._replace(lit=_LIT)
     if down == "mirrored":
         single = len(one.link.receivers) == 1 == len(one.link.transmitters)
         down = one.link.mirrored() if single and one.link.direction == "up" else None

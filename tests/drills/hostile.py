@@ -31,7 +31,7 @@ LINKS = [
     "[[receiver]]\n[[receiver]]\nkind = 'water-aperture'\n[run]\nestimator = 'analog'",
     "[sea]\nspectrum = 'flat'\nspacing = 0.5\n[water]\nlayers = [[0.0, 0.1, 0.2], [9.0, 0.2, 0.1]]\n"
     "[water.phase]\nmodel = 'mixture'\ncomponents = ['petzold', 'rayleigh']\nweights = [1.0, 2.0]",
-    "[sea]\nspectrum = 'sinusoidal'\namplitude = 0.1\nwavelength = 2.0\nspacing = 0.5\n"
+    "[sea]\nspectrum = 'sinusoid'\namplitude = 0.1\nwavelength = 2.0\nspacing = 0.5\n"
     "[transmitter]\nkind = 'sun'\n[run]\nestimator = 'analog'",
     "[sea]\nspacing = 0.5\n[transmitter]\nkind = 'air-led'\n[receiver]\nkind = 'water-receiver'\n"
     "[daylight]\nmodel = 'clear'\nsun_zenith_deg = 40.0",

@@ -10,7 +10,7 @@ from drill import drill
 pytestmark = [pytest.mark.drill, pytest.mark.process]
 
 SMALL = {"links": 15, "arguments": 60, "commands": 8, "meshes": 12, "spectra": 10,
-         "results": 15, "origins": 3, "stores": 6, "studies": 12, "environment": 1}  # fmt: skip
+         "results": 15, "origins": 4, "stores": 6, "studies": 12, "environment": 1}  # fmt: skip
 LARGE = {"links": 1500, "arguments": 3400, "commands": 1000, "meshes": 1200, "spectra": 1000,
          "results": 1100, "origins": 900, "stores": 240, "studies": 520, "environment": 40}  # fmt: skip
 

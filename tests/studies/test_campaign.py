@@ -37,10 +37,16 @@ def test_gains_are_labelled():
 
 
 def test_links_have_one_mesh_for_each_surface(monkeypatch):
-    made = []
-    mesh_for = module.mesh_for
-    monkeypatch.setattr(module, "mesh_for", lambda *a: made.append(a) or mesh_for(*a))
-    seen = []
+    made, seen = [], []
+
+    def counted(kind):
+        mesh = kind.mesh
+        monkeypatch.setattr(
+            kind, "mesh", lambda *a, **lines: made.append(lines) or mesh(*a, **lines)
+        )
+
+    counted(JonswapSea)
+    counted(SinusoidalSea)
     mt.compare(LINKS, SEA, realizations=6, photons=64, threads=1, progress=seen.append)
     assert len(made) == 6
     assert seen == [1] * 12
@@ -57,9 +63,9 @@ def test_common_mesh_covers_links_apart():
     far = mt.Link().replace("receiver.position", (30.0, 0.0))
     far = far.replace("transmitter.position", (30.0, 0.0))
     campaign = campaign_of(mt.Link(), FlatSea(), photons=64)
-    mesh = campaign.mesh([mt.Link(), far], FlatSea(), 0.0)
+    mesh = FlatSea().mesh(0.0, **campaign.lines([mt.Link(), far], FlatSea()))
     for link in (mt.Link(), far):
-        own = campaign.mesh([link], FlatSea(), 0.0)
+        own = FlatSea().mesh(0.0, **campaign.lines([link], FlatSea()))
         x = np.array(link.origin)[0]
         reach = module.crossing_reach(link)
         assert mesh.bounds[0, 0] <= x - reach

@@ -1,18 +1,23 @@
 """Studies on a dask cluster: the digits are those of threads, and finished steps are kept."""
 
+import os
+import sys
+
 import numpy as np
 import pytest
 from studies.test_store import FEW, LINK, SMALL, STUDIES, TIMES, WAVE, digits
 
 import meshtrace as mt
 from meshtrace.errors import Refused
+from meshtrace.studies import cluster
 from meshtrace.studies.campaign import campaign_of
+from meshtrace.studies.cluster import Cluster
 from meshtrace.surfaces import SinusoidalSea
 
 distributed = pytest.importorskip("distributed")
 
 ON_CLUSTERS = ("ensemble", "trace", "compare", "sensitivities", "flight", "duplex", "background",
-               "performance", "depths", "convergence", "bands", "steps", "fading")  # fmt: skip
+               "irradiance", "performance", "depths", "convergence", "bands", "steps", "fading")  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -20,8 +25,8 @@ def address():
     """Scheduler with a worker in a process of its own."""
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50
-    ) as cluster:
-        yield cluster.scheduler_address
+    ) as local:
+        yield local.scheduler_address
 
 
 @pytest.mark.process
@@ -41,8 +46,8 @@ def here():
     """Scheduler of one worker in a thread of this process."""
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0"
-    ) as cluster:
-        yield cluster.scheduler_address
+    ) as local:
+        yield local.scheduler_address
 
 
 def test_series_on_a_cluster(here):
@@ -64,6 +69,37 @@ def test_a_failing_surface_ends_the_study(here):
 
     with pytest.raises(Refused, match="surface: 2, allowed: other numbers"):
         campaign.gains(steps._replace(surface=surface), probed=1)
+
+
+def pid_of(job):
+    if job == 1:
+        raise ValueError("one")
+    return os.getpid()
+
+
+@pytest.mark.parametrize(("workers", "jobs"), [(1, 4), (None, 4), (2, 1)])
+def test_little_work_is_done_in_this_process(workers, jobs, monkeypatch):
+    monkeypatch.setattr(cluster, "_client", None)
+    found = dict(Cluster(workers).checked().map(lambda: pid_of, range(jobs)))
+    assert str(found.pop(1, "one")) == "one"
+    assert found == dict.fromkeys(found, os.getpid())
+    assert len(found) == max(jobs - 1, 1)
+
+
+@pytest.mark.process
+@pytest.mark.thorough
+def test_more_work_goes_to_other_processes(monkeypatch):
+    monkeypatch.setattr(cluster, "_START", -1.0)  # the first job takes longer
+    found = dict(Cluster().map(lambda: lambda job: os.getpid(), range(6)))
+    assert sorted(found) == list(range(6))
+    assert [i for i, pid in found.items() if pid == os.getpid()] == [0]
+
+
+def test_one_worker_needs_no_dask(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert list(Cluster(1).checked().map(lambda: abs, [-2])) == [(0, 2)]
+    with pytest.raises(ModuleNotFoundError, match=r'pip install "meshtrace\[batch\]"'):
+        Cluster(2).checked()
 
 
 @pytest.mark.parametrize("workers", [0, 1.5, -1])

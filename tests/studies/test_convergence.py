@@ -358,7 +358,7 @@ def test_steps_must_nest():
 def test_scenario_sets_seed_and_time():
     scenario = Scenario.from_config(
         {
-            "sea": {"spectrum": "sinusoidal", "amplitude": 0.05, "wavelength": 4.0, "time": 1.0},
+            "sea": {"spectrum": "sinusoid", "amplitude": 0.05, "wavelength": 4.0, "time": 1.0},
             "bubbles": "none",
             "run": {"seed": 9},
         }

@@ -156,13 +156,16 @@ def test_items_of_lists_are_named_in_either_way(truth):
 
 def test_reweighting_is_a_new_run():
     """The gain at other a and b from the same chains is that of a simulation."""
+    from meshtrace.studies import Variant
     from meshtrace.studies.campaign import campaign_of
-    from meshtrace.studies.inference import Predictor
-    from meshtrace.studies.sensitivity.parameters import Variant, parameters
+    from meshtrace.studies.inference import Predictor, read_measurements
+    from meshtrace.studies.keys import parameters
 
     sea, link = FlatSea(), mt.Link()
-    unknowns = parameters(Variant(link, sea, None), ["water.a", "water.b"], None, "vertex")
-    model = Predictor(campaign_of(link, sea, photons=4096, threads=1), [{}], unknowns)
+    start = Variant(link, sea)
+    unknowns = parameters(start, ["water.a", "water.b"], None, "vertex")
+    data = read_measurements([{"gain": 1e-5, "stderr": 1e-7}])
+    model = Predictor(campaign_of(link, sea, photons=4096, threads=1), start, data, unknowns)
     x = np.log([1.3, 0.7])
     new = link.replace("water.a", 1.3 * 0.114).replace("water.b", 0.7 * 0.037)
     expected = mt.simulate(new, sea, photons=16384)

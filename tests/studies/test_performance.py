@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,12 @@ from scipy.special import ndtri
 
 import meshtrace as mt
 from meshtrace import fading
-from meshtrace.comms import OokLink
+from meshtrace.comms import ChannelResponse, LedDriver, OokLink, SiPM
 from meshtrace.comms.budget import required_gain
 from meshtrace.comms.capacity import capacity
-from meshtrace.results import GainSeries
+from meshtrace.results import GainSeries, impulse_response
 from meshtrace.scenario import Scenario
+from meshtrace.studies import LinkPerformance
 from meshtrace.studies.operating_point import (
     FadingSamples,
     ber_of_samples,
@@ -153,7 +155,7 @@ def test_a_band_without_the_fading_is_reported():
 def test_average_ber_equals_brute_force(ensemble_performance):
     gains = mt.ensemble(at_depth(40.0), 24, photons=512).gain
     for rate in RATES:
-        ook = OokLink(bit_rate=rate)
+        ook = ensemble_performance.transmission(bit_rate=rate)
         figures = ensemble_performance.at(bit_rate=rate)
         bers = ook.ber(ook.received_power(gains))
         assert figures.ber.value == pytest.approx(bers.mean(), rel=1e-12)
@@ -177,7 +179,7 @@ def test_tilts_are_averaged_as_brute_force_does():
         photons=256,
         flight=mt.Flight(),
     )
-    ook, samples = found.ooks[0], found.fades[0].samples
+    ook, samples = found.transmission(), found.fades[0].samples
     assert samples.shape == (12, 50)
     bers = ook.ber(ook.received_power(samples))
     assert found.at().ber.value == pytest.approx(bers.mean(), rel=1e-3)
@@ -211,7 +213,7 @@ def test_gimbal_takes_the_tilt_away():
 
 def test_band_of_a_flat_sea_is_the_error_of_its_chains():
     found = mt.link_performance(at_depth(40.0), FlatSea(), bit_rate=5e6, photons=1024)
-    ook, fades, ber = found.ooks[0], found.fades[0], found.at().ber
+    ook, fades, ber = found.transmission(), found.fades[0], found.at().ber
     reach = ndtri(0.975) * fades.chain_error
     gain = float(fades.series.gain[0]) * np.exp([reach, 0.0, -reach])
     assert ber == pytest.approx(ook.ber(ook.received_power(gain))[[1, 0, 2]], rel=1e-9)
@@ -379,8 +381,63 @@ def test_dataset_goes_to_disk_and_back(tmp_path):
 
 def test_eye_at_the_received_power():
     found = mt.link_performance(at_depth(30.0), FlatSea(), bit_rate=(1e6, 5e6), photons=256)
-    ook, power = found.ooks[1], found.at(bit_rate=5e6).received_power.value
+    ook, power = found.transmission(bit_rate=5e6), found.at(bit_rate=5e6).received_power.value
     assert np.array_equal(found.eye(bit_rate=5e6).level, ook.eye(power).level)
+
+
+# --- response of the channel ---------------------------------------------------------------
+
+
+def test_a_short_response_changes_no_digit_and_a_long_one_enters(tmp_path):
+    options = {"bit_rate": (1e6, 1e7), "realizations": 3, "photons": 256}
+    found = mt.link_performance(at_depth(10.0), **options)
+    gains = found.fades[0].series.gain
+    for rate in (1e6, 1e7):
+        prompt, through = OokLink(bit_rate=rate), found.transmission(bit_rate=rate)
+        figures = found.at(bit_rate=rate)
+        assert through.response == found.responses[0]
+        assert figures.required_power == through.required_power(1e-3)
+        assert figures.capacity == capacity(through, gains)
+        spread = figures.rms_delay_spread.value * rate
+        assert spread == pytest.approx(through.spread_in_bits, rel=0.02)
+        if spread < 1e-3:
+            assert figures.required_power == prompt.required_power(1e-3)
+            assert figures.dispersion_db == 0.0
+        else:
+            ratio = through.required_power(1e-3) / prompt.required_power(1e-3)
+            assert figures.dispersion_db == pytest.approx(10.0 * math.log10(ratio), rel=1e-12)
+            assert figures.dispersion_db > 0.0
+    found.save(tmp_path / "found.nc")
+    assert LinkPerformance.load(tmp_path / "found.nc").responses == found.responses
+
+
+def test_the_text_says_when_the_response_matters():
+    murky = mt.Water.from_type("petzold-harbour", 514.5)
+    link = mt.Link(
+        transmitter=mt.Led(depth=6.0, wavelength_nm=514.5),
+        receiver=mt.Receiver(fov_deg=120.0, height=2.0),
+        water=murky,
+    )
+    ook = OokLink(led=LedDriver(bandwidth=1e8), sipm=SiPM(bandwidth=1e8))
+    found = mt.link_performance(link, FlatSea(), ook=ook, bit_rate=(1e4, 5e7), photons=512)
+    (line,) = (text for text in found.summary().splitlines() if "rms delay spread" in text)
+    assert re.search(r"\de-05 bit at 0.01 Mbit/s \(none: instantaneous\)", line)
+    assert re.search(r"0\.\d+ bit at 50 Mbit/s \(0\.\d+ dB optical\)", line)
+    own = ook.replace(response=ChannelResponse(delay=(0.0, 4e-9), share=(0.5, 0.5)))
+    given = mt.link_performance(link, FlatSea(), ook=own, bit_rate=5e7, photons=512)
+    assert given.transmission() == OokLink.of_link(link, own, 5e7)
+    assert given.at().rms_delay_spread.value == pytest.approx(2e-9)
+
+
+def test_the_response_is_that_of_the_chains():
+    link = at_depth(20.0)
+    found = mt.link_performance(link, FlatSea(), bit_rate=1e7, photons=512)
+    single = mt.simulate(link, FlatSea(), photons=512, record=[mt.options.Arrivals()])
+    response = impulse_response(single)
+    error = math.hypot(response.rms_delay_spread_stderr, found.at().rms_delay_spread.high
+                       - found.at().rms_delay_spread.value)  # fmt: skip
+    spread = found.at().rms_delay_spread.value
+    assert abs(spread - response.rms_delay_spread) < 4.0 * error
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, sidak, z_test
+from scipy.stats import chi2
 
 import meshtrace as mt
 from meshtrace.engine.neighbours import FrozenForced
 from meshtrace.kernels.random import realization_seed
 from meshtrace.stored import SHIFTS
+from meshtrace.studies import Variant
+from meshtrace.studies.keys import parameters
 from meshtrace.studies.neighbours import error_of, without_each
-from meshtrace.studies.sensitivity.parameters import Variant, parameters
 from meshtrace.surfaces import Band, FlatSea, JonswapSea
 
 REFERENCE = json.loads(
@@ -185,6 +187,18 @@ def test_unscattered_light_well_inside_the_view_does_not_depend_on_it():
     assert (row.elasticity, row.stderr) == (0.0, 0.0)
 
 
+@pytest.mark.thorough
+def test_the_error_of_light_at_the_edge_of_the_view_is_that_of_other_seeds():
+    """Few chains; 0.0701(4) is the mean of four runs of 65,536 chains. Chi-square test."""
+    link = mt.Link().replace("transmitter.depth", 24.0).replace("receiver.fov_deg", 20.0)
+    rows = [
+        elasticities(link, keys=("fov",), photons=256, seed=seed).table[0]
+        for seed in range(1, 17)
+    ]  # fmt: skip
+    z = np.array([(row.elasticity - 0.0701) / row.stderr for row in rows])
+    assert z @ z < chi2.isf(ALPHA, len(z))
+
+
 VIEWS = [(2.0, None), (2.0, 5.0), (10.0, 5.0)]
 
 
@@ -300,7 +314,8 @@ def test_margin_error_rate_and_fixed_gain_follow_the_gain():
     )
     for key in keys:
         row = gain.table[NAMES[key]]
-        assert margin.table[row.name].elasticity == pytest.approx(row.elasticity, rel=1e-9)
+        # the response of the channel follows the water, too
+        assert margin.table[row.name].elasticity == pytest.approx(row.elasticity, rel=1e-3)
     a, d = (gain.table[NAMES[key]].elasticity for key in keys)
     assert fixed.value == 50.0
     assert fixed.derivative("water.a").value == pytest.approx(-a / d * 50.0 / 0.114, rel=1e-9)

@@ -57,6 +57,9 @@ STUDIES = {
     "background": partial(
         mt.background_series, LINK, WAVE, DAY, TIMES, photons=64, seed=5, threads=1
     ),
+    "irradiance": partial(
+        mt.irradiance_series, WAVE, DAY, times=TIMES, photons=1000, seed=5, threads=1
+    ),
     "performance": partial(
         mt.link_performance, LINK, SEA, depths=(20.0, 40.0), realizations=2, daylight=DAY, **FEW
     ),
@@ -80,7 +83,7 @@ STUDIES = {
         mesh=mt.Meshing(spacing=0.2), **FEW,
     ),
 }  # fmt: skip
-KEPT = ("ensemble", "compare", "optimize", "series", "trace", "coverage", "infer")
+KEPT = ("ensemble", "compare", "optimize", "series", "trace", "coverage", "infer", "irradiance")
 COSTS = ("mesh_time", "bvh_time", "evaluation_time")
 
 

@@ -202,15 +202,17 @@ def test_optima_hold_under_the_light_of_the_scenario():
     assert day.notes[-1].startswith("background light: daylight at zenith angle 30 deg")
 
 
-def test_ranges_of_receivers_in_the_water_refuse_one_background():
-    down = mt.Scenario.from_toml("wind_speed = 0.0").replace(
-        link=mt.Link(transmitter=mt.AirLed(), receiver=mt.WaterReceiver())
+@pytest.mark.slow
+def test_each_depth_of_a_range_has_its_own_background():
+    link = mt.Link(transmitter=mt.AirLed(), receiver=mt.WaterReceiver(depth=30.0, fov_deg=20.0))
+    lit = mt.Scenario.from_toml("wind_speed = 0.0").model_copy(
+        update={"link": link, "daylight": DAY}
     )
-    lit = down.model_copy(update={"daylight": DAY})
-    with pytest.raises(Refused, match=r"^daylight: 'daylight', allowed: none, for the range of a"):
-        mt.sensitivities(lit, of="range", wrt=["water.a"], photons=64)
-    with pytest.raises(Refused, match=r"^daylight: 'daylight', allowed: none, for the range of a"):
-        mt.optimize(lit, over={"water.a": (0.1, 0.2)}, objective="range", realizations=1)
+    found = mt.sensitivities(lit, of="range", wrt=["water.a"], photons=64)
+    at = mt.link_performance(
+        link.at_depth(found.value), FlatSea(), daylight=DAY, photons=64, realizations=2
+    )
+    assert at.at().ber.value == pytest.approx(1e-3, rel=0.2)
 
 
 # Flights
@@ -238,8 +240,7 @@ def test_the_background_of_a_flight_has_its_tilts():
 
 
 @pytest.mark.parametrize("coupled", [False, True])
-@pytest.mark.thorough
-@pytest.mark.slow_but("False")
+@pytest.mark.slow
 def test_error_rates_of_a_flight_by_day(coupled):
     options = {"photons": 64, "realizations": 2, "wind_speed": 13.0}
     flown = {"flight": mt.Flight(coupled=coupled)}

@@ -14,11 +14,12 @@ from typer.testing import CliRunner
 
 import meshtrace as mt
 from meshtrace import cli
+from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
 from meshtrace.studies import sweep, sweep_file
 from meshtrace.studies.cluster import Cluster
 from meshtrace.studies.sweeps import BLOCK, Sweep, Task, read_store, store_of
-from meshtrace.surfaces import JonswapSea, MeshSequence, SinusoidalSea
+from meshtrace.surfaces import FlatSea, JonswapSea, MeshSequence, SinusoidalSea
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -156,6 +157,19 @@ def test_sea_is_taken_as_it_is(address):
     data = run({"water.b": [0.0]}, address, surface=wave)
     single = mt.simulate(mt.Link(water=mt.Water(b=0.0)), wave, photons=64)
     assert float(data["gain_ballistic"][0, 0]) == single.gain_ballistic
+
+
+def test_water_follows_the_swept_chlorophyll_and_wavelength(address):
+    wave = SinusoidalSea(amplitude=0.05, wavelength=4.0)
+    data = run({"water.chlorophyll": [0.0, 1.0]}, address, surface=wave)
+    for i, chlorophyll in enumerate((0.0, 1.0)):
+        spectrum = mt.optics.Constituents(chlorophyll=chlorophyll)
+        link = mt.Link(water=mt.Water(spectrum=spectrum, wavelength_nm=470.0))
+        assert float(data["gain"][i, 0]) == mt.simulate(link, wave, photons=64).gain
+    link = mt.Link(water=mt.Water.from_type("jerlov-II"))
+    data = run({"transmitter.wavelength_nm": [470.0, 550.0]}, address, surface=wave, link=link)
+    green = mt.simulate(link.at_wavelength(550.0), wave, photons=64)
+    assert float(data["gain"][1, 0]) == green.gain
 
 
 def test_meshes_from_files_are_a_surface(address, tmp_path):
@@ -396,3 +410,40 @@ def test_settings_of_dask_are_left_alone(address):
     assert dask.config.get("scheduler", None) == before
     with dask.config.set(scheduler="dask.distributed"):  # of a client that has closed
         run({"water.b": [0.0]}, address, link={"bubbles": "none"}, photons=64)
+
+
+def test_a_point_has_the_gains_of_all_wavelengths(address, tmp_path):
+    link, at = mt.Link(water=mt.Water.from_type("jerlov-IB")), [450.0, 500.0]
+    options = {"link": link, "wavelengths_nm": at, "store": tmp_path / "sweep.store"}
+    found = run({"transmitter.depth": [5.0, 8.0]}, address, **options)
+    assert found["gain"].dims == ("transmitter.depth", "realization", "wavelength")
+    for i, depth in enumerate(found["transmitter.depth"].values):
+        there = mt.simulate(link.at_depth(depth), FlatSea(), photons=64, wavelengths_nm=at)
+        np.testing.assert_array_equal(found["gain"][i, 0], there["gain"][:, 0])
+    again = run({"transmitter.depth": [5.0, 8.0]}, "tcp://127.0.0.1:1", **options)
+    assert again.equals(found)
+    assert again.equals(read_store(tmp_path / "sweep.store"))
+    with pytest.raises(Refused, match="no wavelength among the parameters"):
+        run({"transmitter.wavelength_nm": [450.0]}, address, **options)
+
+
+def test_a_study_file_of_wavelengths_by_day(address, tmp_path):
+    text = """
+    [sea]
+    spectrum = "flat"
+    [water]
+    type = "jerlov-IB"
+    [daylight]
+    model = "night"
+    [sweep]
+    photons = 64
+    wavelengths_nm = [450.0, 500.0]
+    [sweep.parameters]
+    transmitter.depth = [5.0]
+    """
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    found = sweep_file(path, workers=address, progress=False)
+    assert not found["error"].item()
+    assert found["ber"].shape == (1, 1, 2)
+    assert (found["background_radiance"] > 0.0).all()

@@ -149,7 +149,7 @@ def test_local_cluster_listens_to_this_machine_alone_and_works_in_private(tmp_pa
                     seen.add(connection.laddr.ip)
         folders.extend(path for path in Path(tmp_path).glob("meshtrace-*"))
 
-    sweep(mt.Link(), {"water.b": [0.0]}, workers=1, **{**FEW, "progress": look})
+    sweep(mt.Link(), {"water.b": [0.0, 0.1]}, workers=2, **{**FEW, "progress": look})
     assert seen == {"127.0.0.1"}
     assert folders
     assert not Path(folders[0]).exists()  # and leaves nothing

@@ -1,9 +1,14 @@
 """Channel traces: the digits of series and backgrounds, whatever pieces, threads and aircraft."""
 
+import math
+
 import numpy as np
 import pytest
+from mc_statistics import ALPHA, sidak
+from scipy import stats
 
 import meshtrace as mt
+from meshtrace import fading
 from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea, SinusoidalSea
@@ -119,3 +124,34 @@ def test_refusals(options, text):
     with pytest.raises(Refused) as caught:
         trace(**options)
     assert text in str(caught.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("wind", "depth", "height"), [(5.0, 10.0, 5.0), (13.0, 20.0, 5.0)])
+def test_unscattered_light_fades_as_the_closed_form(wind, depth, height):
+    """Scintillation index and covariances at 0.05 to 0.3 s, by blocks of independent bursts.
+
+    The closed form is paraxial, and the mesh has 0.5 % of its own: 2 % are allowed to both.
+    """
+    link = LINK.at_depth(depth).replace("receiver.height", height)
+    bursts, lags = np.arange(100), (0.0, 0.05, 0.1, 0.2, 0.3)
+    times = (3.0 * bursts[:, None] + np.array(lags)).ravel()
+    sea = mt.surfaces.sea_in_wind(wind)
+    runs = [mt.time_series(link, sea.with_seed(seed), times, photons=32) for seed in (1, 2, 3)]
+    gain = np.concatenate([run.gain_ballistic.reshape(100, -1) for run in runs])
+    off = gain / gain.mean() - 1.0
+    products = np.column_stack([(off**2).mean(axis=1), off[:, :1] * off[:, 1:]])
+    blocks = products.reshape(30, 10, -1).mean(axis=1)
+    found, stderr = blocks.mean(axis=0), blocks.std(axis=0, ddof=1) / math.sqrt(30)
+    resolved = fading.resolve_band(link, sea, "fading")
+    wanted = fading.gain_autocovariance(link, resolved, lags, heights=True)
+    error = np.hypot(stderr, 0.02 * wanted[0])
+    p = 2.0 * stats.t.sf(np.abs(found - wanted) / error, 29)
+    assert (p > sidak(ALPHA, 2 * len(lags))).all()
+
+
+def test_a_single_frame_has_no_rate():
+    found = trace(hours=1e-9, down=None)
+    assert found.time.shape == (1,)
+    assert np.isnan(found.rate)
+    assert "1 frame, mean gain" in found.summary()

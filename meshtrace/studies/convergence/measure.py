@@ -321,7 +321,7 @@ def over_waves(forced: ForcedDetection, sea: WaveSum, time: float, spacing: floa
     counters = np.zeros(len(analytic.Moved), np.int64)
     for source, power in enumerate(link.power):
         scene = aimed.scene(link.emitters[source], link.targets[0])
-        for chains in forced.scattered_sets[source]:
+        for chains in map(forced.drawer.whole, forced.scattered_sets[source]):
             _, arrivals = aimed.aim(source, 0, chains, keep=True)
             score = np.zeros(len(chains.audit))
             analytic.move_crossings(chains.chains, arrivals, waves, scene, score, counters)

@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import pairwise
 from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
 from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.daylight.light import Daylight
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
@@ -25,11 +25,11 @@ from meshtrace.errors import (
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.background import electronics_of, held_light
+from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
+from meshtrace.studies.keys import Parameter, Variant, parameters
 from meshtrace.studies.neighbours import (
     Neighbours,
     covariance_of,
@@ -37,26 +37,21 @@ from meshtrace.studies.neighbours import (
     has_moments,
     moments,
 )
-from meshtrace.studies.sensitivity.parameters import (
-    FADES,
-    Of,
-    Parameter,
-    Quantity,
-    Variant,
-    parameters,
-)
+from meshtrace.studies.response import MOST_SEAS, Responses
+from meshtrace.studies.sensitivity.quantity import FADES, Of, Quantity
 from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
+from meshtrace.uav.airframe import Flight, Uav
+from meshtrace.uav.tilt import h_alpha
 
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
 
+_TILTS, _TILTS_OF_ONE = 50, 2000  # of the aircraft over each sea
 _DIRECT = 1e-3  # step at which exact derivatives of the gain act on other quantities
 _DOUBT = 3.0  # standard errors by which two steps may differ
 _BEND = 2e-3  # of the elasticity, by which they may differ as the square of the step
 _KEPT = 4  # meshes of the base sea that stay in memory
-_WIDEST_DEG = 4.0  # half-width of a window in angle at the edge of the field of view
-_WINDOWS = 6  # of half the width each
-_CLEAR = 1.5  # standard errors of its bias beyond which a window is too wide
+_WINDOW = 0.5  # half-width of the window at the edge of the field of view, over its half-angle
 _EDGE_STEP = 0.01  # relative, of the field of view, for unscattered light
 
 
@@ -85,9 +80,11 @@ def sensitivities(
     wrt : sequence of str, optional
         Parameters by their keys in a link file, such as "water.a" and "receiver.position.0"; by
         default all continuous ones. Those are keys of the link, and of the sea if its band does
-        not follow them. "wind_speed" changes sea, whitecaps and bubbles together; "sea.wind_speed",
-        "whitecaps.wind_speed" and "bubbles.wind_speed" are the parts.
-    of : {"gain", "ber", "outage", "range", "margin"}
+        not follow them, and by their names also those of detector, daylight and aircraft, such as
+        "detector.optics.filter_width_nm", for all but the gain. "wind_speed" changes sea, whitecaps
+        and bubbles together; "sea.wind_speed", "whitecaps.wind_speed" and "bubbles.wind_speed"
+        are the parts.
+    of : {"gain", "ber", "outage", "range", "margin", "capacity"}
         Quantity. "range" is the depth at which the error rate, averaged over the seas, meets
         `limit`; with `ook=None` it is the depth of the link, at a fixed gain.
     realizations : int
@@ -122,8 +119,10 @@ def sensitivities(
         E_a = -a <L>,    E_b = <K> - b <L>;
 
     by the field of view it is the light that arrives at its edge: of unscattered light exactly, of
-    scattered light that within a window, whose bias belongs to the error; otherwise a central
-    difference over links that share chains, mesh and every choice of the estimator:
+    scattered light by a window of half the half-angle, with a kernel of fourth order (the few
+    arrivals between two views of nearly the same width, and so the difference of their gains, are
+    mostly noise); otherwise a central difference over links that share chains, mesh and every
+    choice of the estimator:
 
         E_p = [ln q(p e^s) - ln q(p e^-s)] / (2 s).
 
@@ -132,10 +131,17 @@ def sensitivities(
     standard errors (a discontinuity that rare chains carry). Chains of a deeper source are
     stretched with the depth. Over seas without random slopes the crossings of neighbours are
     searched on facets near those of the base, with the digits of the search of every facet. Light
-    that the surface reflects back is not included. Under the daylight of a scenario all links have
-    the background of the first one. Unless `waves` of the meshing says otherwise, meshes hold
-    all waves that make the light fade for the error rate, the outage and the range over several
-    seas; gain and margin are means and need none of the short ones.
+    that the surface reflects back is not included. Under the daylight of a scenario each link has
+    its own background, with common rays; where it changes, other rays give its error. The aircraft
+    of a scenario tilts the receiver as in `link_performance`, for all but the gain. Unless
+    `waves` of the meshing says otherwise, meshes hold all waves that make the light fade for the
+    error rate, the outage, the range and the capacity over several seas; gain and margin are means
+    and need none of the short ones.
+
+    For all but the gain each link has the response of the channel from its own chains, over up to
+    four seas: that of the given link at other bit rates, with a soft edge at other fields of view,
+    with pulses of the same delays everywhere. That of a third of the chains gives its error. It is
+    left out where its rms delay spread is less than a ten-thousandth of a bit.
 
     Examples
     --------
@@ -145,8 +151,8 @@ def sensitivities(
     >>> [round(row.elasticity, 2) for row in s.table]
     [-1.14, -0.08]
     """
-    fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
     require_whole(realizations, 1, 100_000, "realizations")
+    fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
     campaign = campaign_of(
         link, surface, "sensitivities", fading, several=False, chains=DEFAULT_CHAINS, **run
     )
@@ -155,17 +161,16 @@ def sensitivities(
         raise Refused("realizations", realizations, f"1 over a surface of kind {kind}")
     require_between(limit, 0.0, 0.5, "limit")
     quantity = Quantity(of, limit)
-    variant = Variant(campaign.link, campaign.surface, None)
-    normals, light = campaign.meshing.normals, ""
+    normals = campaign.meshing.normals
     electronics = None if of == "gain" else electronics_of(campaign, ook, bit_rate)
     if electronics is None and of not in ("gain", "range"):
         raise Refused("ook", None, f"a transmission, for {of}")
+    variant = Variant(campaign.link, campaign.surface)
     if electronics is not None:
-        lit, light = held_light(electronics, campaign, of)
-        variant = variant._replace(link=electronics.channel(campaign.link), ook=lit)
+        variant = with_all_parts(campaign, electronics)
     names = parameters(variant, wrt, step, normals)
     default = {p.name: p.step for p in parameters(variant, [p.name for p in names], None, normals)}
-    if of == "range" and variant.ook is not None:
+    if of == "range" and variant.detector is not None:
         variant = _at_range(variant, campaign, realizations, quantity)
         names = parameters(variant, [p.name for p in names], step, normals)
     asked = [p.name for p in names]
@@ -175,7 +180,19 @@ def sensitivities(
     study = Study(variant, campaign, realizations, quantity, default)
     with np.errstate(divide="ignore"):
         found = [study.derivatives(p, campaign.progress) for p in names]
-    return replace(_result(study, found, asked), light=light)
+    return replace(_result(study, found, asked), light=study.lights.text(variant))
+
+
+def with_all_parts(campaign: Campaign, electronics: OokLink) -> Variant:
+    """Return the start of a study with the transmission, daylight and aircraft of a scenario."""
+    scenario, link = campaign.scenario, electronics.channel(campaign.link)
+    day = light_of(campaign, None)
+    return Variant(link, campaign.surface, electronics, day, getattr(scenario, "uav", None))
+
+
+def _first(link: Link) -> str:
+    """Return the key of the first receiver."""
+    return "receiver.0" if isinstance(link.receiver, tuple) else "receiver"
 
 
 def _depth_key(link: Link) -> str:
@@ -191,7 +208,7 @@ def _at_range(
     for _ in range(12):
         study = Study(variant, campaign, realizations, quantity, {}, f" at {depth!r} m")
         p = parameters(variant, [_depth_key(campaign.link)], None, campaign.meshing.normals)[0]
-        excess = quantity.log(study.gains("search", variant), variant.ook)
+        excess = study.log(study.gains("search", variant), variant)
         rate = study.derivatives(p, None).rates[0]
         # ln gain is nearly linear in the depth and its logarithm together
         new = depth * (1.0 + max(min(-excess / rate, 1.0), -0.5))
@@ -204,7 +221,7 @@ def _at_range(
 
 
 def edge_over(near: Neighbours, name: str, i: int) -> Floats:
-    """Return dh / d ln fov over realization i by shift, and its bias, shape (2, shifts).
+    """Return dh / d ln fov over realization i by shift, shape (shifts,).
 
     Unscattered light is integrated up to the edge, so that its difference over 1 % of the field of
     view, whose key is `name`, has no noise; scattered light is that within a window about the edge.
@@ -213,31 +230,24 @@ def edge_over(near: Neighbours, name: str, i: int) -> Floats:
     fov = link.receivers[0].fov_deg
     views = [min(fov * math.exp(side * _EDGE_STEP), 180.0) for side in (-1.0, 1.0)]
     low, high = (near.unscattered(link.replace(name, view), i)[0] for view in views)
-    wide = link.replace(name, min(fov + 2.0 * _WIDEST_DEG, 180.0))
-    change, bias = edge_of_view(near.light(wide, i)[0], 0.5 * fov)
-    return np.array([change + (high - low) / math.log(views[1] / views[0]), bias])
+    wide = link.replace(name, min((1.0 + _WINDOW) * fov, 180.0))
+    change = edge_of_view(near.light(wide, i)[0], 0.5 * fov)
+    return change + (high - low) / math.log(views[1] / views[0])
 
 
-def edge_of_view(light: Light, half_deg: float) -> tuple[Floats, Floats]:
-    """Return dh / d ln fov of scattered light by shift, half_deg the half-angle, and its bias.
+def edge_of_view(light: Light, half_deg: float) -> Floats:
+    r"""Return dh / d ln fov of scattered light by shift, half_deg the half-angle.
 
-    The light per angle at the edge is that within a window (Epanechnikov), whose bias grows as
-    the square of the width: 4/3 of the difference from the window of half the width. The widest
-    window is taken whose bias is not clear from noise.
+    The light per angle at the edge is that within a window of half-width s half_deg, s = 1/2,
+    of a kernel of fourth order, whose bias grows as :math:`s^4`:
+
+    .. math:: K(x) = \tfrac{15}{32} (1 - x^2) (3 - 7 x^2), \quad
+        \int K \, dx = 1, \quad \int x^2 K \, dx = 0
     """
-    angle = np.degrees(light.angle)
-    light = light._replace(weight=np.where(light.shift >= 0, light.weight, 0.0))
-    found = []
-    for k in range(_WINDOWS):
-        width = min(_WIDEST_DEG, 0.5 * half_deg) / 2.0**k
-        off = (angle - half_deg) / width
-        window = np.where(np.abs(off) < 1.0, 0.75 * (1.0 - off**2), 0.0) / width
-        found.append(half_deg * light.by_shift(window))
-    for wide, narrow in pairwise(found):
-        bias = 4.0 / 3.0 * (wide - narrow)
-        if abs(bias.mean()) <= _CLEAR * error_of_groups(bias):
-            break
-    return wide, np.full(SHIFTS, bias.mean())
+    off = (np.degrees(light.angle) / half_deg - 1.0) / _WINDOW
+    square = np.minimum(off**2, 1.0)
+    window = 15.0 / 32.0 * (1.0 - square) * (3.0 - 7.0 * square) / _WINDOW
+    return light.by_shift(np.where(light.shift >= 0, window, 0.0))
 
 
 class _Rates(NamedTuple):
@@ -272,10 +282,64 @@ class Study:
         self.near = Neighbours(
             self.campaign, self.realizations, phases=several, fading=several, kept=_KEPT
         )
+        self.lights = Lights(self.campaign)
+        self._other_rays = Lights(self.campaign, self.campaign.run.seed + 1)
+        self.responses = Responses(self._light, self.variant, common=True)
+
+    @cached_property
+    def _winds(self) -> Floats:
+        """Return the winds at the aircraft, shape (seas, tilts, 3)."""
+        seas = self.near.seas
+        tilts = _TILTS if seas > 1 else _TILTS_OF_ONE
+        wind = self.campaign.wind_of(Flight())
+        return wind.sample_wind(seas * tilts, self.campaign.run.seed).reshape(seas, tilts, 3)
+
+    def _tilt(self, variant: Variant) -> Floats | None:
+        """Return the tilt factors of an aircraft that carries the receiver, shape (seas, tilts)."""
+        if variant.uav is None or variant.link.direction == "down":
+            return None
+        fov = math.radians(variant.link.receivers[0].fov_deg)
+        return h_alpha(variant.uav.tilt(self._winds).angle, fov)
+
+    def _light(self, at: Variant) -> list[Light]:
+        """Return the light of a variant over some seas.
+
+        Of another field of view that of a wider one, cut off by a soft edge.
+        """
+        link, base, near = at.link, self.variant.link, self.near
+        sea = None if at.sea is self.variant.sea else at.sea
+        fov, angle = link.receivers[0].fov_deg, link.physics.fov == "angle"
+        soft = angle and fov != base.receivers[0].fov_deg
+        if soft:
+            wide = min((1.0 + _WINDOW) * fov, 180.0)
+            link = link.replace(f"{_first(link)}.fov_deg", wide)
+        found = [near.light(link, i, sea)[0] for i in range(min(near.seas, MOST_SEAS))]
+        if not soft:
+            return found
+        half, lights = math.radians(0.5 * fov), []
+        for light in found:
+            inside = np.clip((1.0 - light.angle / half) / _WINDOW, -1.0, 1.0)
+            share = 0.5 + 0.25 * inside * (3.0 - inside**2)
+            lights.append(light._replace(weight=light.weight * share))
+        return lights
+
+    def logs(self, gains: Floats, variant: Variant) -> Floats:
+        """Return the logarithms of the quantity, see `Quantity.logs`, under the light of day."""
+        lit = self.lights.lit(self.responses.behind(variant))
+        return self.quantity.logs(gains, lit, self._tilt(variant))
+
+    def log(self, gains: Floats, variant: Variant, other: bool = False) -> float:
+        """Return the first of `logs`, or what it is by other rays and by a third of the chains."""
+        lights = self._other_rays if other else self.lights
+        lit = lights.lit(self.responses.behind(variant, other))
+        return self.quantity.log(gains, lit, self._tilt(variant))
 
     def gains(self, name: str, *variants: Variant) -> Floats:
         """Return the gains of variants over all seas, shape (variants * seas, shifts)."""
         base, near = self.variant.sea, self.near
+        if all(one.sea is base and one.link == self.variant.link for one in variants):
+            if name != "base":  # keys that change no light
+                return np.concatenate([self.base] * len(variants))
         inputs = [(one.link, None if one.sea is base else one.sea) for one in variants]
 
         def of_first(i: int) -> Floats:
@@ -307,16 +371,12 @@ class Study:
     def derivatives(self, p: Parameter, progress: Callable[[int], None] | None) -> _Rates:
         """Return the derivatives by a parameter."""
         link = self.variant.link
-        first = "receiver.0" if isinstance(link.receiver, tuple) else "receiver"
         if p.name in ("water.a", "water.b") and has_moments(link):
             gains = self._moments[int(p.name == "water.b")]
             found = self._exactly(p, gains, "moment")
-        elif p.name == f"{first}.fov_deg" and link.physics.fov == "angle":
-            edge = self._over(partial(edge_over, self.near, p.name), 1, p.name)
-            gains, bias = edge.swapaxes(0, 1)
+        elif p.name == f"{_first(link)}.fov_deg" and link.physics.fov == "angle":
+            gains = self._over(partial(edge_over, self.near, p.name), 1, p.name)
             found = self._exactly(p, gains, "angle")
-            off = self._exactly(p, gains + bias, "angle").rates[0] - found.rates[0]
-            found = found._replace(bias=abs(float(off)))
         else:
             found = self._differences(p)
         if progress is not None:
@@ -326,17 +386,29 @@ class Study:
     def _exactly(self, p: Parameter, change: Floats, method: str) -> _Rates:
         """Return the derivatives of the quantity by the chain rule, from dh (seas, shifts)."""
         base, variant = self.base, self.variant
-        sides = [p.at(variant, p.shifted(side * _DIRECT / p.step)).ook for side in (-1.0, 1.0)]
+        sides = [p.at(variant, p.shifted(side * _DIRECT / p.step)) for side in (-1.0, 1.0)]
         gains = base - _DIRECT * change, base + _DIRECT * change
-        return _Rates(p, self._rates(gains, sides, _DIRECT), math.nan, method, False, "")
+        found, bias = self._rates(gains, sides, _DIRECT)
+        return _Rates(p, found, math.nan, method, False, "", bias)
 
-    def _rates(self, gains: Iterable[Floats], ooks: list[OokLink | None], step: float) -> Floats:
+    def _rates(
+        self, gains: Iterable[Floats], sides: list[Variant], step: float
+    ) -> tuple[Floats, float]:
         """Return the derivative of the logarithm: of all, without each shift, without each sea.
 
-        `gains` are those (seas, shifts) at a step to either side of the base.
+        `gains` are those (seas, shifts) at a step to either side of the base. The second number is
+        the error by the rays of a background that changes with the key, and by the response of the
+        channel, from other rays and a part of the chains.
         """
-        low, high = map(self.quantity.logs, gains, ooks)
-        return (high - low) / (2.0 * step)
+        pairs = list(zip(gains, sides, strict=True))
+        low, high = (self.logs(*pair) for pair in pairs)
+        found, seen = (high - low) / (2.0 * step), [self.lights.background(s) for s in sides]
+        same = sides[0].detector is None or seen[0] is seen[1]
+        if same and not any(map(self.responses.spreads, sides)):
+            return found, 0.0
+        other = [self.log(*pair, other=True) for pair in pairs]
+        off = (other[1] - other[0]) / (2.0 * step) - float(found[0])
+        return found, abs(off) / math.sqrt(2.0)
 
     def _differences(self, p: Parameter) -> _Rates:
         """Return central differences over a step, compared with differences over a longer step."""
@@ -350,14 +422,17 @@ class Study:
                 break
         name = f"{p.name} {p.step!r}"
         gains = self.gains(name, *sides).reshape(-1, self.near.seas, SHIFTS)
-        found = []
+        found, biases = [], []
         for k in range(0, len(gains), 2):
-            ooks = [side.ook for side in sides[k : k + 2]]
-            found.append(self._rates(gains[k : k + 2], ooks, factors[k // 2] * p.step))
-        suspicious, notes = self._compared(found)
+            step = factors[k // 2] * p.step
+            rates, bias = self._rates(gains[k : k + 2], sides[k : k + 2], step)
+            found.append(rates)
+            biases.append(bias)
+        suspicious, notes = self._compared(found, math.hypot(*biases))
         if p.origin:
             notes = f"relative to {p.name} - {p.origin:g}" + (f"; {notes}" if notes else "")
-        return _Rates(p, found[0], self._second(p, gains), "difference", suspicious, notes)
+        second = self._second(p, gains, sides)
+        return _Rates(p, found[0], second, "difference", suspicious, notes, biases[0])
 
     def _longer(self, p: Parameter) -> float:
         """Return the steps of a repeated difference: thrice, and at least thrice the usual one.
@@ -366,26 +441,26 @@ class Study:
         """
         return 3.0 * max(1.0, self.steps.get(p.name, p.step) / p.step)
 
-    def _compared(self, found: list[Floats]) -> tuple[bool, str]:
+    def _compared(self, found: list[Floats], by_rays: float) -> tuple[bool, str]:
         """Return the disagreement of the derivatives over two steps, if any."""
         if len(found) < 2:
             return False, "one step: the longer one leaves the range"
-        off, error = found[1] - found[0], error_of(found[1] - found[0])
+        off = found[1] - found[0]
+        error = math.hypot(error_of(off), by_rays)
         bend = _BEND * max(abs(float(found[1][0])), 1.0)
         if abs(off[0]) <= math.hypot(_DOUBT * error, bend):
             return False, ""
         longer = f"{found[1][0]:.5g} +- {error_of(found[1]):.1g} over the longer step"
         return True, longer
 
-    def _second(self, p: Parameter, gains: Floats) -> float:
+    def _second(self, p: Parameter, gains: Floats, sides: list[Variant]) -> float:
         """Return the second derivative of the quantity over itself, for offsets and angles."""
         if not p.absolute:
             return math.nan
-        variant, k = self.variant, 2 if len(gains) > 2 else 0
+        k = 2 if len(gains) > 2 else 0
         steps = p.step * (self._longer(p) if k else 1.0)
-        low, mid, high = (
-            self.quantity.log(g, variant.ook) for g in (gains[k], self.base, gains[k + 1])
-        )
+        pairs = (gains[k], sides[k]), (self.base, self.variant), (gains[k + 1], sides[k + 1])
+        low, mid, high = (self.log(*pair) for pair in pairs)
         if self.quantity.of in ("margin", "range"):
             return (high - 2.0 * mid + low) / steps**2
         return (math.exp(high - mid) - 2.0 + math.exp(low - mid)) / steps**2
@@ -394,8 +469,11 @@ class Study:
 def _result(study: Study, found: list[_Rates], asked: list[str]) -> Sensitivities:
     """Return the table of the derivatives."""
     quantity, variant, campaign = study.quantity, study.variant, study.campaign
-    logs = quantity.logs(study.base, variant.ook)
+    logs = study.logs(study.base, variant)
     value, stderr = quantity.value(float(logs[0])), error_of(logs)
+    if study.responses.spreads(variant):
+        off = study.log(study.base, variant, other=True) - float(logs[0])
+        stderr = math.hypot(stderr, off / math.sqrt(2.0))
     rates, biases = np.array([one.rates for one in found]), np.array([one.bias for one in found])
     if quantity.of == "range":
         # at a fixed need: dR / R = -(d ln q / d ln p) / (d ln q / d ln d)
@@ -419,7 +497,12 @@ def _result(study: Study, found: list[_Rates], asked: list[str]) -> Sensitivitie
     covariance *= np.outer(factors, factors)
     origin = campaign.provenance(variant.link)
     origin |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
-    origin["ook"] = None if variant.ook is None else variant.ook.model_dump(mode="json")
+    for name, part in (
+        ("ook", variant.detector),
+        ("daylight", variant.daylight),
+        ("uav", variant.uav),
+    ):
+        origin[name] = None if part is None else part.model_dump(mode="json")
     return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
 
 
@@ -527,8 +610,9 @@ class _Swings:
     def __init__(self, s: Sensitivities) -> None:
         origin: dict[str, Any] = s.provenance
         scenario = Scenario.from_provenance(origin)
-        ook = origin["ook"] and OokLink.model_validate(origin["ook"])
-        variant = Variant(scenario.link, scenario.surface, ook)
+        kinds: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}
+        parts = (origin[name] and kind.model_validate(origin[name]) for name, kind in kinds.items())
+        variant = Variant(scenario.link, scenario.surface, *parts)
         inputs: Any = scenario.surface, scenario.run, scenario.meshing
         campaign = Campaign({"link": scenario.link}, *inputs)
         self._quantity = Quantity(s.of, origin["limit"])  # type: ignore[arg-type]
@@ -545,7 +629,7 @@ class _Swings:
 
     def _logs(self, variant: Variant) -> Any:
         """Return the logarithm of the quantity: of all gains, and of the groups."""
-        return self._quantity.logs(self._study.gains("gains", variant), variant.ook)
+        return self._study.logs(self._study.gains("gains", variant), variant)
 
     def ends(self, name: str, change: float) -> tuple[float, float]:
         """Return the two values of a parameter."""

@@ -1,53 +1,82 @@
-"""Parameters that sensitivities of a link are taken by, and quantities that they are taken of.
+"""Keys of a link with its sea, detector, daylight and aircraft, and their values in studies.
 
-Names of parameters are the keys of a link file with dots, list items by number: "water.a",
-"receiver.position.0", "transmitter.1.depth", "sea.hs", "detector.led.extinction_ratio".
+Names are the keys of a link file with dots, list items by number: "water.a",
+"receiver.position.0", "transmitter.1.depth", "sea.hs", "detector.optics.filter_width_nm",
+"daylight.sun_zenith_deg", "uav.mass".
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, Literal, NamedTuple, get_args
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
-from scipy.optimize import brentq
-from scipy.special import ndtr
 
-from meshtrace.comms.budget import required_gain
 from meshtrace.comms.ook import OokLink
+from meshtrace.daylight.light import Daylight
 from meshtrace.errors import (
     Described,
     Refused,
     did_you_mean,
     require_between,
     require_names,
-    require_word,
+    within,
 )
 from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface, WaveSum
-from meshtrace.models import Floats, Model
-from meshtrace.studies.neighbours import without_each
+from meshtrace.models import Model
+from meshtrace.scenario.daylight import daylight_values, daylight_with
+from meshtrace.scenario.parts import OF_LINK
+from meshtrace.uav.airframe import Uav
 
-_ABSOLUTE = {"zenith_deg": "azimuth_deg", "tilt_deg": "tilt_azimuth_deg"}
+_ABSOLUTE = {
+    "zenith_deg": "azimuth_deg",
+    "tilt_deg": "tilt_azimuth_deg",
+    "sun_zenith_deg": "sun_azimuth_deg",
+}
 _ANGLE_STEP, _PLACE_STEP = 1.0, 0.01  # [deg], and over depth plus height
 _STEPS = {"fov_deg": 0.1, "radius": 0.1, "phase.n": 0.05, "phase.mu": 0.034}
 _ORIGINS = {"phase.n": 1.0, "phase.mu": 3.0}  # singular points of the phase function
 _SEA = ("wind_speed", "fetch", "gamma", "hs", "amplitude", "alpha_coefficient")
 _NOT_BY_DEFAULT = ("wavelength_nm", "power_mw", "n_air", "n_water")
-_UNITS = {"a": "m-1", "b": "m-1", "wind_speed": "m s-1", "power_mw": "mW", "wavelength_nm": "nm"}
+_UNITS = {
+    "a": "m-1", "b": "m-1", "wind_speed": "m s-1", "power_mw": "mW", "bit_rate": "bit s-1",
+    "dark_count_rate": "s-1", "background_rate": "s-1", "bandwidth": "Hz", "recovery_time": "s",
+    "window": "s", "area": "m2", "resistance": "ohm", "temperature": "K", "mass": "kg",
+    "air_density": "kg m-3", "pressure": "Pa", "ozone": "cm", "water_vapour": "cm",
+    "direct": "W m-2 nm-1", "diffuse": "W m-2 nm-1",
+}  # fmt: skip
 _METRES = ("depth", "height", "radius", "position", "fetch", "hs", "amplitude", "size")
 _GEOMETRY = ("transmitter", "receiver", "sea", "wind_speed")
+_LONGEST = 560  # letters of a list of keys
+_BESIDES = ("detector", "daylight", "uav")
 
 
 class Variant(NamedTuple):
-    """Link, surface and receiver electronics at one value of a parameter."""
+    """A link with all that belongs to it, at one value of each key.
+
+    Attributes
+    ----------
+    link : Link
+        The link.
+    sea : Surface or TriangleMesh
+        The surface.
+    detector : OokLink, optional
+        Transmission; power, wavelength and aperture are those of the link. Functions of a user
+        get it with the counts of the background light.
+    daylight : Daylight, optional
+        Light above the sea.
+    uav : Uav, optional
+        Airframe.
+    """
 
     link: Link
     sea: Any
-    ook: OokLink | None = None
+    detector: OokLink | None = None
+    daylight: Daylight | None = None
+    uav: Uav | None = None
 
     def at(self, values: Iterable[tuple[Parameter, float]]) -> Variant:
         """Return the variant with other values of parameters."""
@@ -55,6 +84,53 @@ class Variant(NamedTuple):
         for p, value in values:
             variant = p.at(variant, value)
         return variant
+
+    def set(self, name: str, value: Any) -> Variant:
+        """Return a variant with another value of a key.
+
+        Raises
+        ------
+        Refused
+            If there is no such key, or the value is out of range.
+        """
+        head, _, rest = name.partition(".")
+        if name == "wind_speed":
+            return self._in_wind(value)
+        if head == "sea":
+            return self._replace(sea=_sea_at(self.sea, rest, value))
+        if head in _BESIDES:
+            part: Any = getattr(self, head)
+            if part is None:
+                raise Refused(name, value, f"a link with [{head}]")
+            with within(head):
+                if isinstance(part, Daylight):
+                    return self._replace(daylight=daylight_with(part, rest, value))
+                changed: dict[str, Any] = {head: part.replace(rest, value)}
+                return self._replace(**changed)
+        return self._on_link(name, value)
+
+    def _in_wind(self, value: float) -> Variant:
+        """Return the variant with sea, whitecaps and bubbles in another wind."""
+        link = self.link
+        for part in ("whitecaps", "bubbles"):
+            if hasattr(getattr(link, part), "wind_speed"):
+                link = link.replace(f"{part}.wind_speed", value)
+        return self._replace(link=link, sea=_sea_at(self.sea, "wind_speed", value))
+
+    def _on_link(self, name: str, value: Any) -> Variant:
+        """Return the variant with another value of a key of the link, and all that follows it."""
+        link, day, last = self.link.replace(name, value), self.daylight, name.rpartition(".")[2]
+        if name == "water.n" and getattr(link.bubbles, "n_water", None) == self.link.water.n:
+            link = link.replace("bubbles.n_water", value)
+        if day is not None and name.startswith("transmitter.") and last == "wavelength_nm":
+            day = daylight_with(day, last, link.transmitters[0].wavelength_nm)
+        detector = self.detector and OokLink.of_link(link, self.detector)
+        return self._replace(link=link, daylight=day, detector=detector)
+
+    def value(self, name: str) -> Any:
+        """Return the value of a key of the link or of the daylight."""
+        head, _, rest = name.partition(".")
+        return _value(self.daylight, rest) if head == "daylight" else _value(self.link, name)
 
 
 class Parameter(NamedTuple):
@@ -106,29 +182,12 @@ class Parameter(NamedTuple):
         Refused
             If the value is out of range.
         """
-        head, _, rest = self.name.partition(".")
-        link, sea, ook = variant
-        if self.name == "wind_speed":
-            for part in ("whitecaps", "bubbles"):
-                if hasattr(getattr(link, part), "wind_speed"):
-                    link = link.replace(f"{part}.wind_speed", value)
-            return Variant(link, _sea_at(sea, "wind_speed", value), ook)
-        if head == "sea":
-            return Variant(link, _sea_at(sea, rest, value), ook)
-        if head == "detector":
-            assert ook is not None
-            return Variant(link, sea, ook.replace(rest, value))
         path, _, last = self.name.rpartition(".")
         if last in _ABSOLUTE and value < 0.0:  # a positive angle of opposite azimuth
             azimuth = f"{path}.{_ABSOLUTE[last]}"
-            link = link.replace(azimuth, _value(link, azimuth) + 180.0)
+            variant = variant.set(azimuth, variant.value(azimuth) + 180.0)
             value = -value
-        link = link.replace(self.name, value)
-        if self.name == "water.n" and getattr(link.bubbles, "n_water", None) == self.base:
-            link = link.replace("bubbles.n_water", value)
-        if ook is not None:
-            ook = OokLink.of_link(link, ook)
-        return Variant(link, sea, ook)
+        return variant.set(self.name, value)
 
 
 def _sea_at(sea: Any, key: str, value: float) -> Any:
@@ -167,7 +226,7 @@ def _numbers(part: Any, path: str) -> Iterator[tuple[str, float]]:
 
 def _known(variant: Variant) -> dict[str, float]:
     """Return the continuous parameters by name."""
-    link, sea, ook = variant
+    link, sea = variant.link, variant.sea
     parts = ["water", "bubbles", "whitecaps", "transmitter", "receiver"]
     found = {k: v for part in parts for k, v in _numbers(getattr(link, part), part)}
     found = {k: v for k, v in found.items() if not k.startswith("water.layers")}
@@ -178,9 +237,13 @@ def _known(variant: Variant) -> dict[str, float]:
             found[f"sea.{key}"] = value
     if "sea.wind_speed" in found and link.wind_speed is not None:
         found["wind_speed"] = found["sea.wind_speed"]
-    if ook is not None:
-        own = ("detector.led.power", "detector.led.wavelength", "detector.optics.radius")
-        found |= {k: v for k, v in _numbers(ook, "detector") if k not in own}
+    own = {f"detector.{part}.{key}" for part, keys in OF_LINK.items() for key in keys}
+    if variant.detector is not None:
+        found |= {k: v for k, v in _numbers(variant.detector, "detector") if k not in own}
+    if variant.daylight is not None:
+        found |= {f"daylight.{k}": v for k, v in daylight_values(variant.daylight).items()}
+    if variant.uav is not None:
+        found |= dict(_numbers(variant.uav, "uav"))
     return found
 
 
@@ -190,8 +253,8 @@ def _parameter(name: str, base: float, link: Link, step: float | None) -> Parame
     absolute = place or last in _ABSOLUTE or last in _ABSOLUTE.values()
     key = next((key for key in _STEPS if name.endswith(key)), "")
     unit = _UNITS.get(last, "1")
-    if last.endswith("_deg"):
-        unit = "deg"
+    if last.endswith(("_deg", "_nm")):
+        unit = last.rpartition("_")[2]
     elif place or last in _METRES:
         unit = "m"
     if step is None:
@@ -244,7 +307,7 @@ def parameters(
     for name in names:
         if name not in known:
             hint = f"no such continuous key, {did_you_mean(name, known)}".rstrip()
-            raise Refused(field, name, ", ".join(known), hint)
+            raise Refused(field, name, _listed(known, name), hint)
         p = _parameter(name, known[name], variant.link, step)
         if wrt is None and _left_out(p, variant):
             continue
@@ -267,6 +330,17 @@ def parameters(
     return found
 
 
+def _listed(known: Iterable[str], name: str) -> str:
+    """Return the keys in the table of a name, and the other tables; all keys if they are few."""
+    names = list(known)
+    if len(", ".join(names)) <= _LONGEST:
+        return ", ".join(names)
+    head = name.partition(".")[0]
+    own = [key for key in names if key.partition(".")[0] == head]
+    tables = dict.fromkeys(f"{key.partition('.')[0]}.*" for key in names if key not in own)
+    return ", ".join([*own, *tables])
+
+
 def _left_out(p: Parameter, variant: Variant) -> bool:
     """Return whether a parameter is no default one: without effect, or not of the link."""
     path, _, last = p.name.rpartition(".")
@@ -275,117 +349,4 @@ def _left_out(p: Parameter, variant: Variant) -> bool:
         return True
     if p.name.startswith("bubbles.") and last != "wind_speed":
         return True
-    return last in _NOT_BY_DEFAULT or p.name.startswith("detector.") or p.name == "wind_speed"
-
-
-Of = Literal["gain", "ber", "outage", "range", "margin"]
-
-FADES = ("ber", "outage", "range")
-"""Quantities that depend on the distribution of the gain over seas."""
-
-_POINTS = 200  # of the table of error rates
-_LEAST_OUTAGES = 30
-_LEAST_SEAS = 8
-_DB = 10.0 / math.log(10.0)
-
-
-class Quantity:
-    """A quantity of a link over seas.
-
-    Parameters
-    ----------
-    of : {"gain", "ber", "outage", "range", "margin"}
-        Mean gain; bit error rate averaged over the seas; probability that the bit error rate of a
-        sea misses the limit; depth at which the averaged rate meets it, or else at which the mean
-        gain is that of the link; mean over required gain.
-    limit : float
-        Bit error rate of a working link.
-
-    Notes
-    -----
-    `log` is the natural logarithm of the quantity; for "range" that of the factor by which the
-    light exceeds the need, whose zero is the range.
-    """
-
-    def __init__(self, of: Of, limit: float) -> None:
-        require_word(of, get_args(Of), "of")
-        self.of, self.limit = of, limit
-        self._laws: dict[str, Callable[[Floats], Floats]] = {}
-        self._needs: dict[str, float] = {}
-
-    @property
-    def unit(self) -> str:
-        """Unit of the quantity."""
-        return {"range": "m", "margin": "dB"}.get(self.of, "1")
-
-    def log(self, gains: Floats, ook: OokLink | None) -> float:
-        """Return the logarithm of the quantity for the gains (seas, shifts)."""
-        means = gains.mean(axis=1)
-        if not means.min() > 0.0:
-            raise Refused("link", float(means.min()), "a gain > 0 over each sea")
-        if self.of == "gain" or ook is None:
-            return math.log(means.mean())
-        if self.of == "margin":
-            return math.log(means.mean() / self._need(ook))
-        if self.of == "outage":
-            return self._outage(np.log(means / self._need(ook)))
-        logs = np.log(ook.received_power(means))
-        if self.of == "ber":
-            return math.log(np.exp(self.law(ook)(logs)).mean())
-        law = self.law(ook, rising=False)
-        goal = math.log(self.limit)
-        spread = 30.0
-
-        def excess(shift: float) -> float:
-            return math.log(np.exp(law(logs + shift)).mean()) - goal
-
-        if not excess(-spread) > 0.0 > excess(spread):
-            raise Refused("limit", self.limit, "a bit error rate that some power reaches")
-        return -float(brentq(excess, -spread, spread, xtol=1e-9))
-
-    def logs(self, gains: Floats, ook: OokLink | None) -> Floats:
-        """Return the logarithm for all gains and for the groups of the jackknife."""
-        return np.array([self.log(group, ook) for group in without_each(gains)])
-
-    def value(self, log: float) -> float:
-        """Return the quantity from its logarithm; for "range" the factor of the light."""
-        return _DB * log if self.of == "margin" else math.exp(log)
-
-    def slope(self, value: float) -> float:
-        """Return d quantity / d log; for "range" 1."""
-        return {"margin": _DB, "range": 1.0}.get(self.of, value)
-
-    def _outage(self, logs: Floats) -> float:
-        """Return the logarithm of the outage from the logarithms of gain over need.
-
-        With 30 outages at least: smoothed by a normal kernel. Otherwise: lognormal law.
-        """
-        if len(logs) < _LEAST_SEAS - 1:
-            raise Refused("realizations", len(logs), f">= {_LEAST_SEAS} for outages")
-        spread = float(logs.std(ddof=1))
-        if np.count_nonzero(logs < 0.0) >= _LEAST_OUTAGES:
-            width = 1.06 * spread * len(logs) ** -0.2
-            share = float(ndtr(-logs / width).mean())
-        else:
-            share = float(ndtr(-logs.mean() / spread))
-        return math.log(max(share, 1e-300))
-
-    def _need(self, ook: OokLink) -> float:
-        key = ook.model_dump_json()
-        if key not in self._needs:
-            self._needs[key] = required_gain(ook, self.limit)
-        return self._needs[key]
-
-    def law(self, ook: OokLink, rising: bool = True) -> Callable[[Floats], Floats]:
-        """Return ln BER over ln power, tabulated once for each receiver.
-
-        Without `rising` rates of an overloaded receiver stay at their minimum.
-        """
-        key = f"{rising}{ook.model_dump_json()}"
-        if key not in self._laws:
-            middle = math.log(ook.required_power(self.limit))
-            nodes = np.linspace(middle - 9.0, middle + 7.0, _POINTS)
-            rates = np.log(np.maximum(ook.ber(np.exp(nodes)), 1e-300))
-            table = PchipInterpolator(nodes, rates if rising else np.minimum.accumulate(rates))
-            self._laws[key] = lambda logs: table(np.clip(logs, nodes[0], nodes[-1]))
-        return self._laws[key]
+    return last in _NOT_BY_DEFAULT or path.split(".")[0] in _BESIDES or p.name == "wind_speed"

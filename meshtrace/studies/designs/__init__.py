@@ -1,0 +1,1 @@
+"""Designs of links: one page of answers for a system designer."""

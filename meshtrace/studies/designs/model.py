@@ -1,0 +1,379 @@
+"""Gains, lights and required powers of a link and of those near it, and its reserve."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import brentq
+from scipy.special import ndtr
+
+from meshtrace.comms.background import with_background
+from meshtrace.comms.ook import OokLink
+from meshtrace.comms.response import SHORT, ChannelResponse
+from meshtrace.daylight.light import Daylight
+from meshtrace.fading import Estimate
+from meshtrace.link import Link
+from meshtrace.mesh import SeededSurface
+from meshtrace.models import Floats
+from meshtrace.optics.water import Water
+from meshtrace.results.background import Background
+from meshtrace.scenario import Scenario
+from meshtrace.studies.background import Lights, background_over_seas, checked_daylight, described
+from meshtrace.studies.campaign import Campaign
+from meshtrace.studies.candidates import Sample
+from meshtrace.studies.designs.page import DAY, NIGHT, Figures
+from meshtrace.studies.keys import Variant
+from meshtrace.studies.neighbours import error_of, without_each
+from meshtrace.studies.operating_point import Ensemble, FadingSamples, operating_point
+from meshtrace.studies.response import light_response, through_channel
+from meshtrace.uav.airframe import Flight
+from meshtrace.uav.tilt import h_alpha
+
+DEFAULT_CHAINS = 512
+"""Chains of a design, common to all seas and links."""
+
+LENS, VIEW, WIDTH = "receiver.radius", "receiver.fov_deg", "detector.optics.filter_width_nm"
+RATE, COLOUR = "detector.bit_rate", "transmitter.wavelength_nm"
+_DEPTH_SEAS = 16  # of the search for the greatest depth
+_NIGHT_SEAS = 2  # of its background, which is less than the dark counts
+_SEAS = 6  # of the scans, of those of the figures
+_COLOUR_SEAS = 4  # of wavelengths, whose noise is common
+_VIEWS = 7  # backgrounds of a scan over the field of view
+_DB = 10.0 / math.log(10.0)
+_CLOSED = 46.0  # 200 dB stand for an eye that no power opens
+_NIGHTS = ("moonless night", "moonlight")
+
+
+def log_quantile(gains: Floats, tilt: Floats, share: float) -> float:
+    """Return ln q with P(g h < q) = share: lognormal gains (n,), tilt factors of any shape."""
+    mean = float(gains.mean())
+    index = float(gains.var(ddof=1)) / mean**2 if len(gains) > 1 else 0.0
+    spread = math.sqrt(max(math.log1p(index), 1e-12))
+    middle = math.log(mean) - 0.5 * spread**2
+    lit = np.log(tilt[tilt > 0.0])
+    dark = 1.0 - lit.size / tilt.size
+    if dark >= share:
+        return -math.inf
+
+    def excess(x: float) -> float:
+        below = ndtr((x - middle - lit) / spread).mean()
+        return dark + (1.0 - dark) * float(below) - share
+
+    return float(brentq(excess, middle - 40.0 * spread - 10.0, middle + 40.0 * spread, xtol=1e-9))
+
+
+class Need:
+    """Required power under one light over the counts of its background."""
+
+    def __init__(self, dark: OokLink, found: Background, limit: float) -> None:
+        lit = with_background(dark, found)
+        self.window, self._limit = lit.averaging_window, limit
+        self.exact = lit.required_power(limit)
+        fixed = dark.replace(window=self.window)
+        self.fixed, self._floor = fixed, dark.sipm.dark_count_rate + dark.background_rate + 1.0
+        rates = max(lit.background_rate, self._floor) * np.geomspace(1e-6, 1e4, 15)
+        powers = [fixed.replace(background_rate=r).required_power(limit) for r in rates.tolist()]
+        kept = np.isfinite(powers)
+        self._most = float(rates[kept].max()) if kept.any() else -1.0
+        if kept.sum() > 1:
+            nodes = np.log(rates[kept] + self._floor)
+            self._table = PchipInterpolator(nodes, np.log(np.array(powers)[kept]))
+
+    def __call__(self, rate: Any) -> Floats:
+        """Return the required power of background counts [W]; infinite beyond the table."""
+        rate = np.asarray(rate, dtype=float)
+        if self._most < 0.0:
+            return np.full(rate.shape, np.inf)
+        found = np.exp(self._table(np.log(np.minimum(rate, self._most) + self._floor)))
+        return np.where(rate > self._most, np.inf, found)
+
+
+class LinkModel:
+    """Gains, lights and needs of a link and of those near it."""
+
+    def __init__(self, campaign: Campaign, outage: float, limit: float, seas: int) -> None:
+        scenario = campaign.scenario
+        assert isinstance(scenario, Scenario)
+        self.outage, self.limit = outage, limit
+        given = OokLink.of_link(campaign.link, scenario.detector or "physical")
+        self.link = given.channel(campaign.link)
+        self.campaign = campaign.of(self.link)
+        self.dark = through_channel(given, self.campaign._replace(progress=None), seas)
+        self._measured = given.response is None and self.dark.response is not None
+        uav = scenario.uav if self.link.direction == "up" else None
+        self.flight = None if uav is None else Flight(uav)
+        self.ensemble = Ensemble(self.campaign, seas, self.flight)
+        self.seas = seas if isinstance(campaign.surface, SeededSurface) else 1
+        self.days = self._days(scenario.daylight)
+        self._rays = Lights(self.campaign._replace(progress=None))
+
+    def _days(self, given: Daylight | None) -> dict[str, Daylight]:
+        """Return the lights by night and by day."""
+        nm = self.link.transmitters[0].wavelength_nm
+        given = checked_daylight(given, self.link)
+        night, day = Daylight.night(wavelength_nm=nm), given
+        if given is not None and given.light in _NIGHTS:
+            night, day = given, None
+        self.assumed = day is None
+        return {NIGHT: night, DAY: day or Daylight.clear_sky(30.0, wavelength_nm=nm)}
+
+    def notes(self) -> tuple[str, ...]:
+        """Return remarks about what the page rests on."""
+        error, few = 100.0 * self.fades.chain_error, min(self.seas, _SEAS)
+        found = [f"surfaces {self.seas}, of the scans {few}; error by the chains {error:.2g} %"]
+        if self.assumed:
+            found.append(
+                "no day in the link file: a clear sky, the sun at a zenith angle of 30 deg"
+            )
+        if self.flight is not None:
+            found.append("the tilts of the aircraft count as in link_performance")
+        return tuple(found)
+
+    # ---- gains ------------------------------------------------------------------------------
+
+    @cached_property
+    def fades(self) -> FadingSamples:
+        """Gains and tilt factors of the given link."""
+        return self.ensemble.samples(self.link)
+
+    @cached_property
+    def sample(self) -> Sample:
+        """Common seas and chains of the scans."""
+        campaign = self.campaign._replace(progress=None)
+        turned: tuple[str, ...] = ()
+        if self.turns:
+            turned = (VIEW,)
+            widest = max(90.0, self.link.only_receiver.fov_deg)
+            campaign = campaign.of(self.link.replace(VIEW, widest))
+        return Sample(campaign, min(self.seas, _SEAS), (0.0, 0.0), None, turned)
+
+    @property
+    def turns(self) -> bool:
+        """Whether a field of view only cuts the light of a wider one."""
+        return self.link.physics.fov == "angle" and len(self.link.transmitters) == 1
+
+    def gains(self, link: Link) -> Floats:
+        """Return the mean gain of a link over the seas of the scans: of all, and of groups."""
+        groups = self.sample.groups(Variant(link, None))
+        return np.array([gains @ weights / weights.sum() for gains, weights in groups])
+
+    def ratio(self, link: Link, over: Link | None = None) -> tuple[float, float]:
+        """Return the logarithm of the ratio of two mean gains, and its standard error."""
+        if over is None and self.spreads:
+            self.response(link)  # while its light is kept
+        logs = np.log(np.maximum(self.gains(link), 1e-300))
+        logs = logs - np.log(self.gains(over or self.link))
+        return float(logs[0]), error_of(logs)
+
+    def colours(self, links: list[Link], own: int) -> tuple[Floats, Floats]:
+        """Return `ratio` of links at several wavelengths with common paths, over one of them."""
+        campaign = self.campaign._replace(
+            links={f"{i}": link for i, link in enumerate(links)}, spectral=True, progress=None
+        )
+        if isinstance(campaign.surface, SeededSurface):
+            steps = campaign.realizations(min(self.seas, _COLOUR_SEAS))
+        else:
+            steps = campaign.in_time(np.array([campaign.meshing.time]))
+        gains = campaign.gains(steps).gain.values[:, :, 0]  # (wavelengths, seas, shifts)
+        means = np.array([[part.mean() for part in without_each(one)] for one in gains])
+        logs = np.log(np.maximum(means, 1e-300))
+        logs -= logs[own]
+        return logs[:, 0], np.array([error_of(row) for row in logs])
+
+    # ---- pulses -----------------------------------------------------------------------------
+
+    @cached_property
+    def spreads(self) -> bool:
+        """Whether the response of the channel counts in some field of view."""
+        if not (self._measured and self.turns):
+            return False
+        wide = self.response(self.link.replace(VIEW, 120.0))
+        return self.dark.replace(response=wide).spread_in_bits >= SHORT
+
+    @cache  # noqa: B019
+    def response(self, link: Link, water: Water | None = None) -> ChannelResponse | None:
+        """Return the response over the seas of the scans, by chains; None without light.
+
+        Of light in another water by w' = w (b' / b)^K exp(-(c' - c) L), with K scatterings over L.
+        """
+        half, own, lights = math.radians(0.5 * link.only_receiver.fov_deg), link.water, []
+        for light in self.sample.light(link):
+            factor = (light.angle <= half).astype(float)
+            if water is not None:
+                factor *= (water.b / max(own.b, 1e-300)) ** light.order
+                factor *= np.exp(-(water.c - own.c) * light.water)
+            lights.append(light._replace(weight=light.weight * factor))
+        return light_response(link, lights)
+
+    def pulse_loss(self, light: str, link: Link, water: Water | None = None) -> float:
+        """Return ln of the power that the response of another link costs, over that of its own."""
+        if not self.spreads:
+            return 0.0
+        own, other = (self._blurred(light, self.response(*at))
+                      for at in ((self.link,), (link, water)))  # fmt: skip
+        return min(other - own, _CLOSED) if math.isfinite(own) else 0.0
+
+    @cache  # noqa: B019
+    def _blurred(self, light: str, response: ChannelResponse | None) -> float:
+        """Return ln of the required power behind a response, with the window of the link."""
+        changes = {"response": response, "window": self.need(light).window}
+        lit = with_background(self.dark.replace(**changes), self.found(light))
+        return math.log(lit.required_power(self.limit))
+
+    @cached_property
+    def _angles(self) -> Floats:
+        """Tilts of the aircraft, in the shape of its factors [rad]."""
+        shape = self.fades.h_alpha.shape
+        if self.flight is None:
+            return np.zeros(shape)
+        wind = self.campaign.wind_of(self.flight)
+        winds = wind.sample_wind(math.prod(shape), self.campaign.run.seed)
+        return self.flight.uav.tilt(winds).angle.reshape(shape)
+
+    def _tilt(self, fov_deg: float) -> Floats:
+        """Return the tilt factors of a field of view."""
+        if self.flight is None:
+            return np.ones(self.fades.h_alpha.shape)
+        return h_alpha(self._angles, math.radians(fov_deg))
+
+    @cache  # noqa: B019 - one study
+    def quantile(self, fov_deg: float) -> float:
+        """Return ln q of the given link with another cut of the tilts."""
+        return log_quantile(self.fades.series.gain, self._tilt(fov_deg), self.outage)
+
+    @cached_property
+    def quantile_stderr(self) -> float:
+        """Standard error of ln q: a jackknife over the seas, and the common chains."""
+        return self._quantile_error(self.fades, self.fades.h_alpha)
+
+    def _quantile_error(self, fades: FadingSamples, tilt: Floats) -> float:
+        gains, n = fades.series.gain, len(fades.series.gain)
+        if n < 3:
+            return fades.chain_error
+        left = [
+            log_quantile(np.delete(gains, i), np.delete(tilt, i, axis=0), self.outage)
+            for i in range(n)
+        ]
+        spread = (n - 1) * float(np.var(left)) if np.isfinite(left).all() else math.nan
+        return math.hypot(math.sqrt(spread), fades.chain_error)
+
+    # ---- lights -----------------------------------------------------------------------------
+
+    @cache  # noqa: B019
+    def found(self, light: str) -> Background:
+        """Return the background of the given link: that of `link_performance` by day."""
+        seas = self.ensemble.n if light == DAY else min(self.ensemble.n, _NIGHT_SEAS)
+        return background_over_seas(
+            self.ensemble.at(self.link), self.days[light], seas, self.flight
+        )
+
+    @cache  # noqa: B019
+    def need(self, light: str) -> Need:
+        """Return the required power under a light."""
+        return Need(self.dark, self.found(light), self.limit)
+
+    @cache  # noqa: B019
+    def _brightness(self, light: str) -> Callable[[float], float]:
+        """Return the radiance over that of the given link by field of view."""
+        own = self.link.only_receiver.fov_deg
+        if light == NIGHT:
+            return lambda fov: 1.0
+        views = np.unique([*np.geomspace(5.0, 120.0, _VIEWS), own])
+        logs = np.log([self.radiance(light, self.link.replace(VIEW, v)) for v in views.tolist()])
+        logs -= logs[views == own]
+        return lambda fov: math.exp(float(np.interp(math.log(fov), np.log(views), logs)))
+
+    def radiance(self, light: str, link: Link, day: Daylight | None = None) -> float:
+        """Return the radiance of a link over one sea."""
+        found = self._rays.background(Variant(link, None, daylight=day or self.days[light]))
+        assert found is not None
+        return max(found.radiance, 1e-300)
+
+    def rate(self, light: str, ook: OokLink, brightness: float = 1.0) -> float:
+        """Return the counts of the background in a transmission [s-1]."""
+        return brightness * self.found(light).count_rate(ook)
+
+    # ---- reserves ---------------------------------------------------------------------------
+
+    def reserve(self, light: str, log_ratio: float = 0.0, **changes: float) -> float:
+        """Return the reserve [dB] at a ratio of gains; `changes` are radius, fov_deg and width."""
+        own = self.dark.optics
+        fov = changes.get("fov_deg", own.fov_deg)
+        optics = {"radius": changes.get("radius", own.radius), "fov_deg": fov,
+                  "filter_width_nm": changes.get("width", own.filter_width_nm)}  # fmt: skip
+        ook = self.dark.replace(optics=own.replace(**optics))
+        if ook.response is not None and ook.response.angle_deg:
+            seen = tuple(a for a in ook.response.angle_deg if a <= 0.5 * fov)
+            ook = ook.replace("response.angle_deg", seen)
+        bright = self._brightness(light)(fov) if "fov_deg" in changes else 1.0
+        need = float(self.need(light)(self.rate(light, ook, bright * changes.get("light", 1.0))))
+        return self.above(log_ratio + self.quantile(fov), ook, need)
+
+    def above(self, log_gain: float, ook: OokLink, need: float) -> float:
+        """Return a gain over the required one [dB]."""
+        if math.isinf(need) or math.isinf(log_gain):
+            return -math.inf
+        return _DB * (log_gain + math.log(float(ook.received_power(1.0)) / need))
+
+    def at_rate(self, light: str, bit_rate: float, window: float | None = None) -> OokLink:
+        """Return the transmission under a light at another bit rate, by default with its window.
+
+        A given window is a share of the bit; else the best one is sought.
+        """
+        if window is None and self.dark.window is not None:
+            window = self.dark.window * self.dark.bit_rate / bit_rate
+        dark = self.dark.replace(bit_rate=bit_rate, window=window)
+        return with_background(dark, self.found(light))
+
+    def at_colour(self, light: str, link: Link, log_ratio: float) -> float:
+        """Return the reserve at another wavelength [dB], under its own background."""
+        nm, day, found = link.transmitters[0].wavelength_nm, self.days[light], self.found(light)
+        day = day.at_wavelength(nm)
+        bright = 1.0
+        if day.pattern != "uniform":
+            bright = self.radiance(light, link, day) / self.radiance(light, self.link)
+        origin = {**found.provenance, "daylight": day.model_dump(mode="json")}
+        seen = replace(found, radiance=bright * found.radiance, wavelength_nm=nm, provenance=origin)
+        dark = OokLink.of_link(link, self.dark.replace(window=self.need(light).window))
+        lit = with_background(dark, seen)
+        log_ratio -= self.pulse_loss(light, self.link, link.water)
+        gain = log_ratio + self.quantile(link.only_receiver.fov_deg)
+        return self.above(gain, lit, lit.required_power(self.limit))
+
+    def figures(self, light: str) -> Figures:
+        """Return the figures of the given link, those of `link_performance`."""
+        found, seed = self.found(light), self.campaign.run.seed
+        point = operating_point(
+            self.dark, self.link.depth, self.fades, self.limit, 0.95, seed, found
+        )
+        lit = with_background(self.dark, found)
+        error = _DB * self.quantile_stderr
+        if found.radiance > 0.0:
+            spread = found.radiance_stderr / found.radiance
+            error = math.hypot(error, 0.5 * _DB * spread)  # the need grows as the root, at most
+        return Figures(
+            light, described(lit, found), _ends(point.outage), _ends(point.ber),
+            point.margin_optical_db.value,
+            self.above(self.quantile(self.link.only_receiver.fov_deg), self.dark,
+                        self.need(light).exact),
+            error, point.capacity.hard,
+        )  # fmt: skip
+
+    @cache  # noqa: B019
+    def there(self, depth: float) -> tuple[float, float]:
+        """Return ln q at a depth, from a run of its own, and its standard error."""
+        campaign = self.campaign._replace(progress=None)
+        ensemble = Ensemble(campaign, max(min(self.seas, _DEPTH_SEAS), 2), self.flight)
+        fades = ensemble.samples(self.link.at_depth(depth))
+        value = log_quantile(fades.series.gain, fades.h_alpha, self.outage)
+        return value, self._quantile_error(fades, fades.h_alpha)
+
+
+def _ends(one: Estimate) -> tuple[float, float, float]:
+    return one.value, one.low, one.high

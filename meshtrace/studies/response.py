@@ -1,0 +1,247 @@
+"""Response of the channel over the seas of a study, in delay and wavelength."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from meshtrace.comms.ook import OokLink
+from meshtrace.comms.response import SHORT, ChannelResponse
+from meshtrace.comms.spectra import Curve, lit_band
+from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
+from meshtrace.engine.parts import Light
+from meshtrace.engine.setup.meshing import surface_config
+from meshtrace.engine.wavelengths import SpectralDetection
+from meshtrace.link import Link
+from meshtrace.mesh import SeededSurface
+from meshtrace.results.impulse import SPEED_OF_LIGHT, ImpulseResponse, response_of
+from meshtrace.results.tallies import ArrivalTally, error_of_groups
+from meshtrace.stored import SHIFTS
+from meshtrace.studies.campaign import Campaign, Steps
+from meshtrace.studies.keys import Variant
+from meshtrace.studies.store import digest_of
+
+MOST_SEAS = 4
+"""Seas of the mean response."""
+
+_COLOURS = 17  # over the spectrum of a lamp
+_CLEAR = 1e-3  # change of the optical thickness over them that counts
+_IDLE = 0.1  # of the shortest spread that counts: responses of neighbours are shorter than it
+_BEYOND = 4.0  # times the longest delay of a link, up to which its neighbours have pulses
+_PARTS = 3  # of the chains; the response of one of them gives the error of that of all
+
+
+class MeanResponse(NamedTuple):
+    """Mean response over some seas, each from its first light on, and its rms delay spread [s]."""
+
+    response: ChannelResponse
+    rms_spread: float
+    rms_spread_stderr: float
+
+
+def mean_response(ook: OokLink, campaign: Campaign, seas: int) -> MeanResponse | None:
+    """Return the response of the channel from the chains of a campaign; None without light.
+
+    The mean over the first surfaces of an ensemble, at most four, with the gain over the spectrum
+    of the lamp. An aircraft does not tilt the receiver.
+    """
+    (seen,) = mean_responses(campaign, seas)
+    return over_colours(seen, ook, campaign, seas)
+
+
+def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
+    """Return the responses of the one link of a campaign, or of all its wavelengths.
+
+    Each with the gain of its own wavelength.
+    """
+    links, run, steps = list(campaign.links.values()), campaign.run, _first_surfaces(campaign, seas)
+    surfaces = map(steps.surface, range(len(steps.labels)))
+    meshes = [campaign.mesh(links, *surface) for surface in surfaces]
+    sea = TypicalSea.of(meshes, MANY_SEAS)
+    options = run.photons, run.seed, campaign.meshing.normals, campaign.threads, sea
+    rows: list[list[ArrivalTally]]
+    if campaign.spectral:
+        common = SpectralDetection(links, *options, mesh=meshes[0])
+        rows = [common.arrivals(mesh) for mesh in meshes]
+    else:
+        chains = ForcedDetection(links[0], *options)
+        rows = [[chains.arrivals(mesh)] for mesh in meshes]
+    found = []
+    for link, tallies in zip(links, zip(*rows, strict=True), strict=True):
+        lit = [tally for tally in tallies if tally.weight.any()]
+        responses = [response_of(tally, link.water.n, link.n_air) for tally in lit]
+        found.append(_mean(responses) if responses else None)
+    return found
+
+
+def over_colours(
+    seen: MeanResponse | None, ook: OokLink, campaign: Campaign, seas: int
+) -> MeanResponse | None:
+    """Return a response with the gain over the spectrum of the lamp, see `gain_spectrum`."""
+    if seen is None:
+        return None
+    spectrum = gain_spectrum(ook, campaign, seas)
+    return seen._replace(response=seen.response.replace(gain_spectrum=spectrum))
+
+
+def _first_surfaces(campaign: Campaign, seas: int) -> Steps:
+    """Return the first surfaces of an ensemble, or the one of a sea without random phases."""
+    if isinstance(campaign.surface, SeededSurface):
+        return campaign.realizations(min(seas, MOST_SEAS))
+    return campaign.in_time(np.array([campaign.meshing.time]))
+
+
+def through_channel(ook: OokLink, campaign: Campaign, seas: int) -> OokLink:
+    """Return a transmission behind the response of the channel, unless it has its own."""
+    seen = mean_response(ook, campaign, seas) if ook.response is None else None
+    return ook if seen is None else ook.replace(response=seen.response)
+
+
+def gain_spectrum(ook: OokLink, campaign: Campaign, seas: int) -> Curve | None:
+    """Return the gain over the wavelengths of the lamp that pass the filter, from common paths.
+
+    None where the transmission has its own, and where that at the wavelength of the link stands for
+    all: one wavelength, a water without spectrum, or an optical thickness of the water above the
+    deepest end that changes by less than a thousandth.
+    """
+    link, spectrum = campaign.link, campaign.link.water.spectrum
+    if ook.gain_spectrum is not None or spectrum is None:
+        return None
+    low, high = lit_band(ook)
+    here = link.transmitters[0].wavelength_nm
+    nodes = np.union1d(np.linspace(low, high, _COLOURS), here)
+    known = np.unique(np.clip(nodes, *spectrum.limits_nm)).tolist()
+    links = {f"{nm!r} nm": link.at_wavelength(nm) for nm in known}
+    depth = np.linspace(0.0, max(-item.center[2] for _, item in link.items()), 65)
+    thickness = [depth[-1] * np.mean(np.add(*one.water.profile(depth))) for one in links.values()]
+    if np.ptp(thickness) < _CLEAR:
+        return None
+    whole = campaign.alone._replace(links=links, spectral=True)
+    gains = whole.gains(_first_surfaces(campaign, seas))["gain"].values
+    logs = np.log(np.maximum(gains.reshape(len(known), -1).mean(axis=1), 1e-300))
+    fine = np.union1d(np.linspace(low, high, 16 * _COLOURS), here)
+    value = np.exp(PchipInterpolator(known, logs)(np.clip(fine, known[0], known[-1])))
+    return Curve(wavelength_nm=fine.tolist(), value=value.tolist())
+
+
+def _mean(found: list[ImpulseResponse]) -> MeanResponse:
+    """Return the mean of responses; the standard error holds chains and seas."""
+    delay, weight, angle = (
+        np.concatenate([getattr(one, name) for one in found])
+        for name in ("delay", "weight", "angle")
+    )
+    response = ChannelResponse.of(delay, weight, angle)
+    error = float(np.mean([one.rms_delay_spread_stderr for one in found]))
+    if len(found) > 1:
+        spreads = np.array([one.rms_delay_spread for one in found])
+        error = math.hypot(error, float(error_of_groups(spreads)))
+    mean = float(weight @ delay / weight.sum())
+    spread = math.sqrt(float(weight @ (delay - mean) ** 2 / weight.sum()))
+    return MeanResponse(response, spread, error)
+
+
+def light_response(
+    link: Link, lights: Sequence[Light], pulses: Sequence[float] | None = None
+) -> ChannelResponse | None:
+    """Return the mean response of light over some seas, each from its first light on.
+
+    None without light. `pulses` are the delays of its pulses [s], by default its own.
+    """
+    rows = []
+    for light in lights:
+        lit = light.weight > 0.0
+        if lit.any():
+            way = link.water.n * light.water[lit] + link.n_air * light.air[lit]
+            rows.append(((way - way.min()) / SPEED_OF_LIGHT, light.weight[lit], light.angle[lit]))
+    if not rows:
+        return None
+    delay, weight, angle = map(np.concatenate, zip(*rows, strict=True))
+    return ChannelResponse.of(delay, weight, angle, pulses or 64)
+
+
+class Responses:
+    """Transmissions of links near one link, each behind the response of its own chains.
+
+    Parameters
+    ----------
+    light : callable
+        Returns the light of a variant over each of some seas.
+    base : Variant
+        The one link.
+    common : bool
+        Whether the pulses of all have the delays of those of the base: differences between links
+        that differ by little then follow their light without steps.
+
+    Notes
+    -----
+    All responses are instantaneous where the rms delay spread of the base is less than a
+    ten-thousandth of a bit and no filter shifts with the angle of arrival.
+    """
+
+    def __init__(
+        self, light: Callable[[Variant], list[Light]], base: Variant, common: bool = False
+    ) -> None:
+        self._light, self._common = light, common
+        self._pulses: tuple[float, ...] | None = None
+        self._kept: dict[str, tuple[ChannelResponse | None, ...]] = {}
+        self._base = base
+
+    def count(self, at: Variant) -> bool:
+        """Return whether the transmission of a variant depends on the response of its link."""
+        ook = at.detector
+        if ook is None or ook.response is not None:
+            return False
+        seen = self._of(self._base)[0]
+        if seen is None:
+            return False
+        shifted = ook.spectral and ook.optics.filter_index is not None
+        return shifted or seen.rms_spread * ook.bit_rate >= _IDLE * SHORT
+
+    def spreads(self, at: Variant) -> bool:
+        """Return whether the response of its link spreads the pulses of a variant."""
+        ook = self.behind(at).detector if self.count(at) else None
+        return ook is not None and ook.spread_in_bits >= SHORT
+
+    def behind(self, at: Variant, part: bool = False) -> Variant:
+        """Return a variant with its transmission behind the response of its link.
+
+        That of all chains, or of a third of them: its square error is three times as large, and
+        that of the difference of both twice.
+        """
+        if not self.count(at):
+            return at
+        assert at.detector is not None
+        return at._replace(detector=at.detector.replace(response=self._of(at)[int(part)]))
+
+    def _of(self, at: Variant) -> tuple[ChannelResponse | None, ...]:
+        """Return the response of a variant by all chains, and by a third of them."""
+        models = [part and part.model_dump(mode="json") for part in (at.link, at.uav)]
+        key = digest_of([*models, None if at.sea is None else surface_config(at.sea)])
+        if key not in self._kept:
+            lights = self._light(at)
+            if self._common and not self._kept:  # the first one is that of the base
+                self._pulses = _neighbours_pulses(light_response(at.link, lights))
+            both = lights, list(map(_third, lights))
+            self._kept[key] = tuple(light_response(at.link, some, self._pulses) for some in both)
+        return self._kept[key]
+
+
+def _third(light: Light) -> Light:
+    """Return light by a third of the chains."""
+    chosen = light.shift % _PARTS == 0
+    share = np.where(light.shift < 0, 1.0, chosen * SHIFTS / len(range(0, SHIFTS, _PARTS)))
+    return light._replace(weight=light.weight * share)
+
+
+def _neighbours_pulses(response: ChannelResponse | None) -> tuple[float, ...] | None:
+    """Return delays of pulses for responses like one, and up to four times as long [s]."""
+    if response is None or len(response.delay) < 2:
+        return None
+    *_, before, last = response.delay
+    ratio = min(max(last / max(before, 1e-300), 1.05), _BEYOND)
+    more = math.ceil(math.log(_BEYOND) / math.log(ratio))
+    return (*response.delay, *(last * ratio ** np.arange(1, more + 1)).tolist())

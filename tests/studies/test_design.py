@@ -1,0 +1,268 @@
+"""Designs of links: scans by brute force, budgets that add up, links that do not close."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+import meshtrace as mt
+from meshtrace.comms.budget import required_gain
+from meshtrace.errors import Refused
+from meshtrace.studies.designs.model import log_quantile
+
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::meshtrace.DaylightWarning",
+    "ignore::meshtrace.DomainWarning",
+    "ignore::meshtrace.FewSamplesWarning",
+)
+DAY = "[daylight]\ndirect = 1.42\ndiffuse = 0.295\n"
+CALM = f"wind_speed = 0.0\n[receiver]\nfov_deg = 30.0\n{DAY}"
+WIDTH = "detector.optics.filter_width_nm"
+FEW = {"photons": 128, "realizations": 8}
+SOME = {**FEW, "photons": 256}
+
+
+def performance(text, **changes):
+    """Return the mean margin of a run of its own by day [dB]; over still water the reserve."""
+    changes = {key.replace("__", "."): value for key, value in changes.items()}
+    changes.setdefault("detector.preset", "physical")
+    at = mt.Scenario.from_toml(text, changes=changes)
+    return mt.link_performance(at, photons=1024, realizations=2).at().margin_optical_db.value
+
+
+@pytest.fixture(scope="module")
+def calm():
+    return mt.design(mt.Scenario.from_toml(CALM), **FEW)
+
+
+def test_lines_of_the_budget_add_up(calm):
+    for light in ("night", "day"):
+        total = 0.0
+        for line in calm.budget:
+            value = getattr(line, light)
+            if line.total:
+                assert value == pytest.approx(total, abs=1e-9)
+            else:
+                total += value
+        figures = calm.at(light)
+        assert total == pytest.approx(figures.reserve, abs=1e-6)
+        assert calm.budget[-2].night == pytest.approx(0.0, abs=1e-4)  # no waves, no fading
+        assert figures.margin == pytest.approx(figures.reserve, abs=1e-3)
+    scenario = mt.Scenario.from_toml(CALM)
+    beer = next(line for line in calm.budget if line.name.startswith("absorption"))
+    depth, a = scenario.link.depth, scenario.link.water.a
+    # rays are a little longer than the depth
+    assert beer.day == pytest.approx(-4.343 * a * depth, rel=0.01)
+
+
+def test_figures_are_those_of_a_performance(calm):
+    at = mt.link_performance(mt.Scenario.from_toml(CALM), photons=128, realizations=8).at()
+    day = calm.at("day")
+    assert day.ber == (at.ber.value, at.ber.low, at.ber.high)
+    assert day.margin == at.margin_optical_db.value
+    assert day.capacity == at.capacity.hard
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("receiver.fov_deg", (5.0, 10.0, 20.0, 40.0)),
+        (WIDTH, (8.0, 16.0, 32.0)),
+        pytest.param("receiver.radius", (0.0125, 0.05, 0.2), marks=pytest.mark.slow),
+        pytest.param("receiver.height", (2.5, 5.0, 10.0), marks=pytest.mark.slow),
+    ],
+)
+def test_scans_are_those_of_runs_of_their_own(calm, key, values):
+    choices = [choice for choice in calm.choices]
+    row = choices.index(calm.choice(key))
+    found = np.interp(values, calm.scanned[row], calm.reserves[row])
+    expected = [performance(CALM, **{key: value}) for value in values]
+    # other chains, another window for each background; rays of the background
+    assert found - calm.at("day").reserve == pytest.approx(
+        np.array(expected) - performance(CALM), abs=0.35
+    )
+    best, grid = calm.choice(key).best, calm.scanned[row]
+    assert grid.min() <= best <= grid.max()
+    if key == "receiver.fov_deg":
+        assert best == pytest.approx(values[int(np.argmax(expected))], rel=0.1)
+    if key == WIDTH:  # not below the shift over half of 30 degrees
+        assert best == pytest.approx(470.0 * (1.0 - math.sqrt(1.0 - (math.sin(
+            math.radians(15.0)) / 2.0) ** 2)), rel=0.1)  # fmt: skip
+    low, high = calm.choice(key).flat
+    assert low <= best <= high
+
+
+ECHO = """
+wind_speed = 0.0
+[water]
+a = 0.366
+b = 1.824
+[transmitter]
+depth = 8.0
+[receiver]
+fov_deg = 120.0
+radius = 0.1
+[detector]
+bit_rate = 50e6
+sipm = {bandwidth = 1e8}
+led = {bandwidth = 1e8}
+"""
+
+
+@pytest.fixture(scope="module")
+def echo():
+    return mt.design(mt.Scenario.from_toml(ECHO), **SOME)
+
+
+@pytest.mark.thorough
+def test_pulses_spread_by_turbid_water(echo):
+    at = mt.link_performance(
+        mt.Scenario.from_toml(ECHO), daylight=mt.Daylight.clear_sky(), **SOME
+    ).at()
+    assert at.dispersion_db > 0.3
+    day = echo.at("day")
+    assert day.ber == (at.ber.value, at.ber.low, at.ber.high)
+    assert day.margin == at.margin_optical_db.value
+    assert day.outage == (at.outage.value, at.outage.low, at.outage.high)
+    (line,) = (one for one in echo.budget if "response of the channel" in one.name)
+    dark = mt.link_performance(mt.Scenario.from_toml(ECHO), **SOME).at()
+    assert -line.night == pytest.approx(dark.dispersion_db, abs=0.05)
+    total = sum(one.night for one in echo.budget if not one.total)
+    assert total == pytest.approx(echo.at("night").reserve, abs=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("key", "off"),
+    [
+        ("transmitter.power_mw", 0.05),
+        ("detector.bit_rate", 0.1),  # found within 1 %
+        ("transmitter.depth", 1.2),  # three standard errors of the chains of either run
+        ("receiver.fov_deg", 1.2),
+    ],
+)
+def test_links_that_would_close(echo, key, off):
+    (value,) = (r.value for r in echo.reach if (r.light, r.key) == ("night", key))
+    changes = {key: value, "detector.preset": "physical"}
+    at = mt.Scenario.from_toml(ECHO, changes=changes)
+    night = mt.link_performance(at, daylight=mt.Daylight.night(), **SOME).at()
+    assert night.margin_optical_db.value == pytest.approx(0.0, abs=off)
+
+
+TURBID = CALM.replace("[receiver]", "[water]\na = 0.3\nb = 0.3\n[receiver]").replace(
+    "wind_speed = 0.0", "wind_speed = 0.0\n[transmitter]\ndepth = 20.0\n"
+)
+
+
+@pytest.mark.slow
+def test_a_link_that_does_not_close_and_the_nearest_that_does():
+    page = mt.design(mt.Scenario.from_toml(TURBID), **FEW)
+    assert not page.closes("day")
+    text = page.summary()
+    assert "By day: no." in text
+    assert "dB short of closing 99 % of the time" in text
+    reach = {r.key: r for r in page.reach if r.light == "day"}
+    depth = reach["transmitter.depth"].value
+    assert 0.0 < depth < 20.0
+    assert performance(TURBID, transmitter__depth=depth) == pytest.approx(0.0, abs=0.6)
+    power = reach["transmitter.power_mw"].value
+    assert power > 100.0
+    assert performance(TURBID, transmitter__power_mw=power) == pytest.approx(0.0, abs=0.3)
+    rate = reach["detector.bit_rate"].value
+    if not math.isnan(rate):
+        assert performance(TURBID, detector__bit_rate=rate) == pytest.approx(0.0, abs=0.6)
+    width = reach[WIDTH].value
+    assert math.isnan(width) == ("closes at no width of the filter" in text.partition("FIGURES")[0])
+
+
+@pytest.mark.thorough
+def test_a_bit_rate_carries_the_most_after_hard_decisions(calm):
+    scenario = mt.Scenario.from_toml(CALM)
+    best = calm.choice("detector.bit_rate")
+    rates = [best.flat[0] / 2.0, best.best, 2.0 * best.flat[1]]
+    at = mt.link_performance(scenario, bit_rate=rates, photons=1024, realizations=2)
+    carried = [at.at(bit_rate=rate).capacity.hard for rate in at.bit_rates]
+    assert carried[1] > max(carried[0], carried[2])
+    told = re.search(r"(\S+) Mbit/s after hard decisions", best.note)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(carried[1] / 1e6, rel=0.02)
+
+
+SPECTRUM = """
+wind_speed = 0.0
+[water]
+type = "jerlov-3C"
+[transmitter]
+depth = 12.0
+[daylight]
+model = "clear"
+"""
+
+
+@pytest.mark.slow
+def test_wavelengths_are_those_of_runs_of_their_own():
+    """Chains of both differ: within 4 standard errors and 0.1 dB."""
+    scenario = mt.Scenario.from_toml(SPECTRUM)
+    page = mt.design(scenario, **FEW)
+    values = [470.0, 530.0, 590.0]
+    direct = mt.link_performance(scenario, wavelengths_nm=values, photons=1024, realizations=2)
+    margins = np.array([one.at().margin_optical_db.value for one in direct.results])
+    choice = page.choice("transmitter.wavelength_nm")
+    row = page.choices.index(choice)
+    found = np.interp(values, page.scanned[row], page.reserves[row])
+    assert found - found[0] == pytest.approx(
+        margins - margins[0], abs=0.1 + 4.0 * choice.gained_stderr
+    )
+    assert choice.flat[0] <= choice.best <= choice.flat[1]
+    with pytest.raises(Refused, match="a water with a spectrum"):
+        mt.design(mt.Scenario.from_toml(CALM), over={choice.key: (450.0, 550.0)}, **FEW)
+
+
+@pytest.mark.statistical
+def test_the_quantile_of_lognormal_light_with_tilts():
+    """Within 4 standard errors of that of 200 000 draws, significance 1e-4."""
+    rng = np.random.default_rng(3)
+    gains = rng.lognormal(-12.0, 0.3, 4000)
+    tilt = np.where(rng.random((4000, 5)) < 0.004, 0.0, rng.uniform(0.8, 1.0, (4000, 5)))
+    found = log_quantile(gains, tilt, 0.01)
+    drawn = rng.lognormal(-12.0, 0.3, 200_000) * rng.choice(tilt.ravel(), 200_000)
+    below = (drawn < math.exp(found)).mean()
+    assert below == pytest.approx(0.01, abs=4.0 * math.sqrt(0.01 / 4000 + 0.01 / 200_000))
+    assert log_quantile(gains, np.where(rng.random((4000, 5)) < 0.02, 0.0, tilt), 0.01) == -math.inf
+
+
+@pytest.mark.slow
+def test_a_windy_link_from_an_aircraft(tmp_path):
+    text = CALM.replace("wind_speed = 0.0", "wind_speed = 5.0") + "[uav]\n"
+    scenario = mt.Scenario.from_toml(text)
+    page = mt.design(scenario, photons=128, realizations=16)
+    at = mt.link_performance(scenario, photons=128, realizations=16)
+    samples = at.fades[0].samples
+    for light in ("night", "day"):
+        figures = page.at(light)
+        assert figures.reserve < figures.margin  # it fades
+        assert figures.reserve_stderr > 0.0
+    need = required_gain(at.ooks[0], 1e-3)
+    assert page.at("day").outage[0] == float((samples < need).mean())
+    page.save(tmp_path / "d.nc")
+    again = mt.Design.load(tmp_path / "d.nc")
+    assert again.summary() == page.summary()
+    assert again.choices == page.choices
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"outage": 0.0}, "outage: 0"),
+        ({"limit": 0.7}, "limit: 0.7"),
+        ({"realizations": 2}, "realizations: 2"),
+        ({"over": {"receiver.fov": (1.0, 2.0)}}, "did you mean receiver.*fov_deg"),
+        ({"over": {"receiver.fov_deg": (9.0, 2.0)}}, "low < high"),
+    ],
+)
+def test_refusals(options, message):
+    with pytest.raises(Refused, match=message):
+        mt.design(mt.Scenario.from_toml(CALM), **{**FEW, **options})
+    with pytest.raises(Refused, match="a Scenario"):
+        mt.design(mt.Link())
