@@ -415,12 +415,21 @@ class TransformedGaussian(ChannelModel):
     `model_autocorrelation` is what remains.
 
     In a transformed Gaussian series fades and flashes of equal probability last equally long.
-    Those of focused light do not: flashes are short, and fades last longer than in the model.
+    Those of focused light do not: flashes are short and carry the correlation of the gains, and
+    fades last longer than in the model. With a `threshold` u = Phi^-1(F(h)) of fades the
+    correlation of the Gaussian series is that of the fades themselves (tetrachoric; Pearson 1900),
+
+    .. math:: P(g_t < h, g_{t + \tau} < h) = \Phi(u)^2 + \int_0^{\rho_z(\tau)}
+              \frac{e^{-u^2 / (1 + r)}}{2 \pi \sqrt{1 - r^2}} dr ,
+
+    so that crossing rate and mean duration of these fades are those of the series at its time
+    step, up to the negative values of the spectrum. The correlation of the gains is then another.
 
     References
     ----------
     Grigoriu, M. (1998), Simulation of stationary non-Gaussian translation processes,
-    doi:10.1061/(ASCE)0733-9399(1998)124:2(121). Price, R. (1958), doi:10.1109/TIT.1958.1057444.
+    doi:10.1061/(ASCE)0733-9399(1998)124:2(121). Pearson, K. (1900), doi:10.1098/rsta.1900.0022.
+    Price, R. (1958), doi:10.1109/TIT.1958.1057444.
     Dietrich, C. R. and Newsam, G. N. (1997), doi:10.1137/S1064827592240555.
 
     Examples
@@ -442,7 +451,13 @@ class TransformedGaussian(ChannelModel):
 
     @classmethod
     def fit(
-        cls, gain: ArrayLike, dt: float, law: GeneratedLaw = "gamma-gamma", *, seed: int = 1
+        cls,
+        gain: ArrayLike,
+        dt: float,
+        law: GeneratedLaw = "gamma-gamma",
+        *,
+        threshold: float | None = None,
+        seed: int = 1,
     ) -> Self:
         """Return the generator of a series of gains.
 
@@ -454,6 +469,9 @@ class TransformedGaussian(ChannelModel):
             Time step [s].
         law : {"gamma-gamma", "lognormal", "empirical"}, optional
             Fitted law, or the gains themselves, whose extremes no sample exceeds.
+        threshold : float, optional
+            Gain over the mean below which fades come as often as in the series, > 0; by default
+            the correlation is that of the gains.
         seed : int, optional
             Seed of the resampling that gives the standard errors.
 
@@ -468,13 +486,22 @@ class TransformedGaussian(ChannelModel):
         power = _hermite_powers(quantile)
         mean = float(_WEIGHTS @ quantile)
         grid = np.linspace(-1.0, 1.0, 2001)
-        taper = flat_top(autocorrelation(g, max_lag=g.size - 1))
-        wanted = taper * found["autocorrelation"]
-        gaussian = np.interp(wanted, _transformed(grid, power), grid)
+        rows, law_of = g, _transformed(grid, power)
+        if threshold is not None:
+            require_between(threshold, 0.0, math.inf, "threshold")
+            rows = (g < threshold * g.mean()).astype(np.float64)
+            if np.ptp(rows) == 0.0:
+                raise Refused("threshold", threshold, "a gain that the series crosses")
+            law_of = _fade_correlation(grid, float(rows.mean()))
+        wanted = autocorrelation(rows, max_lag=found["lag"].size - 1)
+        wanted *= flat_top(autocorrelation(g, max_lag=g.size - 1))
+        gaussian = np.interp(wanted, law_of, grid)
         size = 8 * gaussian.size
         kept = np.fft.irfft(_spectrum(gaussian, size), size)[: gaussian.size]
         rho = _transformed(kept, power)
         cause = "no transformed Gaussian series of this law has the correlation"
+        if threshold is not None:
+            cause = f"the correlation is that of fades below {threshold:g} of the mean"
         return cls(
             **found,
             law=law,
@@ -533,6 +560,22 @@ def _hermite_powers(quantile: FloatArray) -> FloatArray:
 def _transformed(rho: FloatArray, power: FloatArray) -> FloatArray:
     """Return the correlation of the transformed series for one of the Gaussian series."""
     return rho * np.polynomial.polynomial.polyval(rho, power)
+
+
+def _fade_correlation(rho: FloatArray, share: float) -> FloatArray:
+    """Return the correlation of fades of a share of the time for those of the Gaussian series.
+
+    `rho` are equally spaced from -1 to 1; the angle arcsin(rho) takes the poles from the integral.
+    """
+    from scipy import integrate, special
+
+    angle = np.arcsin(rho)
+    u = special.ndtri(share)
+    density = np.exp(-(u**2) / np.maximum(1.0 + rho, 1e-12)) / (2.0 * math.pi)
+    joint = integrate.cumulative_trapezoid(density, angle, initial=0.0)
+    joint -= np.interp(0.0, rho, joint)
+    found: FloatArray = joint / (share * (1.0 - share))
+    return found
 
 
 def _spectrum(rho: FloatArray, size: int) -> FloatArray:

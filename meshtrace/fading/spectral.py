@@ -103,7 +103,11 @@ def scintillation_of_spectrum(
 
 
 def gain_autocovariance(
-    link: Any, sea: Any, lags: ArrayLike, omega_max: float | None = None
+    link: Any,
+    sea: Any,
+    lags: ArrayLike,
+    omega_max: float | None = None,
+    heights: bool = False,
 ) -> Floats:
     r"""Compute the autocovariance of the unscattered gain over time, over its squared mean.
 
@@ -122,6 +126,10 @@ def gain_autocovariance(
     omega_max : float, optional
         Highest frequency of the waves [rad s-1], by default that of the sea's band; infinite for
         all waves.
+    heights : bool
+        Whether crests change absorption and distance, as in `scintillation_of_spectrum`, with the
+        covariance rho(R, tau) of the elevation: to first order in the waves the covariance of the
+        gain is int (beta k^2 + q)^2 S cos(omega tau) d(omega).
 
     Returns
     -------
@@ -140,7 +148,7 @@ def gain_autocovariance(
     _require_spectrum(sea)
     limit = sea.band.omega_max if omega_max is None else omega_max
     parts = _slopes_seen(link, sea, None if limit == math.inf else limit)
-    return _covariance(*parts, tau.ravel()).reshape(tau.shape)
+    return _covariance(*parts, tau.ravel(), heights).reshape(tau.shape)
 
 
 def paraxial_lever(link: Any) -> Lever:

@@ -15,6 +15,7 @@ from meshtrace import fading
 from meshtrace.comms import OokLink
 from meshtrace.comms.budget import ber_of_gains
 from meshtrace.comms.capacity import hard_information
+from meshtrace.errors import Refused
 from meshtrace.fading.channels import _hermite_powers, _quantiles, _transformed
 from meshtrace.stored import load
 from meshtrace.surfaces import resolved_sea
@@ -335,3 +336,34 @@ def test_a_series_over_a_resolved_sea():
         assert min(low) < rate < max(high)
     chain_of_two = fading.MarkovChannel.fit(first, STEP)
     assert chain_of_two.transition[0, 0] < chain_of_two.transition[1, 1]
+
+
+def focused(n, seed):
+    """Return gains of a lens of a smooth random curvature: flashes are shorter than fades."""
+    rng = np.random.default_rng(seed)
+    kernel = np.exp(-0.5 * (np.arange(-20, 21) / 5.0) ** 2)
+    x = np.convolve(rng.standard_normal(n), kernel / np.linalg.norm(kernel), "same")
+    return 1.0 / (0.2 + np.abs(1.0 + 0.8 * x))
+
+
+def test_fades_below_a_threshold_come_as_often_as_in_the_series():
+    """Crossing rates of a fresh series: with a threshold a third as far off as without."""
+    level, dt = 0.7, 0.02
+    seen, fresh = focused(200_000, 1), focused(200_000, 2)
+    mean = seen.mean()
+
+    def rate(gain):
+        below = gain < level * mean
+        return np.count_nonzero(below[1:] & ~below[:-1])
+
+    wanted = rate(fresh)
+    off = [
+        rate(fading.TransformedGaussian.fit(seen, dt, "empirical", threshold=h).sample(200_000))
+        / wanted
+        - 1.0
+        for h in (level, None)
+    ]
+    assert abs(off[0]) < 0.07
+    assert abs(off[1]) > 3.0 * abs(off[0])
+    with pytest.raises(Refused, match=r"threshold: 50\.0, allowed: a gain that the series crosses"):
+        fading.TransformedGaussian.fit(seen, dt, "empirical", threshold=50.0)

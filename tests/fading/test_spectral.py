@@ -130,6 +130,18 @@ def test_correlation_over_time():
     assert time == pytest.approx(table["coherence_time_1_over_e_s"], rel=0.02)
 
 
+def test_heights_of_crests_over_time():
+    """Over long waves the covariance is int (beta k^2 + q)^2 S cos(omega tau) d(omega)."""
+    link, sea = mt.Link(), JonswapSea(wind_speed=3.0, fetch=3e3, omega_max=3.5, mss="band")
+    lags = np.array([0.0, 0.5, 1.2])
+    lever, slopes = paraxial_lever(link), sea.slope_spectrum(3.5)
+    for heights, q in ((False, 0.0), (True, lever.height)):
+        share = (lever.beta * slopes.k + q / slopes.k) ** 2 * slopes.variance
+        wanted = (share * np.cos(slopes.omega * lags[:, None])).sum(axis=1)
+        found = fading.gain_autocovariance(link, sea, lags, heights=heights)
+        np.testing.assert_allclose(found, wanted, rtol=0.0, atol=0.005 * wanted[0])
+
+
 def disk_correlation(r):
     """Autocorrelation of the unit disk over its area, of integral 1."""
     inside = np.minimum(r, 2.0)
