@@ -1,6 +1,6 @@
-"""Photograph the explorer in three states for explorer.md, in headless Chromium.
+"""Photograph the explorer for explorer.md, in headless Chromium: all pictures, or some by name.
 
-python docs/make_explorer_pictures.py
+python docs/make_explorer_pictures.py [explorer_phone ...]
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 from PIL import Image
 
@@ -20,10 +21,6 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from browser import chromium, until
 
 STATIC = Path(__file__).with_name("_static")
-ENTER = (
-    "const e = document.getElementById(arguments[0]); e.value = arguments[1];"
-    "e.dispatchEvent(new Event('change'))"
-)
 DOWNLINK = """[transmitter]
 kind = "air-led"
 height = 5.0
@@ -32,50 +29,97 @@ height = 5.0
 kind = "water-receiver"
 depth = 10.0
 """
-STATES = {
-    "explorer": (None, {"wind": 9, "depth": 12, "height": 7, "offset_x": 2}, None),
-    "explorer_day": (None, {"wind": 5, "depth": 15}, "clear"),
-    "explorer_downlink": (DOWNLINK, {"wind": 7, "depth": 8}, None),
+HARBOUR = "#depth=4&half_angle=20&height=7&water=petzold-harbour&wavelength=514&wind=6"
+# fragment of the address, then buttons and moves of controls
+STATES: dict[str, tuple[str, list[str | tuple[str, float]]]] = {
+    "explorer": ("#depth=12&height=7&offset_x=2&wind=9", ["map"]),
+    "explorer_day": ("#depth=15&light=clear&sun=55&wind=10", []),
+    "explorer_downlink": ("#depth=8&wind=7", []),
+    "explorer_compare": ("#depth=8&light=overcast", ["compare", ("depth", 16.0), ("wind", 9.0)]),
+    "explorer_design": (
+        "#chlorophyll=0.2&light=clear&fov=20&water=chlorophyll&wavelength=490",
+        ["design", "design-page"],
+    ),
+    "explorer_phone": (HARBOUR, []),
 }
+PHONE = (390, 844)
+DESK = (1440, 900)
 
 
-def photograph(name: str, link: str | None, moves: dict[str, float], light: str | None) -> None:
-    """Write a picture of the page after some moves."""
+def photograph(driver: Any, url: str, name: str) -> None:
+    """Write a picture of the page in a state; that of a phone in light and in dark colours."""
+    fragment, actions = STATES[name]
+    phone = name == "explorer_phone"
+    show(driver, PHONE if phone else DESK, dark=False)
+    driver.get("about:blank")
+    driver.get(url + fragment)
+    until(lambda: driver.find_elements("id", "gain"), "no page", 120.0)
+    rest(driver)
+    for action in actions:
+        if isinstance(action, str):
+            driver.execute_script(f"document.getElementById('{action}').click()")
+            if action == "design":
+                until(lambda: driver.find_elements("id", "design-page"), "no design", 600.0)
+        else:
+            driver.execute_script("trame.state.set(...arguments)", *action)
+        rest(driver)
+    shots = [shot(driver)]
+    if phone:
+        driver.execute_script("scrollTo(0, 640)")
+        shots.append(shot(driver))
+        show(driver, PHONE, dark=True)
+        shots.append(shot(driver))
+    gap, (width, height) = 16, shots[0].size
+    whole = Image.new("RGB", (len(shots) * (width + gap) - gap, height), "white")
+    for i, part in enumerate(shots):
+        whole.paste(part, (i * (width + gap), 0))
+    whole.save(STATIC / f"{name}.png", optimize=True)
+
+
+def show(driver: Any, size: tuple[int, int], dark: bool) -> None:
+    """Set the size of the window [px] and the colours of the system."""
+    metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": size == PHONE}
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [scheme]})
+
+
+def rest(driver: Any) -> None:
+    """Wait until the page has answered."""
+    time.sleep(3.0)
+    status = "return document.getElementById('status').textContent"
+    until(lambda: driver.execute_script(status) == "up to date", "no answer", 300.0)
+    time.sleep(1.0)
+
+
+def shot(driver: Any) -> Image.Image:
+    """Return a picture of the window, its scene in full resolution."""
+    time.sleep(1.0)
+    driver.execute_script("trame.refs.scene.paint(1)")
+    return Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
+
+
+def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "meshtrace", "explore", "--no-browser", "--port", "0"]
-        if link is not None:
-            file = Path(folder, "downlink.toml")
-            file.write_text(link)
-            command.insert(4, str(file))
-        with (
-            subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server,
-            chromium(1400, 1043) as driver,
-        ):
-            assert server.stdout is not None
-            found = re.search(r"http\S+", server.stdout.readline())
-            assert found
-            driver.get(found[0])
-            until(lambda: driver.find_elements("id", "gain"), "no page", 120.0)
-            for control, value in moves.items():
-                driver.execute_script(ENTER, control, value)
-            if light is not None:
-                driver.execute_script("window.trame.state.set('light', arguments[0])", light)
-            time.sleep(2.0)
-            until(lambda: idle(driver), "no answer", 300.0)
-            driver.find_element("id", "map").click()
-            time.sleep(2.0)
-            until(lambda: idle(driver), "no map", 300.0)
-            time.sleep(1.0)
-            shot = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
-            server.terminate()
-    shot.save(STATIC / f"{name}.png", optimize=True)
-
-
-def idle(driver: object) -> bool:
-    """Return whether the page has answered."""
-    return driver.find_element("id", "status").text == "up to date"  # type: ignore[attr-defined]
+        file = Path(folder, "downlink.toml")
+        file.write_text(DOWNLINK)
+        for link in ((), (str(file),)):
+            names = [n for n in sys.argv[1:] or STATES if ("downlink" in n) == bool(link)]
+            if not names:
+                continue
+            explore = [sys.executable, "-m", "meshtrace", "explore", *link]
+            command = [*explore, "--no-browser", "--port", "0"]
+            with (
+                subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server,
+                chromium(1440, 1043) as driver,
+            ):
+                assert server.stdout is not None
+                found = re.search(r"http\S+", server.stdout.readline())
+                assert found
+                for name in names:
+                    photograph(driver, found[0], name)
+                server.terminate()
 
 
 if __name__ == "__main__":
-    for name, state in STATES.items():
-        photograph(name, *state)
+    main()

@@ -14,6 +14,7 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Refused
 from meshtrace.models import Model, modules_of
+from meshtrace.optics.water import Water
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.scenario.daylight import daylight_recipe
 from meshtrace.scenario.parts import detector_config
@@ -74,11 +75,20 @@ def as_python(scenario: Scenario) -> str:
         lines[1:1] = [f"import {module}" for module in modules_of(text)]
         lines += [f'scenario = mt.Scenario.from_toml("""\n{text}""")']
         return "\n".join([*lines, "print(scenario.simulate().summary())", ""])
+    with_bits = scenario.detector is not None or scenario.daylight is not None
+    given = scenario.detector or OokLink()
+    through = with_bits and given.response is None
+    run += ", record=[mt.Arrivals()]" if through else ""
     lines += [link, sea, f"result = mt.simulate(link, sea, {run})", "print(result.summary())"]
-    if scenario.detector is not None or scenario.daylight is not None:
-        given = scenario.detector or OokLink()
+    if with_bits:
         detector = OokLink.model_validate(detector_config(given, scenario.link))
         lines += [f"bits = mt.OokLink.of_link(link, {_expression(detector, 0)})"]
+        if through:
+            lines += [
+                "seen = mt.impulse_response(result)",
+                "response = mt.comms.ChannelResponse.of(seen.delay, seen.weight, seen.angle)",
+                "bits = bits.replace(response=response)",
+            ]
         if scenario.daylight is not None:
             day = _daylight(scenario.daylight)
             light = f"mt.background(link, sea, {day})"
@@ -119,10 +129,13 @@ def _expression(value: Any, indent: int) -> str:
     if not path:
         raise Refused("", name, "a public class")
     fields = type(value).model_fields
+    follows = isinstance(value, Water) and value.spectrum is not None  # a, b and others from it
     given = {
         key: getattr(value, key)
         for key, field in fields.items()
-        if key != "kind" and getattr(value, key) != field.get_default(call_default_factory=True)
+        if key != "kind"
+        and (not follows or key in value.model_fields_set)
+        and getattr(value, key) != field.get_default(call_default_factory=True)
     }
     items = [f"{key}={_expression(item, indent + 4)}" for key, item in given.items()]
     short = f"{path}({', '.join(items)})"
@@ -132,4 +145,5 @@ def _expression(value: Any, indent: int) -> str:
     return f"{path}(\n" + "".join(f"{pad}{item},\n" for item in items) + " " * indent + ")"
 
 
-_PUBLIC = ((meshtrace, ""), (surfaces, "surfaces."), (meshtrace.comms, "comms."))
+_PUBLIC = ((meshtrace, ""), (surfaces, "surfaces."), (meshtrace.comms, "comms."),
+           (meshtrace.optics, "optics."))  # fmt: skip

@@ -6,17 +6,21 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, get_args
 
-from meshtrace.comms.ook import OokLink
+from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.errors import Refused, require_keys, require_word
-from meshtrace.optics.water import WATER_TYPES
+from meshtrace.optics.spectra import WATER_TYPES, WaterType
+from meshtrace.optics.water import Water
 from meshtrace.scenario import Scenario
+from meshtrace.scenario.files import plain
+from meshtrace.scenario.parts import detector_of
+from meshtrace.uav import UAVS
 
 Table = dict[str, Any]
 
 GIVEN = "as given"
-"""Choice of the water and the light that the explorer was started with."""
+"""Word for what the explorer was started with."""
 
 
 class Control(NamedTuple):
@@ -29,11 +33,11 @@ class Control(NamedTuple):
     label, unit : str
         Texts beside it.
     group : str
-        Heading of its group; empty for those that only move in the side view and the plan.
+        Heading of its group.
     keys : tuple of str
         Dotted keys of a link file, of which the first present one is set.
     low, high : float
-        Range of the slider; widened for links outside of it.
+        Range of the slider; see `State.ranges`.
     step : float
         Step of the slider; of its decimal logarithm if `log`.
     log : bool
@@ -62,41 +66,97 @@ CONTROLS = (
         "fetch", "Fetch", "km", "Sea", ("sea.fetch", "sea.spectrum.fetch"),
         1.0, 1000.0, 0.05, True, 1e-3,
     ),
+    Control("seed", "Waves, seed", "", "Sea", ("sea.seed",), 0, 100, 1),
+    Control("chlorophyll", "Chlorophyll", "mg/m³", "Water", ("water.chlorophyll",),
+            0.01, 25.0, 0.01, True),
+    Control("a", "Absorption a", "1/m", "Water", ("water.a",), 0.01, 2.0, 0.01, True),
+    Control("b", "Scattering b", "1/m", "Water", ("water.b",), 0.001, 5.0, 0.01, True),
     Control("depth", "Depth", "m", "Place", (f"{_LAMP}.depth", f"{_RECEIVER}.depth"),
             0.5, 40.0, 0.5),
-    Control("lamp_x", "Position x", "m", "", (f"{_LAMP}.position.0",), -20.0, 20.0, 0.1),
-    Control("lamp_y", "Position y", "m", "", (f"{_LAMP}.position.1",), -20.0, 20.0, 0.1),
-    Control(
-        "half_angle", "Half angle", "deg", "Optics",
-        (f"{_LAMP}.half_angle_deg", f"{_LAMP}.divergence_deg"), 0.5, 80.0, 0.5,
-    ),
     Control("height", "Height", "m", "Place", (f"{_RECEIVER}.height", f"{_LAMP}.height"),
             0.5, 40.0, 0.5),
     Control("offset_x", "Offset x", "m", "Place", (f"{_RECEIVER}.position.0",), -20, 20, 0.1),
     Control("offset_y", "Offset y", "m", "Place", (f"{_RECEIVER}.position.1",), -20, 20, 0.1),
-    Control("tilt", "Receiver tilt", "deg", "Optics", (f"{_RECEIVER}.tilt_deg",), 0.0, 60.0, 1.0),
-    Control("fov", "Field of view", "deg", "Optics", (f"{_RECEIVER}.fov_deg",), 1.0, 180.0, 1.0),
+    Control("lamp_x", "Lamp x", "m", "Place", (f"{_LAMP}.position.0",), -20.0, 20.0, 0.1),
+    Control("lamp_y", "Lamp y", "m", "Place", (f"{_LAMP}.position.1",), -20.0, 20.0, 0.1),
     Control(
-        "aperture", "Aperture radius", "cm", "Optics", (f"{_RECEIVER}.radius",),
+        "half_angle", "Half angle", "deg", "Lamp",
+        (f"{_LAMP}.half_angle_deg", f"{_LAMP}.divergence_deg"), 0.5, 80.0, 0.5,
+    ),
+    Control("power", "Power", "mW", "Lamp", (f"{_LAMP}.power_mw",), 1.0, 10_000.0, 0.05, True),
+    Control("wavelength", "Wavelength", "nm", "Lamp", (f"{_LAMP}.wavelength_nm",),
+            400.0, 700.0, 5.0),
+    Control("tilt", "Tilt", "deg", "Receiver", (f"{_RECEIVER}.tilt_deg",), 0.0, 60.0, 1.0),
+    Control("fov", "Field of view", "deg", "Receiver", (f"{_RECEIVER}.fov_deg",),
+            1.0, 180.0, 1.0),
+    Control(
+        "aperture", "Aperture radius", "cm", "Receiver", (f"{_RECEIVER}.radius",),
         0.5, 50.0, 0.05, True, 100.0,
     ),
+    Control(
+        "filter", "Filter width", "nm", "Receiver", ("detector.optics.filter_width_nm",),
+        0.5, 100.0, 0.05, True,
+    ),
+    Control("pde", "Efficiency", "%", "Receiver", ("detector.sipm.pde",), 1.0, 60.0, 1.0,
+            per_unit=100.0),
     Control(
         "bit_rate", "Bit rate", "Mbit/s", "Bits", ("detector.bit_rate",),
         0.1, 100.0, 0.05, True, 1e-6,
     ),
+    Control("sun", "Sun from zenith", "deg", "Bits", ("daylight.sun_zenith_deg",), 0.0, 89.0, 1.0),
 )  # fmt: skip
 """All controls with a number, in the order of the page."""
 
 BY_NAME = {control.name: control for control in CONTROLS}
 
-CHOICES = {
-    "water": (GIVEN, *WATER_TYPES),
-    "light": (GIVEN, "none", "clear", "overcast", "moon", "night"),
+_LAMPS = {
+    "LED": ("led", "half_angle_deg"),
+    "laser": ("gaussian-beam", "divergence_deg"),
+    "top hat": ("top-hat-beam", "divergence_deg"),
 }
-"""Choices of the water and of the light above the sea."""
+"""Kinds of lamps under water, and the key of their angle; lamps in the air begin with "air-"."""
 
-BITS_ALONE = ("bit_rate", "light")
+_WIDEST_LASER = 59.5  # half angle [deg]: that of a Gaussian beam is below 60
+
+CASE_1 = "chlorophyll"
+"""Word for water whose absorption and scattering follow from chlorophyll."""
+
+_CHLOROPHYLL = 0.5  # of the choice [mg m-3]
+
+
+class Choice(NamedTuple):
+    """A word that the user of the explorer chooses.
+
+    Attributes
+    ----------
+    label, group : str
+        Text beside it, and heading of its group.
+    words : tuple of str
+        Allowed words, of which the first one leaves the link as given.
+    """
+
+    label: str
+    group: str
+    words: tuple[str, ...]
+
+
+CHOICES = {
+    "water": Choice("Type", "Water", (GIVEN, CASE_1, *WATER_TYPES)),
+    "lamp": Choice("Kind", "Lamp", (GIVEN, *_LAMPS)),
+    "detector": Choice("Detector", "Receiver", (GIVEN, *get_args(Preset))),
+    "aircraft": Choice("Aircraft", "Receiver", (GIVEN, *UAVS)),
+    "light": Choice("Daylight", "Bits", (GIVEN, "none", "clear", "overcast", "moon", "night")),
+}
+"""Choices by name."""
+
+BITS_ALONE = ("power", "filter", "pde", "detector", "aircraft", "bit_rate", "light", "sun")
 """Controls on which no gain depends."""
+
+_OF_DETECTOR = {"filter", "pde", "detector", "bit_rate"}
+_PARTS = (*CHOICES, "wavelength", "chlorophyll")  # which give other controls their values
+_REPLACED = {"water": ("chlorophyll", "a", "b"), "chlorophyll": ("a", "b"),
+             "detector": ("filter", "pde")}  # fmt: skip
+"""Controls whose earlier moves end with a move of another one."""
 
 
 def value_of(config: Mapping[str, Any], control: Control) -> float | None:
@@ -109,7 +169,9 @@ def value_of(config: Mapping[str, Any], control: Control) -> float | None:
     >>> value_of({"transmitter": {"kind": "sun"}}, BY_NAME["depth"])
     """
     found = _find(config, control)
-    return None if found is None else float(f"{control.per_unit * found[1]:.12g}")
+    if found is None or not isinstance(found[1], int | float):  # a profile
+        return None
+    return float(f"{control.per_unit * found[1]:.12g}")
 
 
 def with_value(config: Table, control: Control, value: float) -> Table:
@@ -123,30 +185,72 @@ def with_value(config: Table, control: Control, value: float) -> Table:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise Refused(control.name, value, "finite numbers")
     found = _find(config, control)
-    if found is None:
+    if found is None or value_of(config, control) is None:
         raise Refused(control.name, value, "a link with this value")
     return _with(config, found[0], float(f"{value / control.per_unit:.12g}"))
 
 
-def with_choice(config: Table, name: str, word: str) -> Table:
-    """Return tables with a type of water, or with a light above the sea.
+def with_coefficients(config: Table) -> Table:
+    """Return tables whose water has the values that follow from its spectrum as numbers."""
+    water = Scenario.from_config(config).link.water
+    if water.spectrum is None or water.layers is not None:
+        return config
+    names = Water.model_fields.keys() - {"spectrum", "wavelength_nm", "layers"}
+    return {**config, "water": plain(Water(**{name: getattr(water, name) for name in names}))}
 
-    Index, bottom and phase function are those of the type; the sun stands as by default.
+
+def with_choice(config: Table, name: str, word: str) -> Table:
+    """Return tables with a type of water, a kind of lamp, a detector, an aircraft or a light.
+
+    Index, bottom and phase function are those of the type; the sun stands as by default. A lamp
+    keeps its angle, that of half power (LED), of 1/e^2 (laser) or of the whole beam, up to the
+    widest that it can have.
 
     Raises
     ------
     Refused
-        If the word is unknown.
+        If the word is unknown, or the link has no lamp.
     """
-    require_word(word, CHOICES[name], name)
+    require_word(word, CHOICES[name].words, name)
     if word == GIVEN:
         return config
-    if name == "water":
-        return {**config, "water": {"type": word}}
-    return {**config, "daylight": {"model": word}}
+    if name == "lamp":
+        return _with_lamp(config, word)
+    table = {
+        "water": {"chlorophyll": _CHLOROPHYLL} if word == CASE_1 else {"type": word},
+        "detector": {"preset": word, "bit_rate": config["detector"]["bit_rate"]},
+        "aircraft": {"preset": word},
+        "light": {"model": word},
+    }[name]
+    return {**config, {"aircraft": "uav", "light": "daylight"}.get(name, name): table}
 
 
-def slider_range(control: Control, value: float) -> tuple[float, float]:
+def _with_lamp(config: Table, word: str) -> Table:
+    """Return tables with another kind of the first lamp."""
+    angle = _find(config, BY_NAME["half_angle"])
+    if angle is None:
+        raise Refused("lamp", word, "a link with a lamp that has an angle")
+    path = angle[0][:-1]
+    old: Any = config
+    for part in path:
+        old = old[part]
+    air = "air-" if "height" in old else ""
+    kind, key = _LAMPS[word]
+    common = {k: old[k] for k in _OF_LAMPS if k in old}
+    widest = min(angle[1], _widest(air + kind))
+    return _with(config, path, {**common, "kind": air + kind, key: widest})
+
+
+def _widest(kind: str) -> float:
+    """Return a bound of the half angle of a kind of lamp [deg]."""
+    return _WIDEST_LASER if kind.endswith("gaussian-beam") else math.inf
+
+
+_OF_LAMPS = ("position", "depth", "height", "zenith_deg", "azimuth_deg", "tilt_deg",
+             "tilt_azimuth_deg", "power_mw", "wavelength_nm")  # fmt: skip
+
+
+def slider_range(control: Control, value: float | None) -> tuple[float, float]:
     """Return the ends of a slider, twice as far as the value if it lies outside.
 
     Examples
@@ -155,9 +259,9 @@ def slider_range(control: Control, value: float) -> tuple[float, float]:
     ((0.5, 40.0), (0.5, 200.0))
     """
     low, high = control.low, control.high
-    if value > high:
+    if value is not None and value > high:
         high = 2.0 * value
-    elif value < low:
+    elif value is not None and value < low:
         low = 0.5 * value if value > 0.0 else 2.0 * value
     return low, high
 
@@ -199,15 +303,16 @@ class State:
     given : Scenario
         The link that the explorer was started with.
     moves : tuple of (str, object)
-        Values of the moved controls by name, in the units of the page; "water" and "light" are
-        words of `CHOICES`.
+        Values of the moved controls by name, in the units of the page, and words of `CHOICES`.
     time : float
         Time of the sea [s].
 
     Notes
     -----
     Moves act on the link as given, not on each other: a move to a wind of 0 m/s and back returns
-    the same sea, and a control at its value as given is not moved.
+    the same sea, and a control at its value as given, or as chosen parts give it, is not moved.
+    Another water ends moves of a and b, another detector those of its filter and its efficiency,
+    and numbers without a place in the chosen parts, such as the sun without daylight, are left out.
 
     Examples
     --------
@@ -232,10 +337,20 @@ class State:
             If a control is unknown, or its value or the link that it makes is not allowed.
         """
         require_keys(values, [*BY_NAME, *CHOICES])
-        start = State(self.given).settings
         moves = {**dict(self.moves), **values}
-        moves = {name: value for name, value in moves.items() if value != start[name]}
-        state = replace(self, moves=tuple(sorted(moves.items())))
+        ended = {other for name in values for other in _REPLACED.get(name, ())}
+        for name in ended - values.keys():
+            moves.pop(name, None)
+        given = State(self.given).settings
+        parts = {n: v for n, v in moves.items() if n in _PARTS and v != given[n]}
+        if "lamp" in values and "half_angle" in moves.keys() - values.keys():
+            widest = State(self.given, tuple(parts.items())).ranges["half_angle"][1]
+            moves["half_angle"] = min(moves["half_angle"], widest)
+        start = State(self.given, tuple(parts.items())).settings if parts else given
+        lacking = {n for n in moves.keys() - values.keys() if start[n] is None}
+        others = {n: v for n, v in moves.items() if n not in _PARTS and v != start[n]}
+        kept = {n: v for n, v in (parts | others).items() if n not in lacking}
+        state = replace(self, moves=tuple(sorted(kept.items())))
         state.scenario  # noqa: B018 - refuses values that are not allowed
         return state
 
@@ -249,7 +364,7 @@ class State:
         if not self.moves:
             return self.given
         config = self._config
-        if self.given.detector is None and "bit_rate" not in dict(self.moves):
+        if self.given.detector is None and not _OF_DETECTOR & dict(self.moves).keys():
             config = {key: table for key, table in config.items() if key != "detector"}
         return Scenario.from_config(config)
 
@@ -260,8 +375,45 @@ class State:
 
     @cached_property
     def values(self) -> dict[str, float | None]:
-        """Values of the controls in the units of the page; None for keys that a link lacks."""
-        return {name: value_of(self._config, control) for name, control in BY_NAME.items()}
+        """Values of the controls in the units of the page; None for keys that a link lacks.
+
+        a and b of a spectrum are rounded to three or four digits.
+        """
+        found = {name: value_of(self._config, control) for name, control in BY_NAME.items()}
+        found["chlorophyll"] = value_of(self._parts, BY_NAME["chlorophyll"])
+        water = self.scenario.link.water
+        if water.spectrum is not None and water.layers is None:
+            for name, value in (("a", water.a), ("b", water.b)):
+                found[name] = float(f"{value:.{3 if value < 0.1 else 4}g}")
+        return found
+
+    @cached_property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Ends of the sliders: as wide as the link as given, within what lamp and water allow."""
+        given = self if not self.moves else State(self.given)
+        found = {n: slider_range(control, given.values[n]) for n, control in BY_NAME.items()}
+        lamp, spectrum = self.scenario.link.transmitters[0], self.scenario.link.water.spectrum
+        low, high = found["half_angle"]
+        found["half_angle"] = low, min(high, _widest(lamp.kind))
+        if spectrum is not None:
+            control = BY_NAME["wavelength"]
+            low, high = (min(max(end, control.low), control.high) for end in spectrum.limits_nm)
+            step = control.step  # of which the ends are multiples
+            found["wavelength"] = step * math.ceil(low / step), step * math.floor(high / step)
+        return found
+
+    @property
+    def barred(self) -> dict[str, str]:
+        """Words of the choice of water without values at the wavelength, with their limits."""
+        nm = self.scenario.link.transmitters[0].wavelength_nm
+        limits = {word: WaterType(type=word).limits_nm for word in WATER_TYPES}
+        if spectrum := self.given.link.water.spectrum:
+            limits[GIVEN] = spectrum.limits_nm
+        return {
+            word: f"{low:g} to {high:g} nm"
+            for word, (low, high) in limits.items()
+            if not low <= nm <= high
+        }
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -275,12 +427,29 @@ class State:
         return self.scenario.replace(detector=None, daylight=None)
 
     @cached_property
+    def _parts(self) -> Table:
+        """Tables of the link as given with the chosen parts, and the detector in use."""
+        given, moves = self.given, dict(self.moves)
+        if given.detector is None:
+            given = given.replace(detector=detector_of(OokLink(), given.link))
+        config: Table = given.to_config()
+        if "wavelength" in moves:  # on which a type of water depends
+            config = with_value(config, BY_NAME["wavelength"], moves["wavelength"])
+        words = [name for name in CHOICES if name in moves]
+        for name in words:
+            config = with_choice(config, name, moves[name])
+        if words:  # numbers of the chosen parts, which further moves replace
+            config = Scenario.from_config(config).to_config()
+        if "chlorophyll" in moves:
+            config = with_value(config, BY_NAME["chlorophyll"], moves["chlorophyll"])
+        return config
+
+    @cached_property
     def _config(self) -> Table:
-        """Tables of the moved link, with the bit rate in use."""
-        config: Table = {"detector": {"bit_rate": OokLink().bit_rate}, **self.given.to_config()}
-        for name, value in self.moves:
-            if name in CHOICES:
-                config = with_choice(config, name, value)
-            else:
-                config = with_value(config, BY_NAME[name], value)
+        """Tables of the moved link, with the detector in use."""
+        config, moves = self._parts, dict(self.moves)
+        if moves.keys() & {"a", "b"}:
+            config = with_coefficients(config)
+        for name in moves.keys() - set(_PARTS):
+            config = with_value(config, BY_NAME[name], moves[name])
         return config

@@ -7,161 +7,146 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_hex
-from trame.ui.vuetify3 import VAppLayout
-from trame.widgets import html, vtk
-from trame.widgets import vuetify3 as v3
+from trame.ui.html import DivLayout
+from trame.widgets import html
 from trame_client.widgets.core import AbstractElement
 
-from meshtrace.explorer.controls import CONTROLS, Control, State, slider_range
+from meshtrace.explorer.controls import BY_NAME, CHOICES, CONTROLS, Choice, Control, State
 from meshtrace.explorer.readings import BITS
-from meshtrace.explorer.scene import SCATTERED_COLOR, UNSCATTERED_COLOR, LiveScene
+from meshtrace.explorer.scene import SCATTERED_COLOR, UNSCATTERED_COLOR, LiveScene, light_color
 from meshtrace.link import Link
-from meshtrace.viz.style import LED_COLOR, RECEIVER_COLOR, water_map
+from meshtrace.viz.style import RECEIVER_COLOR, to_srgb
 
 _STATUS = """working === "" ? "up to date" : ({
   gain: "tracing the gain …", rays: "tracing rays …", fading: "moving the sea …",
   map: "mapping …"})[working]"""
 
-
 _KEY = {
-    "lamp, half-power cone": LED_COLOR,
-    "receiver, field of view": RECEIVER_COLOR,
-    "received, unscattered": UNSCATTERED_COLOR,
-    "received, scattered": SCATTERED_COLOR,
+    "lamp and beam": "var(--lamp)",
+    "receiver and view": RECEIVER_COLOR,
+    "unscattered light": UNSCATTERED_COLOR,
+    "scattered light": SCATTERED_COLOR,
 }
-
-_WORDS = {"Sea": {"water": "Water"}, "Bits": {"light": "Daylight"}}
 
 _ENTER = "{name} = $event.target.value === '' ? null : Number($event.target.value)"
 
-_EVENTS = ("movelamp", "movereceiver", "seek")
+_SCENE = "Scene in 3D: drag or arrow keys turn it, wheel or plus and minus zoom, Home resets"
 
-
-class SceneView(vtk.VtkLocalView):
-    """View that is drawn by the browser.
-
-    Parameters
-    ----------
-    window : vtkRenderWindow
-        Window of the scene.
-    **options
-        Attributes of the element.
-    """
-
-    def __init__(self, window: Any, **options: Any) -> None:
-        super().__init__(window, **options)
-        self._window = window
-        # the description of a scene lacks the angle of view
-        name = self.server.trigger_name(lambda: self.push_camera())
-        self.on_ready = f"if ($event && !framed) {{ framed = true; trigger('{name}') }}"
-
-    def push_changes(self) -> None:
-        """Send the parts that have changed to the open page.
-
-        `update` describes the whole scene besides, for a page that is loaded later, which takes as
-        long again: it follows at the end of the work.
-        """
-        if self.server.protocol:
-            changes = self._helper.scene(self._window, new_state=False)
-            self.server.protocol.publish("trame.vtk.delta", changes)
+_EVENTS = ("movelamp", "movereceiver", "seek", "ready", "restore", "close")
 
 
 def _part(name: str, **options: Any) -> AbstractElement:
-    """Add one of the components of assets/page.js."""
+    """Add one of the components of assets/."""
     events = [key for key in options if key in _EVENTS]
     props = [key for key in options if key not in events]
     return AbstractElement(f"mt-{name}", __properties=props, __events=events, **options)
 
 
-def build(server: Any, window: Any, actions: Any, link: Link) -> Any:
-    """Build the page of a server; return the view of the render window."""
-    values = {control.name: server.state[control.name] for control in CONTROLS}
-    with VAppLayout(server), html.Div(classes="mt-page"):
+def _button(text: str, click: Any, name: str, **options: Any) -> None:
+    html.Button(text, type="button", click=click, id=name, **options)
+
+
+def build(server: Any, actions: Any, link: Link) -> None:
+    """Build the page of a server."""
+    groups = dict.fromkeys(control.group for control in CONTROLS)
+    with DivLayout(server), html.Div(classes="mt-page", style=("`--lamp: ${lamp_color}`",)):
         _head(actions)
-        with html.Div(classes="mt-left"):
-            for group in dict.fromkeys(c.group for c in CONTROLS if c.group):
-                _group(group, [c for c in CONTROLS if c.group == group], values)
-            html.Div("{{ refused }}", v_if="refused", classes="mt-card mt-note", id="refused")
-        view = _scene(window)
-        _views(link)
-        _readings(actions)
-        with v3.VDialog(v_model=("text_shown",), max_width=760), v3.VCard(classes="pa-4"):
-            html.H2("{{ text_title }}", style="font-size:16px;font-weight:500;margin-bottom:8px")
-            html.Pre("{{ text }}", classes="mt-text", id="text")
-            with html.Div(style="display:flex;gap:10px;justify-content:flex-end;margin-top:10px"):
-                _part("copy", text=("text",))
-                v3.VBtn("Close", click="text_shown = false", variant="text", id="close")
-    return view
+        with html.Main(classes=("kept ? 'mt-main-part mt-two' : 'mt-main-part'",)):
+            _scene(actions)
+            with html.Div(classes="mt-left"):
+                html.Div("{{ refused }}", v_if="refused", classes="mt-card mt-note", id="refused",
+                         raw_attrs=['role="alert"'])  # fmt: skip
+                for group in groups:
+                    _group(group)
+            _views(link)
+            _readings(actions)
+        _part("text", title=("text_title",), text=("text",), shown=("text_shown",),
+              close="text_shown = false")  # fmt: skip
+        _part("design", design=("design",), shown=("design_shown",), stale=("stale.design",),
+              close="design_shown = false")  # fmt: skip
 
 
 def _head(actions: Any) -> None:
-    with html.Div(classes="mt-head"):
+    with html.Header(classes="mt-head"):
         html.H1("meshtrace explorer")
         html.Span("{{ title }}", classes="mt-name")
-        html.Span(f"{{{{ {_STATUS} }}}}", classes="mt-status", id="status")
-        button: Any = {"size": "small", "variant": "tonal", "density": "comfortable"}
-        v3.VBtn("Copy as TOML", click=(actions.show_text, "['TOML']"), id="toml", **button)
-        v3.VBtn("Copy as Python", click=(actions.show_text, "['Python']"), id="python", **button)
-        v3.VBtn("Save picture", click="trame.refs.scene.captureImage()", id="picture", **button)
+        html.Span(f"{{{{ {_STATUS} }}}}", classes="mt-status", id="status",
+                  raw_attrs=['role="status"'])  # fmt: skip
+        with html.Div(classes="mt-actions"):
+            _button("{{ kept ? 'End comparison' : 'Compare' }}", actions.compare, "compare")
+            _button("Swap A and B", actions.swap, "swap", v_if="kept")
+            _part("link", moves=("moves",), base=("base",), restore=(actions.restore, "[$event]"))
+            _button("TOML", (actions.show_text, "['TOML']"), "toml")
+            _button("Python", (actions.show_text, "['Python']"), "python")
+            _button("Save picture", "trame.refs.scene.save()", "picture")
 
 
-def _group(group: str, controls: list[Control], values: dict[str, Any]) -> None:
-    with html.Div(classes="mt-card"):
-        html.H2(group)
-        for control in controls:
-            _control(control, values[control.name])
-        for name, label in _WORDS.get(group, {}).items():
-            with html.Div(classes="mt-control"):
-                html.Label(label)
-                with html.Select(v_model=(name,), id=name):
-                    html.Option(
-                        "{{ word }}", v_for=f"word in choices.{name}", key=("word",),
-                        value=("word",),
-                    )  # fmt: skip
+def _group(group: str) -> None:
+    choices = {name: choice for name, choice in CHOICES.items() if choice.group == group}
+    with html.Details(classes="mt-card", raw_attrs=["open"]):
+        with html.Summary():
+            html.H2(group)
+        for name, choice in choices.items():
+            _choice(name, choice)
+        for control in CONTROLS:
+            if control.group == group:
+                _control(control)
 
 
-def _control(control: Control, value: float | None) -> None:
-    """Add a slider with a number field; both are disabled for links without the value."""
-    name, absent = control.name, value is None
-    low, high = slider_range(control, 1.0 if value is None else value)
-    slider: Any = {"min": low, "max": high, "step": control.step, "model_value": (f"{name} ?? 0",),
-                   "update_modelValue": f"{name} = Number($event.toFixed(4))"}  # fmt: skip
-    if control.log:
-        slider |= {"min": math.log10(low), "max": math.log10(high)}
-        slider["model_value"] = (f"Math.log10(Math.max({name} ?? 1, 1e-9))",)
-        slider["update_modelValue"] = f"{name} = Number(Math.pow(10, $event).toPrecision(3))"
+def _choice(name: str, choice: Choice) -> None:
     with html.Div(classes="mt-control"):
-        html.Label(control.label)
-        v3.VSlider(
-            hide_details=True, density="compact", thumb_size=14, track_size=3, color="#2f6690",
-            disabled=absent, id=f"slider-{name}", **slider,
+        html.Label(choice.label, raw_attrs=[f'for="{name}"'])
+        with html.Select(v_model=(name,), id=name):
+            html.Option(
+                "{{ word }}{{ barred." + name + "?.[word] }}", v_for=f"word in choices.{name}",
+                key=("word",), value=("word",), disabled=(f"barred.{name}?.[word] !== undefined",),
+            )  # fmt: skip
+
+
+def _control(control: Control) -> None:
+    """Add a slider with a number field; both are disabled for links without the value."""
+    name = control.name
+    shown, entered = f"{name} ?? ends.{name}[0]", f"{name} = Number($event.target.value)"
+    if control.log:
+        shown = f"Math.log10(Math.max({name} ?? 1, 1e-9))"
+        entered = f"{name} = Number(Math.pow(10, $event.target.value).toPrecision(3))"
+    label = f"{control.label} [{control.unit}]" if control.unit else control.label
+    absent: Any = (f"{name} === null",)
+    with html.Div(classes="mt-control"):
+        html.Label(control.label, raw_attrs=[f'for="{name}"'])
+        html.Input(
+            type="range", min=(f"ends.{name}[0]",), max=(f"ends.{name}[1]",), step=control.step,
+            value=(shown,), input=entered, disabled=absent, id=f"slider-{name}",
+            raw_attrs=[
+                f'aria-label="{label}, slider"',
+                f':aria-valuetext="{name} + \' {control.unit}\'"',
+            ],
         )  # fmt: skip
         html.Input(
             type="number", classes="mt-number", id=name, disabled=absent, step="any",
-            value=(name,), change=_ENTER.format(name=name),
+            value=(name,), change=_ENTER.format(name=name), raw_attrs=[f'aria-label="{label}"'],
         )  # fmt: skip
-        html.Span(control.unit, classes="mt-unit")
+        html.Span(control.unit, classes="mt-unit", raw_attrs=['aria-hidden="true"'])
 
 
-def _scene(window: Any) -> SceneView:
-    with html.Div(classes="mt-scene"):
-        view = SceneView(window, ref="scene", on_image_capture="shot = $event")
+def _scene(actions: Any) -> None:
+    with html.Section(classes="mt-scene", raw_attrs=['aria-label="Scene"']):
+        _part("scene", ref="scene", label=_SCENE, caption=("caption",), ready=actions.scene_ready)
         with html.Div(classes="mt-time"):
-            v3.VBtn(
-                icon=("playing ? 'mdi-pause' : 'mdi-play'",), click="playing = !playing",
-                size="small", color="#2f6690", id="play",
+            html.Button(
+                "{{ playing ? '❚❚' : '▶' }}",
+                type="button", click="playing = !playing", id="play",
+                raw_attrs=[":aria-label=\"playing ? 'Stop the sea' : 'Let the sea run'\""],
             )  # fmt: skip
             html.B("t = {{ time.toFixed(2) }} s", id="time")
-        with html.Div(classes="mt-bar-scale", v_if="elevation.length"):
-            html.Span("<span>elevation [m]</span>")
-            shades = ", ".join(to_hex(water_map()(share)) for share in np.linspace(0.0, 1.0, 9))
-            html.Div(style=f"background: linear-gradient(to right, {shades})")
-            html.Span("<span>{{ elevation[0] }}</span><span>{{ elevation[1] }}</span>")
+        html.B("{{ reading.db }}", classes="mt-chip", raw_attrs=['aria-hidden="true"'])
+        html.Button(
+            "⌂", type="button", click="trame.refs.scene.home()", id="home",
+            raw_attrs=['aria-label="Home: the view at the start"', 'title="Home"'],
+        )  # fmt: skip
         with html.Div(classes="mt-key"):
             for text, color in _KEY.items():
                 html.Span(f'<i style="background:{color}"></i>{text}')
-        _part("picture", shot=("shot",), caption=("caption",))
-    return view
 
 
 def _views(link: Link) -> None:
@@ -171,7 +156,7 @@ def _views(link: Link) -> None:
     receiver_z = "height = $event.y" if receiver.center[2] > 0.0 else "depth = -$event.y"
     if lamp.center[2] < 0.0 and receiver.center[2] < 0.0:
         receiver_z = ""  # the depth is that of the lamp
-    with html.Div(classes="mt-views"):
+    with html.Section(classes="mt-views", raw_attrs=['aria-label="Side view and plan"']):
         side: Any = {"title": "Side view", "across": "x", "up": "z", "side": True}
         _part(
             "drag", id="side", frame=("side.frame",), lamp=("side.lamp",),
@@ -189,57 +174,100 @@ def _views(link: Link) -> None:
 
 
 def _readings(actions: Any) -> None:
-    with html.Div(classes="mt-right"):
+    stale = "stale.gain && !playing ? 'mt-faded' : ''"
+    with html.Section(classes="mt-right", raw_attrs=['aria-label="Results"']):
+        with html.Div(classes="mt-card", v_if="kept", id="kept"):
+            html.H2("A, left, and B, right")
+            html.Div("{{ line }}", v_for="line in kept.lines", key=("line",))
         with html.Div(classes="mt-card"):
             html.H2("Channel gain")
-            with html.Div(classes=("stale.gain && !playing ? 'mt-faded' : ''",)):
+            with html.Div(classes=(stale,)):
                 html.Div("{{ reading.db }}", classes="mt-big", id="db")
                 html.Div("{{ reading.gain }}", id="gain", raw_attrs=[':data-value="reading.value"'])
-                _rows("reading", {"unscattered": "Unscattered share", "chains": "Sample"})
+                html.Div("{{ kept && `A: ${kept.reading.db}, ${kept.reading.gain}` }}", v_if="kept",
+                         id="kept-gain")  # fmt: skip
+                _rows(
+                    "reading",
+                    {
+                        "unscattered": "Unscattered share",
+                        "chains": "Sample",
+                        "lean": "Aircraft leans by",
+                    },
+                )
         with html.Div(classes="mt-card"):
             html.H2("Bits")
-            with html.Div(classes=("stale.gain && !playing ? 'mt-faded' : ''",)):
+            with html.Div(classes=(stale,)):
                 _rows("reading", BITS)
+        _design(actions)
         with html.Div(classes="mt-card"):
             html.H2("Fading")
+            other: Any = ("kept && kept.fading",)
             _part("series", time=("fading.time",), gain=("fading.gain",), now=("time",),
                   duration=("fading.duration",), faded=("stale.fading",), id="series",
-                  seek=(actions.seek, "[$event]"), classes="mt-tall")  # fmt: skip
-            _part("histogram", gain=("fading.gain",), faded=("stale.fading",), id="histogram")
+                  other=other, seek=(actions.seek, "[$event]"), classes="mt-tall")  # fmt: skip
+            _part("histogram", gain=("fading.gain",), faded=("stale.fading",), id="histogram",
+                  other=other)  # fmt: skip
             with html.Div(classes=("stale.fading ? 'mt-faded' : ''",)):
-                _rows("fading", {"index": "Scintillation index", "all_waves": "All waves",
+                _rows("fading", {"index": "Scintillation", "all_waves": "… of all waves",
                                  "low": "Lowest / mean"})  # fmt: skip
             html.Div("{{ fading.note }}", v_if="fading.note", classes="mt-note")
         with html.Div(classes="mt-card"):
             html.H2("Coverage")
-            v3.VBtn(
-                "Map the gain", click=actions.make_map, size="small", variant="tonal",
-                color="#2f6690", block=True, id="map", disabled=("working === 'map'",),
-            )  # fmt: skip
+            _button("Map the gain", actions.make_map, "map", disabled=("working === 'map'",),
+                    classes="mt-wide")  # fmt: skip
             html.Div("{{ map_note }}", v_if="map_note", classes="mt-note", id="map-note")
-            with html.Dl(v_if="map", classes="mt-rows", style="margin-top:5px"):
+            with html.Dl(v_if="map", classes="mt-rows"), html.Div():
                 html.Dt("Peak")
                 html.Dd("{{ map.peak }}", id="peak")
         with html.Div(v_if="reading.notes.length", classes="mt-card mt-note", id="notes"):
             html.Div("{{ note }}", v_for="note in reading.notes", key=("note",))
 
 
+def _design(actions: Any) -> None:
+    with html.Div(classes="mt-card", id="design-card"):
+        html.H2("Design")
+        _button("{{ designing === null ? 'Design this link' : `Stop (${designing} s)` }}",
+                actions.design, "design", classes="mt-wide")  # fmt: skip
+        html.Div("{{ design.problem }}", v_if="design?.problem", classes="mt-note")
+        with html.Div(v_if="design?.answer", classes=("stale.design ? 'mt-faded' : ''",)):
+            html.P("{{ line }}", v_for="line in design.answer", key=("line",))
+            _button("Figures and best values", "design_shown = true", "design-page",
+                    classes="mt-wide")  # fmt: skip
+
+
 def _rows(source: str, labels: dict[str, str]) -> None:
-    """Add a table of the texts of a reading by the labels of its keys."""
+    """Add a table of the texts of a reading by the labels of its keys, after those of state A."""
     with html.Dl(classes="mt-rows"):
         for key, label in labels.items():
-            html.Dt(label)
-            html.Dd(f"{{{{ {source}.{key} }}}}", id=f"{source}-{key}")
+            with html.Div():
+                html.Dt(label)
+                html.Dd(f"{{{{ kept.{source}.{key} }}}}", v_if="kept", classes="mt-a")
+                html.Dd(f"{{{{ {source}.{key} }}}}", id=f"{source}-{key}")
+
+
+def limits(state: State) -> dict[str, Any]:
+    """Return the ends of the sliders, and the words that the wavelength bars, with the reason."""
+    logs = {name: BY_NAME[name].log for name in BY_NAME}
+    ends = {
+        name: [math.log10(v) if logs[name] else v for v in pair]
+        for name, pair in state.ranges.items()
+    }
+    return {"ends": ends, "barred": {"water": {k: f" ({v})" for k, v in state.barred.items()}}}
 
 
 def views(state: State, scene: LiveScene) -> dict[str, Any]:
-    """Return the data of the side view and the plan: limits, lamp, receiver and waves [m]."""
+    """Return the data of the side view and the plan: limits, lamp, receiver and waves [m].
+
+    With the colour of the light of the lamp.
+    """
     stage, link = scene.stage, state.scenario.link
     (x, y), half = stage.center, stage.half
     lamp, receiver = link.transmitters[0], link.receivers[0]
     direction = getattr(state.scenario.surface, "wind_direction_deg", None)
+    room = 0.05 * (stage.top - stage.bottom)  # for the marks of lamp and receiver
+    low, high = stage.bottom - room, stage.top + room
     side = {
-        "frame": {"x0": x - half, "x1": x + half, "y0": stage.bottom, "y1": stage.top},
+        "frame": {"x0": x - half, "x1": x + half, "y0": low, "y1": high},
         "lamp": _end(lamp, (0, 2), getattr(lamp, "spread_deg", 0.0), 1.0),
         "receiver": _end(receiver, (0, 2), 0.5 * receiver.fov_deg, -1.0),
         "profile": scene.profile(),
@@ -250,8 +278,9 @@ def views(state: State, scene: LiveScene) -> dict[str, Any]:
         "receiver": _end(receiver, (0, 1), 0.0, 1.0),
         "wind": direction,
     }
-    elevation = [] if scene.shows_daylight else list(scene.elevation_range)
-    return {"side": side, "plan": plan, "elevation": elevation}
+    nm = lamp.wavelength_nm
+    color = to_hex(to_srgb(np.minimum(0.12 + 0.9 * np.array(light_color(nm)), 1.0)))
+    return {"side": side, "plan": plan, "lamp_color": color}
 
 
 def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str, Any] | None:

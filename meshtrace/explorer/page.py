@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import asyncio
-import base64
 import functools
-import io
 import logging
+import math
+import re
 import uuid
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from aiohttp import web
-from matplotlib.colors import to_hex
 from trame.app.core import AVAILABLE_SERVERS, get_server
-from trame_vtk.modules.vtk import HELPERS_PER_SERVER
 from yarl import URL
 
 from meshtrace.engine.paths import PhotonPaths
 from meshtrace.errors import Refused, one_line
 from meshtrace.explorer import code, layout, readings, stages
 from meshtrace.explorer.controls import BY_NAME, CHOICES, State
+from meshtrace.explorer.designing import design_of, design_reading
 from meshtrace.explorer.door import guard, new_token, policy
 from meshtrace.explorer.scene import LiveScene
 from meshtrace.explorer.session import STAGES, Session
@@ -32,6 +30,7 @@ _ASSETS = Path(__file__).with_name("assets")
 _SCENE_PERIOD = 0.05  # shortest time between two scenes while a control moves [s]
 _FRAME_PERIOD = 0.1  # of the running sea [s]
 _REST = 0.5  # time without a move after which controls rest [s]
+_FIXED_ZOOM = re.compile(r",\s*maximum-scale=1,minimum-scale=1")  # readers may enlarge the page
 _IDLE = 600  # time without a browser after which a session ends [s]
 
 
@@ -44,14 +43,16 @@ class Page:
         Link at the start.
     title : str
         Name of the link.
+    base : str
+        Address that opens a session, before the fragment with the moved controls.
     """
 
-    def __init__(self, scenario: Scenario, title: str) -> None:
+    def __init__(self, scenario: Scenario, title: str, base: str) -> None:
         self.server = get_server(f"meshtrace-{uuid.uuid4().hex}", client_type="vue3")
         self.server.enable_module(
             {
                 "serve": {"__meshtrace": str(_ASSETS)},
-                "scripts": ["__meshtrace/page.js"],
+                "scripts": [f"__meshtrace/{name}.js" for name in ("shaders", "scene", "page")],
                 "styles": ["__meshtrace/page.css"],
                 "vue_use": ["meshtrace"],
             }
@@ -65,8 +66,11 @@ class Page:
         self._running: asyncio.Task[None] | None = None
         self._token = new_token()
         self._browsers = 0
-        self._fill(title)
-        self.view = layout.build(self.server, self.scene.plotter.render_window, self, scenario.link)
+        self._kept: tuple[State, dict[str, Any]] | None = None  # with the parts of its scene
+        self._design: asyncio.Task[None] | None = None
+        self._designed: State | None = None
+        self._fill(title, base)
+        layout.build(self.server, self, scenario.link)
         self.server.state.change(*BY_NAME, *CHOICES)(self._moved)
         self.server.state.change("playing")(self._play_or_pause)
         self.server.controller.on_exception.add(self._tell)
@@ -96,15 +100,11 @@ class Page:
     def _end(self, _: Any) -> None:
         """Release the session, its running sea and its scene."""
         self.session.close()
-        if self._running is not None:
-            self._running.cancel()
-        for due in (self._scene_due, self._resync):
+        for due in (self._running, self._design, self._scene_due, self._resync):
             if due is not None:
                 due.cancel()
         self._loop = None
-        self.scene.close()
         AVAILABLE_SERVERS.pop(self.server.name, None)
-        HELPERS_PER_SERVER.pop(self.server.name, None)
 
     def _bind(self, host: str, web_server: Any) -> None:
         """Add the door and the answers that need it: the page, and the way to its connection."""
@@ -113,7 +113,7 @@ class Page:
             html = Path(self.server.server_options.content, "index.html").read_text("utf-8")
             place = f'<html data-session-manager-url="paraview/?token={self._token}"'
             headers = {"Content-Security-Policy": policy(request, html)}
-            text = html.replace("<html", place, 1)
+            text = _FIXED_ZOOM.sub("", html.replace("<html", place, 1))
             return web.Response(text=text, content_type="text/html", headers=headers)
 
         async def session(request: web.Request) -> web.Response:
@@ -159,19 +159,99 @@ class Page:
         self.session.make_map()
         self._refresh()
 
+    def design(self) -> None:
+        """Start to design the present state beside all other work, or end that."""
+        if self._design is not None:
+            self._design.cancel()
+        elif self._loop is not None:
+            self._design = self._loop.create_task(self._show_design(self.session.state))
+
+    async def _show_design(self, state: State) -> None:
+        """Show the design of a state once it is made, until then the seconds of the work."""
+        loop, page = asyncio.get_running_loop(), self.server.state
+        start, work = loop.time(), asyncio.ensure_future(design_of(state.scenario))
+        try:
+            done: Any = ()
+            while not done:
+                with page:
+                    page.designing = round(loop.time() - start)
+                done, _ = await asyncio.wait({work}, timeout=1.0)
+            shown = design_reading(work.result())
+        except asyncio.CancelledError:
+            work.cancel()
+            await asyncio.wait({work})
+            shown = None
+        except Refused as error:
+            shown = {"problem": str(error)}
+        except Exception as error:
+            self._tell(error)
+            shown = None
+        self._design = None
+        with page:
+            page.designing = None
+            if shown is not None:
+                self._designed, page.design = state, shown
+            self._refresh()
+
     def seek(self, time: float) -> None:
         """Show the sea at a time [s]."""
         self.session.show_time(max(float(time), 0.0))
         self._show_scene()
 
-    def _fill(self, title: str) -> None:
+    def scene_ready(self) -> None:
+        """Send the whole scene to a page that has been loaded."""
+        self._call_scene("show", self.scene.parts)
+        if self._kept is not None:
+            self._call_scene("keep", self._kept[1])
+
+    def _call_scene(self, method: str, argument: Any) -> None:
+        self.server.js_call("scene", method, argument)
+
+    def compare(self) -> None:
+        """Keep the present state as A, beside which further states are shown, or end that."""
+        self._keep(self._kept is None)
+
+    def swap(self) -> None:
+        """Return to state A, and keep the present one in its place."""
+        if self._kept is not None:
+            before = self._kept[0]
+            self._keep(True)
+            self._restore({**dict(before.moves), "time": before.time})
+
+    def _keep(self, present: bool) -> None:
+        page, session = self.server.state, self.session
+        self._kept = (session.state, dict(self.scene.parts)) if present else None
+        reading, fading = readings.gain_reading(session), readings.fading_reading(session)
+        page.kept = {"reading": reading, "fading": fading, "lines": []} if present else None
+        self._call_scene("keep", self._kept[1] if self._kept else None)
+        self._refresh()
+
+    def restore(self, values: dict[str, Any]) -> None:
+        """Show the state of a link, from the view that frames it."""
+        self.scene.frame_anew()
+        self._restore(values)
+
+    def _restore(self, values: dict[str, Any]) -> None:
+        """Show a state of values of the moved controls and the time [s]."""
+        values = dict(values)
+        time = _number(values.pop("time", self.session.state.given.meshing.time))
+        self.session.forget()
+        refusals = self._refusals(values) if values else []
+        page = self.server.state
+        page.refused = "; ".join(map(str, refusals))
+        page.update(self.session.state.settings)
+        self._refresh()
+        self.seek(time if isinstance(time, float) and math.isfinite(time) else 0.0)
+
+    def _fill(self, title: str, base: str) -> None:
         """Set all variables of the page."""
         state, page = self.session.state, self.server.state
         page.trame__title = "meshtrace explorer"
-        page.client_only("shot", "framed")
-        page.update({**state.settings, "choices": {k: list(v) for k, v in CHOICES.items()}})
-        page.update({"title": title, "refused": "", "text": "", "text_title": "", "shot": None})
-        page.update(dict.fromkeys(("playing", "framed", "text_shown"), False))
+        choices = {name: list(choice.words) for name, choice in CHOICES.items()}
+        page.update({**state.settings, "choices": choices, "kept": None, "base": base})
+        page.update({"title": title, "refused": "", "text": "", "text_title": ""})
+        page.update(dict.fromkeys(("playing", "text_shown", "design_shown"), False))
+        page.update({"design": None, "designing": None})
         self._refresh()
         self._refresh_views()
 
@@ -184,8 +264,10 @@ class Page:
             return
         refusals = self._refusals(moves)
         page.refused = "; ".join(map(str, refusals))
-        if refusals:
-            page.update(self.session.state.settings)
+        settings = self.session.state.settings
+        page.update(  # all after a refusal, else values that follow from the moved ones
+            {k: v for k, v in settings.items() if refusals or (k not in moves and v != shown[k])}
+        )
         if refusals or self._resync is not None:
             self._resync_soon()
         self._refresh()
@@ -228,11 +310,9 @@ class Page:
         """Update the scene and the views to the state, and start to answer it."""
         self._scene_due = None
         try:
-            camera = self.scene.update(self.session.state)
+            self.scene.update(self.session.state)
             with self.server.state:
                 self._show_light()
-                if camera:
-                    self.view.push_camera()
             self._scene_time = self._loop.time() if self._loop else 0.0
         except Refused:  # the answer reports it
             pass
@@ -244,10 +324,16 @@ class Page:
     def _show_light(self) -> None:
         """Show the rays and the map of the state, or none, and refresh the views."""
         self.scene.show_rays(self._shown("rays", PhotonPaths))
-        height = self.session.state.channel.link.receivers[0].center[2]
-        self.scene.show_map(self._shown("map", CoverageMap), height)
-        self.view.push_changes()
+        found = self._shown("map", CoverageMap)
+        self.scene.show_map(found, None if found is None else readings.map_shades(found))
+        self._push_scene()
         self._refresh_views()
+
+    def _push_scene(self) -> None:
+        """Send the parts of the scene that have changed to the open pages."""
+        changes = self.scene.changes()
+        if changes:
+            self._call_scene("show", changes)
 
     def _shown(self, name: str, kind: type) -> Any:
         """Return the answer of a stage to the present state, or None if it is missing or failed."""
@@ -265,20 +351,25 @@ class Page:
                 self._refresh()
                 if name in ("rays", "map") and self.session.fresh(name) and not self._running:
                     self._show_light()
-                if not name:
-                    self.view.update()
         except Exception as error:
             self._tell(error)
 
     def _refresh(self) -> None:
         """Set the readings, the charts and the marks of stale answers."""
         session, page = self.session, self.server.state
-        page.stale = {name: not session.fresh(name) for name in STAGES}
+        stale = {name: not session.fresh(name) for name in STAGES}
+        other = self._designed is not None and self._designed.moves != session.state.moves
+        page.stale = {**stale, "design": other}
+        page.update(layout.limits(session.state))
         page.working = session.working
         page.reading = readings.gain_reading(session)
         page.fading = readings.fading_reading(session)
         page.caption = readings.caption(session)
         page.map_note = readings.map_note(session)
+        page.moves = _moves(session.state)
+        if self._kept is not None:
+            lines = readings.differences(self._kept[0], session.state)
+            page.kept = {**page.kept, "lines": lines}
 
     def _refresh_views(self) -> None:
         """Set the side view, the plan, the time and the colour bar."""
@@ -286,7 +377,7 @@ class Page:
         page.time = round(state.time, 3)
         page.update(layout.views(state, self.scene))
         found = self._shown("map", CoverageMap)
-        page.map = None if found is None else _map_image(found)
+        page.map = None if found is None else readings.map_image(found)
 
     def _play_or_pause(self, playing: bool = False, **_: Any) -> None:
         if self._loop is None or bool(self._running) == playing:
@@ -312,7 +403,7 @@ class Page:
                     page.time = round(state.time, 3)
                     page.update(layout.views(state, self.scene))
                     page.reading = readings.gain_reading(session, running=True)
-                    self.view.push_changes()
+                    self._push_scene()
                 await asyncio.sleep(max(_FRAME_PERIOD - (loop.time() - begun), 0.005))
         except Exception as error:
             self._tell(error)
@@ -333,21 +424,7 @@ def _number(value: Any) -> Any:
         return value
 
 
-def _map_image(found: CoverageMap) -> dict[str, Any]:
-    """Return a map as a picture with its limits [m], and its peak."""
-    from matplotlib import colormaps
-    from PIL import Image
-
-    share = found.gain / max(float(found.gain.max()), 1e-300)
-    shades = (255.0 * colormaps["viridis"](share.T[::-1])).astype(np.uint8)
-    file = io.BytesIO()
-    Image.fromarray(shades).save(file, "PNG")
-    half = 0.5 * (found.x[1] - found.x[0])
-    low, high = float(found.x[0] - half), float(found.x[-1] + half)
-    i, j = np.unravel_index(int(found.gain.argmax()), found.gain.shape)
-    return {
-        "url": f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}",
-        "x0": low, "x1": high, "y0": low, "y1": high,
-        "peak": f"{found.gain[i, j]:.2e} at ({found.x[i]:.1f}, {found.y[j]:.1f}) m",
-        "colors": ", ".join(to_hex(colormaps["viridis"](v)) for v in np.linspace(0, 1, 8)),
-    }  # fmt: skip
+def _moves(state: State) -> dict[str, Any]:
+    """Return the moved controls, and the time of the sea if it is not that at the start."""
+    start = state.given.meshing.time
+    return {**dict(state.moves), **({"time": state.time} if state.time != start else {})}

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import math
 from typing import Any
 
 import numpy as np
+from matplotlib.colors import to_hex
 
 from meshtrace.comms.budget import link_budget
+from meshtrace.comms.ook import OokLink
+from meshtrace.explorer.controls import BY_NAME, CHOICES, State
 from meshtrace.explorer.session import Session
-from meshtrace.explorer.stages import DURATION, LIMIT, Fading, Failed, Signal
+from meshtrace.explorer.stages import DURATION, FADING_RATE, LIMIT, Fading, Failed, Signal
+from meshtrace.results.coverage import CoverageMap
 from meshtrace.viz import scenes
 
 BER_FLOOR = 1e-15
@@ -20,6 +26,7 @@ BITS = {
     "required": "Required power",
     "margin": f"Margin (BER {LIMIT:g})",
     "ber": "Bit error rate",
+    "spread": "Delay spread",
     "light": "Light",
     "background": "Background",
 }
@@ -42,7 +49,7 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
     """
     found = session.answer("gain")
     empty: dict[str, Any] = dict.fromkeys(("gain", "db", "unscattered", "chains"), "–")
-    empty |= {"notes": [], "value": None}
+    empty |= {"notes": [], "value": None, "lean": _lean(session.state)}
     if isinstance(found, Failed):
         return {**empty, **_NO_BITS, "notes": [found.reason]}
     if not isinstance(found, Signal):
@@ -52,6 +59,7 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
         unscattered = float(np.ravel(result.gain_ballistic)[0])
         sample, share = "chains", f"{100.0 * unscattered / gain if gain > 0.0 else 0.0:.1f} %"
     texts_of = {
+        **empty,
         "value": gain,
         "gain": with_error(gain, float(result.stderrs[0])),
         "db": decibels(gain),
@@ -61,9 +69,19 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
     }
     series = session.answer("fading")
     if running and isinstance(series, Fading) and session.fresh("fading"):
+        gaps = np.abs(series.time - session.state.time)
         now = float(np.interp(session.state.time, series.time, series.gain))
-        texts_of |= {"value": now, "gain": f"{now:.3e}", "db": decibels(now)}
+        if len(gaps) and gaps.min() < 1.0 / FADING_RATE:  # not within a gap of the series
+            texts_of |= {"value": now, "gain": f"{now:.3e}", "db": decibels(now)}
     return {**texts_of, **_bits(found)}
+
+
+def _lean(state: State) -> str:
+    """Return the tilt of the aircraft in the mean wind."""
+    uav = state.scenario.uav
+    if uav is None:
+        return "–"
+    return f"{math.degrees(float(uav.tilt((state.scenario.wind_speed, 0.0, 0.0)).angle)):.1f} deg"
 
 
 def _bits(signal: Signal) -> dict[str, str]:
@@ -75,13 +93,30 @@ def _bits(signal: Signal) -> dict[str, str]:
     required = detector.required_power(LIMIT)
     margin = float(link_budget(detector, signal.gain.gain, LIMIT).margin_optical_db)
     return {
-        "power": f"{power(received)} ± {100.0 * error / received if received > 0.0 else 0.0:.1g} %",
+        "power": f"{power(received)} ± {_percent(error / received if received > 0.0 else 0.0)}",
         "required": power(required) if np.isfinite(required) else "none suffices",
         "margin": _minus(f"{margin:+.1f} dB") if np.isfinite(margin) else "–",
         "ber": bit_error_rate(signal.ber),
+        "spread": _spread(detector),
         "light": signal.light or "dark",
         "background": f"{detector.background_rate:.2g} counts/s" if signal.light else "–",
     }
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:{'.0f' if share > 0.095 else '.1g'}} %"
+
+
+def _spread(detector: OokLink) -> str:
+    """Return the rms delay spread of the channel, and what it costs where it counts."""
+    if detector.response is None:
+        return "–"
+    text = f"{1e9 * detector.response.rms_spread:.2g} ns"
+    if detector.filters.response is None:
+        return f"{text}, short"
+    text = f"{text}, {detector.spread_in_bits:.2g} bit"
+    cost = detector.required_power(LIMIT) / detector.replace(response=None).required_power(LIMIT)
+    return f"{text}, {_minus(f'{10.0 * math.log10(cost):.1f} dB')}" if np.isfinite(cost) else text
 
 
 def fading_reading(session: Session) -> dict[str, Any]:
@@ -109,10 +144,53 @@ def fading_reading(session: Session) -> dict[str, Any]:
     }
 
 
+def differences(before: State, now: State) -> list[str]:
+    """Return the controls in which two states differ, as lines "label: A, B unit"."""
+    a, b = before.settings, now.settings
+    found = []
+    for name, control in BY_NAME.items():
+        if a[name] != b[name]:
+            values = ", ".join("–" if v is None else f"{v:g}" for v in (a[name], b[name]))
+            found.append(f"{control.label}: {values} {control.unit}".rstrip())
+    words = [n for n in CHOICES if a[n] != b[n]]
+    found += [f"{CHOICES[n].label}: {a[n]}, {b[n]}" for n in words]
+    return found or ["Move a control: this state stays as A."]
+
+
 def map_note(session: Session) -> str:
     """Return the reason for the lack of a map, or nothing."""
     found = session.answer("map")
     return found.reason if isinstance(found, Failed) and session.fresh("map") else ""
+
+
+def map_shades(found: CoverageMap) -> Any:
+    """Return the colours (nx, ny, 4) of a map over its peak, translucent where it is dark."""
+    from matplotlib import colormaps
+
+    share = found.gain / max(float(found.gain.max()), 1e-300)
+    shades = (255.0 * colormaps["viridis"](share)).astype(np.uint8)
+    shades[..., 3] = np.rint(255.0 * np.clip(0.1 + 1.2 * share, 0.0, 0.92))
+    return shades
+
+
+def map_image(found: CoverageMap) -> dict[str, Any]:
+    """Return a map as a picture with its limits [m], its colours and its peak."""
+    from matplotlib import colormaps
+    from PIL import Image
+
+    shades = np.ascontiguousarray(map_shades(found)[..., :3].transpose(1, 0, 2)[::-1])
+    file = io.BytesIO()
+    Image.fromarray(shades).save(file, "PNG")
+    half = 0.5 * (found.x[1] - found.x[0])
+    low, high = float(found.x[0] - half), float(found.x[-1] + half)
+    i, j = np.unravel_index(int(found.gain.argmax()), found.gain.shape)
+    peak = f"{found.gain[i, j]:.2e}"
+    return {
+        "url": f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}",
+        "x0": low, "x1": high, "y0": low, "y1": high, "most": peak,
+        "peak": f"{peak} at ({found.x[i]:.1f}, {found.y[j]:.1f}) m",
+        "colors": [to_hex(colormaps["viridis"](v)) for v in np.linspace(0, 1, 9)],
+    }  # fmt: skip
 
 
 def caption(session: Session) -> str:

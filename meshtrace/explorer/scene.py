@@ -1,47 +1,67 @@
-"""The 3D scene of the explorer: parts made once, whose points are replaced by every change."""
+"""Data of the explorer's 3D scene: sea, water, sky and light as the page draws them."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
-import pyvista as pv
-from matplotlib import colormaps
 from matplotlib.colors import to_rgb
+from scipy.stats import norm
 
+from meshtrace.daylight.light import Daylight
 from meshtrace.engine.paths import PhotonPaths
 from meshtrace.explorer.controls import State
+from meshtrace.link import Link
 from meshtrace.link.sources import AirLamp, WaterSource
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.viz import parts
-from meshtrace.viz.light import select_paths
-from meshtrace.viz.scenes import wind_of
-from meshtrace.viz.stage import Scene, Stage, look, round_range, stage_of
-from meshtrace.viz.style import LED_COLOR, PALETTE, RECEIVER_COLOR, UAV_COLOR, water_map
-from meshtrace.viz.water import SeaLight, radiance, screen_colors
+from meshtrace.viz.scenes import longest_left_out, wind_of
+from meshtrace.viz.stage import Stage, stage_of
+from meshtrace.viz.style import PALETTE, RECEIVER_COLOR
+from meshtrace.viz.water import (
+    WATER_BRIGHTNESS,
+    SeaLight,
+    foam_streaks,
+    short_waves,
+    sky_colors,
+)
 
 CELLS = 120
 """Cells of the sea along a side."""
 
-WINDOW = (1200, 800)
+UNSCATTERED_COLOR, SCATTERED_COLOR = "#FFD34D", PALETTE["purple"]
 
-UNSCATTERED_COLOR, SCATTERED_COLOR = PALETTE["vermilion"], PALETTE["orange"]
-
-_WIDEST = 85.0  # half-angle, beyond which a cone is not drawn [deg]
-_ZOOM = 1.04  # there is no key or colour bar within the window
 _LEAST_IRRADIANCE = 1e-4  # of daylight rather than moon or night [W m-2 nm-1]
-_ELEVATION_LOOK = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.25}
-_DAYLIGHT_LOOK = {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0}  # the colours are those seen
-_WATER_MAP = np.rint(255.0 * water_map()(np.linspace(0.0, 1.0, 256))[:, :3]).astype(np.uint8)
-_NEW_CAMERA = (0.6, 1.1)  # sizes of the stage, relative to that framed, that keep the camera
+_DUSK = Daylight(direct=0.25, diffuse=1.0, sun_zenith_deg=80.0, sun_azimuth_deg=118.0)
+_DUSK_TINT, _MOON_TINT, _DAY_TINT = (0.006, 0.009, 0.016), (0.02, 0.025, 0.036), (1.5, 1.5, 1.6)
+_CLOUD_TINT = (0.5, 0.52, 0.56)
+_LEAST_INSIDE = (0.25, 0.32, 0.5)  # of the light in the water, which the eye would take time to see
+_TEXELS = 256
+_NEW_FRAME = (0.6, 1.1)  # sizes of the stage, relative to that framed, that keep the camera
 _NEW_SQUARE = (0.75, 1.25)  # half-widths, relative to that of the present sea, that keep it
 _OFF_CENTER = 0.2  # distance of the centres, over the half-width, that keeps it
+_NM = (400.0, 440.0, 480.0, 510.0, 570.0, 620.0, 700.0)
+_COLORS = ((0.3, 0.1, 1), (0.1, 0.25, 1), (0.1, 0.6, 1), (0.1, 1, 0.45), (0.8, 1, 0.1),
+           (1, 0.4, 0.1), (1, 0.1, 0.1))  # fmt: skip
+
+
+def light_color(wavelength_nm: float) -> tuple[float, float, float]:
+    """Return the colour of light in linear red, green and blue, for looks.
+
+    Examples
+    --------
+    >>> light_color(510.0)
+    (0.1, 1.0, 0.45)
+    """
+    red, green, blue = (float(np.interp(wavelength_nm, _NM, c)) for c in np.transpose(_COLORS))
+    return red, green, blue
 
 
 class LiveScene:
-    """Scene of a link over its sea, updated in place.
+    """Scene of a link over its sea, updated in parts.
 
     Parameters
     ----------
@@ -50,28 +70,26 @@ class LiveScene:
 
     Attributes
     ----------
-    plotter : Scene
-        Plotter whose render window is shown; nothing is rendered here.
-    elevation_range : tuple of float
-        Ends of the colours of the sea by elevation [m].
+    parts : dict
+        All parts as the page takes them: "stage", "faces", "sea", "look", "link", "rays", "map",
+        "time".
+    stage : Stage
+        Box that is shown.
     """
 
     def __init__(self, state: State) -> None:
         self._key: Any = None
-        self._faces: Any = None
         self._made: tuple[Any, TriangleMesh] | None = None
         self._drawn: TriangleMesh | None = None
-        self._parts: dict[str, pv.PolyData] = {}
-        self._actors: dict[str, Any] = {}
-        self.elevation_range = (-1.0, 1.0)
-        self._place(state)
-        self.plotter = Scene(self.stage, off_screen=True, window_size=WINDOW)
-        self._frame()
-        self._add_parts()
+        self._tile: tuple[Any, dict[str, Any]] | None = None
+        self._faces: Any = None
+        self._framed, self._framing = 0.0, 0
+        self._changed: set[str] = set()
+        self.parts: dict[str, Any] = {"rays": b"", "map": None}
         self.update(state)
 
-    def update(self, state: State, running: bool = False) -> bool:
-        """Replace the points of all parts but the light; return whether the camera moved.
+    def update(self, state: State, running: bool = False) -> None:
+        """Renew the parts that depend on a state, except rays and map.
 
         Parameters
         ----------
@@ -83,104 +101,64 @@ class LiveScene:
         if not running:
             self._place(state)
         mesh = self._mesh(state.time)
+        if mesh is not self._drawn:
+            self._take_sea(mesh)
+        self._set("time", state.time)
         if not running:
-            low, high = mesh.bounds[:, 2]
-            self.elevation_range = round_range(float(low), max(float(high), float(low) + 0.01))
-            self._light = _light(state, self._surface)
-            shine = _ELEVATION_LOOK if self._light is None else _DAYLIGHT_LOOK
-            for name, share in shine.items():
-                setattr(self._actors["sea"].prop, name, share)
-        if mesh is not self._drawn or self._light is not None:
-            self._set("sea", self._sea(mesh))
-        self._drawn = None if self._light is not None else mesh
-        self._set("water", _water(mesh, self.stage))
-        if running:
-            return False
-        for name, part in _link_parts(state, self.stage).items():
-            self._set(name, part)
-        if _NEW_CAMERA[0] < self._size / self._framed < _NEW_CAMERA[1]:
-            return False
-        self._frame()
-        return True
+            stage = self.stage
+            self._set("stage", {"center": stage.center, "half": stage.half, "top": stage.top,
+                                "bottom": stage.bottom, "framing": self._framing})  # fmt: skip
+            self._set("look", self._look(state, mesh))
+            self._set("link", _link(state.scenario.link, stage))
 
-    @property
-    def shows_daylight(self) -> bool:
-        """Whether the sea is coloured by the daylight that it reflects."""
-        return self._light is not None
+    def frame_anew(self) -> None:
+        """Let the next link set the camera, however similar to the one before."""
+        self._framed = 0.0
 
-    def _sea(self, mesh: TriangleMesh) -> pv.PolyData:
-        """Return the surface, in single precision, coloured by elevation or by the daylight."""
-        points: Any = mesh.vertices.astype(np.float32)
-        normals: Any = mesh.vertex_normals.astype(np.float32)
-        if self._faces is not mesh.faces.base:  # grids of one shape share their facets
-            self._faces = mesh.faces.base
-            self._grid = pv.PolyData.from_regular_faces(points, mesh.faces.astype(int))
-        part = pv.PolyData()
-        part.copy_structure(self._grid)
-        part.points = points
-        if self._light is None:
-            low, high = self.elevation_range
-            share = (points[:, 2] - low) / (high - low)
-            tint = _WATER_MAP[np.clip(256.0 * share, 0.0, 255.0).astype(np.uint8)]
-        else:
-            eye = tuple(self.plotter.camera.position)
-            slopes = -normals[:, :2] / normals[:, 2:]
-            rest = (0.0, 0.0) if mesh.unresolved is None else mesh.unresolved.vertex
-            tint = screen_colors(radiance(points, slopes, eye, self._light, rest))
-        part.point_data["tint"] = tint
-        part.point_data.active_normals = normals
-        return part
-
-    def _frame(self) -> None:
-        """Point the camera at the stage."""
-        self._framed = self._size
-        look(self.plotter)
-        self.plotter.camera.zoom(_ZOOM)
+    def changes(self) -> dict[str, Any]:
+        """Return the parts that changed since the last call."""
+        found = {name: self.parts[name] for name in self._changed}
+        self._changed = set()
+        return found
 
     def show_rays(self, paths: PhotonPaths | None) -> None:
         """Show or remove paths of received light."""
-        for name, part in _rays(paths, self.stage).items():
-            self._set(name, part)
+        self._set("rays", b"" if paths is None else segments(paths).tobytes())
 
-    def show_map(self, coverage: CoverageMap | None, height: float) -> None:
-        """Show or remove a map at a height [m]."""
-        self._set("map", None if coverage is None else _plane(coverage, height))
-
-    def close(self) -> None:
-        """Release all parts.
-
-        The observers that trame adds to serialized objects are removed first: called during a
-        garbage collection they end the process.
-        """
-        window: Any = self.plotter.render_window
-        objects = [window]
-        for renderer in window.GetRenderers():
-            objects += [renderer, renderer.GetActiveCamera(), *renderer.GetLights()]
-            for prop in renderer.GetViewProps():
-                objects += [prop, prop.GetProperty()]
-        for actor in self._actors.values():
-            objects += [actor.mapper, actor.mapper.lookup_table, actor.mapper.dataset]
-        for found in objects:
-            found.RemoveObservers("DeleteEvent")
-        self.plotter.close()
+    def show_map(self, coverage: CoverageMap | None, shades: Any) -> None:
+        """Show or remove a map, of which the colours (n, n, 4) are given, x first."""
+        found = None
+        if coverage is not None:
+            half = 0.5 * float(coverage.x[1] - coverage.x[0])
+            box = [*_ends(coverage.x, half), *_ends(coverage.y, half)]
+            pixels = np.ascontiguousarray(shades.transpose(1, 0, 2))
+            found = {"bytes": pixels.tobytes(), "n": len(coverage.x), "box": box}
+        self._set("map", found)
 
     def profile(self) -> list[tuple[float, float]]:
         """Return points (x, z) [m] of the waves along x through the middle of the stage."""
-        vertices = self._parts["sea"].points
+        assert self._drawn is not None
+        vertices = self._drawn.vertices
         rows = np.abs(vertices[:, 1] - self.stage.center[1])
         line = vertices[rows < rows.min() + 1e-4 * self.stage.half]
         line = line[np.argsort(line[:, 0])]
         return [(round(float(x), 3), round(float(z), 3)) for x, _, z in line]
 
+    def _set(self, name: str, value: Any) -> None:
+        if name not in self.parts or self.parts[name] != value:
+            self.parts[name] = value
+            self._changed.add(name)
+
     def _place(self, state: State) -> None:
         """Take over the link and the sea of a state."""
-        if self._key != state.moves or self._key is None:
-            case = state.channel.case()
-            self._surface, self._key = case.surface, state.moves
-            stage = stage_of(case.link, case.surface, None)
-            self._size, self.stage = stage.size, self._on_square(stage)
-        if hasattr(self, "plotter"):
-            self.plotter.stage = self.stage
+        if self._key == state.moves and self._key is not None:
+            return
+        case = state.channel.case()
+        self._surface, self._key = case.surface, state.moves
+        stage = stage_of(case.link, case.surface, None)
+        self.stage = self._on_square(stage)
+        if not _NEW_FRAME[0] < stage.size / max(self._framed, 1e-9) < _NEW_FRAME[1]:
+            self._framed, self._framing = stage.size, self._framing + 1
 
     def _on_square(self, stage: Stage) -> Stage:
         """Return the stage over the present square of the sea if both are of similar size.
@@ -206,66 +184,73 @@ class LiveScene:
             self._made = wanted, self._surface.mesh(time, stage.half, step, center=stage.center)
         return self._made[1]
 
-    def _add_parts(self) -> None:
-        """Add all parts, empty, from back to front: translucent ones are blended in this order."""
-        plain: Any = {"lighting": False}
-        self._add("water", "far water", scalars="tint", rgb=True, culling="front", **plain)
-        self._add("lamp", color=LED_COLOR, ambient=0.7, specular=0.3)
-        self._add("beam", color=LED_COLOR, opacity=0.22, **plain)
-        self._add("sea", scalars="tint", rgb=True, opacity=0.85, specular_power=30.0)
-        glow: Any = {"ambient": 0.75, "diffuse": 0.35}
-        self._add("scattered", color=SCATTERED_COLOR, **glow)
-        self._add("unscattered", color=UNSCATTERED_COLOR, **glow)
-        self._add("crossings", color="white", **glow)
-        self._add("view", color=RECEIVER_COLOR, opacity=0.14, **plain)
-        self._add("receiver", color=RECEIVER_COLOR, ambient=0.4)
-        self._add("uav", color=UAV_COLOR, ambient=0.35, specular=0.3)
-        self._add("map", scalars="tint", rgb=True, opacity=0.8, **plain)
-        self._add("water", "near water", scalars="tint", rgb=True, culling="back",
-                  opacity=parts.NEAR_OPACITY, **plain)  # fmt: skip
+    def _take_sea(self, mesh: TriangleMesh) -> None:
+        """Take over points, normals, edge and facets of a surface, in single precision."""
+        self._drawn = mesh
+        arrays = {
+            "points": mesh.vertices, "normals": mesh.vertex_normals, "ring": _edge(mesh.vertices),
+        }  # fmt: skip
+        self._set("sea", {key: a.astype(np.float32).tobytes() for key, a in arrays.items()})
+        if self._faces is not mesh.faces.base or self._faces is None:  # grids of a shape share them
+            self._faces = mesh.faces.base
+            self._set("faces", mesh.faces.astype(np.uint32).tobytes())
 
-    def _add(self, name: str, actor: str = "", **options: Any) -> None:
-        part = self._parts.setdefault(name, pv.PolyData())
-        self._set(name, None)
-        options.setdefault("show_scalar_bar", False)
-        if options.get("rgb"):
-            del options["show_scalar_bar"]
-        self._actors[actor or name] = self.plotter.add_mesh(part, name=actor or name, **options)
+    def _look(self, state: State, mesh: TriangleMesh) -> dict[str, Any]:
+        """Return the light on the sea of a state, and the waves that its mesh leaves out."""
+        wind = wind_of(self._surface)
+        day, tint = _sky_of(state.scenario.daylight)
+        light = SeaLight.of(state.scenario.link, day, wind)
+        angle = math.radians(wind[1])
+        slopes = mesh.vertex_normals[:, :2] / np.maximum(mesh.vertex_normals[:, 2:], 0.2)
+        tile = self._waves(mesh, light)
+        foam = 1.1 * norm.ppf(1.0 - light.foam) if light.foam > 0.0 else 100.0
+        glint = 0.0 if day is _DUSK else day.direct / day.irradiance
+        return {
+            "waves": tile, "rest": tile["rest"], "sky": _sky_image(day), "sun": list(day.sun),
+            "tint": list(tint), "inside": np.maximum(tint, _LEAST_INSIDE).tolist(),
+            "direct": glint, "foam": float(foam),
+            "upwelling": (math.pi * WATER_BRIGHTNESS * light.upwelling).tolist(),
+            "absorption": light.absorption.tolist(), "wind": [math.cos(angle), math.sin(angle)],
+            "height": max(float(mesh.vertices[:, 2].std()), 0.02),
+            "steepness": float(slopes.var(axis=0).sum()),
+        }  # fmt: skip
 
-    def _set(self, name: str, part: pv.PolyData | None) -> None:
-        """Replace the points and cells of a part; None leaves nothing to see."""
-        # not by visibility: the page draws parts white that were invisible at first
-        if part is None or not part.n_points:  # a triangle without area
-            part = pv.PolyData(np.zeros((3, 3), np.float32), faces=[3, 0, 1, 2])
-            part.point_data["tint"] = np.zeros((3, 4), np.uint8)
-        self._parts[name].shallow_copy(part)
+    def _waves(self, mesh: TriangleMesh, light: SeaLight) -> dict[str, Any]:
+        """Return the slopes that the mesh leaves out and streaks of foam as the pixels of a tile.
+
+        Red and green are the slopes x and y over `scale`, blue the sum of their squares, of which
+        smaller copies of the tile keep the mean; alpha has the streaks from -4 to 4.
+        """
+        variances = (0.0, 0.0) if mesh.unresolved is None else mesh.unresolved.vertex
+        edge = float(np.ptp(mesh.vertices[mesh.faces[0]], axis=0)[:2].max())
+        least = 0.4 * math.pi / max(edge, 1e-6)
+        if longest := longest_left_out(self._surface):
+            least = min(2.0 * math.pi / longest, least)
+        key = tuple(variances), least, light.wind_direction_deg
+        if self._tile is None or self._tile[0] != key:
+            size = 4.0 * math.pi / least
+            drawn = short_waves(size, _TEXELS, variances, least, light.wind_direction_deg)
+            scale = 4.0 * max(float(drawn.slopes.std()), 1e-4)
+            slopes = np.clip(drawn.slopes / scale, -1.0, 1.0).transpose(1, 0, 2)
+            streaks = foam_streaks(4.0 * size, _TEXELS, light.wind_direction_deg).T
+            tile = np.dstack([0.502 + 0.498 * slopes, (slopes**2).sum(axis=2), (streaks + 4) / 8])
+            pixels = np.rint(255.0 * np.clip(tile, 0.0, 1.0)).astype(np.uint8)
+            self._tile = key, {"bytes": pixels.tobytes(), "n": _TEXELS, "size": size,
+                               "scale": scale, "rest": list(drawn.rest)}  # fmt: skip
+        return self._tile[1]
 
 
-def _light(state: State, surface: Any) -> SeaLight | None:
-    """Return the daylight on the sea of a state, or None at night."""
-    day = state.scenario.daylight
-    if day is None or day.irradiance < _LEAST_IRRADIANCE:
-        return None
-    return SeaLight.of(state.scenario.link, day, wind_of(surface))
+def segments(paths: PhotonPaths) -> Any:
+    """Return the pieces of paths, shape (n, 7): both ends [m], and 1 for scattered light."""
+    n = paths.length[:, None]
+    rows, k = np.nonzero(np.arange(paths.vertex.shape[1] - 1) < n - 1)
+    scattered = (paths.length > 3)[rows, None]
+    ends = paths.vertex[rows, k], paths.vertex[rows, k + 1]
+    return np.hstack([*ends, scattered]).astype(np.float32)
 
 
-def _water(mesh: TriangleMesh, stage: Stage) -> pv.PolyData | None:
-    """Return the sides and the floor of the water below the edge of the sea."""
-    ring = _edge(mesh.vertices)
-    n = len(ring)
-    foot = np.column_stack([ring[:, :2], np.full(n, stage.bottom)])
-    i = np.arange(n)
-    j = (i + 1) % n
-    sides = np.column_stack([np.full(n, 4), i, j, j + n, i + n])
-    floor = np.concatenate([[n], np.arange(2 * n - 1, n - 1, -1)])
-    part = pv.PolyData(
-        np.vstack([ring, foot]).astype(np.float32), faces=np.concatenate([sides.ravel(), floor])
-    )
-    tint = np.full((2 * n, 4), 140, np.uint8)
-    for rows, color in zip((slice(n), slice(n, None)), parts.WATER_COLORS, strict=True):
-        tint[rows, :3] = np.rint(255.0 * np.array(to_rgb(color)))
-    part.point_data["tint"] = tint
-    return part
+def _ends(values: Floats, half: float) -> tuple[float, float]:
+    return float(values[0] - half), float(values[-1] + half)
 
 
 def _edge(vertices: Floats) -> Floats:
@@ -279,67 +264,85 @@ def _edge(vertices: Floats) -> Floats:
     return ring[np.argsort(np.arctan2(v, u))]
 
 
-def _link_parts(state: State, stage: Stage) -> dict[str, pv.PolyData | None]:
-    """Return the lamps, receivers and aircraft of a link with their cones."""
-    link, size = state.scenario.link, stage.size
-    found: dict[str, list[pv.PolyData]] = {
-        name: [] for name in ("lamp", "beam", "receiver", "view", "uav")
-    }
-    for source in link.transmitters:
-        if isinstance(source, WaterSource | AirLamp):
-            found["lamp"].append(pv.Sphere(radius=0.014 * size, center=source.center))
-            found["beam"] += _cone(source.center, source.axis, source.spread_deg, stage)
-    for receiver in link.receivers:
-        x, y, z = receiver.axis
-        found["view"] += _cone(receiver.center, (-x, -y, -z), receiver.fov_deg / 2.0, stage)
-        found["receiver"].append(parts.receiver_disk(receiver, stage)[0].triangulate())
-    found["uav"] = [parts.quadcopter(0.055 * size, *place) for place in parts.carried(link)]
+def _sky_of(day: Daylight | None) -> tuple[Daylight, tuple[float, float, float]]:
+    """Return the sky that is drawn for a light, and its brightness: the last of dusk at night."""
+    if day is None or day.light == "moonless night":
+        return _DUSK, _DUSK_TINT
+    if day.irradiance < _LEAST_IRRADIANCE:
+        return day, _MOON_TINT
+    return day, _DAY_TINT if day.direct > 0.0 else _CLOUD_TINT
+
+
+def _sky_image(day: Daylight) -> dict[str, Any]:
+    """Return the sky as pixels (16, 32): roots of radiances by elevation, finer at the horizon."""
+    elevation = 0.5 * math.pi * (np.arange(16) / 15.0)[:, None] ** 2
+    azimuth = 2.0 * math.pi * (np.arange(32) + 0.5) / 32.0
+    across = np.cos(elevation) + 0.0 * azimuth
+    z = np.sin(elevation) + 0.0 * azimuth
+    towards = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], axis=-1)
+    color = sky_colors(day, towards.reshape(-1, 3))
+    scale = float(color.max())
+    pixels = np.full((512, 4), 255, np.uint8)
+    pixels[:, :3] = np.rint(255.0 * np.sqrt(color / scale))
+    return {"bytes": pixels.tobytes(), "scale": scale}
+
+
+def _link(link: Link, stage: Stage) -> dict[str, Any]:
+    """Return the lamps, receivers and aircraft of a link, and the light of its first lamp."""
+    lamps = [_lamp(s, link) for s in link.transmitters if isinstance(s, WaterSource | AirLamp)]
+    receivers = [
+        {"place": r.center, "axis": r.axis, "half": 0.5 * r.fov_deg, "radius": r.radius}
+        for r in link.receivers
+    ]
+    plane, scale = link.receivers[0].center[2], 0.0
+    if lamps and lamps[0]["at"][2] * plane < 0.0:
+        far, n = abs(lamps[0]["at"][2]), link.water.n
+        if plane > 0.0:
+            scale = (far + plane * n) ** 2 * math.exp(link.water.c * far) / n**2
+        else:
+            scale = (far - plane / n) ** 2 * math.exp(-link.water.c * plane)
+    power = link.transmitters[0].power_mw
+    colors = {"receiver": RECEIVER_COLOR, "unscattered": UNSCATTERED_COLOR,
+              "scattered": SCATTERED_COLOR}  # fmt: skip
     return {
-        name: pv.merge(pieces) if len(pieces) > 1 else next(iter(pieces), None)
-        for name, pieces in found.items()
-    }
+        "lamps": lamps, "receivers": receivers, "carried": [list(c) for c in parts.carried(link)],
+        "color": light_color(link.transmitters[0].wavelength_nm), "index": link.water.n,
+        "extinction": link.water.c, "plane": plane, "size": stage.size,
+        "norm": scale * min(max((power / 100.0) ** 0.25, 0.5), 2.0),
+        "colors": {name: to_rgb(color) for name, color in colors.items()},
+    }  # fmt: skip
 
 
-def _cone(
-    apex: tuple[float, float, float], axis: tuple[float, float, float], half: float, stage: Stage
-) -> list[pv.PolyData]:
-    """Return a cone from its apex to the still water, or to the side of the stage."""
-    if not 0.0 < half < _WIDEST:
-        return []
-    rays = parts.cone_rays(axis, half, 73)
-    longest = 2.0 * stage.size
-    with np.errstate(divide="ignore"):
-        to_water = np.where(rays[:, 2] * apex[2] < 0.0, -apex[2] / rays[:, 2], longest)
-        for i in (0, 1):
-            side = np.copysign(stage.half, rays[:, i]) + stage.center[i] - apex[i]
-            to_water = np.minimum(to_water, np.maximum(side / rays[:, i], 0.0))
-    rim = np.array(apex) + to_water[:, None] * rays
-    return [parts.fan(np.array(apex, np.float32), rim.astype(np.float32))]
+def _lamp(source: WaterSource | AirLamp, link: Link) -> dict[str, Any]:
+    """Return a lamp as it shines where it is ("own"), and in the water as from "place"."""
+    half = getattr(source, "half_angle_deg", getattr(source, "divergence_deg", 180.0))
+    bright = 0.5 * min(max((source.power_mw / 100.0) ** 0.25, 0.5), 2.0)
+    x, y, z = source.center
+    own_axis, own_shape = _beam(source.pattern, half, source.axis, abs(z), bright)
+    own = {"at": source.center, "own": {"axis": own_axis, "shape": own_shape}}
+    if z < 0.0:
+        return {**own, "place": [x, y, z, 0.0], "axis": own_axis, "shape": own_shape}
+    n, (u, v, w) = link.water.n / link.n_air, source.axis
+    bent = (u / n, v / n, -math.sqrt(1.0 - (u * u + v * v) / n**2))
+    narrow = math.degrees(math.asin(math.sin(math.radians(min(half, 89.0))) / n))
+    way = z / max(-w, 0.05)
+    back = way * math.tan(math.radians(min(half, 80.0))) / math.tan(math.radians(max(narrow, 0.01)))
+    apex = [x + way * u - back * bent[0], y + way * v - back * bent[1], -back * bent[2], 1.0]
+    axis, shape = _beam(source.pattern, narrow, bent, abs(apex[2]) * 1.5, bright)
+    return {**own, "place": apex, "axis": axis, "shape": shape}
 
 
-def _rays(paths: PhotonPaths | None, stage: Stage) -> dict[str, pv.PolyData | None]:
-    """Return tubes along unscattered and along scattered paths, and dots at the crossings."""
-    found: dict[str, pv.PolyData | None] = dict.fromkeys(("unscattered", "scattered", "crossings"))
-    if paths is None or not len(paths.what):
-        return found
-    direct = paths.length <= 3
-    for name, chosen in (("unscattered", direct), ("scattered", ~direct)):
-        points, cells = select_paths(paths, chosen).polylines()
-        if len(points):
-            lines = pv.PolyData(points.astype(np.float32), lines=cells)
-            found[name] = lines.tube(radius=0.0013 * stage.size, n_sides=6).triangulate()
-    crossing = paths.vertex[np.arange(len(paths.what)), np.maximum(paths.length - 2, 0)]
-    ball = pv.Sphere(radius=0.0035 * stage.size, theta_resolution=6, phi_resolution=6)
-    found["crossings"] = pv.PolyData(crossing).glyph(geom=ball, scale=False, orient=False)
-    return found
+def _beam(
+    pattern: str, half: float, axis: tuple[float, float, float], way: float, bright: float
+) -> tuple[list[float], list[float]]:
+    """Return axis and shape of a beam.
 
-
-def _plane(coverage: CoverageMap, height: float) -> pv.PolyData:
-    """Return a map as a plane, whose colour and opacity follow the gain."""
-    x, y = np.meshgrid(coverage.x, coverage.y, indexing="ij")
-    share = coverage.gain / max(float(coverage.gain.max()), 1e-300)
-    grid = pv.StructuredGrid(x, y, np.full_like(x, height))
-    tint = (255.0 * colormaps["viridis"](share.ravel(order="F"))).astype(np.uint8)
-    tint[:, 3] = np.rint(255.0 * np.clip(0.15 + share.ravel(order="F"), 0.0, 1.0))
-    grid.point_data["tint"] = tint
-    return grid.extract_surface(algorithm=None).triangulate()
+    The shape has the power of the cosine (0: within a cone), the tangent of the drawn half-angle,
+    a distance of reference [m] and the brightness.
+    """
+    angle = math.radians(max(min(half, 179.0), 0.2))
+    power = {"led": math.log(0.5) / math.log(max(math.cos(min(angle, 1.5)), 1e-9)),
+             "gaussian-beam": 4.0 / angle**2, "isotropic": 1e-3}.get(pattern, 0.0)  # fmt: skip
+    drawn = math.acos(0.03 ** (1.0 / power)) if power > 0.0 else angle
+    tangent = math.tan(min(drawn, math.radians(78.0)))
+    return [*axis, math.cos(angle)], [power, tangent, max(way / 3.0, 0.05), bright]

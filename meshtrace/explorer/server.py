@@ -102,7 +102,7 @@ class Explorer:
             self._tasks = {page: self._tasks[page] for page in self.pages}
             if len(self._tasks) >= MOST_SESSIONS:
                 raise web.HTTPServiceUnavailable(text=f"{MOST_SESSIONS} sessions are open")
-            page = Page(self._scenario, self._title)
+            page = Page(self._scenario, self._title, self.url)
             self._tasks[page] = await page.start(self._host)
         raise web.HTTPFound(page.url(request.url))
 

@@ -204,6 +204,10 @@ class Session(Worker):
                 self.answer_now()
         return state
 
+    def forget(self) -> None:
+        """Return to the link as given, at the same time, without new work."""
+        self._state, self._map_wanted = State(self._state.given, time=self._state.time), False
+
     def show_time(self, time: float) -> State:
         """Change the time of the sea without new work, as in a running sea."""
         self._state = self._state.at(time)

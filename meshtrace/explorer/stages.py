@@ -18,11 +18,12 @@ import numpy as np
 
 from meshtrace.comms.background import warn_of_background, with_background
 from meshtrace.comms.ook import OokLink
+from meshtrace.comms.response import ChannelResponse
 from meshtrace.engine.backward.background import background
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import Analog
+from meshtrace.engine.setup.options import Analog, Arrivals
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, one_line
 from meshtrace.explorer.controls import State
@@ -35,8 +36,10 @@ from meshtrace.fading import (
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
+from meshtrace.results.background import Background
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
+from meshtrace.results.impulse import impulse_response
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.studies.campaign import Steps, campaign_of
 from meshtrace.studies.coverage import coverage_map
@@ -85,8 +88,8 @@ class Signal(NamedTuple):
     light : str
         Name of the light above the sea; "" without.
     detector : OokLink or None
-        Transmission with the background light; None before that is known, and for links with
-        several receivers.
+        Transmission through the channel with the background light; None before that is known, and
+        for links with several receivers.
     ber : float
         Bit error rate of the detector.
     """
@@ -129,19 +132,27 @@ class Failed:
 
 
 def gains(state: State, check: Check) -> Iterator[Signal]:
-    """Yield the gain at the time of the state without and with bits, roughly, then refined."""
+    """Yield the gain at the time of the state without and with bits, roughly, then refined.
+
+    The refined pulses spread by the response of the channel to the same light, as in
+    `link_performance`: its averaging window takes half a second to choose.
+    """
     analog = isinstance(state.channel.run.estimator, Analog)
     run: Any = {"time": state.time, "progress": check}
-    day, detector = state.scenario.daylight, None
-    for photons in PHOTONS if analog else CHAINS:
+    day, lit = state.scenario.daylight, None
+    rough, fine = PHOTONS if analog else CHAINS
+    for photons in (rough, fine):
         check()
-        gain, notes = _noted(partial(simulate, state.channel, photons=photons, **run))
+        record = [Arrivals()] if photons == fine else []
+        work = partial(simulate, state.channel, photons=photons, record=record, **run)
+        gain, notes = _noted(work)
         yield Signal(gain, notes)
         if len(state.scenario.link.receivers) == 1:
-            if detector is None:
-                detector, more = _noted(partial(_detector, state))
+            lit = lit or _noted(partial(_light, state))
+            detector, more = _noted(partial(_detector, state, gain, lit[0]))
             ber = float(detector.ber(detector.received_power(float(gain.gain))))
-            yield Signal(gain, notes + more, day.light if day else "", detector, ber)
+            notes = notes + lit[1] + more
+            yield Signal(gain, notes, day.light if day else "", detector, ber)
 
 
 def _noted(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
@@ -152,12 +163,23 @@ def _noted(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
     return result, tuple(one_line(warning.message) for warning in caught)
 
 
-def _detector(state: State) -> OokLink:
-    """Return the transmission of a state with the background light of its sea."""
+def _light(state: State) -> Background | None:
+    """Return the background light of a state; None in the dark."""
     if state.scenario.daylight is None:
-        return state.detector
-    found = background(state.scenario, time=state.time, photons=BACKGROUND_RAYS)
-    detector = with_background(state.detector, found)
+        return None
+    return background(state.scenario, time=state.time, photons=BACKGROUND_RAYS)
+
+
+def _detector(state: State, gain: GainResult, found: Background | None) -> OokLink:
+    """Return the transmission of a state behind the response of its channel, in its light."""
+    detector = state.detector
+    seen = unless_refused(lambda: impulse_response(gain))  # none of the rough gain or without light
+    if detector.response is None and seen is not None:
+        response = ChannelResponse.of(seen.delay, seen.weight, seen.angle)
+        detector = detector.replace(response=response)
+    if found is None:
+        return detector
+    detector = with_background(detector, found)
     warn_of_background(detector, found)
     return detector
 

@@ -1,178 +1,184 @@
-"""The scene: its parts stay, and their points are those of the link and the sea."""
-
-import gc
+"""The scene: its parts are those of the link and the sea, and only changed ones are sent."""
 
 import numpy as np
 import pytest
-from vtkmodules.vtkCommonCore import vtkObject
+from scipy.stats import norm
 
+import meshtrace as mt
 from meshtrace.explorer import stages
 from meshtrace.explorer.controls import State
-from meshtrace.explorer.scene import LiveScene
+from meshtrace.explorer.launch import scenario_of
+from meshtrace.explorer.scene import LiveScene, light_color, segments
 from meshtrace.scenario import Scenario
-from meshtrace.viz.style import water_map
 
 STATE = State(Scenario.from_toml(""))
 
 
 @pytest.fixture
 def scene():
-    scene = LiveScene(STATE)
-    yield scene
-    scene.close()
+    return LiveScene(STATE)
 
 
-def points(scene, name):
-    return np.asarray(scene._parts[name].points)
-
-
-def test_parts_and_actors_stay(scene):
-    before = {name: (actor, actor.mapper.dataset) for name, actor in scene._actors.items()}
-    scene.update(STATE.moved({"depth": 13.0, "wind": 9.0, "offset_x": 2.0}))
-    scene.show_rays(next(stages.rays(STATE, lambda *_: None)))
-    after = {name: (actor, actor.mapper.dataset) for name, actor in scene._actors.items()}
-    assert list(before) == list(after)
-    for name in before:
-        assert before[name][0] is after[name][0]
-        assert before[name][1] is after[name][1], name
+def points(scene, name="points"):
+    return np.frombuffer(scene.parts["sea"][name], np.float32).reshape(-1, 3)
 
 
 def test_the_sea_is_that_of_the_model(scene):
     state = STATE.moved({"wind": 9.0}).at(1.5)
     scene.update(state)
-    x, _, z = points(scene, "sea").T.astype(float)
-    sea = state.scenario.surface
-    mesh = sea.mesh(1.5, scene.stage.half, 2 * scene.stage.half / 120, center=scene.stage.center)
-    np.testing.assert_allclose(z, mesh.vertices[:, 2], atol=1e-6)
-    assert np.abs(x).max() == pytest.approx(scene.stage.half, rel=1e-6)
-    assert scene.elevation_range[0] <= z.min() < z.max() <= scene.elevation_range[1]
+    sea, stage = state.scenario.surface, scene.stage
+    mesh = sea.mesh(1.5, stage.half, 2 * stage.half / 120, center=stage.center)
+    np.testing.assert_allclose(points(scene), mesh.vertices, atol=1e-6)
+    np.testing.assert_allclose(points(scene, "normals"), mesh.vertex_normals, atol=1e-6)
+    faces = np.frombuffer(scene.parts["faces"], np.uint32).reshape(-1, 3)
+    np.testing.assert_array_equal(faces, mesh.faces)
+    ring = points(scene, "ring")
+    assert len(ring) == 4 * 120
+    assert np.abs(ring[:, :2]).max(axis=1) == pytest.approx(stage.half, rel=1e-6)
+    x, y = ring[:, :2].T
+    assert (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() > 0.0  # anticlockwise
+
+
+def test_only_parts_that_changed_are_sent(scene):
+    assert set(scene.changes()) >= {"stage", "faces", "sea", "look", "link", "time"}
+    scene.update(STATE)
+    assert scene.changes() == {}
+    scene.update(STATE.moved({"depth": 10.5}))
+    assert set(scene.changes()) == {"stage", "link"}
+    scene.update(STATE.moved({"depth": 10.5, "wind": 9.0}))
+    assert set(scene.changes()) == {"sea", "look"}
+    scene.update(STATE.moved({"depth": 10.5, "wind": 9.0}).at(0.7), running=True)
+    assert set(scene.changes()) == {"sea", "time"}
+
+
+def test_a_link_frames_its_state(scene):
+    """A link to a smaller state once kept the camera of the state at the start."""
+    before = scene.parts["stage"]["framing"]
+    scene.update(STATE.moved({"depth": 8.0}))
+    assert scene.parts["stage"]["framing"] == before
+    scene.frame_anew()
+    scene.update(STATE.moved({"depth": 7.5}))
+    assert scene.parts["stage"]["framing"] == before + 1
 
 
 def test_time_moves_the_waves_alone(scene):
-    sea, lamp = points(scene, "sea").copy(), points(scene, "lamp").copy()
-    cells = np.asarray(scene._parts["sea"].faces).copy()
-    assert scene.update(STATE.at(0.7), running=True) is False
-    moved = points(scene, "sea")
+    sea = points(scene).copy()
+    scene.update(STATE.at(0.7), running=True)
+    moved = points(scene)
     np.testing.assert_array_equal(moved[:, :2], sea[:, :2])
     assert np.abs(moved[:, 2] - sea[:, 2]).max() > 0.01
-    np.testing.assert_array_equal(points(scene, "lamp"), lamp)
-    np.testing.assert_array_equal(scene._parts["sea"].faces, cells)
     flat = np.array(scene.profile())
-    np.testing.assert_allclose(np.interp(0.0, *flat.T), moved[np.hypot(*moved.T[:2]).argmin(), 2],
-                               atol=1e-3)  # fmt: skip
+    nearest = moved[np.hypot(*moved.T[:2]).argmin(), 2]
+    np.testing.assert_allclose(np.interp(0.0, *flat.T), nearest, atol=1e-3)
 
 
-def tints(scene):
-    return np.asarray(scene._parts["sea"].point_data["tint"]).astype(float)
-
-
-def test_daylight_colours_the_sea_in_place(scene):
-    """Elevation without light, sky and glint by day, with the same actor."""
-    sea, actor = points(scene, "sea"), scene._actors["sea"]
-    low, high = scene.elevation_range
+@pytest.mark.parametrize("fetch", [2.0, 30.0, 1000.0])
+def test_short_waves_are_drawn_at_every_fetch(scene, fetch):
+    """Their slopes and the rest have the variance of all waves that the mesh leaves out."""
+    scene.update(STATE.moved({"fetch": fetch, "wind": 8.0}))
+    tile = scene.parts["look"]["waves"]
+    pixels = np.frombuffer(tile["bytes"], np.uint8).reshape(tile["n"], tile["n"], 4) / 255.0
+    slopes = (pixels[..., :2] - 0.502) / 0.498 * tile["scale"]
+    drawn = slopes.reshape(-1, 2).var(axis=0)
+    mesh = scene._drawn
+    expected = np.add(*mesh.unresolved.vertex)
+    assert drawn.sum() + sum(tile["rest"]) == pytest.approx(expected, rel=0.05)
+    assert drawn.sum() > 0.3 * expected
     np.testing.assert_allclose(
-        tints(scene), 255.0 * water_map()((sea[:, 2] - low) / (high - low))[:, :3], atol=3.0
+        pixels[..., 2].mean() * tile["scale"] ** 2, (slopes**2).sum(axis=-1).mean(), rtol=0.05
     )
-    assert actor.prop.diffuse > 0.0
-    assert not scene.shows_daylight
-    dark = tints(scene).copy()
-    scene.update(STATE.moved({"light": "clear"}))
-    assert scene.shows_daylight
-    assert scene._actors["sea"] is actor
-    assert actor.prop.diffuse == 0.0  # the colours are those that the camera sees
-    day = tints(scene).copy()
-    assert day.shape == dark.shape
-    assert np.abs(day - dark).mean() > 10.0
-    scene.update(STATE.moved({"light": "clear"}).at(0.7), running=True)
-    assert np.abs(tints(scene) - day).mean() > 1.0
-    scene.update(STATE.moved({"light": "night"}))
-    np.testing.assert_array_equal(tints(scene), dark)
+
+
+def test_foam_covers_its_share(scene):
+    state = STATE.moved({"wind": 14.0})
+    scene.update(state)
+    tile = scene.parts["look"]["waves"]
+    streaks = np.frombuffer(tile["bytes"], np.uint8)[3::4] / 255.0 * 8.0 - 4.0
+    share = 1.0 - state.scenario.link.whitecaps.transmittance
+    assert scene.parts["look"]["foam"] == pytest.approx(1.1 * norm.ppf(1.0 - share))
+    assert (streaks > norm.ppf(1.0 - share)).mean() == pytest.approx(share, rel=0.5)
+
+
+def test_the_sky_is_that_of_the_state(scene):
+    night = scene.parts["look"]
+    assert night["direct"] == 0.0
+    scene.update(STATE.moved({"light": "clear", "sun": 50.0}))
+    day = scene.parts["look"]
+    light = Scenario.from_toml('[daylight]\nmodel = "clear"\nsun_zenith_deg = 50').daylight
+    assert day["sun"] == pytest.approx(light.sun)
+    assert day["direct"] == pytest.approx(light.direct / light.irradiance)
+    assert min(day["tint"]) > 10.0 * max(night["tint"])
+    scene.update(STATE.moved({"light": "moon"}))
+    assert max(night["tint"]) < max(scene.parts["look"]["tint"]) < min(day["tint"])
 
 
 def test_lamp_and_receiver_are_where_the_link_has_them(scene):
-    scene.update(STATE.moved({"depth": 12.0, "lamp_x": -1.0, "height": 7.0, "offset_y": 2.0}))
-    lamp, receiver = points(scene, "lamp"), points(scene, "receiver")
-    np.testing.assert_allclose(lamp.mean(axis=0), (-1.0, 0.0, -12.0), atol=1e-3)
-    np.testing.assert_allclose(receiver.mean(axis=0), (0.0, 2.0, 7.0), atol=1e-3)
-    beam = points(scene, "beam")
-    rim = beam[1:] - (-1.0, 0.0, 0.0)
-    np.testing.assert_allclose(np.hypot(*rim.T[:2]), 12.0 * np.tan(np.radians(10.0)), rtol=1e-5)
-    np.testing.assert_allclose(rim[:, 2], 0.0, atol=1e-5)
+    moves = {"depth": 12.0, "lamp_x": -1.0, "height": 7.0, "offset_y": 2.0, "tilt": 10.0}
+    scene.update(STATE.moved(moves))
+    link = scene.parts["link"]
+    lamp, receiver = link["lamps"][0], link["receivers"][0]
+    assert lamp["at"] == (-1.0, 0.0, -12.0)
+    assert lamp["place"][:3] == [-1.0, 0.0, -12.0]
+    assert receiver["place"] == (0.0, 2.0, 7.0)
+    power, tangent, *_ = lamp["shape"]
+    assert np.cos(np.radians(10.0)) ** power == pytest.approx(0.5)
+    assert np.cos(np.arctan(tangent)) ** power == pytest.approx(0.03)
+    assert link["plane"] == 7.0
+    assert link["extinction"] == pytest.approx(0.151)
 
 
-def test_wide_cones_end_at_the_sides(scene):
-    scene.update(STATE.moved({"half_angle": 70.0}))
-    beam, half = points(scene, "beam"), scene.stage.half
-    assert np.abs(beam[:, :2]).max() == pytest.approx(half, rel=1e-5)
+def test_the_beam_of_a_lamp_in_the_air_is_bent():
+    """From its image the same circle of the still sea is lit, at the angle of refraction."""
+    state = State(scenario_of(mt.Link().mirrored(), STATE.scenario.surface))
+    scene = LiveScene(state.moved({"lamp_x": 1.0, "lamp": "top hat", "half_angle": 20.0}))
+    link = scene.parts["link"]
+    lamp = link["lamps"][0]
+    assert lamp["at"] == (1.0, 0.0, 5.0)
+    narrow = np.arccos(lamp["axis"][3])
+    assert np.sin(narrow) == pytest.approx(np.sin(np.radians(20.0)) / 1.33)
+    x, _, z, air = lamp["place"]
+    assert (x, air) == (1.0, 1.0)
+    assert z * np.tan(narrow) == pytest.approx(5.0 * np.tan(np.radians(20.0)))
+    assert link["plane"] == -10.0
+    assert link["carried"][0][0] == (1.0, 0.0, 5.0)
+
+
+def test_the_colour_is_that_of_the_wavelength():
+    assert np.argmax(light_color(470.0)) == 2
+    assert np.argmax(light_color(532.0)) == 1
+    assert np.argmax(light_color(640.0)) == 0
 
 
 def test_rays_run_from_the_lamp_to_the_aperture(scene):
     paths = next(stages.rays(STATE, lambda *_: None))
-    assert len(paths.what) == stages.RAYS
+    found = segments(paths)
+    assert len(found) == (paths.length - 1).sum()
+    assert found[:, :6].reshape(-1, 2, 3)[..., 2].min() == pytest.approx(-10.0, abs=0.05)
+    assert found[:, :6].reshape(-1, 2, 3)[..., 2].max() == pytest.approx(5.0, abs=0.05)
+    assert found[:, 6].sum() == (paths.length - 1)[paths.length > 3].sum()
     scene.show_rays(paths)
-    both = np.vstack([points(scene, "unscattered"), points(scene, "scattered")])
-    assert both[:, 2].min() == pytest.approx(-10.0, abs=0.05)
-    assert both[:, 2].max() == pytest.approx(5.0, abs=0.05)
+    assert len(scene.parts["rays"]) == found.nbytes
     scene.show_rays(None)
-    assert np.ptp(points(scene, "scattered")) == 0.0
+    assert scene.parts["rays"] == b""
 
 
-def test_the_camera_moves_only_with_the_size_of_the_stage(scene):
-    before = scene.plotter.camera.position
-    assert scene.update(STATE.moved({"depth": 10.5})) is False
-    assert scene.plotter.camera.position == before
-    assert scene.update(STATE.moved({"depth": 30.0})) is True
-    assert scene.plotter.camera.position != before
+def test_the_view_is_framed_anew_only_with_the_size_of_the_stage(scene):
+    framing = lambda: scene.parts["stage"]["framing"]  # noqa: E731
+    before = framing()
+    scene.update(STATE.moved({"depth": 10.5}))
+    assert framing() == before
+    scene.update(STATE.moved({"depth": 30.0}))
+    assert framing() > before
 
 
 def test_a_move_of_the_link_leaves_the_sea_in_its_place(scene):
-    scene.update(STATE)
-    sea, stage = points(scene, "sea"), scene.stage
+    sea, stage = points(scene), scene.stage
     scene.update(STATE.moved({"depth": 11.0, "height": 5.5}))
-    np.testing.assert_array_equal(points(scene, "sea"), sea)
+    np.testing.assert_array_equal(points(scene), sea)
     assert (scene.stage.center, scene.stage.half) == (stage.center, stage.half)
-    assert points(scene, "lamp")[:, 2].mean() == pytest.approx(-11.0, abs=1e-3)
-    assert points(scene, "water")[:, 2].min() == pytest.approx(scene.stage.bottom, rel=1e-5)
+    assert scene.parts["stage"]["bottom"] < stage.bottom
     scene.update(STATE.moved({"wind": 9.0}))
-    assert np.abs(points(scene, "sea")[:, 2]).max() > 1.2 * np.abs(sea[:, 2]).max()
+    assert np.abs(points(scene)[:, 2]).max() > 1.2 * np.abs(sea[:, 2]).max()
     scene.update(STATE.moved({"depth": 20.0}))
     assert scene.stage.half > 1.25 * stage.half
-    assert np.abs(points(scene, "sea")[:, 0]).max() == pytest.approx(scene.stage.half, rel=1e-6)
-
-
-def test_a_lamp_in_the_air_is_carried_by_the_aircraft():
-    import meshtrace as mt
-    from meshtrace.explorer.launch import scenario_of
-
-    state = State(scenario_of(mt.Link().mirrored(), STATE.scenario.surface))
-    scene = LiveScene(state.moved({"lamp_x": 1.0}))
-    np.testing.assert_allclose(points(scene, "lamp").mean(axis=0), (1.0, 0.0, 5.0), atol=1e-3)
-    np.testing.assert_allclose(points(scene, "receiver").mean(axis=0), (0, 0, -10.0), atol=1e-3)
-    assert points(scene, "uav")[:, 2].min() > 5.0
-    beam, view = points(scene, "beam")[1:], points(scene, "view")[1:]
-    for rim in (beam, view):
-        np.testing.assert_allclose(rim[:, 2], 0.0, atol=1e-5)
-    scene.close()
-
-
-def test_a_closed_scene_leaves_no_observer_to_the_garbage_collector():
-    """An observer of trame that is called while its object is collected ends the process."""
-    from trame_vtk.modules.vtk.serializers import (
-        SynchronizationContext,
-        initialize_serializers,
-        reference_id,
-        serialize,
-    )
-
-    def observed():
-        found = [o for o in gc.get_objects() if isinstance(o, vtkObject)]
-        return {o.GetAddressAsString("") for o in found if o.HasObserver("DeleteEvent")}
-
-    initialize_serializers()
-    before = observed()
-    scene = LiveScene(STATE)
-    window = scene.plotter.render_window
-    serialize(None, window, reference_id(window), SynchronizationContext(), 1)
-    assert len(observed() - before) > 10
-    scene.close()
-    assert observed() <= before
+    assert np.abs(points(scene)[:, 0]).max() == pytest.approx(scene.stage.half, rel=1e-6)

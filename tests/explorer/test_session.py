@@ -43,7 +43,7 @@ def test_gain_and_bits_are_those_of_the_library(session):
     assert found.gain.gain == expected.gain
     assert found.gain.gain_stderr == expected.gain_stderr
     assert found.gain.gain_ballistic == expected.gain_ballistic
-    ook = mt.OokLink.of_link(link, bit_rate=5e6)
+    ook = mt.OokLink.of_link(link, bit_rate=5e6).replace(response=response_at(link))
     budget = link_budget(ook, expected.gain, 1e-3)
     power = float(ook.received_power(expected.gain))
     assert found.ber == float(ook.ber(power))
@@ -54,6 +54,31 @@ def test_gain_and_bits_are_those_of_the_library(session):
     assert shown["required"] == readings.power(1e-3 * 10.0 ** (0.1 * budget.required_dbm))
     assert shown["margin"] == f"{budget.margin_optical_db:+.1f} dB".replace("-", "−")
     assert shown["db"] == f"−{-10 * np.log10(expected.gain):.2f} dB"
+
+
+def response_at(link, scenario=PAPER):
+    """Return the response of the channel, of a run of its own."""
+    at = scenario.replace(link=link)
+    run = mt.simulate(at, photons=stages.CHAINS[-1], record=[mt.Arrivals()])
+    seen = mt.impulse_response(run)
+    return mt.comms.ChannelResponse.of(seen.delay, seen.weight, seen.angle)
+
+
+@pytest.mark.parametrize(("rate", "counts"), [(30.0, True), (1.0, False)])
+def test_the_error_rate_is_that_of_a_performance_behind_the_response(session, rate, counts):
+    """Pulses once spread by no water, however turbid."""
+    session.move({"wind": 0.0, "b": 0.3, "a": 0.05, "depth": 8.0, "bit_rate": rate})
+    assert session.wait(120.0)
+    found, scenario = session.answer("gain"), session.state.scenario
+    at = mt.link_performance(scenario, photons=stages.CHAINS[-1], realizations=2).at()
+    assert found.ber == pytest.approx(at.ber.value, rel=1e-9, abs=1e-200)
+    prompt = found.detector.replace(response=None)
+    if counts:
+        power = prompt.received_power(found.gain.gain)
+        assert abs(found.ber / float(prompt.ber(power)) - 1.0) > 1e-3
+    told = readings.gain_reading(session)["spread"]
+    assert told.startswith("0.35 ns, ")
+    assert ("bit" in told) == counts
 
 
 @pytest.mark.thorough
@@ -68,6 +93,7 @@ def test_daylight_changes_the_bits_alone(session):
     assert session._answers["rays"] is rays
     found = mt.background(scenario, photons=stages.BACKGROUND_RAYS)
     ook = mt.OokLink.of_link(scenario.link)
+    ook = ook.replace(response=response_at(scenario.link))
     ook = ook.replace(background_rate=found.count_rate(ook))
     assert lit.detector.background_rate == ook.background_rate > 1e6
     assert readings.gain_reading(session)["background"].endswith(" counts/s")

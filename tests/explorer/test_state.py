@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.explorer.code import as_python, as_toml
-from meshtrace.explorer.controls import BY_NAME, CHOICES, CONTROLS, GIVEN, State, slider_range
+from meshtrace.explorer.controls import (
+    BY_NAME,
+    CASE_1,
+    CHOICES,
+    CONTROLS,
+    GIVEN,
+    State,
+    slider_range,
+)
 from meshtrace.explorer.launch import scenario_of
 from meshtrace.scenario import Scenario
 
@@ -28,14 +36,22 @@ EFFECTS = {
     "fov": (30.0, lambda s: s.link.receiver.fov_deg == 30.0),
     "aperture": (2.5, lambda s: s.link.receiver.radius == 0.025),
     "bit_rate": (5.0, lambda s: s.detector.bit_rate == 5e6),
+    "seed": (3.0, lambda s: s.surface.seed == 3),
+    "a": (0.2, lambda s: s.link.water.a == 0.2),
+    "b": (0.4, lambda s: s.link.water.b == 0.4),
+    "power": (500.0, lambda s: s.link.transmitter.power_mw == 500.0),
+    "wavelength": (514.0, lambda s: s.link.transmitter.wavelength_nm == 514.0),
+    "filter": (2.0, lambda s: s.detector.optics.filter_width_nm == 2.0),
+    "pde": (40.0, lambda s: s.detector.sipm.pde == 0.4),
 }
+LIT = Scenario.from_toml('[daylight]\nmodel = "clear"')
 PAPER = Scenario.from_toml("")
 GREEN = Scenario.from_toml("[transmitter]\nwavelength_nm = 514.0")
 """A link at the wavelength of all types of water."""
 
 
 def test_every_control_has_an_effect_to_test():
-    assert list(EFFECTS) == list(BY_NAME)
+    assert {*EFFECTS, "sun", "chlorophyll"} == set(BY_NAME)
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -44,19 +60,152 @@ def test_a_control_moves_its_value_and_no_other(name):
     state = State(PAPER)
     moved = state.moved({name: value})
     assert effect(moved.scenario)
-    assert not effect(state.scenario) if name != "bit_rate" else state.scenario.detector is None
+    if name in ("bit_rate", "filter", "pde"):
+        assert state.scenario.detector is None
+    else:
+        assert not effect(state.scenario)
     assert moved.values == {**state.values, name: value}
 
 
-@pytest.mark.parametrize("water", CHOICES["water"])
+def test_the_sun_moves_where_there_is_one():
+    moved = State(LIT).moved({"sun": 60.0}).scenario.daylight
+    assert (moved.sun_zenith_deg, LIT.daylight.sun_zenith_deg) == (60.0, 30.0)
+    assert State(PAPER).moved({"light": "clear", "sun": 60.0}).scenario.daylight == moved
+    with pytest.raises(Refused, match="sun"):
+        State(PAPER).moved({"sun": 60.0})
+
+
+def test_numbers_replace_those_of_a_chosen_type():
+    """A type of water gives both coefficients, at the wavelength of the lamp."""
+    moves = {"water": "jerlov-II", "wavelength": 520.0}
+    typed = State(PAPER).moved(moves)
+    expected = mt.Water.from_type("jerlov-II", 520.0)
+    assert typed.scenario.link.water == expected
+    water = typed.moved({"a": 0.3}).scenario.link.water
+    assert (water.a, water.b) == (0.3, expected.b)
+
+
+def test_water_by_chlorophyll_follows_the_wavelength():
+    """Its a and b once had to be typed for each wavelength."""
+    state = State(PAPER).moved({"water": CASE_1, "chlorophyll": 2.0})
+    spectrum = mt.optics.Constituents(chlorophyll=2.0)
+    for nm in (470.0, 550.0):
+        state = state.moved({"wavelength": nm})
+        expected = mt.Water(spectrum=spectrum, wavelength_nm=nm)
+        assert state.scenario.link.water == expected
+        assert state.values["a"] == pytest.approx(expected.a, rel=5e-3)
+        assert state.values["b"] == pytest.approx(expected.b, rel=5e-3)
+    typed = state.moved({"a": 0.3})
+    assert (typed.scenario.link.water.a, typed.scenario.link.water.b) == (0.3, expected.b)
+    assert typed.values["chlorophyll"] == 2.0
+    assert typed.moved({"chlorophyll": 2.5}).scenario.link.water.spectrum.chlorophyll == 2.5
+    with pytest.raises(Refused, match="chlorophyll"):
+        State(PAPER).moved({"chlorophyll": 2.0})
+
+
+def test_a_profile_of_chlorophyll_is_no_control():
+    given = Scenario.from_toml("[water]\nchlorophyll = [[0, 0.2], [20, 1]]")
+    assert State(given).values["chlorophyll"] is None
+
+
+def test_another_water_ends_moves_of_its_numbers():
+    """A type of water once kept the a that was moved before it was chosen."""
+    moved = State(PAPER).moved({"a": 0.3, "depth": 12.0}).moved({"water": "jerlov-II"})
+    assert moved.scenario.link.water == mt.Water.from_type("jerlov-II", 470.0)
+    assert moved.values["depth"] == 12.0
+    lit = State(PAPER).moved({"light": "clear"}).moved({"sun": 60.0})
+    assert lit.moved({"light": "none"}).moves == (("light", "none"),)
+    assert lit.moved({"light": "overcast"}).values["sun"] == 60.0
+    typed = moved.moved({"a": 0.114})  # the number of the link as given
+    assert typed.scenario.link.water.a == 0.114
+
+
+@pytest.mark.parametrize("link", [mt.Link(), mt.Link().mirrored()], ids=["up", "down"])
+def test_a_wide_lamp_becomes_the_widest_laser(link):
+    """The laser was once refused beside an LED of 70 deg, and its slider went to 80 deg."""
+    wide = State(scenario_of(link)).moved({"half_angle": 70.0})
+    laser = wide.moved({"lamp": "laser"})
+    assert laser.scenario.link.transmitter.divergence_deg == 59.5
+    assert (wide.ranges["half_angle"], laser.ranges["half_angle"]) == ((0.5, 80.0), (0.5, 59.5))
+    assert State(wide.scenario).moved({"lamp": "laser"}).values["half_angle"] == 59.5
+    top_hat = laser.moved({"lamp": "top hat"}).moved({"half_angle": 75.0})
+    assert top_hat.scenario.link.transmitter.divergence_deg == 75.0
+
+
+def test_the_wavelength_stays_within_the_tables_of_the_water():
+    state = State(GREEN).moved({"water": "petzold-harbour"})
+    assert state.ranges["wavelength"] == (480.0, 550.0)
+    assert State(PAPER).ranges["wavelength"] == (400.0, 700.0)
+    assert State(PAPER).barred["petzold-harbour"] == "476.5 to 551.5 nm"
+    assert State(GREEN).barred == {}
+
+
+def ends(state):
+    """Return the controls that the page offers in a state, each with the ends of its slider."""
+    return [(n, end) for n, pair in state.ranges.items() if state.values[n] is not None
+            for end in pair]  # fmt: skip
+
+
+WORDS = [(name, word) for name, choice in CHOICES.items() for word in choice.words]
+
+
+@pytest.mark.thorough
+def test_no_pair_of_a_choice_and_the_end_of_a_slider_is_refused():
+    """Neither one after the other: what the page offers, it accepts."""
+    start, tried = State(PAPER), 0
+    for name, word in WORDS:
+        if word in start.barred:
+            continue
+        chosen = start.moved({name: word})
+        for control, value in ends(chosen):
+            chosen.moved({control: value})
+            tried += 1
+        for other, second in WORDS:
+            if other != name and second not in chosen.barred:
+                chosen.moved({other: second})
+    for control, value in ends(start):
+        moved = start.moved({control: value})
+        for name, word in WORDS:
+            if word not in moved.barred:
+                moved.moved({name: word})
+                tried += 1
+    assert tried > 2000
+
+
+@pytest.mark.parametrize(
+    ("word", "kind"), [("laser", "gaussian-beam"), ("top hat", "top-hat-beam")]
+)
+@pytest.mark.parametrize("link", [mt.Link(), mt.Link().mirrored()], ids=["up", "down"])
+def test_another_kind_of_lamp_keeps_place_and_angle(word, kind, link):
+    state = State(scenario_of(link)).moved({"power": 50.0, "half_angle": 4.0})
+    old, new = (s.scenario.link.transmitter for s in (state, state.moved({"lamp": word})))
+    assert (new.pattern, new.divergence_deg, new.power_mw) == (kind, 4.0, 50.0)
+    assert (new.center, new.axis) == (old.center, old.axis)
+    back = State(state.moved({"lamp": word}).scenario).moved({"lamp": "LED"})
+    assert back.scenario.link.transmitter == old
+
+
+def test_detector_and_aircraft_are_those_of_a_link_file():
+    moved = State(PAPER).moved({"detector": "paper", "aircraft": "dji-m300-rtk-no-payload"})
+    text = '[detector]\npreset = "paper"\n[uav]\npreset = "dji-m300-rtk-no-payload"'
+    expected = Scenario.from_toml(text)
+    assert (moved.scenario.detector, moved.scenario.uav) == (expected.detector, expected.uav)
+    assert moved.channel.link == PAPER.link
+
+
+@pytest.mark.parametrize("water", CHOICES["water"].words)
 def test_the_water_is_that_of_the_type(water):
     state = State(GREEN).moved({"water": water})
-    expected = PAPER.link.water if water == GIVEN else mt.Water.from_type(water, 514.0)
+    if water == CASE_1:
+        spectrum = mt.optics.Constituents(chlorophyll=0.5)
+        expected = mt.Water(spectrum=spectrum, wavelength_nm=514.0)
+    else:
+        expected = PAPER.link.water if water == GIVEN else mt.Water.from_type(water, 514.0)
     assert state.scenario.link.water == expected
     assert state.settings["water"] == water
 
 
-@pytest.mark.parametrize("light", CHOICES["light"])
+@pytest.mark.parametrize("light", CHOICES["light"].words)
 def test_the_light_is_that_of_the_link_file(light):
     state = State(PAPER).moved({"light": light})
     text = "" if light == GIVEN else f'[daylight]\nmodel = "{light}"'
@@ -96,7 +245,7 @@ def test_a_refused_move_names_the_value():
 def test_links_without_a_value_have_no_such_control():
     sun = State(scenario_of(mt.Link(transmitter=mt.Sun(), receiver=mt.WaterAperture())))
     missing = {name for name, value in sun.values.items() if value is None}
-    assert missing == {"half_angle", "height", "tilt"}
+    assert missing == {"half_angle", "height", "tilt", "sun", "chlorophyll"}
     with pytest.raises(Refused, match="height"):
         sun.moved({"height": 3.0})
 
@@ -111,9 +260,15 @@ def test_the_first_of_several_parts_moves():
 moves = st.fixed_dictionaries(
     {},
     optional={
-        **{c.name: st.floats(max(c.low, 1.0), c.high).map(lambda v: round(v, 2)) for c in CONTROLS},
-        "water": st.sampled_from(CHOICES["water"]),
-        "light": st.sampled_from(CHOICES["light"]),
+        **{
+            # a beam may not be as wide as an LED
+            c.name: st.floats(max(c.low, 1.0), 59.0 if c.name == "half_angle" else c.high).map(
+                lambda v, c=c: round(v, c.name != "seed")
+            )
+            for c in CONTROLS
+            if c.name not in ("sun", "wavelength", "chlorophyll")  # not with each light and water
+        },
+        **{name: st.sampled_from(choice.words) for name, choice in CHOICES.items()},
     },
 )
 
@@ -122,6 +277,19 @@ moves = st.fixed_dictionaries(
 def test_the_link_file_of_a_state_is_the_state(values):
     scenario = State(GREEN).moved(values).scenario
     assert Scenario.from_toml(as_toml(scenario)) == scenario
+
+
+@pytest.mark.parametrize("numbers", [{}, {"a": 0.2}])
+def test_both_texts_of_water_by_chlorophyll_describe_it(numbers):
+    moved = {"water": CASE_1, "chlorophyll": 2.0, "wavelength": 530.0, **numbers}
+    scenario = State(PAPER).moved(moved).scenario
+    text, program = as_toml(scenario), as_python(scenario)
+    assert Scenario.from_toml(text) == scenario
+    assert ("chlorophyll = 2.0" in text) == ("Constituents(chlorophyll=2.0)" in program)
+    assert ("chlorophyll = 2.0" in text) == (not numbers)
+    made = {}
+    exec(program[: program.index("result = ")], made)
+    assert made["link"] == scenario.link
 
 
 @given(moves)
@@ -140,7 +308,9 @@ def test_the_program_prints_the_gain_and_the_error_rate(capsys):
     result = mt.simulate(state.scenario, photons=10_000)
     printed = capsys.readouterr().out
     assert f"{result.gain:.4e}" in printed
-    bits = mt.OokLink.of_link(state.scenario.link, bit_rate=5e6)
+    seen = mt.impulse_response(mt.simulate(state.scenario, photons=10_000, record=[mt.Arrivals()]))
+    response = mt.comms.ChannelResponse.of(seen.delay, seen.weight, seen.angle)
+    bits = mt.OokLink.of_link(state.scenario.link, bit_rate=5e6).replace(response=response)
     assert f"{float(bits.ber(bits.received_power(result.gain))):.3g}" in printed
 
 

@@ -1,4 +1,4 @@
-// Components of the explorer's page: views in which lamp and receiver are dragged, charts, copying.
+// Components of the explorer's page: views in which lamp and receiver are dragged, charts, texts, links.
 (function () {
   "use strict";
   const round = (value, step) => Number((Math.round(value / step) * step).toFixed(3));
@@ -34,7 +34,7 @@
     props: {
       title: String, across: String, up: String, frame: Object, lamp: Object, receiver: Object,
       profile: { type: Array, default: () => [] }, wind: { type: Number, default: null },
-      image: { type: Object, default: null }, faded: Boolean, side: Boolean,
+      image: { type: Object, default: null }, side: Boolean,
     },
     mixins: [sized],
     emits: ["movelamp", "movereceiver"],
@@ -43,11 +43,12 @@
       seen() { return this.kept || this.frame; },
       scale() {
         const f = this.seen;
-        return Math.min((this.w - 46) / (f.x1 - f.x0), (this.h - 50) / (f.y1 - f.y0));
+        return Math.min((this.w - 54 - this.room) / (f.x1 - f.x0), (this.h - 62) / (f.y1 - f.y0));
       },
+      room() { return this.image ? 74 : 0; }, // for the colours of the map
       box() {
         const f = this.seen, s = this.scale, w = s * (f.x1 - f.x0), h = s * (f.y1 - f.y0);
-        return { left: 38 + (this.w - 46 - w) / 2, top: 24 + (this.h - 58 - h) / 2, w, h };
+        return { left: 46 + (this.w - 54 - this.room - w) / 2, top: 24 + (this.h - 62 - h) / 2, w, h };
       },
       xs() { return ticks(this.seen.x0, this.seen.x1, 4); },
       ys() { return ticks(this.seen.y0, this.seen.y1, 4); },
@@ -66,16 +67,56 @@
         const px = b.left + (x - f.x0) * this.scale, py = b.top + (f.y1 - y) * this.scale;
         return [Number(px.toFixed(2)), Number(py.toFixed(2))];
       },
+      wave(x) { // elevation of the drawn waves
+        const line = this.profile, k = line.findIndex((p) => p[0] >= x);
+        if (k < 1) return line.length ? line[k < 0 ? line.length - 1 : 0][1] : 0;
+        const [a, b] = [line[k - 1], line[k]];
+        return a[1] + ((b[1] - a[1]) * (x - a[0])) / (b[0] - a[0] || 1);
+      },
+      edge(part, sign) { // where a side of a cone meets the waves, or leaves the picture
+        const angle = part.axis + (sign * part.half * Math.PI) / 180, f = this.seen;
+        const at = (t) => [part.x + t * Math.sin(angle), part.y + t * Math.cos(angle)];
+        const above = (t) => (at(t)[1] > this.wave(at(t)[0])) === part.air, step = (f.x1 - f.x0) / 60;
+        let t = 0;
+        while (above(t)) {
+          t += step;
+          const [x, y] = at(t);
+          if (x < f.x0 || x > f.x1 || y < f.y0 || y > f.y1) return at(t);
+        }
+        let low = Math.max(t - step, 0);
+        for (let k = 0; k < 12; k++) {
+          const half = (low + t) / 2;
+          if (above(half)) low = half;
+          else t = half;
+        }
+        return at(t);
+      },
       cone(part) {
         if (!this.side || !part || !(part.half > 0 && part.half < 85)) return "";
-        const edge = (sign) => {
-          const angle = part.axis + (sign * part.half * Math.PI) / 180;
-          const rise = Math.cos(angle);
-          if (Math.abs(rise) < 0.02 || part.y * rise > 0) return null;
-          return this.at(part.x - part.y * Math.tan(angle), 0);
-        };
-        const a = edge(-1), b = edge(1);
-        return a && b ? `M${this.at(part.x, part.y)} L${a} L${b} Z` : "";
+        const ends = [this.edge(part, -1), this.edge(part, 1)].sort((a, b) => a[0] - b[0]);
+        const between = this.profile.filter((p) => p[0] > ends[0][0] && p[0] < ends[1][0]);
+        const rim = [ends[0], ...between, ends[1]].map((p) => this.at(...p).join(" "));
+        return `M${this.at(part.x, part.y)} L${rim.join(" L")} Z`;
+      },
+      key(name, event) {
+        const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+        if (!step) return;
+        const size = event.shiftKey ? 0.1 : 0.5, part = this[name];
+        this.put(name, part.x + size * step[0], part.y + size * step[1]);
+        event.preventDefault();
+      },
+      put(name, x, y) {
+        if (this.side) y = this[name].air ? Math.max(y, 0.5) : Math.min(y, -0.5);
+        this.$emit(`move${name}`, { x: round(x, 0.1), y: round(y, 0.1) });
+      },
+      words(part) { return part && `x ${part.x.toFixed(1)} m, ${this.up} ${part.y.toFixed(1)} m`; },
+      label(name) { // beside its part, away from the other one and from the sides of the view
+        const part = this[name], other = name === "lamp" ? this.receiver : this.lamp;
+        const [x, y] = this.at(part.x, part.y), [u, v] = other ? this.at(other.x, other.y) : [1e4, 1e4];
+        const near = Math.abs(y - v) < 22 && Math.abs(x - u) < 90, far = x > this.box.left + this.box.w - 70;
+        const left = far || (near && (x < u || (x === u && name === "lamp" && !far)));
+        const text = name === "lamp" ? "lamp" : part.air ? "receiver (UAV)" : "receiver";
+        return { x: left ? -14 : 14, y: near && far ? (name === "lamp" ? 18 : -10) : 4, anchor: left ? "end" : "start", text };
       },
       start(name, event) {
         this.held = name;
@@ -92,17 +133,16 @@
         let y = f.y1 - (event.clientY - rect.top - b.top) / this.scale;
         x = Math.min(Math.max(x, f.x0), f.x1);
         y = Math.min(Math.max(y, f.y0), f.y1);
-        if (this.side) y = this[name].air ? Math.max(y, 0.5) : Math.min(y, -0.5);
-        this.$emit(`move${name}`, { x: round(x, 0.1), y: round(y, 0.1) });
+        this.put(name, x, y);
         requestAnimationFrame(() => { this.waiting = false; });
       },
       stop() { this.held = null; this.kept = null; },
     },
     template: `
-      <div class="mt-drag" :class="{ 'mt-faded': faded }">
-        <svg ref="svg" :width="w" :height="h">
-          <text class="mt-title" x="8" y="15">{{ title }}</text>
-          <text class="mt-hint" :x="w - 8" y="15" text-anchor="end">drag lamp or receiver</text>
+      <div class="mt-drag">
+        <svg ref="svg" :width="w" :height="h" role="group" :aria-label="title">
+          <text class="mt-title" x="10" y="16">{{ title }}</text>
+          <text class="mt-hint" :x="w - 10" y="16" text-anchor="end">drag, or arrow keys</text>
           <clipPath :id="'clip-' + up"><rect :x="box.left" :y="box.top" :width="box.w" :height="box.h" /></clipPath>
           <rect class="mt-field" :x="box.left" :y="box.top" :width="box.w" :height="box.h" />
           <g :clip-path="'url(#clip-' + up + ')'">
@@ -115,176 +155,252 @@
           <g class="mt-axis">
             <g v-for="x in xs" :key="'x' + x">
               <line :x1="at(x, 0)[0]" :x2="at(x, 0)[0]" :y1="box.top + box.h" :y2="box.top + box.h + 4" />
-              <text :x="at(x, 0)[0]" :y="box.top + box.h + 15" text-anchor="middle">{{ x }}</text>
+              <text :x="at(x, 0)[0]" :y="box.top + box.h + 16" text-anchor="middle">{{ x }}</text>
             </g>
             <g v-for="y in ys" :key="'y' + y">
               <line :y1="at(0, y)[1]" :y2="at(0, y)[1]" :x1="box.left - 4" :x2="box.left" />
-              <text :y="at(0, y)[1] + 3.5" :x="box.left - 7" text-anchor="end">{{ y }}</text>
+              <text :y="at(0, y)[1] + 4" :x="box.left - 7" text-anchor="end">{{ y }}</text>
             </g>
-            <text :x="box.left + box.w / 2" :y="h - 4" text-anchor="middle">{{ across }} [m]</text>
-            <text :transform="'translate(' + (box.left - 28) + ',' + (box.top + box.h / 2) + ') rotate(-90)'" text-anchor="middle">{{ up }} [m]</text>
+            <text :x="box.left + box.w / 2" :y="box.top + box.h + 32" text-anchor="middle">{{ across }} [m]</text>
+            <text :transform="'translate(' + (box.left - 33) + ',' + (box.top + box.h / 2) + ') rotate(-90)'" text-anchor="middle">{{ up }} [m]</text>
           </g>
-          <g v-if="wind !== null" class="mt-wind" :transform="'translate(' + (box.left + 24) + ',' + (box.top + box.h - 22) + ') rotate(' + (-wind) + ')'">
-            <path d="M-14 0 H10 M4 -5 L12 0 L4 5" />
+          <g v-if="image" class="mt-axis mt-scale">
+            <linearGradient id="mt-shades" x1="0" y1="1" x2="0" y2="0">
+              <stop v-for="(c, i) in image.colors" :key="i" :offset="i / (image.colors.length - 1)" :stop-color="c" /></linearGradient>
+            <rect :x="box.left + box.w + 14" :y="box.top + 16" width="12" :height="box.h - 16" fill="url(#mt-shades)" />
+            <text :x="box.left + box.w + 14" :y="box.top + 8">gain</text>
+            <text :x="box.left + box.w + 31" :y="box.top + 24">{{ image.most }}</text>
+            <text :x="box.left + box.w + 31" :y="box.top + box.h">0</text>
           </g>
-          <text v-if="wind !== null" class="mt-hint" :x="box.left + 24" :y="box.top + box.h - 5" text-anchor="middle">wind</text>
-          <g v-if="lamp" class="mt-handle" data-part="lamp" :transform="'translate(' + at(lamp.x, lamp.y) + ')'"
-             @pointerdown="start('lamp', $event)" @pointermove="drag" @pointerup="stop" @pointercancel="stop">
-            <circle class="mt-grip" r="14" />
-            <path v-if="lamp.air" class="mt-uav" d="M-12 -6 H-4 M4 -6 H12 M-8 -6 L-4 0 H4 L8 -6" /><circle class="mt-lamp" r="6.5" />
-            <text x="-11" y="4" text-anchor="end">lamp</text>
+          <g v-if="wind !== null" class="mt-wind">
+            <path :transform="'translate(24,' + (h - 26) + ') rotate(' + (-wind) + ')'" d="M-12 0 H10 M4 -5 L12 0 L4 5" />
+            <text class="mt-hint" x="24" :y="h - 6" text-anchor="middle">wind</text>
           </g>
-          <g v-if="receiver" class="mt-handle" data-part="receiver" :transform="'translate(' + at(receiver.x, receiver.y) + ')'"
-             @pointerdown="start('receiver', $event)" @pointermove="drag" @pointerup="stop" @pointercancel="stop">
-            <circle class="mt-grip" r="14" />
-            <path v-if="receiver.air" class="mt-uav" d="M-11 -5 H-3 M3 -5 H11 M-7 -5 L-3 0 H3 L7 -5" />
-            <circle class="mt-receiver" r="4.5" />
-            <text x="13" y="4">{{ receiver.air ? "UAV" : "receiver" }}</text>
-          </g>
+          <template v-for="name in ['lamp', 'receiver']" :key="name">
+            <g v-if="$props[name]" class="mt-handle" :data-part="name" :transform="'translate(' + at($props[name].x, $props[name].y) + ')'"
+               tabindex="0" role="slider" :aria-label="title + ': ' + name" :aria-valuenow="$props[name].y" :aria-valuetext="words($props[name])"
+               @pointerdown="start(name, $event)" @pointermove="drag" @pointerup="stop" @pointercancel="stop" @keydown="key(name, $event)">
+              <circle class="mt-grip" r="15" />
+              <path v-if="$props[name].air && side" class="mt-uav" d="M-13 -7 H-4 M4 -7 H13 M-8 -7 L-4 -1 H4 L8 -7" />
+              <circle :class="'mt-' + name" :r="name === 'lamp' ? 6 : 4.5" />
+              <text :x="label(name).x" :y="label(name).y" :text-anchor="label(name).anchor">{{ label(name).text }}</text>
+            </g>
+          </template>
         </svg>
       </div>`,
   };
 
   const Series = {
-    // Gain over time relative to its mean, with the present time; emits `seek`.
+    // Gain over time relative to its mean, with the present time and a kept series; emits `seek`.
     mixins: [sized],
-    props: { time: Array, gain: Array, duration: Number, now: Number, faded: Boolean },
+    props: { time: Array, gain: Array, duration: Number, now: Number, faded: Boolean, other: { type: Object, default: null } },
     emits: ["seek"],
     computed: {
       ends() {
-        if (!this.gain.length) return [0.9, 1.1];
-        const low = Math.min(...this.gain), high = Math.max(...this.gain);
+        const all = [...this.gain, ...(this.other?.gain ?? [])];
+        if (!all.length) return [0.9, 1.1];
+        const low = Math.min(...all), high = Math.max(...all);
         const room = 0.08 * Math.max(high - low, 0.02);
         return [low - room, high + room];
       },
-      path() {
-        return this.gain.map((g, i) => `${i ? "L" : "M"}${this.x(this.time[i])} ${this.y(g)}`).join(" ");
-      },
+      step() { return Math.min(...this.time.slice(1).map((t, i) => t - this.time[i])); },
+      path() { return this.line(this.time, this.gain); },
+      kept() { return this.other ? this.line(this.other.time, this.other.gain) : ""; },
       xs() { return ticks(0, this.duration || 1, 6); },
-      ys() { return ticks(this.ends[0], this.ends[1], 4); },
+      ys() { return ticks(this.ends[0], this.ends[1], 5); },
       current() {
-        if (!this.gain.length || this.now > this.time[this.time.length - 1] + 0.2) return null;
-        const step = this.time[1] - this.time[0];
-        const i = Math.min(Math.round(this.now / step), this.gain.length - 1);
-        return i >= 0 ? this.gain[i] : null;
+        const i = this.time.findIndex((t) => Math.abs(t - this.now) <= 0.5 * this.step + 1e-9);
+        return i < 0 ? null : this.gain[i];
       },
     },
     methods: {
+      line(time, gain) { // gains that are left out are gaps
+        return gain.map((g, i) => {
+          const gap = i === 0 || time[i] - time[i - 1] > 1.5 * this.step;
+          return `${gap ? "M" : "L"}${this.x(time[i])} ${this.y(g)}${gap ? " h0.01" : ""}`;
+        }).join(" ");
+      },
       x(t) { return Number((46 + ((this.w - 56) * t) / (this.duration || 1)).toFixed(2)); },
       y(g) {
         const [low, high] = this.ends;
-        return Number((this.h - 32 - ((this.h - 58) * (g - low)) / (high - low)).toFixed(2));
+        return Number((this.h - 36 - ((this.h - 62) * (g - low)) / (high - low)).toFixed(2));
       },
       seek(event) {
         const x = event.clientX - this.$refs.svg.getBoundingClientRect().left;
         const t = ((x - 46) / (this.w - 56)) * this.duration;
         if (t >= 0 && t <= this.duration) this.$emit("seek", round(t, 0.01));
       },
+      key(event) {
+        const to = { ArrowLeft: this.now - 0.125, ArrowRight: this.now + 0.125, Home: 0, End: this.duration }[event.key];
+        if (to === undefined) return;
+        this.$emit("seek", round(Math.min(Math.max(to, 0), this.duration), 0.001));
+        event.preventDefault();
+      },
     },
     template: `
       <div class="mt-chart" :class="{ 'mt-faded': faded }">
-        <svg ref="svg" :width="w" :height="h" @click="seek">
-          <text class="mt-title" x="8" y="15">Gain over time / mean</text>
+        <svg ref="svg" :width="w" :height="h" @click="seek" @keydown="key" tabindex="0" role="slider" aria-label="Time of the sea in the series of gains"
+          aria-valuemin="0" :aria-valuemax="duration" :aria-valuenow="now" :aria-valuetext="now.toFixed(2) + ' s'">
+          <text class="mt-title" x="2" y="14">Gain over time / mean</text>
           <g class="mt-axis">
-            <g v-for="t in xs" :key="'t' + t"><line :x1="x(t)" :x2="x(t)" :y1="h - 32" :y2="h - 28" />
-              <text :x="x(t)" :y="h - 17" text-anchor="middle">{{ t }}</text></g>
+            <g v-for="t in xs" :key="'t' + t"><line :x1="x(t)" :x2="x(t)" :y1="h - 36" :y2="h - 32" />
+              <text :x="x(t)" :y="h - 20" text-anchor="middle">{{ t }}</text></g>
             <g v-for="g in ys" :key="'g' + g"><line class="mt-grid" :x1="46" :x2="w - 10" :y1="y(g)" :y2="y(g)" />
-              <text x="41" :y="y(g) + 3.5" text-anchor="end">{{ g }}</text></g>
-            <text :x="46 + (w - 56) / 2" :y="h - 3" text-anchor="middle">time [s]</text>
+              <text x="41" :y="y(g) + 4" text-anchor="end">{{ g }}</text></g>
+            <text :x="46 + (w - 56) / 2" :y="h - 4" text-anchor="middle">time [s]</text>
           </g>
+          <path v-if="kept" class="mt-line mt-kept" :d="kept" />
           <path class="mt-line" :d="path" />
-          <line class="mt-now" :x1="x(now)" :x2="x(now)" :y1="24" :y2="h - 32" />
+          <line class="mt-now" :x1="x(now)" :x2="x(now)" :y1="22" :y2="h - 36" />
           <circle v-if="current !== null" class="mt-now" :cx="x(now)" :cy="y(current)" r="4" />
         </svg>
       </div>`,
   };
 
   const Histogram = {
-    // Histogram of the gain relative to its mean.
+    // Histogram of the gain relative to its mean, and the outline of a kept one.
     mixins: [sized],
-    props: { gain: Array, faded: Boolean },
+    props: { gain: Array, faded: Boolean, other: { type: Object, default: null } },
     computed: {
-      bins() {
-        const n = 16, g = this.gain;
-        if (g.length < 8) return { low: 0.9, high: 1.1, counts: [], most: 1 };
-        const low = Math.min(...g), high = Math.max(...g, low + 1e-6), counts = Array(n).fill(0);
-        g.forEach((v) => { counts[Math.min(Math.floor(((v - low) / (high - low)) * n), n - 1)]++; });
-        return { low, high, counts, most: Math.max(...counts) };
+      ends() {
+        const all = [...this.gain, ...(this.other?.gain ?? [])];
+        return all.length < 8 ? [0.9, 1.1] : [Math.min(...all), Math.max(...all, Math.min(...all) + 1e-6)];
       },
-      xs() { return ticks(this.bins.low, this.bins.high, 5); },
-      width() { return (this.w - 32) / Math.max(this.bins.counts.length, 1); },
+      counts() { return this.count(this.gain); },
+      others() { return this.other ? this.count(this.other.gain) : []; },
+      most() { return Math.max(...this.counts, ...this.others, 1); },
+      xs() { return ticks(...this.ends, 5); },
+      width() { return (this.w - 32) / 16; },
+      outline() {
+        const at = this.others.map((c, i) => `L${16 + i * this.width} ${this.y(c)} H${16 + (i + 1) * this.width}`);
+        return at.length ? `M16 ${this.y(0)} ${at.join(" ")} V${this.y(0)}` : "";
+      },
     },
     methods: {
-      x(v) { return 16 + ((this.w - 32) * (v - this.bins.low)) / (this.bins.high - this.bins.low); },
+      count(gain) {
+        const [low, high] = this.ends, counts = Array(16).fill(0);
+        if (gain.length < 8) return [];
+        gain.forEach((v) => { counts[Math.min(Math.floor(((v - low) / (high - low)) * 16), 15)]++; });
+        return counts;
+      },
+      x(v) { return 16 + ((this.w - 32) * (v - this.ends[0])) / (this.ends[1] - this.ends[0]); },
+      y(count) { return this.h - 36 - ((this.h - 42) * count) / this.most; },
     },
     template: `
       <div class="mt-chart" :class="{ 'mt-faded': faded }">
-        <svg :width="w" :height="h">
-          <rect v-for="(count, i) in bins.counts" :key="i" class="mt-bar" :x="16 + i * width + 0.5" :width="Math.max(width - 1, 1)"
-            :y="h - 30 - (h - 36) * count / bins.most" :height="(h - 36) * count / bins.most" />
-          <g class="mt-axis"><line :x1="16" :x2="w - 16" :y1="h - 30" :y2="h - 30" />
-            <text v-for="v in xs" :key="v" :x="x(v)" :y="h - 17" text-anchor="middle">{{ v }}</text>
-            <text :x="w / 2" :y="h - 3" text-anchor="middle">gain / mean</text></g>
+        <svg :width="w" :height="h" role="img" aria-label="Histogram of the gain over its mean">
+          <rect v-for="(count, i) in counts" :key="i" class="mt-bar" :x="16 + i * width + 0.5" :width="Math.max(width - 1, 1)"
+            :y="y(count)" :height="h - 36 - y(count)" />
+          <path v-if="outline" class="mt-line mt-kept" :d="outline" />
+          <g class="mt-axis"><line :x1="16" :x2="w - 16" :y1="h - 36" :y2="h - 36" />
+            <text v-for="v in xs" :key="v" :x="x(v)" :y="h - 21" text-anchor="middle">{{ v }}</text>
+            <text :x="w / 2" :y="h - 5" text-anchor="middle">gain / mean</text></g>
         </svg>
       </div>`,
   };
 
-  const Copy = {
-    // Button that copies a text, also where the page is no secure context.
-    props: { text: String },
+  async function copied(text, element) {
+    try {
+      await navigator.clipboard.writeText(text);
+    } catch (error) { // no secure context
+      const area = document.createElement("textarea");
+      area.value = text;
+      element.appendChild(area);
+      area.select();
+      document.execCommand("copy");
+      area.remove();
+    }
+  }
+  const copying = {
     data: () => ({ done: false }),
     methods: {
-      async copy() {
-        try {
-          await navigator.clipboard.writeText(this.text);
-        } catch (error) {
-          const area = document.createElement("textarea");
-          area.value = this.text;
-          this.$el.appendChild(area);
-          area.select();
-          document.execCommand("copy");
-          area.remove();
-        }
+      async copy(text) {
+        await copied(text, this.$el);
         this.done = true;
         setTimeout(() => { this.done = false; }, 1500);
       },
     },
-    template: `<button class="mt-copy" type="button" @click="copy">{{ done ? "Copied" : "Copy" }}</button>`,
   };
 
-  const Picture = {
-    // Downloads a picture of the scene with a caption below it.
-    props: { shot: { default: null }, caption: String },
+  const dialog = {
+    props: { shown: Boolean },
+    emits: ["close"],
     watch: {
-      shot(blob) {
-        if (!blob) return;
-        const image = new Image();
-        image.onload = () => {
-          const size = Math.max(Math.round(image.width / 70), 12), room = 2.6 * size;
-          const canvas = document.createElement("canvas"), pen = canvas.getContext("2d");
-          canvas.width = image.width;
-          canvas.height = image.height + room;
-          pen.fillStyle = "#ffffff";
-          pen.fillRect(0, 0, canvas.width, canvas.height);
-          pen.drawImage(image, 0, 0);
-          pen.fillStyle = "#1f2933";
-          pen.font = `${size}px Roboto, sans-serif`;
-          pen.fillText(this.caption, size, image.height + 1.6 * size, canvas.width - 2 * size);
-          const link = document.createElement("a");
-          link.download = "meshtrace.png";
-          link.href = canvas.toDataURL("image/png");
-          link.click();
-          URL.revokeObjectURL(image.src);
-        };
-        image.src = URL.createObjectURL(blob);
+      shown(now) {
+        if (now && !this.$refs.dialog.open) this.$refs.dialog.showModal();
+        if (!now) this.$refs.dialog.close();
       },
     },
-    template: "<span></span>",
+  };
+
+  const Design = {
+    // Dialog with the answer, the tables and the notes of a design.
+    mixins: [copying, dialog],
+    props: { design: { type: Object, default: null }, stale: Boolean },
+    template: `
+      <dialog ref="dialog" class="mt-dialog mt-design" aria-labelledby="design-title" @close="$emit('close')">
+        <div class="mt-top"><h2 id="design-title">Design</h2>
+          <button type="button" id="design-close" @click="$emit('close')">Close</button>
+          <button type="button" @click="copy(design.text)">{{ done ? "Copied" : "Copy as text" }}</button></div>
+        <template v-if="design?.tables">
+          <p v-if="stale" class="mt-note">Of an earlier state.</p>
+          <p v-for="line in design.answer" :key="line">{{ line }}</p>
+          <table v-for="t in design.tables" :key="t.title">
+            <caption>{{ t.title }}</caption>
+            <thead><tr><td></td><th v-for="h in t.head.slice(1)" :key="h" scope="col">{{ h }}</th></tr></thead>
+            <tbody><tr v-for="[name, ...cells] in t.rows" :key="name" :class="{ 'mt-total': name.startsWith('=') }">
+              <th scope="row">{{ name }}</th><td v-for="(cell, i) in cells" :key="i">{{ cell }}</td></tr></tbody>
+          </table>
+          <p v-for="note in design.notes" :key="note">{{ note }}</p>
+        </template>
+      </dialog>`,
+  };
+
+  const Text = {
+    // Dialog with a text to be copied.
+    mixins: [copying, dialog],
+    props: { title: String, text: String },
+    template: `
+      <dialog ref="dialog" class="mt-dialog" aria-labelledby="text-title" @close="$emit('close')">
+        <h2 id="text-title">{{ title }}</h2>
+        <pre id="text" class="mt-text" tabindex="0">{{ text }}</pre>
+        <div class="mt-actions"><button type="button" class="mt-copy mt-main" @click="copy(text)">{{ done ? "Copied" : "Copy" }}</button>
+          <button type="button" id="close" @click="$emit('close')">Close</button></div>
+      </dialog>`,
+  };
+
+  const Link = {
+    // Button that copies a link to the state; the fragment of the address holds the moved controls.
+    mixins: [copying],
+    props: { moves: Object, base: String },
+    emits: ["restore"],
+    computed: {
+      fragment() {
+        const text = new URLSearchParams(Object.entries(this.moves)).toString();
+        return text ? `#${text}` : "";
+      },
+    },
+    watch: {
+      // the whole address: that of the page has another base
+      fragment(now) { history.replaceState(null, "", location.pathname + location.search + now); },
+    },
+    methods: {
+      restore() {
+        const found = [...new URLSearchParams(location.hash.slice(1))];
+        this.$emit("restore", Object.fromEntries(found.map(([k, v]) => [k, v !== "" && isFinite(v) ? Number(v) : v])));
+      },
+    },
+    mounted() {
+      if (location.hash.length > 1) this.restore();
+      window.addEventListener("hashchange", this.restore);
+    },
+    unmounted() { window.removeEventListener("hashchange", this.restore); },
+    template: `<button type="button" id="link" @click="copy(base + fragment)">{{ done ? "Copied" : "Copy link" }}</button>`,
   };
 
   window.meshtrace = {
     install(app) {
-      const parts = { Drag, Series, Histogram, Copy, Picture };
+      const parts = { Scene: window.meshtraceScene, Drag, Series, Histogram, Text, Design, Link };
       for (const [name, part] of Object.entries(parts)) app.component(`mt-${name.toLowerCase()}`, part);
     },
   };
