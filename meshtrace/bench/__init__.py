@@ -5,4 +5,5 @@ scaling with threads and workers. Engine and reference take turns; the best roun
 """
 
 from meshtrace.bench.suite import bench as bench
+from meshtrace.bench.suite import compare as compare
 from meshtrace.bench.suite import report as report

@@ -158,6 +158,59 @@ def report(result: dict[str, Any]) -> str:
     return text_table(rows.items())
 
 
+SLOWER = 0.15
+"""Share by which a work may take longer than before."""
+
+
+def compare(new: dict[str, Any], old: dict[str, Any]) -> tuple[str, list[str]]:
+    """Compare two measurements of `bench` of one link, with the same options.
+
+    CPU seconds are divided by those of a raw ray in the same run, so that the speed of the
+    processor cancels; the effect of other processes on its caches does not.
+
+    Parameters
+    ----------
+    new, old : dict
+        Measurements.
+
+    Returns
+    -------
+    table : str
+        Works that both have, their times in raw rays, and the ratio of these.
+    slower : list of str
+        Works that take more than `SLOWER` longer.
+
+    Raises
+    ------
+    Refused
+        If `old` is no measurement.
+    """
+    try:
+        before, now = _rays(old), _rays(new)
+    except (KeyError, TypeError) as error:
+        found, allowed = Described("no measurement"), "JSON of meshtrace bench"
+        raise Refused("compare", found, allowed) from error
+    both = [name for name in now if name in before]
+    ratios = {name: now[name] / before[name] for name in both}
+    rows = [(n, f"{before[n]:.3g}", f"{now[n]:.3g}", f"{ratios[n]:.3f}") for n in both]
+    table = text_table(rows, ("work", "rays before", "rays now", "ratio"))
+    return table, [name for name in both if ratios[name] > 1.0 + SLOWER]
+
+
+def _rays(result: dict[str, Any]) -> dict[str, float]:
+    """Return the time of each work in raw rays of the same run, of those that were measured."""
+    photons = {name: result[name]["photons_per_s"] for name in ("analog", "analog_tilted")}
+    seconds = {f"{name} photon": 1.0 / rate for name, rate in photons.items()}
+    for name, key in (
+        *(("merit", "setup_seconds"), ("merit", "forced_seconds"), ("new_sea", "seconds")),
+        *(("resolved_sea", "seconds_per_realization"), ("realization", "cpu_seconds")),
+        *(("downlink", "seconds"), ("background", "cpu_seconds"), ("coverage", "cpu_seconds")),
+    ):
+        if result[name] is not None:
+            seconds[f"{name} {key}".replace("_", " ")] = result[name][key]
+    return {name: value * result["analog"]["rays_per_s"] for name, value in seconds.items()}
+
+
 def _scaling(threads: dict[str, Any], workers: dict[str, Any] | None) -> dict[str, str]:
     """Return speeds relative to one thread or worker."""
     counts, analog, forced = (threads[k] for k in ("threads", "analog_by_jobs", "forced_by_jobs"))

@@ -339,8 +339,10 @@ def _rows(data: xr.Dataset) -> list[str]:
     """Return gains over the realizations as a table, one row for each point and receiver."""
     import numpy as np
 
+    from meshtrace.results.wavelengths import by_wavelength
     from meshtrace.tables import text_table
 
+    data = by_wavelength(data)
     gain, stderr = data["gain"], data["gain_stderr"]
     dims = [str(name) for name in gain.dims if name != "realization"]
     n = data.sizes["realization"]

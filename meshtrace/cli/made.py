@@ -215,7 +215,9 @@ def described(command: Callable[..., None], **groups: Group) -> Callable[..., No
                 given[name] = value(**{one.name: given.pop(one.name) for one in options})
             command(**given)
         except Refused as error:
-            option = next((_option_name(p) for p in parameters if p.name == error.field), "")
+            option = next(
+                (_option_name(p) for p in parameters if p.name.rstrip("_") == error.field), ""
+            )
             if error.source or not option:
                 raise
             found = MISSING if error.value is None else error.value

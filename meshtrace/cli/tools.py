@@ -13,7 +13,7 @@ import typer
 
 from meshtrace.cli.app import app
 from meshtrace.cli.console import COMPILING, extra, finite, kernels_are_compiled, progress
-from meshtrace.cli.made import Span, described
+from meshtrace.cli.made import Span, described, numbers
 from meshtrace.cli.options import (
     AllChanges,
     Changes,
@@ -41,6 +41,7 @@ def run(
     photons: str | None = None,
     rtol: str | None = None,
     estimator: str | None = None,
+    wavelengths: str | None = None,
     case: AllChanges,
     verbose: bool = False,
 ) -> None:
@@ -54,6 +55,8 @@ def run(
         Target for the relative standard error, such as 0.01.
     estimator : NAME
         forced or analog.
+    wavelengths : NM,NM,...
+        Wavelengths with common paths, or start:stop:step.
     verbose
         Print samples and chains, too.
     """
@@ -61,14 +64,20 @@ def run(
     options = {"run.photons": photons, "run.rtol": rtol, "run.estimator": estimator}
     scenario, quiet = case.scenario(link, options), printed.json_
     printed.check(link)
-    result, wall_time = _simulate(scenario, quiet)
-    data = _plain(result, wall_time) if quiet else None
-    text = result.summary(wall_time, verbose) if data is None else json.dumps(data, allow_nan=False)
-    typer.echo(text)
+    at = None if wavelengths is None else numbers("--wavelengths", wavelengths)
+    result, wall_time = _simulate(scenario, quiet, at)
+    if quiet:
+        rows = {"": result} if at is None else {f"{nm:g}": one for nm, one in result}
+        data = {name: _plain(one, wall_time) for name, one in rows.items()}
+        typer.echo(json.dumps(data[""] if at is None else data, allow_nan=False))
+    else:
+        typer.echo(result.summary(wall_time, verbose) if at is None else result.summary())
     printed.save(result, quiet)
 
 
-def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
+def _simulate(
+    scenario: Scenario, quiet: bool, wavelengths_nm: list[float] | None
+) -> tuple[Any, float]:
     """Return the result of a scenario and its wall time [s], compiling beforehand if need be."""
     known = scenario.run.photons if scenario.run.rtol is None else None
     with progress(known, quiet, "following photons") as (say, advance):
@@ -84,7 +93,7 @@ def _simulate(scenario: Scenario, quiet: bool) -> tuple[GainResult, float]:
                 short = scenario.run.model_copy(update=few)
                 scenario.model_copy(update={"run": short}).simulate()
         start = time.perf_counter()
-        result = scenario.simulate(advance)
+        result = scenario.simulate(advance, wavelengths_nm)
         return result, time.perf_counter() - start
 
 
@@ -307,6 +316,7 @@ def bench(
     json_: bool = False,
     quick: bool = False,
     cold: bool = False,
+    compare: Path | None = None,
     trust: bool = False,
 ) -> None:
     """Measure the speed of the engine, as ratios within one run.
@@ -323,13 +333,18 @@ def bench(
         Use a quarter of the photons.
     cold
         Also measure a first run, which compiles.
+    compare : OLD.JSON
+        Compare with an earlier output of this machine; exit code 1 if a work takes 15 % longer, in
+        raw rays of its run.
     trust
         Run the modules that the link file names, as in module:Class.
     """
     from meshtrace.bench import bench as measure
+    from meshtrace.bench import compare as compared
     from meshtrace.bench import report
 
     check_output(output, link)
+    before = None if compare is None else _measurement(compare)
     changes = ["wind_speed=13", "bubbles=none"] if link is None else []
     scenario = Changes(set_=changes, trust=trust).scenario(link)
     result = measure(scenario, quick=quick, cold=cold)
@@ -338,6 +353,20 @@ def bench(
     if output is not None:
         with atomic(output) as temporary:
             temporary.write_text(text + "\n", encoding="utf-8")
+    if before is not None:
+        table, slower = compared(result, before)
+        typer.echo(f"\n{table}", err=json_)
+        if slower:
+            typer.echo(f"slower by more than 15 %: {', '.join(slower)}", err=True)
+            raise typer.Exit(1)
+
+
+def _measurement(path: Path) -> dict[str, Any]:
+    """Return an earlier output of `bench`."""
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    except (TypeError, ValueError) as error:
+        raise Refused("--compare", str(path), "JSON of meshtrace bench") from error
 
 
 @app.command("plot")
@@ -372,24 +401,29 @@ def _content(file: Path) -> object:
 
 @app.command()
 def warm() -> None:
-    """Compile the kernels of both estimators, and keep them for later runs."""
+    """Compile the kernels of both estimators and of coverage maps, and keep them for later runs."""
     from meshtrace.engine.simulate import simulate
     from meshtrace.kernels.jit import folder
     from meshtrace.link import Link, Physics, Receiver
     from meshtrace.optics.water import Water
+    from meshtrace.studies.coverage import coverage_map
     from meshtrace.surfaces import JonswapSea
 
     start, sea = time.perf_counter(), JonswapSea()
     runs: list[tuple[Link, Literal["forced", "analog"]]] = [
-        (Link(), "forced"),
+        (Link().mirrored(), "forced"),
         (Link(physics=Physics(unresolved="none")), "forced"),
         (Link(water=Water(bottom_depth=20.0), receiver=(Receiver(), Receiver())), "forced"),
         (Link(), "analog"),
     ]
-    with progress(len(runs), False, COMPILING, "forced", "analog") as (_, advance):
+    with progress(len(runs) + 2, False, COMPILING, "forced", "analog") as (_, advance):
+        Changes().scenario(None).simulate()  # the mesh of `meshtrace run` is another kind
+        advance(1)
         for link, estimator in runs:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                simulate(link, sea, estimator, photons=64, spacing=0.5)
+                simulate(link, sea, estimator, photons=64)
             advance(1)
+        coverage_map(Link(), sea, extent=1.0, step=0.5, rtol=0.5)
+        advance(1)
     typer.echo(f"kernels in {folder()}, {time.perf_counter() - start:.1f} s")

@@ -1,5 +1,6 @@
 """Measurements of speed: contents and refusals; no bound on any time."""
 
+import copy
 import json
 import time
 
@@ -8,7 +9,7 @@ from typer.testing import CliRunner
 
 import meshtrace as mt
 from meshtrace import cli
-from meshtrace.bench import bench, engine, report
+from meshtrace.bench import bench, compare, engine, report
 from meshtrace.bench.engine import (
     analog_rate,
     background_light,
@@ -206,6 +207,48 @@ def test_command_writes_what_was_measured(tmp_path, monkeypatch, measured):
     assert json.loads(path.read_text()) == measured
     assert result.stdout == report(measured) + "\n"
     assert asked == [{"quick": True, "cold": False}]
+
+
+def test_works_are_compared_in_rays_of_their_run(measured):
+    """A processor of half the speed changes no ratio; a slower work is named."""
+    half = copy.deepcopy(measured)
+    for name in ("analog", "analog_tilted"):
+        for key in ("photons_per_s", "rays_per_s"):
+            half[name][key] *= 0.5
+    works = {
+        **dict.fromkeys(("new_sea", "downlink"), "seconds"),
+        **dict.fromkeys(("realization", "background", "coverage"), "cpu_seconds"),
+        "resolved_sea": "seconds_per_realization",
+    }
+    for name, key in works.items():
+        half[name][key] *= 2.0
+    for key in ("setup_seconds", "forced_seconds"):
+        half["merit"][key] *= 2.0
+    table, slower = compare(half, measured)
+    ratios = [line.split()[-1] for line in table.splitlines()[2:]]
+    assert ratios == ["1.000"] * 10
+    assert slower == []
+    half["new_sea"]["seconds"] *= 1.16
+    half["realization"]["cpu_seconds"] *= 1.14
+    assert compare(half, measured)[1] == ["new sea seconds"]
+    assert len(compare({**half, "coverage": None}, measured)[0].splitlines()) == 11
+
+
+def test_command_fails_where_a_work_is_slower(tmp_path, monkeypatch, measured):
+    monkeypatch.setattr("meshtrace.bench.bench", lambda s, **o: measured)
+    old = copy.deepcopy(measured)
+    old["downlink"]["seconds"] *= 0.8
+    path = tmp_path / "old.json"
+    for before, code in ((measured, 0), (old, 1)):
+        path.write_text(json.dumps(before))
+        result = CliRunner().invoke(cli.app, ["bench", "--compare", str(path)])
+        assert result.exit_code == code
+    assert result.stderr == "slower by more than 15 %: downlink seconds\n"
+    for text in ("{}", "[1]", "no JSON"):
+        path.write_text(text)
+        result = CliRunner().invoke(cli.app, ["bench", "--compare", str(path)])
+        assert result.exit_code == 2
+        assert result.stderr.startswith("error: --compare: ")
 
 
 @pytest.mark.parametrize(

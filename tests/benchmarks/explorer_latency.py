@@ -22,7 +22,8 @@ from meshtrace.explorer.controls import State
 from meshtrace.explorer.scene import LiveScene
 from meshtrace.scenario import Scenario
 
-PARTS = ("CPU of the first gain", "CPU of a new scene", "CPU of a scene in time")
+PARTS = ("CPU of the state", "CPU of the first gain", "CPU of its bits", "CPU of a new scene",
+         "CPU of a scene in time", "CPU of the refined gain and bits")  # fmt: skip
 FRAMES = 5.0  # time over which frames are counted [s]
 
 # The canvas is drawn only when the scene changes: the first drawing after a move shows it.
@@ -87,17 +88,23 @@ def measure(driver, pid, first, moves):
 
 
 def processor_times(moves):
-    """Return the CPU time of a first gain and of a scene update in this process [ms]."""
+    """Return the CPU time of the parts of a move in this process [ms]."""
     state = State(Scenario.from_toml(""))
     scene, rows = LiveScene(state), []
     for i in range(moves + 1):
-        moved = state.moved({"depth": 11.0 + 0.1 * i})
         times = [time.process_time()]
-        next(stages.gains(moved, lambda *_: None))
+        moved = state.moved({"depth": 11.0 + 0.1 * i})
+        moved.settings, moved.ranges, moved.barred  # noqa: B018
         times.append(time.process_time())
+        gains = stages.gains(moved, lambda *_: None)
+        for _ in range(2):
+            next(gains)
+            times.append(time.process_time())
         scene.update(moved)
         times.append(time.process_time())
         scene.update(moved.at(0.1 * i), running=True)
+        times.append(time.process_time())
+        list(gains)
         times.append(time.process_time())
         rows.append([1e3 * (b - a) for a, b in pairwise(times)])
     return [statistics.median(column) for column in zip(*rows[1:], strict=True)]

@@ -3,7 +3,7 @@
 Run with `pytest tests/benchmarks --benchmark-only` on a quiet machine. The bounds are those that
 the project sets itself: 20 000 times analog at 20 000 samples, 0.15 s for 1 % on a new sea,
 10 000 realizations of the default link, each at 1 %, in 15 minutes, and as many of a sea resolved up
-to 24 rad/s in 30 minutes, all on two cores.
+to 24 rad/s in 30 minutes, all on two cores, and memory that does not grow with the chains.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from time import perf_counter
 
 import pytest
+from throughput import peak_memory
 
 import meshtrace as mt
 from meshtrace.bench.engine import figure_of_merit, new_sea, resolved_sea
@@ -28,6 +29,14 @@ def test_figure_of_merit(benchmark):
     info = benchmark.pedantic(figure_of_merit, (link, mesh), {"threads": 2}, rounds=1)
     benchmark.extra_info.update(info)
     assert info["ratio_kept"] * (1.0 - info["ratio_stderr"] / info["ratio"]) >= 20_000, info
+
+
+def test_memory_does_not_grow_with_chains(benchmark):
+    few, many = benchmark.pedantic(
+        lambda: (peak_memory(10**5, "forced"), peak_memory(10**6, "forced")), rounds=1
+    )
+    benchmark.extra_info.update(few=few, many=many)
+    assert many - few < 50 * 2**20
 
 
 def test_one_per_cent_on_a_new_sea(benchmark):

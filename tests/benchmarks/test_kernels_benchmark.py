@@ -1,13 +1,20 @@
 """Throughput and memory of the analog engine; run with `pytest tests/benchmarks --benchmark-only`.
 
 The numbers are stored with the benchmark (`--benchmark-json`). The bounds are those that the
-project sets itself: 0.5 photons for each raw Embree ray, 20 times the plain tracer, flat memory.
+project sets itself: 0.5 photons for each raw Embree ray, 20 times the plain tracer, twice the time
+of a plain numba loop, flat memory.
 """
 
 import os
 
 import pytest
-from throughput import SMOOTH, default_mesh, measure_against_plain, peak_memory
+from throughput import (
+    SMOOTH,
+    default_mesh,
+    measure_against_loop,
+    measure_against_plain,
+    peak_memory,
+)
 
 import meshtrace as mt
 from meshtrace.bench.engine import analog_rate
@@ -41,6 +48,13 @@ def test_against_the_plain_tracer(benchmark):
     info = benchmark.pedantic(measure_against_plain, rounds=1)
     benchmark.extra_info.update(info)
     assert info["speedup"] >= 20.0, info
+
+
+@pytest.mark.parametrize(("b", "photons"), [(0.037, 1_000_000), (0.1, 1_000_000), (1.0, 100_000)])
+def test_against_a_plain_loop(benchmark, b, photons):
+    info = benchmark.pedantic(measure_against_loop, (b, photons), rounds=1)
+    benchmark.extra_info.update(info)
+    assert info["ratio"] <= 2.0, info
 
 
 def test_memory_does_not_grow_with_photons(benchmark):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, sidak, z_test
+from plain_loop import plain_loop
 from plain_tracer import plain_gain, turn
 
 import meshtrace as mt
@@ -37,3 +38,12 @@ def test_turn_keeps_length_and_angle():
     out = turn(d, cos_theta, rng)
     np.testing.assert_allclose(np.linalg.norm(out, axis=1), 1.0, atol=1e-12)
     np.testing.assert_allclose(np.einsum("ij,ij->i", out, d), cos_theta, atol=1e-12)
+
+
+def test_the_plain_loop_agrees():
+    water = mt.Water(b=0.2, phase=mt.optics.HenyeyGreenstein(g=0.9))
+    link = mt.Link(water=water, receiver=mt.Receiver(radius=2.0, fov_deg=150.0))
+    gain, stderr, _ = plain_loop(link, 200_000, seed=1)
+    r = mt.simulate(link, FlatSea(), estimator="analog", photons=200_000, seed=2)
+    assert stderr / gain < 0.01
+    assert z_test(gain, stderr, r.gain, r.gain_stderr) > ALPHA

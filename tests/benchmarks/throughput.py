@@ -11,6 +11,7 @@ import subprocess
 import sys
 from typing import Any
 
+from plain_loop import plain_loop
 from plain_tracer import plain_gain
 
 import meshtrace as mt
@@ -49,19 +50,35 @@ def measure_against_plain(
     }
 
 
-def peak_memory(photons: int) -> int:
-    """Return the peak resident memory [bytes] of a fresh process that follows photons."""
-    done = subprocess.run(
-        [sys.executable, __file__, str(photons)], capture_output=True, text=True, check=True
+def measure_against_loop(b: float, photons: int, rounds: int = 3) -> dict[str, Any]:
+    """Return ns of a photon of `simulate` and of the plain loop below still water, and the ratio.
+
+    `events` are the collisions of a photon, to which its time is related in turbid water.
+    """
+    water = mt.Water(a=0.1, b=b, phase=mt.optics.HenyeyGreenstein(g=0.924))
+    link, options = mt.Link(water=water), {"estimator": "analog", "threads": 1}
+    mt.simulate(link, FlatSea(), photons=4096, **options)
+    _, _, events = plain_loop(link, photons, 1)
+    seconds = best_of(
+        rounds,
+        lambda: mt.simulate(link, FlatSea(), photons=photons, **options),
+        lambda: plain_loop(link, photons, 1),
     )
-    return int(done.stdout)
+    ns, plain_ns = (1e9 * s / photons for s in seconds)
+    return {"ns": ns, "plain_ns": plain_ns, "ratio": ns / plain_ns, "events": events}
 
 
-def _follow(photons: int) -> int:
-    mt.simulate(mt.Link(), FlatSea(), estimator="analog", photons=photons, seed=1)
+def peak_memory(photons: int, estimator: str = "analog") -> int:
+    """Return the peak resident memory [bytes] of a fresh process that follows photons or chains."""
+    command = [sys.executable, __file__, str(photons), estimator]
+    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
+def _follow(photons: int, estimator: str) -> int:
+    mt.simulate(mt.Link(), FlatSea(), estimator=estimator, photons=photons, seed=1)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak * (1 if sys.platform == "darwin" else 1024)
 
 
 if __name__ == "__main__":
-    print(_follow(int(sys.argv[1])))
+    print(_follow(int(sys.argv[1]), sys.argv[2]))

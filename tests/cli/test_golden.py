@@ -27,6 +27,9 @@ OUTPUTS = {
     "ber-ranges": "ber --preset paper-ranges --wind 0 --depths 45:55:5 --bit-rates 1e6 --photons 256",
     "converge": "converge --spacings 4,3,2,1 --normals vertex --photons 32 --placements 2",
     "figures-list": "figures --list",
+    "water-given": "water",
+    "water-type": "water --type coastal",
+    "water-constituents": "water --chlorophyll 0.5 --cdom 0.02 --minerals 1 --wavelengths 450:650:50",
 }
 
 REFUSED_FILES = [
@@ -78,6 +81,12 @@ ber --set run.estimator=analog
 ensemble --set sea.spectrum=flat
 series --set sea.time=3
 series --times 0:1:0
+water --type jerlow
+water --chlorophyll 30
+water --type coastal --wavelengths 600
+water --file none.csv
+water --wavelengths 450,550
+water --type II --set water.a=0.1
 view gone.toml --html a.html
 view gone.nc --html a.html
 view small.ply --set wind_speed=3 --html a.html

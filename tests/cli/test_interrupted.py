@@ -11,8 +11,8 @@ import pytest
 
 pytestmark = [pytest.mark.process]
 
-STARTED = "import os; os.write(2, b'started\\n'); from meshtrace.__main__ import main; main()"
-"""A command that says when Python is ready; before, there is none to handle the signal."""
+STARTED = "import os; from meshtrace.__main__ import main; os.write(2, b'started\\n'); main()"
+"""A command that says when Python has its first function; before, nothing handles the signal."""
 
 SLOW = ["run", "--photons", "2000000", "--threads", "1", "-o", "gain.nc"]
 

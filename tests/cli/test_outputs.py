@@ -123,6 +123,18 @@ def test_no_light_is_a_bound_in_json_and_in_the_file(tmp_path):
     assert lit["gain_bound"] is None
 
 
+def test_the_spectra_of_a_water_are_drawn(tmp_path):
+    (tmp_path / "link.toml").write_text('wind_speed = 0.0\n[water]\ntype = "II"\n')
+    shown = meshtrace("water", tmp_path / "link.toml", "--plot", tmp_path / "water.png")
+    assert shown.stdout.startswith("jerlov-II (Solonenko and Mobley 2015)\n")
+    assert (tmp_path / "water.png").stat().st_size > 1000
+    profile = tmp_path / "profile.csv"
+    profile.write_text("depth,wavelength,a,b\n0,400,0.1,0.3\n9,400,0.2,0.4\n")
+    shown = meshtrace("water", "--file", profile)
+    assert "1 wavelengths at 2 depths, at the surface" in shown.stdout
+    assert "400               0.1       0.3       0.4       1.3300" in shown.stdout
+
+
 def test_the_scatter_of_a_single_sea_is_a_dash():
     import xarray as xr
 

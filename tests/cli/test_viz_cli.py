@@ -156,7 +156,7 @@ def test_a_missing_extra_is_a_hint(monkeypatch, missing):
         (["gone.nc"], "gone.nc: no such file, allowed: a link file, result or mesh"),
         (["text.txt"], "text.txt: '.txt', allowed: a file name in .toml, .nc, .stl, .ply, .obj"),
         (["text.nc"], "text.nc: "),
-        (["other.nc"], "allowed: results of kind gain, impulse-response, series"),
+        (["other.nc"], "allowed: results of kind gain, wavelengths, impulse-response, series"),
         (["text.stl"], "text.stl: sea.mesh.source: empty, allowed: a surface of one or more"),
         (["--set", "receiver.radius=-1"], "receiver.radius: -1"),
         (["sea.ply", "--set", "wind_speed=3"], "--set: 'wind_speed=3', allowed: with a link file"),

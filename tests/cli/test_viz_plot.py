@@ -49,12 +49,13 @@ WRITING = {
     "coverage": ("coverage", "--photons", "2000"),
     "sensitivity": ("sensitivity", "--wrt", "water.a", *FEW),
     "optimize": ("optimize", "--over", "receiver.fov_deg=6,90", "-n", "4", *FEW),
+    "design": ("design", "-n", "8", *FEW),
     "irradiance": ("irradiance", "--times", "0,0.1", "--photons", "1000"),
     "traces": ("traces", "--hours", "1e-4", "--rate", "10", *FEW),
     "sweep": ("sweep", "sweep.toml", "--workers", "1"),
     "sweep by day": ("sweep", "day.toml", "--workers", "1"),
 }
-NO_RESULTS = {"bench", "explore", "figures", "new", "plot", "validate", "view", "warm"}
+NO_RESULTS = {"bench", "explore", "figures", "new", "plot", "validate", "view", "warm", "water"}
 """Commands that print, open windows, draw pictures or write JSON."""
 
 

@@ -1,0 +1,51 @@
+"""The command design: page, file, picture, refusals."""
+
+import pytest
+from command_line import meshtrace, refusal
+
+import meshtrace as mt
+
+LINK = """
+wind_speed = 0.0
+[receiver]
+fov_deg = 30.0
+[detector]
+bit_rate = 1e6
+[daylight]
+direct = 1.42
+diffuse = 0.295
+"""
+PARTS = ("ANSWER", "FIGURES", "BEST VALUES", "LENS, FIELD OF VIEW AND FILTER", "JUST CLOSES",
+         "BUDGET", "WATER AND NOTES")  # fmt: skip
+
+
+@pytest.mark.thorough
+def test_design_prints_a_page_and_writes_it(golden, tmp_path):
+    path, out, picture = tmp_path / "link.toml", tmp_path / "d.nc", tmp_path / "d.png"
+    path.write_text(LINK)
+    text = meshtrace(
+        "design", path, "--photons", "32", "-n", "8", "-o", out, "--plot", picture
+    ).stdout
+    places = [text.index(part) for part in PARTS]
+    assert places == sorted(places)
+    page = mt.Design.load(out)
+    assert page.summary() in text
+    assert "water: a 0.114, b 0.037 m-1 at 470 nm: petzold-clear" in text
+    assert picture.stat().st_size > 10_000
+    golden("design", page.summary())
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--over", "receiver.fov=1,2"), "did you mean receiver.*fov_deg"),
+        (("--over", "receiver.fov_deg=60"), "KEY=LOW,HIGH"),
+        (("--outage", "2"), "--outage: 2"),
+        (("-n", "3"), "--realizations: 3"),
+        (("--set", "detector.bitrate=3"), "did you mean bit_rate"),
+    ],
+)
+def test_refusals(words, message):
+    import re
+
+    assert re.search(message, refusal("design", "--set", "sea.spectrum=flat", *words))
