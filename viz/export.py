@@ -31,8 +31,8 @@ from meshtrace.files import atomic
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 
-from .stage import Scene
-from .style import INK, SKY
+from .stage import ScenePlotter
+from .style import CHALK
 
 
 @singledispatch
@@ -168,12 +168,12 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
     return path
 
 
-def export_scene(scene: Scene, folder: str | Path) -> list[Path]:
+def export_scene(scene: ScenePlotter, folder: str | Path) -> list[Path]:
     """Write the surface, paths and map of a scene as files for ParaView.
 
     Parameters
     ----------
-    scene : Scene
+    scene : ScenePlotter
         Drawing to export.
     folder : path
         Folder, created if missing: surface.vtp, paths.vtp, received.vtp, map.vti.
@@ -191,7 +191,7 @@ def export_scene(scene: Scene, folder: str | Path) -> list[Path]:
     ]
 
 
-def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 300_000) -> Path:
+def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 400_000) -> Path:
     """Write the image of a plotter or a figure as a PNG of limited size.
 
     Parameters
@@ -201,8 +201,8 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
     path : path
         File, .png.
     largest : int
-        Size [byte] beyond which a picture of a plotter has a palette of 256 colours, dithered or
-        plain, and a figure one of 128 or 64 colours.
+        Size [byte] beyond which a picture of a plotter has a palette of 256 colours, and a figure
+        one of 128 or 64.
 
     Returns
     -------
@@ -227,7 +227,7 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
             closed = Described("not rendered, or closed")
             raise Refused("picture", closed, "a plotter in use") from error
         shot = Image.fromarray(pixels)
-        options = (make(shot) for make in (lambda full: full, _dithered, _rounded))
+        options = (make(shot) for make in (lambda full: full, _in_palette))
     with atomic(path) as temporary:
         for image in options:
             image.save(temporary, optimize=True)
@@ -236,15 +236,14 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
     return path
 
 
-def _dithered(shot: Image.Image) -> Image.Image:
-    """Return a picture in 256 colours mixed by dots."""
-    return shot.quantize(palette=_rounded(shot), dither=Image.Dither.FLOYDSTEINBERG)
-
-
-def _rounded(shot: Image.Image) -> Image.Image:
-    """Return a picture in 256 colours, rare ones included."""
-    method, plain = Image.Quantize.MAXCOVERAGE, Image.Dither.NONE
-    return shot.quantize(256, method=method, kmeans=3, dither=plain)
+def _in_palette(shot: Image.Image) -> Image.Image:
+    """Return a picture in 256 colours: 192 common ones for even gradients, and 64 rare ones."""
+    quantize: Any = Image.Quantize
+    methods = ((192, quantize.MEDIANCUT), (64, quantize.MAXCOVERAGE))
+    parts = ((shot.quantize(n, method=m, kmeans=3), n) for n, m in methods)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([level for part, n in parts for level in (part.getpalette() or [])[: 3 * n]])
+    return shot.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
 def surface_sampler(mesh: TriangleMesh) -> Callable[[ArrayLike], NDArray[np.float64]]:
@@ -270,8 +269,8 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
 
     Parameters
     ----------
-    plotter : Scene or pyvista.Plotter
-        Plotter or scene. Texts of a `Scene` face the present camera.
+    plotter : ScenePlotter or pyvista.Plotter
+        Plotter or scene. Texts of a `ScenePlotter` face the present camera.
     path : path
         File, .html.
     title : str
@@ -289,7 +288,7 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
     """
     path = require_suffix(path, (".html", ".htm"))
     page = _exported(plotter)
-    head = Template(_HEAD).substitute(title=html.escape(title), ink=INK)
+    head = Template(_HEAD).substitute(title=html.escape(title), ink=CHALK)
     page = re.sub(r"<title>.*?</title>", lambda _: head, page, count=1)
     page = re.sub(r"https://kitware\.github\.io/vtk-js/icon/[^`\"']*", "data:,", page)
     body = _about(plotter, title)
@@ -304,7 +303,7 @@ def _exported(plotter: pv.Plotter) -> str:
     bars = list(plotter.scalar_bars.values())
     for bar in bars:
         bar.SetVisibility(False)
-    letters = _letters(plotter) if isinstance(plotter, Scene) else None
+    letters = _letters(plotter) if isinstance(plotter, ScenePlotter) else None
     plain: Any = {"scalars": "tint", "rgb": True, "lighting": False, "render": False}
     actor = letters and plotter.add_mesh(letters, **plain)
     page = io.StringIO()
@@ -341,8 +340,8 @@ def _packed(window: Any) -> bytes:
     return packed.getvalue()
 
 
-def _letters(scene: Scene) -> pv.PolyData | None:
-    """Return the texts of a scene as flat letters that face the camera, light ones in water."""
+def _letters(scene: ScenePlotter) -> pv.PolyData | None:
+    """Return the texts of a scene as flat letters that face the camera."""
     towards = np.subtract(scene.camera.position, scene.camera.focal_point)
     towards /= np.linalg.norm(towards)
     right = np.cross((0.0, 0.0, 1.0), towards)
@@ -355,8 +354,7 @@ def _letters(scene: Scene) -> pv.PolyData | None:
         x0, x1 = word.bounds[:2]
         shift = {"left": -x0, "center": 0.0, "right": -x1}[align]
         word.points = size * (word.points + np.array([shift, 0.0, 0.0])) @ frame + point
-        drowned = point[2] < 0.0 and scene.stage.contains(tuple(point))
-        tint = 255.0 * np.array(to_rgb(SKY if drowned else INK))
+        tint = 255.0 * np.array(to_rgb(CHALK))
         word.point_data["tint"] = np.tile(tint.astype(np.uint8), (word.n_points, 1))
         words.append(word)
     return pv.merge(words) if words else None

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal
 
 import numpy as np
 import pyvista as pv
+from matplotlib.colors import to_rgb
 
 from meshtrace.engine.paths import PhotonPaths
 from meshtrace.engine.photons.state import Vertex
@@ -14,8 +16,8 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 
 from .export import surface_sampler, to_pyvista
-from .stage import Scene
-from .style import FATE_COLORS, INK, SEQUENTIAL
+from .stage import ScenePlotter
+from .style import CHALK, FATE_COLORS, SEQUENTIAL
 
 PathColor = Literal["fate", "weight"]
 
@@ -29,22 +31,25 @@ def fate_names(paths: PhotonPaths) -> np.ndarray:
     return names
 
 
-def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") -> Scene:
+def add_paths(
+    scene: ScenePlotter, paths: PhotonPaths, *, color: PathColor = "fate"
+) -> ScenePlotter:
     """Draw photon paths within the stage.
 
     Parameters
     ----------
-    scene : Scene
+    scene : ScenePlotter
         Scene to draw into.
     paths : PhotonPaths
         The paths.
     color : {"fate", "weight"}
-        Colour by the fate of the photon, or by its weight along the path. Received light
-        is drawn thicker; dots mark scattering, rings of light the crossing of the surface.
+        Colour by the fate of the photon, or by its weight along the path. Rays are the fainter
+        the more there are and the less light they carry, and fade out at the sides of the stage.
+        Received light is drawn thicker; dots mark its scattering.
 
     Returns
     -------
-    Scene
+    ScenePlotter
         The same scene.
 
     Raises
@@ -53,26 +58,69 @@ def add_paths(scene: Scene, paths: PhotonPaths, *, color: PathColor = "fate") ->
         If the colour is unknown.
     """
     scene.shown["received" if paths.received.all() else "paths"] = paths
-    names, size = fate_names(paths), scene.stage.size
+    names, width = fate_names(paths), scene.window_size[0] / 1600.0
     for name, shade in reversed(FATE_COLORS.items()):
         chosen = select_paths(paths, names == name)
         if not len(chosen.what):
             continue
         received = name == "received"
-        clipped = to_pyvista(chosen).clip_box(scene.stage.bounds, invert=False)
-        radius = (0.0016 if received else 0.001) * size
-        tubes = clipped.extract_surface(algorithm=None).tube(radius=radius, n_sides=8)
-        look: Any = {"color": shade}
+        rays, seen = _rays(scene, chosen)
+        if not seen:
+            continue
+        strength = (_RECEIVED if received else _SEEN) / math.sqrt(seen)
+        alpha = min(strength, 0.8) * rays["fade"] * (1.0 if received else rays["weight"])
+        look: Any = {"line_width": (1.6 if received else 1.0) * width, "lighting": False}
         if color == "weight":
-            look = {"scalars": "weight", "cmap": SEQUENTIAL, "clim": (0.0, 1.0)}
-            look["scalar_bar_args"] = scene.bar("photon weight")
-        scene.add_mesh(tubes, opacity=1.0 if received else 0.55, ambient=0.5, **look)
-        _add_dots(scene, chosen, (Vertex.SCATTER,), 2.2 * radius, INK)
-        if received:
-            _add_dots(scene, chosen, _CROSSINGS, 2.2 * radius, "#FFFFFF")
-        if color == "fate":
+            look |= {"scalars": "weight", "cmap": SEQUENTIAL, "clim": (0.0, 1.0)}
+            look |= {"opacity": alpha, "scalar_bar_args": scene.bar("photon weight")}
+        else:
+            tint = np.broadcast_to(255.0 * np.array(to_rgb(shade)), (rays.n_points, 3))
+            rays["tint"] = np.rint(np.column_stack([tint, 255.0 * alpha])).astype(np.uint8)
+            look |= {"scalars": "tint", "rgb": True}
             scene.key[f"photons {name}"] = shade
+        scene.add_mesh(rays, **look)
+        if received:
+            _add_dots(scene, chosen, (Vertex.SCATTER,), 0.002 * scene.stage.size, shade)
     return scene
+
+
+_SEEN, _RECEIVED = 10.0, 3.0  # opacity of the rays times the root of their number
+_PIECES = 60  # of a ray as long as the stage
+_SOFT = 0.1  # width of the rim in which rays fade, over the size of the stage
+
+
+def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
+    """Return the straight ways of photons in short pieces, and the number of photons seen.
+
+    Points have the weight, and a factor by which rays fade towards the sides of the stage, and at
+    their end if that is no aperture.
+    """
+    stage, count = scene.stage, np.maximum(paths.length - 1, 0)
+    row = np.repeat(np.arange(len(count)), count)
+    step = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    start, end = paths.vertex[row, step], paths.vertex[row, step + 1]
+    low, high = np.reshape(stage.bounds, (3, 2)).T
+    length = np.linalg.norm(end - start, axis=1)
+    near = (np.maximum(start, end) > low).all(axis=1) & (np.minimum(start, end) < high).all(axis=1)
+    start, end, length, row, step = (a[near] for a in (start, end, length, row, step))
+    last = (step == paths.length[row] - 2) & ~paths.received[row]
+    longest = 3.0 * stage.size  # of the rest nothing is seen
+    shown = np.minimum(length, longest)
+    end = start + (shown / np.maximum(length, 1e-12))[:, None] * (end - start)
+    n = np.ceil(shown / stage.size * _PIECES).astype(int) + 1
+    share = (np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)) / np.repeat(n - 1, n).clip(1)
+    points = np.repeat(start, n, axis=0) + share[:, None] * np.repeat(end - start, n, axis=0)
+    pieces = np.column_stack([np.arange(n.sum())[:-1], np.arange(n.sum())[1:]])
+    inside = np.minimum(points - low, high - points).min(axis=1)
+    ahead = np.where(np.repeat(last, n), (1.0 - share) * np.repeat(length, n), np.inf)
+    fade = np.clip(np.minimum(inside, ahead) / (_SOFT * stage.size), 0.0, 1.0)
+    first = np.zeros(n.sum(), bool)
+    first[np.cumsum(n) - n] = True
+    kept = ~first[pieces[:, 1]] & (fade[pieces] > 0.0).any(axis=1)
+    rays = pv.PolyData(points, lines=np.insert(pieces[kept], 0, 2, axis=1).ravel())
+    before, after = (np.repeat(paths.weight[row, step + i], n) for i in (0, 1))
+    rays["weight"], rays["fade"] = before + share * (after - before), fade
+    return rays, len(np.unique(row))
 
 
 def select_paths(paths: PhotonPaths, rows: np.ndarray | slice) -> PhotonPaths:
@@ -89,7 +137,7 @@ _CROSSINGS = (Vertex.SURFACE_OUT, Vertex.SURFACE_IN)
 
 
 def _add_dots(
-    scene: Scene, paths: PhotonPaths, what: tuple[Vertex, ...], radius: float, color: str
+    scene: ScenePlotter, paths: PhotonPaths, what: tuple[Vertex, ...], radius: float, color: str
 ) -> None:
     """Draw balls at the events within the stage."""
     points = paths.vertex[np.isin(paths.what, what)]
@@ -101,16 +149,17 @@ def _add_dots(
         scene.add_mesh(dots, color=color, ambient=0.6)
 
 
+_LEGIBLE = 0.1  # size over that of the stage of a patch whose colours can be read
 FOOTPRINT_RANGE_DB = 20.0
 """Lower end of the colours of the footprint, below its brightest spot."""
 
 
-def add_footprint(scene: Scene, mesh: TriangleMesh, received: PhotonPaths) -> Scene:
+def add_footprint(scene: ScenePlotter, mesh: TriangleMesh, received: PhotonPaths) -> ScenePlotter:
     """Draw the crossings of the received light, in decibels below the brightest spot.
 
     Parameters
     ----------
-    scene : Scene
+    scene : ScenePlotter
         Scene to draw into.
     mesh : TriangleMesh
         The surface.
@@ -119,7 +168,7 @@ def add_footprint(scene: Scene, mesh: TriangleMesh, received: PhotonPaths) -> Sc
 
     Returns
     -------
-    Scene
+    ScenePlotter
         The same scene.
     """
     crossings = received.vertex[np.isin(received.what, _CROSSINGS)][:, :2]
@@ -133,8 +182,12 @@ def add_footprint(scene: Scene, mesh: TriangleMesh, received: PhotonPaths) -> Sc
     if not lit.n_cells:
         return scene
     colors: Any = {"scalars": "footprint", "clim": (-FOOTPRINT_RANGE_DB, 0.0), "cmap": "inferno"}
-    bar = scene.bar("received light crossing [dB]")
-    look: Any = {"opacity": "linear", "lighting": False, "scalar_bar_args": bar}
+    look: Any = {"opacity": "linear", "lighting": False, "show_scalar_bar": False}
+    if max(np.ptp(np.reshape(lit.bounds, (3, 2)), axis=1)) > _LEGIBLE * size:
+        look |= {
+            "show_scalar_bar": True,
+            "scalar_bar_args": scene.bar("received light crossing [dB]"),
+        }
     scene.add_mesh(lit, name="footprint", **colors, **look)
     return scene
 
@@ -156,11 +209,16 @@ def _footprint(mesh: TriangleMesh, crossings: np.ndarray, blur: float) -> pv.Str
     return patch
 
 
-def add_coverage(scene: Scene, coverage: CoverageMap) -> Scene:
-    """Draw a map of the gain in the plane of the receiver, clipped to the stage."""
+def add_coverage(scene: ScenePlotter, coverage: CoverageMap) -> ScenePlotter:
+    """Draw a map of the gain in the plane of the receiver, clipped to the stage.
+
+    It is the clearer the smaller the gain, so that it hides nothing.
+    """
     scene.shown["map"] = coverage
     data = to_pyvista(coverage).clip_box(scene.stage.bounds, invert=False)
-    look: Any = {"cmap": SEQUENTIAL, "opacity": 0.75, "lighting": False}
+    frame = data.extract_feature_edges()
+    scene.add_mesh(frame, color=CHALK, opacity=0.5, lighting=False, name="frame")
+    look: Any = {"cmap": "inferno", "opacity": [0.05, 0.6, 0.7], "lighting": False}
     bar = scene.bar("channel gain")
     scene.add_mesh(data, scalars="gain", name="coverage", scalar_bar_args=bar, **look)
     return scene

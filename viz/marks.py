@@ -265,9 +265,10 @@ def bars(
 
 
 def heat_map(ax: Axes, x: Any, y: Any, values: Any, label: str, **options: Any) -> Any:
-    """Draw values (x, y) in colours over equal axes [m], with a colour bar."""
+    """Draw values (x, y) in colours over equal axes [m], with a colour bar if that has a label."""
     image = ax.pcolormesh(x, y, values.T, shading="nearest", rasterized=True, **options)
-    ax.figure.colorbar(image, ax=ax, label=label)
+    if label:
+        ax.figure.colorbar(image, ax=ax, label=label)
     seen_from_above(ax)
     return image
 

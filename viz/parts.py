@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import pyvista as pv
 from matplotlib.colors import to_rgb
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from meshtrace.link import CardioidalSky, Link, Receiver, Sun, UniformSky
@@ -18,8 +19,8 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.bubbles import BubblePopulation
 
 from .export import surface_sampler, to_pyvista
-from .stage import Scene, Stage, Z, add_labels, round_range
-from .style import LED_COLOR, PALETTE, RECEIVER_COLOR, UAV_COLOR, plain_label, water_map
+from .stage import ScenePlotter, Stage, Z, add_labels, round_range
+from .style import LED_COLOR, PALETTE, RECEIVER_COLOR, plain_label, water_map
 from .water import SeaLight, ShadedSea
 
 SurfaceColor = Literal["water", "elevation", "slope", "slope_x", "slope_y", "plain"]
@@ -33,17 +34,24 @@ SURFACE_COLORS = {
 """Titles of the colour bars of the surface."""
 
 BUBBLE_COLOR = EDGE_COLOR = "#FFFFFF"
+DEEP_COLORS = ("#2F7F9E", "#061726")
+"""Colours of the block of water in a scene, at the surface and in the dark below."""
+
 WATER_COLORS = ("#7DBBD2", "#1F5A8A")
-"""Colours of the block of water, at the surface and at the bottom of the stage."""
+"""Colours of the block of water of the explorer, at the surface and at the bottom."""
 
 NEAR_OPACITY = 0.35
 """Opacity of the near sides of the water over the opacity of the far ones."""
+
+_AIRCRAFT_COLOR = "#9AA6B2"
+LIGHT_COLOR = "#BFF3FF"
+"""Colour of a beam in the water."""
 
 Vector = tuple[float, float, float]
 
 
 def add_surface(
-    scene: Scene,
+    scene: ScenePlotter,
     mesh: TriangleMesh,
     *,
     color: SurfaceColor = "water",
@@ -51,12 +59,13 @@ def add_surface(
     edges: bool = False,
     opacity: float = 0.9,
     shaded: ShadedSea | None = None,
-) -> Scene:
+    light: str = "white",
+) -> ScenePlotter:
     """Draw the sea surface within the stage.
 
     Parameters
     ----------
-    scene : Scene
+    scene : ScenePlotter
         Scene to draw into.
     mesh : TriangleMesh
         The surface.
@@ -71,10 +80,12 @@ def add_surface(
         0 for clear, 1 for opaque.
     shaded : ShadedSea, optional
         Colours of "water"; by default those of the mesh without wind in the default daylight.
+    light : str
+        Colour of the light on "water": grey for dusk.
 
     Returns
     -------
-    Scene
+    ScenePlotter
         The same scene.
 
     Raises
@@ -85,7 +96,7 @@ def add_surface(
     scene.shown["surface"] = mesh
     data: Any = to_pyvista(mesh)
     if color == "water":
-        _add_water(scene, data, shaded or ShadedSea(mesh, SeaLight()), opacity, edges)
+        _add_water(scene, data, shaded or ShadedSea(mesh, SeaLight()), opacity, edges, light)
         return scene
     data = _within(data, scene.stage.bounds)
     look: dict[str, Any] = {"color": PALETTE["blue"]}
@@ -96,7 +107,7 @@ def add_surface(
             clim = (0.0 if color == "slope" else -color_limit, color_limit)
         bar = scene.bar(SURFACE_COLORS[color])
         look = {"scalars": color, "clim": clim, "cmap": water_map(), "scalar_bar_args": bar}
-    lines = {"show_edges": edges, "edge_color": EDGE_COLOR, "edge_opacity": 0.5, "line_width": 1.2}
+    lines = {"show_edges": edges, "edge_color": EDGE_COLOR, "edge_opacity": 0.25, "line_width": 1.2}
     shine = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.2, "specular_power": 30.0}
     look |= lines | shine
     scene.add_mesh(data, smooth_shading=True, opacity=opacity, name="surface", **look)
@@ -104,7 +115,12 @@ def add_surface(
 
 
 def _add_water(
-    scene: Scene, data: pv.PolyData, shaded: ShadedSea, opacity: float, edges: bool
+    scene: ScenePlotter,
+    data: pv.PolyData,
+    shaded: ShadedSea,
+    opacity: float,
+    edges: bool,
+    light: str,
 ) -> None:
     """Draw a surface in the colours that the camera sees, which `look` renews."""
     plain: Any = {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "lighting": False}
@@ -115,15 +131,15 @@ def _add_water(
         data.point_data["tint"] = np.zeros((data.n_points, 3), np.uint8)
         plain |= {"scalars": "tint", "rgb": True}
     data = _within(data, scene.stage.bounds)
-    actor = scene.add_mesh(data, color="white", opacity=opacity, name="surface", **plain)
+    actor = scene.add_mesh(data, color=light, opacity=opacity, name="surface", **plain)
     if edges:  # VTK draws no edges of textured facets
-        wires: Any = {"color": EDGE_COLOR, "opacity": 0.5, "line_width": 1.2, "lighting": False}
+        wires: Any = {"color": EDGE_COLOR, "opacity": 0.25, "line_width": 1.2, "lighting": False}
         scene.add_mesh(data, style="wireframe", name="edges", **wires)
 
     def shade() -> None:
         colors = shaded.colors(tuple(scene.camera.position))
         if shaded.grid is None:
-            data.point_data["tint"] = colors
+            data.point_data["tint"] = np.rint(colors * to_rgb(light)).astype(np.uint8)
             return
         texture = pv.Texture(np.ascontiguousarray(colors.transpose(1, 0, 2)[::-1]))
         texture.interpolate, texture.mipmap = True, True
@@ -145,16 +161,22 @@ def _within(data: pv.PolyData, bounds: Any) -> pv.PolyData:
 
 
 def add_bubbles(
-    scene: Scene, mesh: TriangleMesh, bubbles: BubblePopulation | None = None, *, near: bool = False
-) -> Scene:
-    """Draw the block of water below the surface, with white bubble layer.
+    scene: ScenePlotter,
+    mesh: TriangleMesh,
+    bubbles: BubblePopulation | None = None,
+    *,
+    near: bool = False,
+) -> ScenePlotter:
+    """Draw the block of water below the surface, with bubbles in proportion to their density.
+
+    Bubbles are points at the water's own places, one of many and enlarged.
 
     Far and near sides, as seen from the camera, are two parts; all other parts are drawn between
     them.
 
     Parameters
     ----------
-    scene : Scene
+    scene : ScenePlotter
         Scene to draw into.
     mesh : TriangleMesh
         The surface.
@@ -165,7 +187,7 @@ def add_bubbles(
 
     Returns
     -------
-    Scene
+    ScenePlotter
         The same scene.
     """
     ring, bottom = _outline(mesh), scene.stage.bottom
@@ -176,19 +198,40 @@ def add_bubbles(
     block = grid.extract_surface(algorithm=None)
     if not near:
         foot = np.column_stack([ring[:-1, :2], np.full(len(ring) - 1, bottom)])
-        scene.add_mesh(pv.lines_from_points(foot, close=True), color=WATER_COLORS[1], opacity=0.6)
+        scene.add_mesh(pv.lines_from_points(foot, close=True), color=DEEP_COLORS[0], opacity=0.5)
         floor = pv.PolyData(foot, faces=[len(foot), *reversed(range(len(foot)))]).triangulate()
         block = pv.merge([block, floor], merge_points=False)
-    tint = _tint(block.points[:, 2], bottom, bubbles)
-    if near:
-        tint[:, 3] = np.rint(NEAR_OPACITY * tint[:, 3])
-    block.point_data["tint"] = tint
+    block.point_data["tint"] = _tint(block.points[:, 2], bottom, 0.3 if near else 0.97)
     culled: Literal["back", "front"] = "back" if near else "front"
     name = "near water" if near else "water"
     scene.add_mesh(block, scalars="tint", rgb=True, lighting=False, culling=culled, name=name)
-    if bubbles is not None:
-        scene.key[f"bubbles, {float(bubbles.b(0.0)):.2g} 1/m at the surface"] = BUBBLE_COLOR
+    if bubbles is not None and not near:
+        _add_points(scene, mesh, bubbles)
     return scene
+
+
+def _add_points(scene: ScenePlotter, mesh: TriangleMesh, bubbles: BubblePopulation) -> None:
+    """Draw random bubbles, as many per depth as they scatter, in three sizes."""
+    stage, rng = scene.stage, np.random.default_rng(1)
+    depth = np.linspace(0.0, -stage.bottom, 2001)
+    through = cumulative_trapezoid(bubbles.b(depth), depth, initial=0.0)
+    n = int(min(_BUBBLES_SHOWN * through[-1] / _THICK, 2.0 * _BUBBLES_SHOWN))
+    x, y = (c + stage.half * rng.uniform(-1.0, 1.0, n) for c in stage.center)
+    z = surface_sampler(mesh)(np.column_stack([x, y]))
+    z -= np.interp(rng.uniform(0.0, through[-1], n), through, depth)
+    inside = z > stage.bottom
+    points = np.column_stack([x, y, z])[inside]
+    pixel = scene.window_size[0] / 1600.0
+    for i, (size, alpha) in enumerate(((2.0, 0.3), (3.0, 0.5), (5.0, 0.7))):
+        look: Any = {"render_points_as_spheres": True, "opacity": alpha, "lighting": False}
+        some = points[i::3] if i < 2 else points[2::12]
+        if len(some):
+            scene.add_mesh(pv.PolyData(some), color=BUBBLE_COLOR, point_size=size * pixel, **look)
+    scene.key[f"bubbles, {float(bubbles.b(0.0)):.2g} 1/m at the surface"] = BUBBLE_COLOR
+
+
+_BUBBLES_SHOWN, _THICK = 12_000, 0.05
+"""Bubbles drawn in a layer of an optical thickness."""
 
 
 def _outline(mesh: TriangleMesh) -> np.ndarray:
@@ -203,22 +246,17 @@ def _outline(mesh: TriangleMesh) -> np.ndarray:
     return ring[::-1] if clockwise else ring
 
 
-def _tint(z: np.ndarray, bottom: float, bubbles: BubblePopulation | None) -> np.ndarray:
-    """Return RGBA bytes (n, 4): water that darkens with depth, veiled by bubbles."""
-    deep = np.clip(z / bottom, 0.0, 1.0)[:, None]
-    fog = (1.0 - np.exp(-2.0 * deep)) / (1.0 - math.exp(-2.0))  # as light decays with depth
-    light, dark = (np.array(to_rgb(c)) for c in WATER_COLORS)
-    color, alpha = light + fog * (dark - light), 0.5 + 0.25 * fog
-    if bubbles is not None:
-        depth = np.maximum(-z, 0.0)
-        # the root, so that the layer is visible down to a hundredth of its density
-        veil = np.sqrt(bubbles.b(depth) / float(bubbles.b(0.0)))[:, None]
-        color = color + veil * (np.array(to_rgb(BUBBLE_COLOR)) - color)
-        alpha = alpha + veil * (0.95 - alpha)
-    return np.rint(255.0 * np.hstack([color, alpha])).astype(np.uint8)
+def _tint(z: np.ndarray, bottom: float, opacity: float) -> np.ndarray:
+    """Return RGBA bytes (n, 4): water that darkens with depth, as light from above decays."""
+    dark = (1.0 - np.exp(-3.0 * np.clip(z / bottom, 0.0, 1.0)))[:, None]
+    shallow, deep = (np.array(to_rgb(c)) for c in DEEP_COLORS)
+    color = shallow + dark * (deep - shallow)
+    return np.rint(255.0 * np.hstack([color, np.full_like(dark, opacity)])).astype(np.uint8)
 
 
-def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
+def add_transmitter(
+    scene: ScenePlotter, link: Link, mesh: TriangleMesh, *, labels: bool = True
+) -> ScenePlotter:
     """Draw every source: an LED or a beam with its cone, or the light of the sun or sky.
 
     The cone ends at the surface; its half-angle is that of half power (LED), of 1/e^2
@@ -231,7 +269,9 @@ def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: boo
         place = source.center
         half = getattr(source, "half_angle_deg", getattr(source, "divergence_deg", None))
         if half is not None:
-            _add_cone(scene, mesh, place, source.axis, half, LED_COLOR)
+            if scene.stage.contains(place):
+                _add_beam(scene, mesh, link.water.c, place, source.axis, half)
+            _add_cone(scene, mesh, place, source.axis, half, LED_COLOR, fill=0.0)
         if not scene.stage.contains(place):
             continue
         ball = pv.Sphere(radius=0.012 * scene.stage.size, center=place)
@@ -245,7 +285,7 @@ def add_transmitter(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: boo
     return scene
 
 
-def _add_sky(scene: Scene, source: Any, labels: bool) -> None:
+def _add_sky(scene: ScenePlotter, source: Any, labels: bool) -> None:
     """Draw the square of the sea lit by a sun or sky, with the direction of the light."""
     stage, w = scene.stage, source.half_width
     zenith = math.radians(getattr(source, "zenith_deg", 0.0))
@@ -262,7 +302,9 @@ def _add_sky(scene: Scene, source: Any, labels: bool) -> None:
         add_labels(scene, [target - 1.1 * length * along], [source.kind.replace("-", " ")])
 
 
-def add_receiver(scene: Scene, link: Link, mesh: TriangleMesh, *, labels: bool = True) -> Scene:
+def add_receiver(
+    scene: ScenePlotter, link: Link, mesh: TriangleMesh, *, labels: bool = True
+) -> ScenePlotter:
     """Draw every receiver: its disk, enlarged for visibility, and its field of view."""
     stage = scene.stage
     for receiver in link.receivers:
@@ -288,14 +330,20 @@ def receiver_disk(receiver: Any, stage: Stage) -> tuple[pv.PolyData, float]:
     return disk, radius / receiver.radius
 
 
-def _label(scene: Scene, place: Vector, shift: float, text: str) -> None:
+def _label(scene: ScenePlotter, place: Vector, shift: float, text: str) -> None:
     """Write a text beside a place [m], at a distance relative to the size of the stage."""
     beside = np.array(place) + np.array([shift * scene.stage.size, 0.0, 0.0])
     add_labels(scene, [beside], [text], align="left")
 
 
 def _add_cone(
-    scene: Scene, mesh: TriangleMesh, apex: Vector, axis: Vector, half_deg: float, color: str
+    scene: ScenePlotter,
+    mesh: TriangleMesh,
+    apex: Vector,
+    axis: Vector,
+    half_deg: float,
+    color: str,
+    fill: float = 0.1,
 ) -> None:
     """Draw a cone from its apex to its rim on the surface, unless it is wider than the stage."""
     if not 0.0 < half_deg < 85.0:
@@ -307,10 +355,33 @@ def _add_cone(
         return
     cone = fan(apex, rim)
     ring = pv.lines_from_points(rim + 2e-3 * stage.size * Z).tube(radius=0.0014 * stage.size)
-    for part, opacity in ((cone, 0.16), (ring, 1.0)):
+    for part, opacity in ((cone, fill), (ring, 0.9)):
         shown = part.clip_box(stage.bounds, invert=False)
-        if shown.n_cells:
+        if shown.n_cells and opacity:
             scene.add_mesh(shown, color=color, opacity=opacity, lighting=False)
+
+
+_SHELLS = 8
+
+
+def _add_beam(
+    scene: ScenePlotter, mesh: TriangleMesh, c: float, apex: Vector, axis: Vector, half_deg: float
+) -> None:
+    """Draw the light of a lamp as shells within its cone that fade as exp(-c s), c in the water."""
+    stage, share = scene.stage, np.linspace(0.0, 1.0, 40)[:, None, None]
+    loss = c if apex[2] < 0.0 else 0.0
+    for i in range(1, _SHELLS + 1):
+        rim = cone_rim(mesh, apex, axis, min(half_deg, 80.0) * i / _SHELLS, 2.0 * stage.size)
+        points = np.array(apex) + share * (rim - apex)
+        way = np.linalg.norm(points - apex, axis=2)
+        alpha = 0.11 * np.exp(-loss * way)
+        grid = pv.StructuredGrid(*(points[..., k][..., None] for k in range(3)))
+        rgb = np.broadcast_to(255.0 * np.array(to_rgb(LIGHT_COLOR)), (alpha.size, 3))
+        flat = 255.0 * alpha.ravel(order="F")[:, None]
+        grid.point_data["tint"] = np.rint(np.hstack([rgb, flat])).astype(np.uint8)
+        shell = grid.extract_surface(algorithm=None).clip_box(stage.bounds, invert=False)
+        if shell.n_cells:
+            scene.add_mesh(shell, scalars="tint", rgb=True, lighting=False)
 
 
 def fan(apex: Vector | np.ndarray, rim: np.ndarray) -> pv.PolyData:
@@ -346,12 +417,12 @@ def cone_rim(
     return rim
 
 
-def add_uav(scene: Scene, link: Link) -> Scene:
+def add_uav(scene: ScenePlotter, link: Link) -> ScenePlotter:
     """Draw a quadcopter above every receiver or lamp in the air, tilted as they are."""
     for center, up in carried(link):
         if scene.stage.contains(center):
             glyph = quadcopter(0.05 * scene.stage.size, center, up)
-            scene.add_mesh(glyph, color=UAV_COLOR, ambient=0.35, specular=0.3)
+            scene.add_mesh(glyph, color=_AIRCRAFT_COLOR, ambient=0.35, specular=0.3)
     return scene
 
 

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
 from meshtrace.comms.background import name_of_light
-from meshtrace.fields import FIELDS
+from meshtrace.errors import Described, Refused
+from meshtrace.fields import FIELDS, attrs
+from meshtrace.results.wavelengths import ByWavelength, by_wavelength
 from meshtrace.studies.performance import DepthSweep, LinkPerformance
 
 from .marks import along, axes, curves, finished, lines, note, variable
 from .style import INK, label_of, verbatim
+
+_LEAST_BUBBLES = 1e-6  # of the densest layer, down to which the axis shows bubbles
 
 BER_SHOWN = (1e-9, 1.0)
 """Limits of the axis of error rates."""
@@ -79,9 +85,94 @@ def plot_bubble_profile(
     """Plot `b_bub` or `n_bubbles` over `depth` [m], which points down; see `plot_curves`."""
     z, _ = along(data, quantity)
     ax = axes(ax)
+    most = float(data[quantity].max())
     for name, values, _, _ in curves(data, quantity):
         ax.plot(values, z, label=name)
-    return finished(ax, quantity, "depth", xscale="log", ylim=(z.max(), z.min()))
+    ends: Any = {"xlim": (_LEAST_BUBBLES * most, 2.0 * most), "ylim": (z.max(), z.min())}
+    return finished(ax, quantity, "depth", xscale="log", **ends)
+
+
+def plot_water(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Plot absorption, scattering and attenuation of a water over the wavelength.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        As returned by `Water.spectra`.
+    ax : matplotlib Axes, optional
+        Axes to draw on; a new figure by default.
+
+    Returns
+    -------
+    Axes
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> plot_water(mt.Water.from_type("jerlov-II").spectra()).get_yscale()
+    'log'
+    """
+    ax = axes(ax)
+    for name, style in zip("abc", ("-", "--", ":"), strict=True):
+        lines(ax, data, name, (style,), label=f"{FIELDS[name].long_name} ${name}$")
+    text = str(data.attrs["source"]).partition(" (")[0]
+    note(ax, f"{text}; n = {float(data.n[0]):.4f} to {float(data.n[-1]):.4f}")
+    return finished(ax, yscale="log", ylabel="coefficient [m$^{-1}$]")
+
+
+def plot_wavelengths(result: ByWavelength[Any], *, ax: Axes | None = None) -> Axes:
+    """Plot the results of several wavelengths: gain, mean gain (of a map too), radiance or margin.
+
+    Parameters
+    ----------
+    result : ByWavelength
+        As returned by `simulate`, `ensemble`, `time_series`, `coverage_map`, `background` or
+        `link_performance` with `wavelengths_nm`.
+    ax : matplotlib Axes, optional
+        Axes to draw on; a new figure by default.
+
+    Returns
+    -------
+    Axes
+        A curve for each receiver, with two standard errors, or the confidence interval of margins.
+
+    Raises
+    ------
+    Refused
+        If there is no plot of results of this kind.
+    """
+    kind = result.results[0].kind
+    if kind not in _OVER_WAVELENGTH:
+        raise Refused("result", Described(f"of kind {kind}"), ", ".join(_OVER_WAVELENGTH))
+    name, number = _OVER_WAVELENGTH[kind]
+    rows = np.array([number(found) for _, found in result])  # (wavelengths, 3, receivers)
+    nm = ("wavelength_nm", result.wavelength_nm, attrs("wavelength_nm"))
+    receivers = [f"receiver {r}" for r in range(rows.shape[2])]
+    data = xr.Dataset(coords={"wavelength_nm": nm, "receiver": receivers})
+    for i, suffix in enumerate(("", "_low", "_high")):
+        data[name + suffix] = (("receiver", "wavelength_nm"), rows[:, i].T)
+    if len(receivers) == 1:
+        data = data.isel(receiver=0)
+    return lines(axes(ax), data, name)
+
+
+def _with_errors(values: Any, errors: Any) -> list[Any]:
+    """Return values with their limits at two standard errors."""
+    values, errors = np.atleast_1d(values), np.atleast_1d(errors)
+    return [values, values - 2.0 * errors, values + 2.0 * errors]
+
+
+_OVER_WAVELENGTH: dict[str, tuple[str, Callable[[Any], list[Any]]]] = {
+    "gain": ("gain", lambda r: _with_errors(r.gains, r.stderrs)),
+    "series": ("gain", lambda r: _with_errors(r.gains.mean(axis=0), r.mean_stderrs)),
+    "coverage": (
+        "gain",
+        lambda r: _with_errors(r.gain.mean(), np.linalg.norm(r.gain_stderr) / r.gain.size),
+    ),
+    "background": ("radiance", lambda r: _with_errors(r.radiance, r.radiance_stderr)),
+    "performance": ("margin_optical_db", lambda r: [[x] for x in r.at().margin_optical_db]),
+}
+"""Variable of the results of each kind, and its values with their limits."""
 
 
 def plot_spectrum(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
@@ -144,7 +235,8 @@ def _over_parameters(data: xr.Dataset, quantity: str) -> tuple[xr.Dataset, list[
 
     It is averaged over realizations.
     """
-    found = data[[name for name in data.data_vars if str(name).startswith(quantity)]]
+    found = by_wavelength(data)
+    found = found[[name for name in data.data_vars if str(name).startswith(quantity)]]
     n = found.sizes.get("realization", 0)
     if n > 1:
         scatter = found[quantity].std("realization", ddof=1) / np.sqrt(n)

@@ -30,7 +30,7 @@ from .parts import (
     add_transmitter,
     add_uav,
 )
-from .stage import Scene, Stage, add_caption, add_compass, add_key, add_scale, look, stage_of
+from .stage import ScenePlotter, Stage, add_caption, add_compass, add_key, add_scale, look, stage_of
 from .style import SLIDE
 from .water import SeaLight, ShadedSea
 
@@ -45,6 +45,8 @@ ACRONYMS = {"jonswap": "JONSWAP", "tma": "TMA"}
 
 FOOTPRINT_PATHS = 2000
 """Number of paths of received light for the footprint."""
+
+_DUSK = "#728CA6"  # light on the sea of a link without daylight
 
 _Pixels = Annotated[int, Field(ge=1, le=10_000)]
 
@@ -122,8 +124,8 @@ def scene(
     daylight: Daylight | None = None,
     gain: GainResult | None = None,
     style: SceneStyle = SceneStyle(),  # noqa: B008
-    plotter: Scene | None = None,
-) -> Scene:
+    plotter: ScenePlotter | None = None,
+) -> ScenePlotter:
     """Show a link over a sea.
 
     Parameters
@@ -149,12 +151,12 @@ def scene(
         Gain of the link over this sea, for the caption.
     style : SceneStyle
         Colours, parts, extent and window.
-    plotter : Scene, optional
+    plotter : ScenePlotter, optional
         Scene to redraw, with its camera.
 
     Returns
     -------
-    Scene
+    ScenePlotter
         A pyvista plotter: `show()`, `screenshot(...)`, or continue with `add_mesh(...)` and the
         `add_` functions of this package.
 
@@ -173,7 +175,9 @@ def scene(
     """
     stage = stage_of(link, surface, style.extent)
     if plotter is None:
-        plotter = Scene(stage, off_screen=style.off_screen or None, window_size=style.window_size)
+        plotter = ScenePlotter(
+            stage, off_screen=style.off_screen or None, window_size=style.window_size
+        )
     plotter.wipe()
     plotter.suppress_rendering = True  # once shown, it would be rendered after every part
     shown = shown_mesh(surface, stage, time, style.spacing)
@@ -187,6 +191,7 @@ def scene(
         light = SeaLight.of(link, daylight, wind_of(surface))
         longest, texels = longest_left_out(surface), texels_for(style.window_size)
         look_of["shaded"] = ShadedSea(shown, light, longest, time, texels)
+        look_of["light"] = "white" if link is None or daylight else _DUSK
     add_surface(plotter, shown, **look_of)
     if link is not None:
         trace = partial(trace_paths, link, surface, time=time, seed=seed)
@@ -207,7 +212,8 @@ def scene(
                 raise Refused("coverage", Described("of a mesh alone"), "with a link")
             half = 0.5 * stage.half  # in 40 by 40 cells
             run: Any = {"times": (time,), "photons": coverage, "seed": seed}
-            coverage = coverage_map(link, surface, half, half / 20.0, **run)
+            found: CoverageMap = coverage_map(link, surface, half, half / 20.0, **run)
+            coverage = found
         add_coverage(plotter, coverage)
         look(plotter, elevation_deg=24.0)  # by default the map is seen from its edge
     if style.labels:

@@ -6,12 +6,13 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import matplotlib as mpl
 import numpy as np
 import pyvista as pv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap, Normalize, PowerNorm
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
@@ -23,18 +24,17 @@ from meshtrace.files import atomic
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.parallel import paced
-from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
 from meshtrace.results.irradiance import IrradianceSeries
 from meshtrace.results.series import GainSeries
-from meshtrace.studies.caustics import light_pattern
+from meshtrace.studies.caustics import light_pattern, pattern_ends
 from meshtrace.studies.series import time_series
 
 from .export import export_scene, require_suffix, save_html
 from .marks import seen_from_above
-from .plots import plot_gain_series
+from .plots_fading import plot_gain_series
 from .scenes import RECEIVED_SHOWN, SceneStyle, Shown, scene
-from .style import PALETTE, RC, SKY, axis_label, water_map
+from .style import CHALK, DUSK, FATE_COLORS, NIGHT, PALETTE, RC, axis_label, water_map
 
 SIZE = (1280, 640)
 """Pixels of a movie of a scene; multiples of 16, as encoders need them."""
@@ -43,7 +43,7 @@ LIGHT_SIZE = (960, 464)
 """Pixels of a movie of the light pattern."""
 
 _SCENE_SHARE = 0.64
-_BRIGHTEST = 4.0  # end of the colours of the light, in means
+_BRIGHTEST = 16.0  # end of the colours of the light, in means, which go as its root
 _STEEPEST = 2.5  # end of the colours of the sea, in standard deviations of the slope
 _LIGHT_QUALITY = 4.0  # of the encoder: fine caustics that move leave little to predict
 _CELLS = 150  # over the half-width of the map
@@ -149,17 +149,13 @@ def save_light(
     ----------
     link, surface
         As in `meshtrace.light_pattern`.
-    path : path
-        File, .png for the first time, .mp4 or .gif for all.
+    path, frame_rate, progress
+        As in `save_irradiance`.
     times : array_like, shape (n,)
         Times of the frames [s], n >= 2 in a movie.
     extent, step : float, optional
         Half-width of the map and edge of its cells [m]; by default 0.4 of the receiver's height,
         in 300 by 300 cells.
-    frame_rate : float
-        Frames per second of the movie.
-    progress : callable, optional
-        Called with 1 after each frame.
 
     Returns
     -------
@@ -173,28 +169,45 @@ def save_light(
         `meshtrace.light_pattern`.
     """
     path, at = Path(path), require_finite(times, "times", "(n,) times [s]")
-    still = path.suffix == ".png"
     options = writer_options(path, frame_rate, _LIGHT_QUALITY, (".png",))
-    if len(at) < (1 if still else 2):
+    if len(at) < (1 if path.suffix == ".png" else 2):
         raise Refused("times", Described(f"shape {at.shape}"), "(n,) with n >= 2, or a .png")
-    extent = 0.4 * link.only_receiver.height if extent is None else extent
-    size: Any = {"extent": extent, "step": extent / _CELLS if step is None else step}
+    height = link.only_receiver.height
+    extent = 0.4 * height if extent is None else extent
+    step = extent / _CELLS if step is None else step
+    pattern_ends(link, surface, extent, step)  # refuses what has no pattern
+    lines, slope = _crossed(link, surface, extent, float(at[0]))
+    steepest = _STEEPEST * float(slope.std()) or 0.1
+    sloped = Normalize(-steepest, steepest)
+    sea = _Map(lines, water_map(), sloped, "both", axis_label("slope_x"))
+    around = [float(x) + np.array([-extent, extent]) for x in link.only_receiver.position]
+    maps = (sea, _light_map(around, "gain of unscattered light over its mean"))
+    mean = None
 
-    if still:
-        with atomic(path) as temporary:
-            first = float(at[0])
-            pattern = light_pattern(link, surface, **size, time=first)
-            _LightFrame(link, surface, pattern, first).figure.savefig(temporary, dpi=130)
-        return path
-
-    def frames() -> Iterator[NDArray[np.uint8]]:
-        frame = None
+    def frames() -> Iterator[_Values]:
+        nonlocal mean
         for time in map(float, at):
-            pattern = light_pattern(link, surface, **size, time=time)
-            frame = frame or _LightFrame(link, surface, pattern, time)
-            yield frame.draw(pattern, time)
+            gain = light_pattern(link, surface, extent, step, time=time).gain
+            mean = mean or float(gain.mean())
+            slope = _crossed(link, surface, extent, time)[1]
+            titles = "sea that the light crosses", f"light {height:g} m above it, t = {time:.2f} s"
+            yield (slope, gain / mean), titles
 
-    return _write_movie(path, frames(), len(at), options, progress)
+    return _save_maps(path, maps, frames(), len(at), options, progress)
+
+
+def _crossed(
+    link: Link, surface: Any, extent: float, time: float
+) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+    """Return the ends of the patch of the sea [m] that light of a map crosses, and its slopes."""
+    source, above = link.transmitters[0], link.only_receiver
+    depth = getattr(source, "depth", 1.0)
+    share = depth / (depth + link.water.n / link.n_air * above.height)
+    centers = zip(source.position, above.position, strict=True)
+    ends: Any = [s + share * (c + np.array([-extent, extent]) - s) for s, c in centers]
+    x, y = (np.linspace(a, b, 400) for a, b in ends)
+    _, normals = surface.sheet(x, y, time)
+    return ends, np.asarray(-normals[..., 0] / normals[..., 2])
 
 
 def save_irradiance(
@@ -243,13 +256,12 @@ def save_irradiance(
     if path.suffix != ".png" and len(series.time) < 2:
         raise Refused("times", series.time.tolist(), "two times or more, or a .png")
     pattern = series.pattern[:, [known.index(depth) for depth in shown]]
-    frame = _PatternFrame(series, pattern, shown)
-    if path.suffix == ".png":
-        with atomic(path) as temporary:
-            frame.figure.savefig(temporary, dpi=130)
-        return path
-    frames = (frame.draw(i) for i in range(len(series.time)))
-    return _write_movie(path, frames, len(series.time), options, progress)
+    pattern = pattern / pattern.mean(axis=(0, 2, 3), keepdims=True)
+    ends = [np.asarray(c)[[0, -1]] for c in (series.x, series.y)]
+    maps = [_light_map(ends, "irradiance over its mean") for _ in shown]
+    titles = ([f"{depth:g} m deep, t = {t:.3f} s" for depth in shown] for t in series.time)
+    frames = zip(pattern, titles, strict=True)
+    return _save_maps(path, maps, frames, len(series.time), options, progress)
 
 
 def natural_rate(times: NDArray[np.float64]) -> float:
@@ -294,7 +306,7 @@ def _write_movie(
 
 def _figure(size: tuple[int, int], dpi: int) -> Figure:
     """Return a figure of a size [pixel] on an Agg canvas."""
-    figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, facecolor=SKY)
+    figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
 
@@ -306,30 +318,38 @@ def _pixels(figure: Figure) -> NDArray[np.uint8]:
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
+_TEXTS = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
+
+
 class _GainFrame:
     """Figure with the scene on the left and the gain up to its time on the right."""
 
-    @mpl.rc_context(RC)
+    @mpl.rc_context(RC | dict.fromkeys(_TEXTS, CHALK))
     def __init__(self, gain: GainSeries) -> None:
         width, height = SIZE
         self.scene_size = (round(_SCENE_SHARE * width), height)
         self._figure = figure = _figure(SIZE, 100)
         figure.set_layout_engine("none")
+        back = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        sky = LinearSegmentedColormap.from_list("sky", [DUSK, NIGHT])
+        back.axis("off")
+        back.imshow(np.linspace(0.0, 1.0, 256)[:, None], cmap=sky, aspect="auto")
         left = figure.add_axes((0.0, 0.0, _SCENE_SHARE, 1.0))
         left.axis("off")
         self._image = left.imshow(np.full((height, self.scene_size[0], 3), 255, np.uint8))
         right = figure.add_axes((_SCENE_SHARE + 0.085, 0.16, 0.96 - _SCENE_SHARE - 0.085, 0.7))
-        right.set_facecolor(SKY)
+        right.set_facecolor("none")
         plot_gain_series(gain, ax=right)
         for text in list(right.texts):  # the title takes its place
             text.remove()
         self._times = gain.coordinate
         self._gain = gain.gains[:, 0]
         for earlier in (*right.lines, *right.collections):
-            earlier.set_alpha(0.15)
-        (self._past,) = right.plot([], [], color=PALETTE["blue"], lw=1.8)
-        (self._mark,) = right.plot([], [], "o", color=PALETTE["vermilion"], markersize=9)
-        self._now = right.axvline(self._times[0], color=PALETTE["vermilion"], lw=0.8)
+            earlier.set_visible(False)  # what is yet to come sets the limits alone
+        (self._past,) = right.plot([], [], color=PALETTE["sky"], lw=1.8)
+        received: Any = {"color": FATE_COLORS["received"]}
+        (self._mark,) = right.plot([], [], "o", markersize=9, **received)
+        self._now = right.axvline(self._times[0], lw=0.8, **received)
         self._title = right.set_title("")
 
     def draw(self, picture: NDArray[np.uint8], time: float) -> NDArray[np.uint8]:
@@ -344,86 +364,56 @@ class _GainFrame:
         return _pixels(self._figure)
 
 
-def _map_of(
-    figure: Figure, ax: Any, values: Any, corner: Any, colors: Any, limits: Any, label: str
-) -> Any:
-    """Return the image of a map on axes, with its colour bar."""
-    (x0, x1), (y0, y1) = corner
-    image = ax.imshow(
-        values.T, origin="lower", extent=(x0, x1, y0, y1), cmap=colors,
-        vmin=limits[0], vmax=limits[1], interpolation="bilinear",
-    )  # fmt: skip
-    extend = "max" if limits[0] == 0.0 else "both"
-    figure.colorbar(image, ax=ax, label=label, extend=extend, shrink=0.78, aspect=18)
-    seen_from_above(ax)
-    return image
+class _Map(NamedTuple):
+    """A map of a movie: its ends along x and y [m], colours with their range, and a label."""
+
+    ends: Sequence[Any]
+    colors: Any
+    norm: Normalize
+    extend: str
+    label: str
 
 
-class _PatternFrame:
-    """Figure with the irradiance at each depth beside each other."""
-
-    @mpl.rc_context(RC)
-    def __init__(self, series: IrradianceSeries, pattern: Any, depths: list[float]) -> None:
-        self.time, self.depths = series.time, depths
-        self.pattern = pattern / pattern.mean(axis=(0, 2, 3), keepdims=True)
-        self.figure = _figure(LIGHT_SIZE, 80)
-        x, y = np.asarray(series.x), np.asarray(series.y)
-        corner = (x[0], x[-1]), (y[0], y[-1])
-        self.axes = self.figure.subplots(1, len(depths), squeeze=False)[0]
-        limits, label = (0.0, _BRIGHTEST), "irradiance over its mean"
-        self._images = [
-            _map_of(self.figure, ax, values, corner, "inferno", limits, label)
-            for ax, values in zip(self.axes, self.pattern[0], strict=True)
-        ]
-        self._title(0)
-
-    def _title(self, i: int) -> None:
-        for ax, depth in zip(self.axes, self.depths, strict=True):
-            ax.set_title(f"{depth:g} m deep, t = {self.time[i]:.3f} s")
-
-    def draw(self, i: int) -> NDArray[np.uint8]:
-        """Return the pixels (height, width, 3) of a time."""
-        for image, values in zip(self._images, self.pattern[i], strict=True):
-            image.set_data(values.T)
-        self._title(i)
-        return _pixels(self.figure)
+def _light_map(ends: Sequence[Any], label: str) -> _Map:
+    return _Map(ends, "inferno", PowerNorm(0.5, 0.0, _BRIGHTEST), "max", label)
 
 
-class _LightFrame:
-    """Figure with the slope of the sea on the left and the light on the right."""
+_Values = tuple[Any, Sequence[str]]  # of the maps of a frame, and their titles
 
-    @mpl.rc_context(RC)
-    def __init__(self, link: Link, surface: Any, pattern: CoverageMap, time: float) -> None:
-        depth, height = getattr(link.transmitters[0], "depth", 1.0), link.only_receiver.height
-        share = depth / (depth + link.water.n / link.n_air * height)
-        source = np.array(link.transmitters[0].position)
-        self.surface, self.mean = surface, float(pattern.gain.mean())
-        corner = [np.array([c[0], c[-1]]) for c in (pattern.x, pattern.y)]
-        lines = [s + share * (c - s) for s, c in zip(source, corner, strict=True)]
-        self.axes = [np.linspace(line[0], line[1], 400) for line in lines]
-        slope = self._slope(time)
-        limit = _STEEPEST * float(slope.std()) or 0.1
-        self.figure = _figure(LIGHT_SIZE, 80)
-        left, right = self.figure.subplots(1, 2)
-        parts = (
-            (left, slope, lines, water_map(), (-limit, limit), axis_label("slope_x")),
-            (right, pattern.gain / self.mean, corner, "inferno", (0.0, _BRIGHTEST),
-             "gain of unscattered light over its mean"),
-        )  # fmt: skip
-        self._images = [_map_of(self.figure, *part) for part in parts]
-        left.set_title("surface where the light crosses")
-        self._title = right.set_title(f"light {height:g} m above the sea")
 
-    def _slope(self, time: float) -> NDArray[np.float64]:
-        _, normals = self.surface.sheet(*self.axes, time)
-        return np.asarray(-normals[..., 0] / normals[..., 2])
+@mpl.rc_context(RC)
+def _save_maps(
+    path: Path,
+    maps: Sequence[_Map],
+    frames: Iterable[_Values],
+    total: int,
+    options: dict[str, Any],
+    progress: Callable[[int], None] | None,
+) -> Path:
+    """Write maps beside each other: the first frame as a .png, or all as a movie."""
+    figure = _figure(LIGHT_SIZE, 80)
+    axes = figure.subplots(1, len(maps), squeeze=False)[0]
+    images = []
+    for ax, one in zip(axes, maps, strict=True):
+        look: Any = {"extent": np.concatenate(one.ends), "interpolation": "bilinear"}
+        look |= {"cmap": one.colors, "norm": one.norm, "origin": "lower"}
+        images.append(ax.imshow(np.zeros((2, 2)), **look))
+        size: Any = {"extend": one.extend, "shrink": 0.78, "aspect": 18}
+        figure.colorbar(images[-1], ax=ax, label=one.label, **size)
+        seen_from_above(ax)
 
-    def draw(self, pattern: CoverageMap, time: float) -> NDArray[np.uint8]:
-        """Return the pixels (height, width, 3) of one frame."""
-        self._images[0].set_data(self._slope(time).T)
-        self._images[1].set_data((pattern.gain / self.mean).T)
-        self._title.set_text(f"light above the sea, t = {time:.2f} s")
-        return _pixels(self.figure)
+    def draw(values: Any, titles: Sequence[str]) -> Figure:
+        for ax, image, shown, title in zip(axes, images, values, titles, strict=True):
+            image.set_data(shown.T)
+            ax.set_title(title)
+        return figure
+
+    if path.suffix == ".png":
+        with atomic(path) as temporary:
+            draw(*next(iter(frames))).savefig(temporary, dpi=130)
+        return path
+    drawn = (_pixels(draw(*frame)) for frame in frames)
+    return _write_movie(path, drawn, total, options, progress)
 
 
 SUFFIXES = {
@@ -483,7 +473,7 @@ def view(
         Called with 1 after each frame of the movie.
     **shown
         `paths`, `received`, `coverage`, `seed`, `daylight` and `style` as in `scene`; by default
-        100 paths in pictures and none in movies.
+        500 paths in pictures and none in movies.
 
     Returns
     -------
@@ -506,7 +496,7 @@ def view(
     files: list[Path] = []
     style, paths = shown.get("style", SceneStyle()), shown.get("paths")
     if window or screenshot or html or export:
-        traced = (100 if paths is None else paths or None) if link is not None else None
+        traced = (500 if paths is None else paths or None) if link is not None else None
         found = _gain_of(link, surface, time, shown.get("seed", 1))
         off = style.replace(off_screen=not window)
         still: Shown = {**shown, "paths": traced, "style": off}

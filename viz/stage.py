@@ -19,12 +19,14 @@ from meshtrace.link.sources import Source
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.coverage import CoverageMap
 
-from .style import FONT_FILE, INK, PALETTE, SKY, SLIDE
+from .style import CHALK, DUSK, FONT_FILE, NIGHT, PALETTE, SLIDE
 
 VIEW_ANGLE_DEG = 24.0
 
 ROOM = ((-0.88, 0.72), (-0.7, 0.93))
 """Place of the stage in the window, -1 to 1 across and up: bars beside it, texts below."""
+
+_FLAT = 0.2  # height over width of a stage that has neither ruler nor depth
 
 FROM_FILE = 4
 """VTK_FONT_FILE."""
@@ -86,7 +88,7 @@ def stage_of(link: Link | None, surface: MeshSource | TriangleMesh, extent: floa
     return Stage((x, y), extent, max(bottom, -extent), min(top, extent))
 
 
-class Scene(pv.Plotter):
+class ScenePlotter(pv.Plotter):
     """A pyvista plotter with its stage and the key to its colours.
 
     Parameters
@@ -126,7 +128,7 @@ class Scene(pv.Plotter):
         self.caption = ""
         self.shown: dict[str, TriangleMesh | PhotonPaths | CoverageMap] = {}
         self.shade: Callable[[], None] | None = None
-        self.set_background(SKY)  # type: ignore[arg-type]
+        self.set_background(NIGHT, top=DUSK)  # type: ignore[arg-type]
         self.enable_anti_aliasing("ssaa")
         # a low sun behind the waves for glint, and light from above and from the front
         low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
@@ -165,7 +167,7 @@ class Scene(pv.Plotter):
             "height": 0.3,
             "title_font_size": self.font_size,
             "label_font_size": round(0.9 * self.font_size),
-            "color": INK,
+            "color": CHALK,
             "n_labels": 3,
             "fmt": "%.2g",
             "use_opacity": False,
@@ -183,11 +185,17 @@ class Scene(pv.Plotter):
         return bar
 
 
-def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 15.0) -> Scene:
+def look(
+    scene: ScenePlotter, azimuth_deg: float = -68.0, elevation_deg: float | None = None
+) -> ScenePlotter:
     """Point the camera at the stage from an azimuth and elevation; the stage fills the window.
 
-    By default low enough to show the surface from above and the water below its near edge.
+    By default 15 degrees above the horizon, low enough to show the surface from above and the water
+    below its near edge; 30 degrees for a stage as flat as a wide sea.
     """
+    if elevation_deg is None:
+        low, high = scene.stage.bottom, scene.stage.top
+        elevation_deg = 15.0 if high - low > _FLAT * scene.stage.size else 30.0
     azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
     x, y, across = math.cos(azimuth), math.sin(azimuth), math.cos(elevation)
     towards, right = np.array([x * across, y * across, math.sin(elevation)]), np.array([-y, x, 0.0])
@@ -215,7 +223,7 @@ def look(scene: Scene, azimuth_deg: float = -68.0, elevation_deg: float = 15.0) 
     return scene
 
 
-def add_scale(scene: Scene) -> Scene:
+def add_scale(scene: ScenePlotter) -> ScenePlotter:
     """Draw a ruler of z beside the stage and a bar of round length in front of it.
 
     The ruler stands as far from the camera as the middle of the stage: there a lamp and the mark
@@ -228,7 +236,7 @@ def add_scale(scene: Scene) -> Scene:
     end, up = start + np.array([bar, 0.0, 0.0]), 0.01 * s.size * Z
     lines = [(start, end), (start - up, start + up), (end - up, end + up)]
     add_labels(scene, [0.5 * (start + end) - 2.5 * up], [f"{bar:g} m"])
-    if s.top - s.bottom > 0.2 * s.size:
+    if s.top - s.bottom > _FLAT * s.size:
         step = round_length(0.25 * (s.top - s.bottom))
         top = s.top - 0.04 * s.size  # above it is the name of the axis
         heights = np.arange(math.ceil(s.bottom / step), math.floor(top / step) + 1) * step
@@ -240,11 +248,11 @@ def add_scale(scene: Scene) -> Scene:
         add_labels(scene, at, [f"{z:g}" for z in heights], align="right")
         add_labels(scene, [corner + s.top * Z + 2.0 * up], ["z [m]"])
     segments = pv.line_segments_from_points(np.array(lines).reshape(-1, 3))
-    scene.add_mesh(segments.tube(radius=0.0012 * s.size), color=INK, lighting=False)
+    scene.add_mesh(segments.tube(radius=0.0012 * s.size), color=CHALK, lighting=False)
     return scene
 
 
-def _left_of_the_stage(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+def _left_of_the_stage(scene: ScenePlotter) -> tuple[np.ndarray, np.ndarray]:
     """Return a place (x, y, 0) left of the stage, at the distance of its middle, and the right."""
     camera = np.array(scene.camera.position)
     ahead = np.subtract(scene.camera.focal_point, camera)
@@ -258,7 +266,9 @@ def _left_of_the_stage(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return middle + across * right, right
 
 
-def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0.0) -> Scene:
+def add_compass(
+    scene: ScenePlotter, wind_speed: float | None, direction_deg: float = 0.0
+) -> ScenePlotter:
     """Draw a down-wind arrow in front of the near edge of the sea, with the wind speed [m s-1]."""
     s = scene.stage
     length = 0.16 * s.size
@@ -273,30 +283,29 @@ def add_compass(scene: Scene, wind_speed: float | None, direction_deg: float = 0
     return scene
 
 
-def add_caption(scene: Scene, text: str) -> Scene:
+def add_caption(scene: ScenePlotter, text: str) -> ScenePlotter:
     """Write a caption along the lower edge, above the key."""
     scene.caption = text
-    scene.write(text, 0.02, 0.02 + 2.0 * scene.font_size / scene.window_size[1], INK)
+    scene.write(text, 0.02, 0.02 + 2.0 * scene.font_size / scene.window_size[1], CHALK)
     return scene
 
 
-def add_key(scene: Scene) -> Scene:
+def add_key(scene: ScenePlotter) -> ScenePlotter:
     """Draw the legend of the colours along the lower edge."""
     left, bottom = 0.02, 0.02
     letter = 0.53 * scene.font_size / scene.window_size[0]
     for label, color in scene.key.items():
         if left + (len(label) + 2.3) * letter > 1.0:
             left, bottom = 0.02, bottom + 1.6 * scene.font_size / scene.window_size[1]
-        swatch = (0.0, "\N{BLACK SQUARE}", color), (0.0, "\N{WHITE SQUARE}", INK)
-        for shift, text, shade in (*swatch, (2.3, label, INK)):
+        for shift, text, shade in ((0.0, "\N{BLACK SQUARE}", color), (2.3, label, CHALK)):
             scene.write(text, left + shift * letter, bottom, shade)
         left += (len(label) + 4.3) * letter
     return scene
 
 
 def add_labels(
-    scene: Scene, points: list[np.ndarray], texts: list[str], align: Side = "center"
-) -> Scene:
+    scene: ScenePlotter, points: list[np.ndarray], texts: list[str], align: Side = "center"
+) -> ScenePlotter:
     """Draw texts at points, upright and in front of all other parts."""
     ahead = np.subtract(scene.camera.focal_point, scene.camera.position)
     places = require_array(points, "points", "points (n, 3)").reshape(len(points), -1)
@@ -309,8 +318,8 @@ def add_labels(
     scene.texts += [(point, text, align) for point, text in zip(places, texts, strict=True)]
     font: Any = {"font_size": scene.font_size, "font_file": FONT_FILE, "bold": False}
     place: Any = {"justification_horizontal": align, "justification_vertical": "center"}
-    back: Any = {"shape": None, "background_color": SKY, "background_opacity": 0.88}
-    shown: Any = {"show_points": False, "always_visible": True, "text_color": INK}
+    back: Any = {"shape": None, "background_color": NIGHT, "background_opacity": 0.45}
+    shown: Any = {"show_points": False, "always_visible": True, "text_color": CHALK}
     scene.add_point_labels(places, texts, **font, **place, **back, **shown)
     return scene
 

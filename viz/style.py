@@ -26,18 +26,21 @@ PALETTE = {
 """Okabe and Ito's colours, distinguishable with every kind of colour vision."""
 
 FATE_COLORS = {
-    "received": PALETTE["vermilion"],
-    "landed elsewhere": "#3F1A75",
-    "ended in the water": "#F2F5F7",
+    "received": "#FFB02E",
+    "landed elsewhere": "#8FDCFF",
+    "ended in the water": "#3D86D1",
 }
-"""Colours of photon paths by fate, which stand out from water and air."""
+"""Colours of photon paths by fate, bright in dark water and in the night."""
 
 INK = "#1F2933"
 LED_COLOR = "#F0C419"
 RECEIVER_COLOR = PALETTE["vermilion"]
 UAV_COLOR = "#3C4650"
-SKY = "#F7FAFC"
-"""Background of a scene."""
+NIGHT, DUSK = "#070D16", "#20384F"
+"""Background of a scene, below and above."""
+
+CHALK = "#E4EBF2"
+"""Texts of a scene."""
 
 SEQUENTIAL: Any = "viridis"
 """Colour map of quantities without a centre."""

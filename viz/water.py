@@ -23,7 +23,8 @@ from meshtrace.kernels.interface import Roughness
 from meshtrace.link import Link, Whitecaps
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.fresnel import fresnel_reflectance
-from meshtrace.optics.water import Water, pure_water_absorption, sea_water_scattering
+from meshtrace.optics.pure_water import pure_water_absorption, sea_water_scattering
+from meshtrace.optics.water import Water
 
 from .style import to_srgb
 
@@ -105,14 +106,22 @@ class SeaLight:
         water its absorption beyond that of pure water is continued as exp(-0.014 / nm), its
         scattering by particles as the inverse wavelength.
         """
-        nm, water = self.wavelength_nm, self.water
-        pure_a, pure_b = pure_water_absorption(RGB_NM), sea_water_scattering(RGB_NM)
-        here = float(np.clip(nm, 400.0, 700.0))
-        more_a = max(water.a - float(pure_water_absorption(here)), 0.0)
-        more_b = max(water.b - float(sea_water_scattering(here)), 0.0)
-        a = pure_a + more_a * np.exp(-0.014 * (RGB_NM - nm))
+        nm, water, pure_b = self.wavelength_nm, self.water, sea_water_scattering(RGB_NM)
+        more_b = max(water.b - float(sea_water_scattering(self._nm)), 0.0)
         back = 0.5 * pure_b + water.phase.backscatter_fraction * more_b * nm / RGB_NM
-        return np.asarray(0.33 * back / (a * math.pi * water.n**2))
+        return np.asarray(0.33 * back / (self.absorption * math.pi * water.n**2))
+
+    @cached_property
+    def absorption(self) -> NDArray[np.float64]:
+        """Absorption of the water [m-1], red to blue, continued as in `upwelling`."""
+        more = max(self.water.a - float(pure_water_absorption(self._nm)), 0.0)
+        shape = np.exp(-0.014 * (RGB_NM - self.wavelength_nm))
+        return np.asarray(pure_water_absorption(RGB_NM) + more * shape)
+
+    @property
+    def _nm(self) -> float:
+        """Wavelength within the tables of pure water [nm]."""
+        return float(np.clip(self.wavelength_nm, 400.0, 700.0))
 
 
 class Roughened(NamedTuple):
@@ -253,7 +262,7 @@ def radiance(
     mirrored = 2.0 * cosine[:, None] * normal - view
     mirrored[:, 2] = np.abs(mirrored[:, 2])  # light from below the horizon was reflected twice
     rho = fresnel_reflectance(cosine, 1.0, n_water)
-    from_sky = rho * sky_radiance(day.sky, mirrored).astype(points.dtype)
+    from_sky = rho[:, None] * sky_colors(day, mirrored)
     glint = np.zeros_like(rho)
     if day.direct > 0.0:
         wind = math.radians(light.wind_direction_deg)
@@ -264,20 +273,28 @@ def radiance(
         )
         # without limit at grazing view, where the drawn waves would hide each other
         glint = day.direct * np.minimum(glint, 2.0)
-    clear = min(4.0 * day.direct / day.irradiance, 1.0)
-    haze = np.exp(-4.0 * mirrored[:, 2])
     crest = points[:, 2] - points[:, 2].mean()
     glow = 1.0 + 0.35 * np.clip(crest / max(float(crest.std()), 0.02), -1.5, 2.0)
     below = math.pi * WATER_BRIGHTNESS * (1.0 - rho) * glow
-    colors = zip(ZENITH_RGB, HORIZON_RGB, CLOUD_RGB, light.upwelling, strict=True)
-    from_sky, glint = (math.pi / day.irradiance * part for part in (from_sky, glint))
-    seen = [
-        from_sky * (cloud + clear * (zenith - cloud + haze * (horizon - zenith)))
-        + glint
-        + below * water
-        for zenith, horizon, cloud, water in (map(float, color) for color in colors)
-    ]
-    return np.stack(seen).T
+    white = math.pi / day.irradiance * glint
+    return np.asarray(from_sky + white[:, None] + below[:, None] * light.upwelling)
+
+
+def sky_colors(day: Daylight, directions: Floats) -> Floats:
+    """Return the radiance of the sky (n, 3) over that of a white, level surface, red to blue.
+
+    Parameters
+    ----------
+    day : Daylight
+        Sun and sky.
+    directions : ndarray, shape (n, 3)
+        Unit vectors to the sky.
+    """
+    clear = min(4.0 * day.direct / day.irradiance, 1.0)
+    haze = np.exp(-4.0 * directions[:, 2:])
+    tint = CLOUD_RGB + clear * (ZENITH_RGB - CLOUD_RGB + haze * (HORIZON_RGB - ZENITH_RGB))
+    white = math.pi / day.irradiance * sky_radiance(day.sky, directions)
+    return np.asarray(white[:, None] * tint)
 
 
 def _unit(vectors: Floats) -> Floats:
@@ -288,7 +305,8 @@ def screen_colors(light: Floats, foam: Floats | None = None) -> NDArray[np.uint8
     """Return the colours (n, 3) of light relative to a white surface, with foam on it."""
     if foam is not None:
         light = light + foam[:, None] * (FOAM_REFLECTANCE - light)
-    linear = 1.0 - np.exp(-EXPOSURE * np.maximum(light, 0.0))
+    exposed = EXPOSURE * np.maximum(light, 0.0)
+    linear = exposed / (1.0 + exposed)  # the glitter keeps the shapes of its waves
     return np.ascontiguousarray(np.rint(255.0 * to_srgb(linear)), np.uint8)
 
 

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 import pyvista as pv
+from PIL import Image
 
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.engine.paths import PhotonPaths
 from meshtrace.engine.photons.state import Vertex
 from meshtrace.surfaces import FlatSea, SinusoidalSea
+from meshtrace.viz import export
 from meshtrace.viz.export import surface_sampler
 
 SEA = SinusoidalSea(amplitude=0.3, wavelength=6.0)
@@ -120,4 +122,17 @@ def test_pictures_stay_within_a_size(tmp_path):
     large = viz.save_picture(plotter, tmp_path / "large.png")
     small = viz.save_picture(plotter, tmp_path / "small.png", largest=large.stat().st_size - 1)
     plotter.close()
-    assert small.stat().st_size < large.stat().st_size <= 300_000
+    assert small.stat().st_size < large.stat().st_size <= 400_000
+
+
+def test_a_palette_keeps_gradients_smooth_and_rare_colours():
+    """No dots: equal colours stay equal; a gradient of 200 steps keeps most, a key its colours."""
+    shade = np.linspace(0.0, 1.0, 200)[:, None, None] * (40, 110, 160)
+    image = np.broadcast_to(shade, (200, 400, 3)).astype(np.uint8).copy()
+    rng = np.random.default_rng(1)
+    image[:50, :200] = rng.integers(0, 120, (50, 200, 3))
+    image[190:194, 4:8] = (255, 176, 46)
+    made = np.asarray(export._in_palette(Image.fromarray(image)).convert("RGB")).astype(int)
+    assert (np.ptp(made[60:180, 200:], axis=1) == 0).all()
+    assert len(np.unique(made[60:, 300], axis=0)) > 30
+    assert np.abs(made[192, 5] - (255, 176, 46)).max() < 8

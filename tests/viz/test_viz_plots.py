@@ -1,7 +1,11 @@
 """Plots show the numbers they are given, under names and units."""
 
 import re
+import tomllib
 from dataclasses import replace
+from importlib import import_module
+from inspect import signature
+from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import NonCallableMock
 
@@ -64,6 +68,9 @@ def test_bubbles_over_depth_downwards():
     ax = viz.plot_bubble_profile(curves, quantity="n_bubbles")
     assert ax.get_xlabel() == viz.axis_label("n_bubbles")
     assert legend(ax) == ["13 m/s"]
+    deep = np.linspace(0.0, 60.0, 61)  # 6 decades: deeper ones hold no bubble to see
+    ax = viz.plot_bubble_profile(one("b_bub", "depth", deep, layer.b(deep)))
+    np.testing.assert_allclose(ax.get_xlim(), layer.b(0.0) * np.array([1e-6, 2.0]))
 
 
 def test_spectra_and_spreadings():
@@ -90,6 +97,8 @@ def test_fates():
     }
     ax = viz.plot_fates(GainResult(1e-4, 1e-5, 12, fates, {}))
     assert [bar.get_width() for bar in ax.patches] == [1e-4, 0.7]
+    assert (ax.get_xscale(), ax.get_xlim()[0]) == ("linear", 0.0)  # where bars begin
+    assert [text.get_text() for text in ax.texts] == ["0.0001", "0.7"]
     with pytest.raises(ValueError, match="result: no fates"):
         viz.plot_fates(GainResult(1e-4, 1e-5, 12, {}, {}))
 
@@ -142,6 +151,13 @@ def test_autocorrelation():
     ax = viz.plot_autocorrelation(statistics)
     np.testing.assert_array_equal(line(ax), (statistics.lag, statistics.autocorrelation))
     assert legend(ax)[0].startswith("coherence time 0.9")
+    assert legend(ax)[1] == "± 2 standard errors of 0"
+    bands = [patch for patch in ax.patches if patch.get_label() == legend(ax)[1]]
+    heights = [band.get_path().get_extents(band.get_transform() - ax.transData).height
+               for band in bands]  # fmt: skip
+    assert heights == pytest.approx([4.0 / np.sqrt(statistics.n_effective)])
+    tau = statistics.coherence_time.value
+    assert ax.get_xlim() == pytest.approx((0.0, min(10.0 * tau, statistics.lag[-1])))
     with pytest.raises(ValueError, match="of an ensemble"):
         viz.plot_autocorrelation(fading_statistics(gain))
     model = MarkovChannel.fit(gain, 0.1)
@@ -150,7 +166,7 @@ def test_autocorrelation():
     assert legend(ax) == ["series", "model"]
     short = statistics.coherence_time._replace(value=0.04)
     ax = viz.plot_autocorrelation(replace(statistics, coherence_time=short))
-    assert legend(ax) == ["coherence time < 0.1 s"]  # the samples are no finer
+    assert legend(ax)[0] == "coherence time < 0.1 s"  # the samples are no finer
 
 
 @pytest.mark.parametrize("convert", [lambda c: c, lambda c: c.to_dataset()])
@@ -174,6 +190,8 @@ def test_the_best_place_of_a_map_is_marked_where_it_is_resolved():
     np.testing.assert_allclose(line(ax), ([0.8], [-0.4]), atol=1e-12)
     assert ax.texts[-1].get_text() == "star: highest gain, at x = 0.8 m, y = -0.4 m"
     assert {"-3 dB", "-6 dB"} <= {text.get_text() for text in ax.texts}
+    low, high = ax.collections[0].get_clim()
+    assert high - low <= 20.0  # the noise of dark cells takes no colours
     gain[2, 9] = 1.2e-5  # one bright cell, as of a single photon, is no place to hover
     ax = viz.plot_coverage(mt.CoverageMap(x, y, gain, 0.2 * gain), decibel=True)
     assert not ax.get_lines()
@@ -242,6 +260,25 @@ def test_every_kind_of_result_has_a_plot():
         viz.plot(3)
 
 
+def test_every_file_that_a_command_writes_has_a_plot():
+    """Kinds of results of the studies of all commands; a dataset is that of a sweep."""
+    from meshtrace import stored
+    from meshtrace.viz import plots
+
+    for home in stored._HOMES.values():
+        import_module(home)
+    kinds = {one.__name__: kind for kind, one in stored.Stored._classes.items()}
+    commands = tomllib.loads((Path(mt.__file__).parent / "cli" / "commands.toml").read_text())
+    written = set()
+    for command in commands.values():
+        room, _, names = command.get("study", "meshtrace:").partition(":")
+        for name in names.split():
+            returned = str(signature(getattr(import_module(room), name)).return_annotation)
+            written |= set(re.findall(r"\w+", returned)) & kinds.keys()
+    assert len(written) >= 10
+    assert {kinds[name] for name in written} <= plots._PLOTS.keys()
+
+
 def test_powers_are_in_dbm_along_an_axis_and_in_watts_across_it():
     data = one("received_power", "depth", [5.0, 10.0], [1e-9, 1e-10])
     assert viz.plot_curves(data, "received_power").get_ylabel().endswith("[W]")
@@ -270,7 +307,7 @@ def test_names_along_an_axis_are_those_of_the_parameter():
 
 def test_orders_of_scattering():
     found = mt.simulate(mt.Link(), mt.surfaces.FlatSea(), photons=64)
-    heights = [bar.get_height() for bar in viz.plot(found).patches]
+    heights = line(viz.plot(found))[1]
     np.testing.assert_allclose(heights[0], found.gain_ballistic)
     shown = found.gain_order[0][found.gain_order[0] > 0.0]
     np.testing.assert_allclose(heights[1:], shown)
@@ -307,6 +344,7 @@ def test_impulse_response():
         edges=1e-9 * np.arange(4.0),
         h=np.array([1e5, 1e3, 1e-9]),
         h_stderr=np.array([1e3, 1e2, 1e-10]),
+        angle=np.zeros(3),
         first_arrival=5e-8,
         mean_delay=1e-10,
         mean_delay_stderr=1e-12,

@@ -15,7 +15,7 @@ from meshtrace import viz
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.validation import measured
-from meshtrace.viz import Scene
+from meshtrace.viz import ScenePlotter
 from meshtrace.viz.scenes import Shown
 from meshtrace.viz.stage import stage_of
 
@@ -25,7 +25,7 @@ RUN = {"photons": 32, "threads": 1, "spacing": 0.5}
 
 @pytest.fixture(scope="module")
 def scene():
-    made = Scene(stage_of(LINK, FLAT, None), off_screen=True, window_size=(160, 100))
+    made = ScenePlotter(stage_of(LINK, FLAT, None), off_screen=True, window_size=(160, 100))
     viz.add_uav(made, LINK)
     made.render()
     yield made
@@ -84,6 +84,13 @@ def sound(scene):
         "plot_tornado": {"s": mt.sensitivities(LINK, FLAT, ["water.a"], **few), "change": 0.1},
         "plot_optimum": {"o": mt.optimize(LINK, FLAT, {"receiver.fov_deg": (10.0, 60.0)}, "gain",
                                           realizations=1, **few)},
+        "plot_design": {"d": mt.design(mt.Scenario.from_toml("wind_speed = 0.0"), photons=32),
+                        "light": "day"},
+        "plot_water": {"data": mt.Water.from_type("jerlov-II").spectra()},
+        "plot_wavelengths": {"result": mt.simulate(
+            LINK.replace("water", mt.Water.from_type("jerlov-II")), FLAT,
+            wavelengths_nm=[450.0, 500.0], **few,
+        )},
         "plot_inference": {"f": mt.infer(rows, LINK, ["water.a"], **few)},
         "plot_background": {"result": mt.background(LINK, FLAT, mt.Daylight.overcast(), **few)},
         "plot_duplex": {"result": mt.duplex(LINK, down, JonswapSea(waves="paper"), [0.0, 1.0],
@@ -160,7 +167,7 @@ def check(name, arguments, folder):
 
 
 def functions():
-    private = {"Scene", "Stage", "marks", "style", "use_style", "water_map"}
+    private = {"ScenePlotter", "Stage", "marks", "style", "use_style", "water_map"}
     return sorted(set(viz.__all__) - private)
 
 

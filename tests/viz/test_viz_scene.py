@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+import pyvista as pv
 from matplotlib.colors import to_rgb
 
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.engine.paths import PhotonPaths
 from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
+from meshtrace.viz.export import surface_sampler
 from meshtrace.viz.parts import cone_rim, rotation_from_z
 from meshtrace.viz.stage import ROOM, round_length, round_range
 from meshtrace.viz.style import FATE_COLORS, LED_COLOR
@@ -160,14 +162,93 @@ def test_parts_can_be_left_out_and_edges_shown(shoot):
         assert (np.abs(full - other).sum(axis=2) > 30).mean() > 5e-4, options
 
 
-def test_bubbles_whiten_the_water(shoot):
-    link = mt.Link(bubbles=mt.HallNovarini(wind_speed=13.0))
-    plotter, image = shoot(link)
-    _, clear = shoot(link, bubbles=False)
+def drawn(plotter):
+    """Return the actors of meshes."""
+    return [actor for actor in plotter.actors.values() if isinstance(actor, pv.Actor)]
+
+
+def bubbles_of(plotter):
+    """Return the places of the bubbles drawn, (n, 3) [m]."""
+    points = [a.mapper.dataset.points for a in drawn(plotter) if a.prop.render_points_as_spheres]
+    return np.concatenate(points or [np.empty((0, 3))])
+
+
+def test_bubbles_are_points_in_proportion_to_their_density(shoot):
+    layer = mt.HallNovarini(wind_speed=13.0)
+    plotter, image = shoot(mt.Link(bubbles=layer))
+    _, clear = shoot(mt.Link(bubbles=layer), bubbles=False)
     assert any(label.startswith("bubbles, 0.0") for label in plotter.key)
-    change = (image - clear).sum(axis=2)[:280]  # above the key
-    assert (change > 60).sum() > 500
-    assert not (change < -60).any()
+    assert ((image - clear).sum(axis=2)[:280] > 60).sum() > 500  # above the key
+    below = bubbles_of(plotter)
+    below[:, 2] -= surface_sampler(plotter.shown["surface"])(below[:, :2])
+    assert below[:, 2].max() <= 1e-6
+    depth = np.linspace(0.0, 20.0, 20_001)
+    mean = np.trapezoid(depth * layer.b(depth), depth) / np.trapezoid(layer.b(depth), depth)
+    scatter = below[:, 2].std() / np.sqrt(len(below))
+    assert -below[:, 2].mean() == pytest.approx(mean, abs=4.0 * scatter)
+    few, _ = shoot(mt.Link(bubbles=mt.HallNovarini(wind_speed=8.0)))
+    assert 0 < len(bubbles_of(few)) < 0.5 * len(below)
+    assert not len(bubbles_of(shoot()[0]))
+
+
+def rays_of(plotter):
+    """Return places and opacities of the ends of all rays drawn."""
+    rays = [a.mapper.dataset for a in drawn(plotter) if "fade" in a.mapper.dataset.point_data]
+    return np.concatenate([r.points for r in rays]), np.concatenate([r["tint"] for r in rays])
+
+
+def test_rays_end_softly_and_are_as_bright_as_their_photons(shoot):
+    """They fade at the sides of the stage and where photons land, and go with the weight."""
+    wide = mt.Link(transmitter=mt.Led(half_angle_deg=40.0))
+    plotter, _ = shoot(wide, paths=300, received=1, footprint=False)
+    points, tint = rays_of(plotter)
+    low, high = np.reshape(plotter.stage.bounds, (3, 2)).T
+    beside = np.minimum(points - low, high - points)[:, :2].min(axis=1)
+    assert tint[beside < 0.01 * plotter.stage.size, 3].max(initial=0) < 40
+    landed = (np.abs(points[:, 2] - 5.0) < 1e-6) & (np.hypot(*points[:, :2].T) > 0.2)
+    assert landed.any()
+    assert tint[landed, 3].max() == 0
+    paths = straight(n=1)
+    paths.what[:] = (0, 2, 6)  # landed elsewhere
+    paths.weight[:] = (1.0, 0.5, 0.5)
+    points, tint = rays_of(shoot(received=paths, footprint=False)[0])
+    near, far = (tint[np.argmin(np.abs(points[:, 2] - z)), 3] for z in (-7.5, 0.0))
+    assert far == pytest.approx(0.57 * near, rel=0.1)
+
+
+def test_the_beam_of_a_lamp_fades_with_the_attenuation(shoot):
+    """Opacity of its shells: exp(-c s)."""
+    plotter, _ = shoot(mt.Link(water=mt.Water(a=0.2, b=0.1)), FlatSea())
+    shells = [actor.mapper.dataset for actor in drawn(plotter)]
+    shell = next(s for s in shells if "tint" in s.point_data and s.bounds[5] < 0.1 and
+                 s.bounds[4] > -10.1 and s.bounds[1] < 3.0)  # fmt: skip
+    way = np.linalg.norm(shell.points - (0.0, 0.0, -10.0), axis=1)
+    opacity = shell["tint"][:, 3].astype(float)
+    near, far = opacity[np.argmin(way)], opacity[np.abs(way - 5.0) < 0.2].mean()
+    assert far / near == pytest.approx(np.exp(-0.3 * 5.0), rel=0.15)
+
+
+def test_the_colours_of_the_key_differ(shoot):
+    plotter, _ = shoot(mt.Link(bubbles=mt.HallNovarini(wind_speed=8.0)), paths=200)
+    assert len(plotter.key) == len(set(plotter.key.values())) == 4
+
+
+def test_a_footprint_too_small_to_read_has_no_colour_bar(shoot):
+    near, _ = shoot(received=straight(), extent=1.0, spacing=0.05)
+    assert "received light\ncrossing [dB]" in near.scalar_bars
+    far, _ = shoot(received=straight(n=1))
+    assert not far.scalar_bars
+    assert "footprint" in far.actors
+
+
+def test_a_map_is_clear_where_it_is_dark(shoot):
+    axis = np.linspace(-3.0, 3.0, 13)
+    gain = np.exp(-(axis[:, None] ** 2) - axis**2)
+    origin = {"link": LINK.model_dump(mode="json")}
+    plotter, _ = shoot(coverage=mt.CoverageMap(axis, axis, gain, 0.1 * gain, origin))
+    opacity = plotter.actors["coverage"].mapper.lookup_table.values[:, 3]
+    assert opacity[0] < 20
+    assert opacity.max() < 200
 
 
 class Layer(mt.BubblePopulation):
@@ -195,9 +276,9 @@ def test_the_block_of_water_is_closed(shoot):
         assert actor.bounds[5] == pytest.approx(plotter.shown["surface"].bounds[1, 2], abs=0.05)
     assert far.prop.culling == "front"
     assert near.prop.culling == "back"
-    veil = near.mapper.dataset["tint"][:, 3].astype(float)
+    light = near.mapper.dataset["tint"][:, :3].sum(axis=1, dtype=float)
     depth = near.mapper.dataset.points[:, 2]
-    assert veil[np.argmax(depth)] > veil[np.argmin(depth)]
+    assert light[np.argmax(depth)] > 3.0 * light[np.argmin(depth)]  # dark below
     assert near.mapper.dataset["tint"][:, 3].max() < far.mapper.dataset["tint"][:, 3].min()
 
 

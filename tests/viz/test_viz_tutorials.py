@@ -8,7 +8,7 @@ import pytest
 
 TUTORIALS = Path(__file__).parents[2] / "docs" / "tutorials"
 PAGES = sorted(path for path in TUTORIALS.glob("*.md") if path.stem != "index")
-CELL = re.compile(r"^```\{code-cell\} python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+CELL = re.compile(r"^```\{code-cell\} python\n(?:---\n.*?^---\n)?(.*?)^```$", re.M | re.S)
 
 
 def figures(code):
@@ -21,7 +21,7 @@ def figures(code):
 @pytest.mark.process
 @pytest.mark.thorough
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-@pytest.mark.slow_but("own_models")
+@pytest.mark.slow_but("fading")
 def test_every_plot_is_shown(page, tmp_path):
     client, v4 = pytest.importorskip("nbclient"), pytest.importorskip("nbformat.v4")
     pytest.importorskip("ipykernel")
@@ -31,3 +31,19 @@ def test_every_plot_is_shown(page, tmp_path):
     for code, cell in zip(codes, notebook.cells, strict=True):
         shown = [output for output in cell.outputs if "image/png" in output.get("data", {})]
         assert len(shown) == figures(code), code
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_tutorial_is_a_question_with_an_answer(page):
+    text = page.read_text("utf-8")
+    assert re.search(r"^# \d\. .+\?$", text, re.MULTILINE)
+    parts = ("**Goal.**", f"{{nb-download}}`{page.stem}.ipynb`", "**Read from it.**", "## Exercise")
+    places = [text.index(part) for part in parts]
+    assert places == sorted(places)
+    answer = text[places[-1] :]
+    assert "tags: [hide-cell]" in answer
+    assert any(line.startswith("# ") for line in CELL.findall(answer)[-1].splitlines())
+
+
+def test_there_are_eight():
+    assert len(PAGES) == 8

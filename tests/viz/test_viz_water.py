@@ -216,8 +216,8 @@ def test_rays_stand_out_from_water_and_air():
     """Contrast of luminance by WCAG 2, (L1 + 0.05) / (L2 + 0.05), of 2 and more."""
     from matplotlib.colors import to_rgb
 
-    from meshtrace.viz.parts import WATER_COLORS
-    from meshtrace.viz.style import SKY
+    from meshtrace.viz.parts import DEEP_COLORS
+    from meshtrace.viz.style import DUSK, NIGHT
 
     def luminance(color):
         c = np.array(to_rgb(color))
@@ -230,7 +230,7 @@ def test_rays_stand_out_from_water_and_air():
         return (high + 0.05) / (low + 0.05)
 
     received, landed, ended = FATE_COLORS.values()
-    shallow, deep = WATER_COLORS
-    assert min(contrast(received, SKY), contrast(landed, SKY)) > 2.0
-    assert min(contrast(received, shallow), contrast(landed, shallow)) > 1.7
-    assert min(contrast(ended, deep), contrast(ended, shallow)) > 1.7
+    shallow, deep = DEEP_COLORS
+    for color in (received, landed):
+        assert min(contrast(color, other) for other in (DUSK, NIGHT, shallow, deep)) > 2.0
+    assert contrast(ended, deep) > 2.0

@@ -1,0 +1,366 @@
+"""Plots of gains: fates, series, distributions, correlation in time, maps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from scipy.ndimage import gaussian_filter
+
+from meshtrace import fading
+from meshtrace.errors import Described, Refused
+from meshtrace.link import Link
+from meshtrace.models import Floats
+from meshtrace.results.coverage import CoverageMap, as_high, place_of_highest
+from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
+from meshtrace.results.series import GainSeries
+from meshtrace.uav import Route
+
+from . import marks
+from .plots_curves import plot_curves
+from .style import INK, LED_COLOR, PALETTE, axis_label
+
+_LINE: Any = {"color": INK, "lw": 0.8}
+_SHOWN = 1e-6  # of the largest bar, down to which bars are drawn
+_TIMES_SHOWN = 10.0  # coherence times along the axis of lags
+_COVERED = 20.0  # decibels below the highest gain of a map that have colours
+_FITS = {"lognormal": fading.fit_lognormal, "gamma-gamma": fading.fit_gamma_gamma}
+
+
+def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
+    """Plot the fates of analog light, or the gain of forced detection by order of scattering.
+
+    Parameters
+    ----------
+    result : GainResult
+        Gain of one link.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    if result.gain_order is None:
+        return plot_fates(result, ax=ax)
+    direct = np.atleast_1d(0.0 if result.gain_ballistic is None else result.gain_ballistic)
+    gains = np.column_stack([direct, result.gain_order])
+    most, names = float(gains.max()), [f"receiver {i}" for i in range(len(gains))]
+    last = max(np.flatnonzero((gains > _SHOWN * most).any(axis=0)), default=0)
+    found = {"gain": np.where(gains > 0.0, gains, np.nan)}
+    data = marks.dataset(found, receiver=names, order=range(gains.shape[1]))
+    shown = data if len(gains) > 1 else data.isel(receiver=0)
+    ax = marks.lines(marks.axes(ax), shown, "gain", ("o:",), lw=0.8)
+    if most > 0.0:
+        ax.set(yscale="log", ylim=(_SHOWN * most, 2.0 * most))
+    ax.set_xlim(-0.6, last + 0.6)
+    return ax
+
+
+def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
+    """Plot the fates of the light: share of the launched weight, with its number.
+
+    Parameters
+    ----------
+    result : GainResult
+        Result of the analog estimator.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    Refused
+        If the result has no fates.
+    """
+    shares = {name: tally.weight for name, tally in result.fates.items() if tally.weight > 0.0}
+    if not shares:
+        raise Refused("result", Described("no fates"), 'a result of estimator="analog"')
+    meanings, values = [FATE_MEANING[Fate[name.upper()]] for name in shares], list(shares.values())
+    ax = marks.bars(
+        marks.axes(ax), marks.dataset({"share": values}, fate=meanings), "share", across=True
+    )
+    ax.bar_label(ax.containers[0], [f"{v:.2g}" for v in values], padding=3, fontsize=9)  # type: ignore[arg-type]
+    # room for the numbers beside the bars
+    ax.set(xlabel="share of the emitted light", xlim=(0.0, 1.15 * max(values)))
+    return ax
+
+
+def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Plot the gain over time, or of each realization, with two standard errors.
+
+    Parameters
+    ----------
+    series : GainSeries or xarray.Dataset
+        A series, or a dataset with `gain` and `gain_stderr` over "time" or "realization" and,
+        in the second place, receivers.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    data = _dataset(series, "gain", "gain_stderr")[["gain", "gain_stderr"]]
+    along, *others = data["gain"].dims
+    if along == "realization":  # seeds
+        data = data.assign_coords(realization=np.arange(data.sizes[along]))
+    for receiver in others[:1]:
+        names = [f"receiver {i}" for i in range(data.sizes[receiver])]
+        data = data.transpose(receiver, along).assign_coords({receiver: names})
+    return plot_curves(data, "gain", style="o" if along == "realization" else "-", ax=ax)
+
+
+def plot_series(series: GainSeries, *, ax: Axes | None = None) -> Axes:
+    """Plot a series over time, and the density of the gains of an ensemble of one receiver."""
+    if series.along == "time" or series.gain.ndim > 1:
+        return plot_gain_series(series, ax=ax)
+    try:
+        return plot_gain_pdf(series, ax=ax)
+    except Refused:  # too few seas for a law, or dark ones
+        return plot_gain_series(series, ax=ax)
+
+
+def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
+    """Plot the gain along the route of a receiver, from above.
+
+    Parameters
+    ----------
+    series : GainSeries
+        Of `time_series` with a route.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    Refused
+        If the receiver of the series does not move.
+    """
+    origin = getattr(series, "provenance", {})
+    if "route" not in origin:
+        raise Refused("series", Described("no route"), "a time series along a route")
+    ax, route = marks.axes(ax), Route.model_validate(origin["route"])
+    x, y = route.at(series.time, 1.0).position.T
+    ax.plot(*np.transpose(route.positions), zorder=1, **_LINE)
+    points = ax.scatter(x, y, c=series.gains[:, 0], s=24, zorder=2)
+    side = "bottom" if np.ptp(x) > 1.5 * np.ptp(y) else "right"
+    ax.figure.colorbar(points, ax=ax, label=axis_label("gain"), location=side)
+    link = Link.model_validate(origin["link"])
+    places = np.transpose([source.position for source in link.transmitters])
+    ax.plot(*places, "*", color=LED_COLOR, mec=INK, ms=12, zorder=1.5, label="source")
+    return marks.finished(ax, "x", "y", aspect="equal")
+
+
+def plot_gain_pdf(
+    series: GainSeries | xr.Dataset,
+    *,
+    fits: Sequence[str] = ("lognormal", "gamma-gamma"),
+    bins: int | str = "auto",
+    ax: Axes | None = None,
+) -> Axes:
+    """Plot the density of the gain with two standard errors, and fitted fading laws.
+
+    Parameters
+    ----------
+    series : GainSeries or xarray.Dataset
+        With `gain` and `gain_stderr` of one receiver; the noise is removed from the variance.
+    fits : sequence of str
+        Laws to fit: "lognormal", "gamma-gamma".
+    bins : int or str
+        Number of bins or a rule of `numpy.histogram_bin_edges`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    Refused
+        If a law is unknown or the gains cannot be fitted.
+    """
+    gain, laws = _fitted(series, fits)
+    edges, found, stderr = fading.gain_pdf(*gain, bins=bins)
+    ax = marks.axes(ax)
+    ax.stairs(found, edges, fill=True, color=PALETTE["sky"], alpha=0.45)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    ax.errorbar(middle, found, 2.0 * stderr, fmt="none", ecolor=INK, lw=0.9)
+    x = np.linspace(edges[0], edges[-1], 400)
+    x = x[x > 0.0]
+    for name, fit in laws.items():
+        ax.plot(x, fit.law.pdf(x), label=f"{name}, index {fit.scintillation_index:.3g}")
+    marks.note(ax, f"n = {np.size(gain[0])}, bars: ± 2 standard errors")
+    return marks.finished(ax, "gain", "gain_pdf", ylim=(0.0, None))
+
+
+def plot_gain_cdf(
+    series: GainSeries | xr.Dataset,
+    *,
+    fits: Sequence[str] = ("lognormal", "gamma-gamma"),
+    n_effective: float | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Plot the distribution function of the gain, logarithmic, with a 95 % band and fitted laws.
+
+    Parameters
+    ----------
+    series, fits, ax
+        As in `plot_gain_pdf`.
+    n_effective : float, optional
+        Independent samples, for the band; see `fading.effective_samples`.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    Refused
+        If a law is unknown or the gains cannot be fitted.
+    """
+    gain, laws = _fitted(series, fits)
+    found = fading.gain_cdf(*gain, n_effective=n_effective)
+    ax = marks.axes(ax)
+    look: Any = {"color": INK, "label": "simulated", "drawstyle": "steps-post"}
+    (line,) = ax.plot(found.gain, found.probability, **look)
+    marks.band(ax, line, found.low, found.high)
+    x = np.linspace(found.gain[0], found.gain[-1], 400)
+    for dashes, (name, fit) in zip(("-", "--"), laws.items(), strict=False):
+        ax.plot(x, fit.law.cdf(x), dashes, label=name)
+    marks.note(ax, f"n = {len(found.gain)}, band: 95 %")
+    return marks.finished(ax, "gain", "gain_cdf", yscale="log", ylim=(0.5 / len(found.gain), 1.3))
+
+
+def _fitted(
+    series: GainSeries | xr.Dataset, names: Sequence[str]
+) -> tuple[tuple[Floats, Floats], dict[str, fading.DistributionFit]]:
+    """Return gains with their standard errors, and the laws fitted to them."""
+    for name in names:
+        if name not in _FITS:
+            raise Refused("fits", name, ", ".join(_FITS))
+    data = _dataset(series, "gain", "gain_stderr")
+    gain = data["gain"].to_numpy(), data["gain_stderr"].to_numpy()
+    clean = fading.remove_noise(*gain)
+    return gain, {name: _FITS[name](clean) for name in names}
+
+
+def _dataset(result: GainSeries | CoverageMap | xr.Dataset, *names: str) -> xr.Dataset:
+    """Return a result as a dataset with the named variables, each of one dimension or more."""
+    data = result if isinstance(result, xr.Dataset) else result.to_dataset()
+    for name in names:
+        if name not in data or not data[name].ndim or data[name].dtype.kind not in "biuf":
+            found = data[name].dims if name in data else None
+            raise Refused(name, found, f"numbers {', '.join(names)} over one dimension or more")
+    return data
+
+
+def plot_autocorrelation(
+    statistics: fading.FadingStatistics | fading.ChannelModel, *, ax: Axes | None = None
+) -> Axes:
+    r"""Plot the autocorrelation of the gain with the coherence time at 1/e, or that of a model.
+
+    The grey band has the correlations that a record without any would show by chance,
+    :math:`\pm 2 / \sqrt{n_\mathrm{eff}}` of its effective samples. The axis ends at ten
+    coherence times.
+
+    Parameters
+    ----------
+    statistics : FadingStatistics or ChannelModel
+        Of a time series; of a model also that of the series, with two standard errors.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    Refused
+        If the statistics are those of an ensemble.
+    """
+    if isinstance(statistics, fading.ChannelModel):
+        error, name = statistics.autocorrelation_stderr, "autocorrelation"
+        rows = [statistics.autocorrelation, statistics.model_autocorrelation]
+        both = {name: rows, f"{name}_stderr": [error, 0.0 * error]}
+        data = marks.dataset(both, curve=["series", "model"], lag=statistics.lag)
+        return marks.finished(marks.lines(marks.axes(ax), data, name))
+    if statistics.lag is None or statistics.autocorrelation is None:
+        raise Refused("statistics", Described("of an ensemble"), "those of a time series")
+    data = marks.dataset({"autocorrelation": statistics.autocorrelation}, lag=statistics.lag)
+    ax = marks.lines(marks.axes(ax), data, "autocorrelation")
+    ax.axhline(np.exp(-1.0), ls="--", **_LINE)
+    tau = statistics.coherence_time
+    if tau is not None and np.isfinite(tau.value):
+        shade = PALETTE["vermilion"]
+        step = float(statistics.lag[1] - statistics.lag[0])
+        finer = tau.value > step  # shorter ones are an interpolation between two samples
+        label = f"coherence time {tau.value:.3g} s" if finer else f"coherence time < {step:.3g} s"
+        ax.axvspan(tau.low, tau.high, color=shade, alpha=0.15, lw=0)
+        ax.axvline(tau.value, color=shade, label=label)
+        noise = 2.0 / np.sqrt(statistics.n_effective)
+        ax.axhspan(-noise, noise, color="0.5", alpha=0.15, lw=0, label="± 2 standard errors of 0")
+        ax.set_xlim(0.0, min(_TIMES_SHOWN * max(tau.value, 5.0 * step), statistics.lag[-1]))
+        marks.note(ax, f"samples every {step:.3g} s, band: interval of the coherence time")
+    return marks.finished(ax)
+
+
+def plot_coverage(
+    coverage: CoverageMap | xr.Dataset, *, decibel: bool = False, ax: Axes | None = None
+) -> Axes:
+    """Plot a coverage map with equal axes, contours, and the place of the highest gain.
+
+    Contours at 3, 6, 10 and 20 dB below the highest gain are those of the map smoothed by a cell.
+    The place is marked where errors resolve it, see `results.coverage.place_of_highest`.
+
+    Parameters
+    ----------
+    coverage : CoverageMap or xarray.Dataset
+        The map, with x, y and gain, and `gain_stderr` for the place of the highest gain.
+    decibel : bool
+        Show 10 log10 of the gain, down to 20 dB below the highest one.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    data = _dataset(coverage, "x", "y", "gain")
+    x, y, gain = (data[name].to_numpy() for name in ("x", "y", "gain"))
+    if gain.shape != (*x.shape, *y.shape) or not gain.size:
+        raise Refused("gain", Described(f"shape {gain.shape}"), "values over x and y")
+    unknown = np.full(gain.shape, np.inf)
+    stderr = data["gain_stderr"].to_numpy() if "gain_stderr" in data else unknown
+    place, level = place_of_highest(gain, stderr), as_high(gain, stderr).sum()
+    ax, label, shown = marks.axes(ax), axis_label("gain"), gain
+    smooth = gaussian_filter(gain, 1.0, mode="nearest")
+    limits: Any = {}
+    if decibel and gain.max() > 0.0:
+        shown, label = 10.0 * np.log10(np.where(gain > 0.0, gain, np.nan)), f"{label} [dB]"
+        top = float(np.nanmax(shown))
+        limits = {"vmin": max(top - _COVERED, float(np.nanmin(shown))), "vmax": top}
+    marks.heat_map(ax, x, y, shown, label, **limits)
+    if min(gain.shape) > 2 and smooth.max() > smooth.min():
+        below = 10.0 * np.log10(np.maximum(smooth / smooth.max(), 1e-12))
+        look: Any = {"colors": "white", "linewidths": 1.0, "linestyles": "-"}
+        lines = ax.contour(x, y, below.T, [-20.0, -10.0, -6.0, -3.0], **look)
+        ax.clabel(lines, fmt=lambda v: f"{v:g} dB", fontsize=8)
+    if place is not None:
+        at = x[place[0]], y[place[1]]
+        ax.plot(*at, "*", color=LED_COLOR, mec=INK, ms=11, clip_on=False)
+        marks.note(ax, f"star: highest gain, at x = {at[0]:.3g} m, y = {at[1]:.3g} m")
+    elif np.isfinite(stderr).all() and smooth.max() > 0.0:
+        marks.note(ax, f"highest gain: {level} cells within errors")
+    return ax

@@ -1,0 +1,330 @@
+"""Plots of studies: comparisons, convergence, sensitivities, optima, measured values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator
+
+from meshtrace.errors import Described, Refused, require_word
+from meshtrace.models import Floats
+from meshtrace.studies.comparison import Comparison, Duplex
+from meshtrace.studies.convergence.drivers import FadingConvergence
+from meshtrace.studies.convergence.study import ConvergenceStudy
+from meshtrace.studies.designs.page import LIGHTS, Design
+from meshtrace.studies.inference import Inference
+from meshtrace.studies.optimisation import Optimum
+from meshtrace.studies.sensitivity.study import Sensitivities, swings
+from meshtrace.studies.traces import ChannelTrace
+from meshtrace.validation.measured.suite import MeasuredTable
+
+from . import marks
+from .style import INK, PALETTE, label_of, verbatim
+
+_LINE: Any = {"color": INK, "lw": 0.8}
+
+_COSTS = {
+    "gain": "minus logarithm of the mean gain",
+    "outage": "quantile of ln(needed gain / gain)",
+    "range": "minus range [m]",
+    "margin": "minus logarithm of the margin",
+    "capacity": "minus logarithm of the capacity",
+    "custom": "cost",
+}
+"""What each objective of an optimisation minimises."""
+
+
+def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
+    """Plot the gains of links relative to the first link [dB], with two standard errors.
+
+    Parameters
+    ----------
+    result : Comparison
+        Of `compare`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = marks.bars(marks.axes(ax), result.to_dataset(), "gain_ratio_db", across=True)
+    ax.axvline(0.0, **_LINE)
+    ax.set_xlabel(f"gain over {verbatim(result.names[0])} [dB]")
+    return ax
+
+
+def plot_duplex(result: Duplex, *, ax: Axes | None = None) -> Axes:
+    """Plot the gains of both directions over their means, over time or realizations.
+
+    Parameters
+    ----------
+    result : Duplex
+        Of `duplex`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    gains = [series.gains[:, 0] / series.gains[:, 0].mean() for series in (result.up, result.down)]
+    name, times = result.up.along, result.up.coordinate
+    along = {name: times if name == "time" else range(len(times))}
+    data = marks.dataset({"gain over its mean": gains}, way=["up", "down"], **along)
+    return marks.finished(marks.lines(marks.axes(ax), data, "gain over its mean"), ylim=(0.0, None))
+
+
+def plot_trace(result: ChannelTrace, *, ax: Axes | None = None) -> Axes:
+    """Plot the gains of a channel trace and its background over their means.
+
+    Parameters
+    ----------
+    result : ChannelTrace
+        Of `channel_trace`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    rows = {"up": result.gain, "down": result.down_gain}
+    gains = {name: row.reshape(len(row), -1) for name, row in rows.items() if row is not None}
+    over = [row[:, 0] / row[:, 0].mean() for row in gains.values()]
+    data = marks.dataset({"over its mean": over}, part=list(gains), time=result.time)
+    ax = marks.lines(marks.axes(ax), data, "over its mean", ("-", "--"))
+    times, light = result.background_time, result.background_radiance
+    if times is not None and light is not None:
+        color = list(PALETTE.values())[2]
+        ax.plot(times, light / light.mean(), "o", color=color, markersize=5.0, label="background")
+    return marks.finished(ax, ylim=(0.0, None))
+
+
+def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes:
+    """Plot errors of the gain over the step of a study, with the fitted law.
+
+    Parameters
+    ----------
+    study : ConvergenceStudy
+        Of `convergence_study`, `time_step_study` or `band_limit_study`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = marks.axes(ax)
+    for k, kind in enumerate(study.normals):
+        fit, percent = study.fits[kind], 100.0 / study.gain[k, -1]
+        target = fit.gain.value if study.reference is None else study.anchor[k]
+        scatter = np.where(study.scatter[k] > 0.0, study.scatter[k], np.nan)
+        law = np.abs(fit.coefficient * study.step**fit.order.value)
+        rows = percent * np.array([np.abs(study.gain[k] - target), law, scatter])
+        errors = percent * np.array([study.difference_stderr[k], 0.0 * law, 0.0 * law])
+        named = f"{kind} normals, mean: order {fit.order.value:.2f}", "", f"{kind} normals, scatter"
+        n = 3 if np.isfinite(scatter).any() else 2
+        found = {"error": rows[:n], "error_stderr": errors[:n]}
+        data = marks.dataset(found, curve=named[:n], **{study.parameter: study.values})
+        color = list(PALETTE.values())[k]
+        marks.lines(ax, data, "error", ("o", "-", "^--"), (color,), lw=1.0, markersize=5)
+    ax.axhline(100.0 * study.tolerance, color="0.5", lw=0.8, ls=":", label="tolerance")
+    ax.set_yscale("log")
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    return _over_steps(ax, study.values, ylabel="error of the gain [%]")
+
+
+def plot_fading_convergence(study: FadingConvergence, *, ax: Axes | None = None) -> Axes:
+    """Plot the scintillation index over the highest frequency of the waves.
+
+    Parameters
+    ----------
+    study : FadingConvergence
+        Of `fading_study`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    rows = np.array([study.with_tilts, study.band_alone, study.measured])
+    errors = np.array([0.0 * rows[0], 0.0 * rows[1], study.measured_stderr])
+    names = ["closed form, random slopes beyond", "closed form, nothing beyond", "measured"]
+    n = 3 if np.isfinite(study.measured).any() else 2
+    found = {"scintillation_index": rows[:n]}
+    found |= {"scintillation_index_stderr": errors} if n == 3 else {}
+    data = marks.dataset(found, curve=names[:n], omega_max=study.omega_max)
+    ax = marks.lines(marks.axes(ax), data, "scintillation_index", ("-", "--", "o"))
+    ax.axhline(study.all_waves, ls=":", label="all waves", **_LINE)
+    return _over_steps(ax, study.omega_max, yscale="log")
+
+
+def _over_steps(ax: Axes, values: Floats, **settings: Any) -> Axes:
+    """Return finished axes over the steps of a study, logarithmic, each step named."""
+    ax.set_xscale("log")
+    ax.set_xticks(values, [f"{value:g}" for value in values])
+    ax.minorticks_off()
+    return marks.finished(ax, **settings)
+
+
+def plot_tornado(
+    s: Sensitivities,
+    *,
+    change: float | Mapping[str, tuple[float, float]] = 0.1,
+    ax: Axes | None = None,
+) -> Axes:
+    """Plot the change of a quantity with each parameter at a lower and a higher value.
+
+    Parameters
+    ----------
+    s : Sensitivities
+        Of `sensitivities`; each end of a bar is a run with the chains of the study.
+    change : float or mapping of str to (low, high)
+        Relative change to either side, or the values of some parameters, see
+        `studies.swings`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+        Bars in dB, in m for the range, the largest on top, with whiskers of two standard errors.
+    """
+    found = swings(s, change)
+    names = [f"{one.name}\n{one.values[0]:.4g} to {one.values[1]:.4g} {one.unit}" for one in found]
+    values = {
+        "change": [one.change for one in found],
+        "change_stderr": [one.stderr for one in found],
+    }
+    data = marks.dataset(
+        values, name=[name.removesuffix(" 1") for name in names], side=["lower", "higher"]
+    )
+    ax = marks.bars(marks.axes(ax), data.transpose(), "change", across=True, beside=False)
+    ax.tick_params(axis="y", labelsize=8)
+    ax.axvline(0.0, **_LINE)
+    form = ".2e" if s.of == "gain" else ".3g"
+    base = f"{s.value:{form}} {s.unit}".removesuffix(" 1")
+    ax.set_xlabel(f"change of the {s.of} from {base} [{'m' if s.of == 'range' else 'dB'}]")
+    return ax
+
+
+def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
+    """Plot the cost of all candidates over the first variable, with the best one.
+
+    Parameters
+    ----------
+    o : Optimum
+        Of `optimize`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = marks.axes(ax)
+    ax.plot(o.history[:, 0], o.history[:, -1], "o", ms=4, label="candidates")
+    ax.plot(o.values[0], o.cost, "*", ms=12, color="C1", label="best")
+    ax.axvspan(*o.flatness[0], color="C1", alpha=0.15, label="within one standard error")
+    return marks.finished(ax, xlabel=label_of(o.variables[0]), ylabel=_COSTS[o.objective])
+
+
+def plot_design(d: Design, *, light: str = "day", ax: Axes | None = None) -> Axes:
+    """Plot the reserve over the values of each scanned key, relative to those of the link.
+
+    Parameters
+    ----------
+    d : Design
+        Of `design`.
+    light : {"night", "day"}
+        Light.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+        A curve for each key with the flat range drawn thick; above the line the link closes.
+    """
+    require_word(light, LIGHTS, "light")
+    ax = marks.axes(ax)
+    for choice, values, reserves in zip(d.choices, d.scanned, d.reserves, strict=True):
+        if choice.light != light or choice.given == 0.0:
+            continue
+        shown = np.where(np.isfinite(reserves), reserves, np.nan)
+        low, high = choice.flat
+        flat = np.where((values >= low) & (values <= high), shown, np.nan)
+        (line,) = ax.plot(values / choice.given, shown, label=label_of(choice.key))
+        ax.plot(values / choice.given, flat, lw=4.0, color=line.get_color(), alpha=0.5)
+    ax.axhline(0.0, **_LINE)
+    ax.plot(1.0, d.at(light).reserve, "o", color=INK)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    labels = {"xlabel": "value over that of the link", "ylabel": f"reserve by {light} [dB]"}
+    return marks.finished(ax, legend=False, xscale="log", **labels)
+
+
+def plot_inference(f: Inference, *, ax: Axes | None = None) -> Axes:
+    """Plot measured over fitted gains.
+
+    Parameters
+    ----------
+    f : Inference
+        Of `infer`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    numbers, ax = np.arange(1, len(f.measured) + 1), marks.axes(ax)
+    data = marks.dataset({"measured over fitted": f.measured / f.predicted}, measurement=numbers)
+    marks.lines(ax, data, "measured over fitted", ("o",), markersize=6)
+    ax.axhline(1.0, **_LINE)
+    return ax
+
+
+def plot_measured(table: MeasuredTable, *, ax: Axes | None = None) -> Axes:
+    """Plot measured over computed values, with the bands of the computed ones.
+
+    Parameters
+    ----------
+    table : MeasuredTable
+        Of `validation.measured.run`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax, kept = marks.axes(ax), np.flatnonzero(np.isfinite(table.observed) & (table.computed > 0.0))
+    several = len(set(table.experiment)) > 1
+    names = [(table.experiment if several else table.observable)[i] for i in kept]
+    if not names:
+        raise Refused("table", Described("no measured numbers"), "a table with some")
+    rows, value = np.arange(len(kept)), table.computed[kept]
+    ends = (table.band_low, table.band_high, table.observed_low, table.observed_high)
+    low, high, least, most = (np.maximum(end[kept], 0.0) / value for end in ends)
+    at = table.observed[kept] / value
+    outside = np.array([table.verdict[i] == "outside" for i in kept])
+    ax.hlines(rows, low, high, color=PALETTE["blue"], alpha=0.3, lw=5.0, label="computed, band")
+    for chosen, color, label in (
+        (~outside, "black", "measured, inside"),
+        (outside, PALETTE["vermilion"], "measured, outside"),
+    ):
+        if chosen.any():
+            errors = np.maximum(np.abs([at - least, most - at])[:, chosen], 0.0)
+            style: dict[str, Any] = {"color": color, "fmt": "o", "lw": 1.2, "label": label}
+            ax.errorbar(at[chosen], rows[chosen], xerr=errors, **style)
+    first = [names.index(name) for name in dict.fromkeys(names)]
+    ax.set_yticks(first, [verbatim(names[i]) for i in first], fontsize="small")
+    ax.axvline(1.0, **_LINE)
+    ax.invert_yaxis()
+    return marks.finished(ax, xlabel="measured over computed")
