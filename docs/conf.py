@@ -16,7 +16,8 @@ from docutils.utils.math import latex2mathml
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
-sys.path.insert(0, str(Path(__file__).parent))  # saved_pictures
+sys.path.insert(0, str(Path(__file__).parent))  # references, saved_pictures
+from references import linked
 
 project = "meshtrace"
 author = "The meshtrace developers"
@@ -155,6 +156,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     """Register the renderer of equations and the reading of docstrings."""
     app.add_html_math_renderer("mathml", (_inline_math, None), (_block_math, None))
     app.connect("autodoc-process-docstring", plain_text, priority=400)
+    app.connect("autodoc-process-docstring", linked, priority=600)  # napoleon has 500
     app.connect("autodoc-skip-member", without_machinery)
     app.connect("html-page-context", two_levels, priority=400)  # before the theme reads it
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -119,20 +119,21 @@ def draw(fades, lights):
     from meshtrace import viz
 
     viz.use_style()
-    figure, axes = plt.subplots(1, len(FIELDS), figsize=(11.0, 3.6), sharey=True)
+    figure, axes = plt.subplots(1, len(FIELDS), figsize=(10.0, 4.0), sharey=True)
     for axis, fov in zip(axes, FIELDS, strict=True):
         for i, (name, background) in enumerate(lights[fov].items()):
             found = np.array([ranges(fades[fov], background, fov, 1e6, w) for w in FILTERS])
-            found = np.minimum(found, DEPTHS[-1])
-            dashes = "--" if name == "full moon" else "-"  # where it covers the night
-            axis.semilogx(FILTERS, found[:, 0], dashes, color=f"C{i}", label=name)
-            axis.fill_between(FILTERS, found[:, 1], found[:, 2], color=f"C{i}", alpha=0.2, lw=0)
-        axis.set_title(f"field of view {fov:g}°", fontsize=10)
-        axis.set_xlabel("filter width [nm]")
-    axes[0].set_ylabel("range at 1 Mbit/s, BER 1e-3 [m]")
-    axes[0].set_ylim(0.0, None)
+            found[~np.isfinite(found)] = np.nan  # beyond the depths that were computed
+            look = {"color": f"C{i}", "zorder": 3 - 0.1 * i}
+            axis.semilogx(FILTERS, found[:, 0], "o-", ms=4, label=name, **look)
+            axis.fill_between(FILTERS, found[:, 1], found[:, 2], alpha=0.2, lw=0, **look)
+        beyond = {"color": "0.5", "alpha": 0.15, "lw": 0, "label": "not computed"}
+        axis.axhspan(DEPTHS[-1], 1.1 * DEPTHS[-1], **beyond)
+        axis.set(title=f"field of view {fov:g}°", xlabel="filter width [nm]")
+        axis.xaxis.set_major_formatter("{x:g}")
+    axes[0].set(ylabel="range at 1 Mbit/s and a BER of 1e-3 [m]", ylim=(0.0, 1.1 * DEPTHS[-1]))
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
-    figure.savefig(HERE / "_static" / "daylight_ranges.png", dpi=110)
+    viz.save_picture(figure, HERE / "_static" / "daylight_ranges.png")
 
 
 if __name__ == "__main__":

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import inspect
+import json
+import re
+import tomllib
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 import meshtrace as mt
+from meshtrace.cli.made import entries
+from meshtrace.comms import ReceiverModel
 from meshtrace.comms.ook import OokLink
+from meshtrace.comms.response import ChannelResponse
+from meshtrace.comms.spectra import Curve
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import Source
 from meshtrace.models import Family, Model
@@ -14,7 +23,17 @@ from meshtrace.optics.bubbles import BubblePopulation
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.scenario import Scenario
 from meshtrace.scenario.files import unset_keys
-from meshtrace.surfaces import Spectrum, Spreading, Surface
+from meshtrace.surfaces import (
+    Band,
+    MeshSequence,
+    Spectrum,
+    Spreading,
+    Surface,
+    from_gauge,
+    from_wavespectra,
+    gauge_spectrum,
+)
+from meshtrace.surfaces.gram_charlier import GramCharlier
 
 PAGE = Path(__file__).with_name("link_file.md")
 
@@ -33,19 +52,17 @@ This page is written from the models by `docs/make_link_file.py`.
 """
 
 TOP = {
-    "wind_speed": ("5.0", "Wind speed at 10 m [m s-1], 0 to 60, of the sea, bubbles and whitecaps"),
-    "physics": ('"physical"', 'Correct physics, "paper" for the published forms, or a table'),
-    "whitecaps": ('"w_0225"', 'Foam: "w_0225", "monahan80", "paper_0255", "none" or a table'),
-    "n_air": ("1.0", "Refractive index of the air, 1 to 2"),
+    "wind_speed": ("float", "5.0", "Wind speed at 10 m [m s-1], 0 to 60, of sea, bubbles, foam"),
+    "physics": ("word or table", '"physical"', 'Correct physics, or "paper": the published forms'),
+    "whitecaps": ("word or table", '"w_0225"', 'Foam: "w_0225", "monahan80", "paper_0255", "none"'),
+    "n_air": ("float", "1.0", "Refractive index of the air, 1 to 2"),
 }
 
-SECTIONS: list[tuple[str, str, list[type[Model]] | type[Family]]] = [
+Part = list[type[Model]] | type[Family]
+SECTIONS: list[tuple[str, str, Part]] = [
     ("[physics]", "Switches, each between the correct and the published form.", [mt.Physics]),
-    (
-        "[sea]",
-        "`spectrum` names the kind of sea or of spectrum; also the keys of the mesh.",
-        Surface,
-    ),
+    ("[whitecaps]", "", [mt.physics.Whitecaps]),
+    ("[sea]", "`spectrum` names a sea, or one of the spectra of `[sea.spectrum]`.", Surface),
     (
         "[sea]: mesh",
         "Time, resolution and waves at which the sea is triangulated.",
@@ -53,6 +70,8 @@ SECTIONS: list[tuple[str, str, list[type[Model]] | type[Family]]] = [
     ),
     ("[sea.spectrum]", "A table, or a word beside the keys in [sea].", Spectrum),
     ("[sea.spreading]", "A table or a word.", Spreading),
+    ("[sea.waves]", "", [Band]),
+    ("[sea.slope_law]", "", [GramCharlier]),
     ("[water]", "", [mt.Water]),
     ("[water.phase]", "", PhaseFunction),
     ("[bubbles]", '`model = "none"` for no bubbles.', BubblePopulation),
@@ -64,6 +83,19 @@ SECTIONS: list[tuple[str, str, list[type[Model]] | type[Family]]] = [
         [mt.IrradiancePlanes],
     ),
     ("[detector]", "Fields that replace those of a `preset`.", [OokLink]),
+    ("[detector.model]", "A word.", ReceiverModel),
+    (
+        "[detector.led.spectrum]",
+        'A table over wavelength, or `{file = "led.csv"}` with columns of both; so may be '
+        "`gain_spectrum`, `filter_transmission` and `pde`.",
+        [Curve],
+    ),
+    (
+        "[detector.response]",
+        "By default the response of the channel, from the chains of the link, with its gain over "
+        "the spectrum of the lamp.",
+        [ChannelResponse],
+    ),
     ("[uav]", "Fields that replace those of a `preset`.", [mt.Uav]),
     (
         "[daylight]",
@@ -73,47 +105,148 @@ SECTIONS: list[tuple[str, str, list[type[Model]] | type[Family]]] = [
     ),
     (
         "[run]",
-        "Options of the run; those of the estimator are keys of the same table.",
+        "Options of the run, those of its estimator, and `normals` of the mesh, "
+        '"vertex" (interpolated) or "facet".',
         [type(mt.Scenario.from_toml("").run), mt.Forced, mt.Analog],
     ),
     ("[sweep]", "In a study file of `meshtrace sweep`, see [](guides/sweep.md).", []),
     ("[sweep.parameters]", "", []),
 ]
 
+READERS: dict[str, tuple[Callable[..., Any], ...]] = {
+    'file, `spectrum = "measured"`': (from_wavespectra,),
+    'file, `spectrum = "gauge"`': (from_gauge, gauge_spectrum),
+    "`meshes`": (MeshSequence,),
+}
+"""Functions whose parameters are keys of [sea] beside a file, with a title."""
+
+NO_KEYS = {"kind", "source", "recipe", "record", "gauge", "parts"}
+"""Fields that files name otherwise, or that readers fill."""
+
+ELSEWHERE: dict[type[Model], set[str]] = {
+    mt.Daylight: {"wavelength_nm"},
+    mt.Meshing: {"normals"},
+    mt.Water: {"spectrum", "wavelength_nm"},
+}
+"""Fields that another table, or other keys, give."""
+
+HEADS = ["key", "type", "default", "meaning"]
+Row = tuple[str, str, str, str]
+
 
 def shown(value: Any) -> str:
     """Return a default as TOML writes it, or nothing."""
-    if value is None or repr(value).startswith("PydanticUndefined"):
+    if value in (None, inspect.Parameter.empty) or repr(value).startswith("PydanticUndefined"):
         return ""
     if isinstance(value, Family):
-        return f"`{value.kind}`"
+        return f'`"{value.kind}"`'
     if isinstance(value, Model):
-        return "table"
+        return ""
+    value = list(value) if isinstance(value, tuple) else value
     text = {True: "true", False: "false"}.get(value) if isinstance(value, bool) else None
     return f"`{text or repr(value).replace(chr(39), chr(34))}`"
 
 
-def rows(model: type[Model]) -> list[str]:
-    """Return the keys of a model as rows of a table."""
-    notes = model.notes()
-    found = ["| key | default | meaning |", "|---|---|---|"]
+def typed(words: str, annotation: Any = None) -> str:
+    """Return the type of a docstring, or else of an annotation, in the words of TOML."""
+    words = re.sub(r",? ?(?:optional|or None)$", "", words or annotated(annotation))
+    words = re.sub(r"\b(?:sequence|tuple)s?\b", "array", words).replace(" or str or dict", "")
+    words = words.replace("Forced or Analog, or ", "")
+    found = re.sub(r"\b(?:Spreading|PhaseFunction|Estimator)\b", "word or table", words)
+    return re.sub(r"\b[A-Z][a-z]\w+\b", "table", found) or "str"
+
+
+def annotated(annotation: Any) -> str:
+    """Return a type in the words of docstrings."""
+    args = get_args(annotation)
+    if get_origin(annotation) is Literal:
+        return "{" + ", ".join(json.dumps(word) for word in args) + "}"
+    if get_origin(annotation) is Annotated:
+        return annotated(args[0])
+    if get_origin(annotation) is tuple:
+        parts = list(map(annotated, args))
+        return f"array of {parts[0]}" if args[-1] is ... else f"({', '.join(parts)})"
+    if args:
+        return " or ".join(word for word in map(annotated, args) if word)
+    if annotation in (type(None), None, ...):
+        return ""
+    return getattr(annotation, "__name__", str(annotation))
+
+
+def rows(model: type[Model]) -> list[Row]:
+    """Return the keys of a model."""
+    notes, types = model.notes(), entries(model)
+    skipped = NO_KEYS | ELSEWHERE.get(model, set())
+    found = []
     for name, field in model.model_fields.items():
-        if name not in ("kind", "source", "recipe"):
+        if name not in skipped:
             default = field.get_default(call_default_factory=True)
-            note = notes.get(name, "").replace("|", "\\|")
-            found.append(f"| `{name}` | {shown(default)} | {note} |")
+            type_ = typed(types.get(name, ("", ""))[0], field.annotation)
+            found.append((f"`{name}`", type_, shown(default), notes.get(name, "")))
+    if issubclass(model, Family) and hasattr(model, "from_file"):
+        columns = " and ".join(row[0] for row in found[:2])
+        found.append(("`file`", "str", "", f"Text file with columns of {columns}, in their place"))
     return found
 
 
-def rows_of_unset(title: str) -> list[str]:
-    """Return the keys of a table that no model has, with an example, as rows of a table."""
+def rows_of(functions: tuple[Callable[..., Any], ...]) -> list[Row]:
+    """Return the parameters of functions that read a file."""
+    found: dict[str, Row] = {}
+    for function in functions:
+        notes = entries(function)
+        for name, parameter in inspect.signature(function).parameters.items():
+            type_, text = notes.get(name, ("", ""))
+            if name not in NO_KEYS and not text.startswith("As in"):
+                note = re.split(r"(?<=\w)[.:;](?: |$)", text, maxsplit=1)[0]
+                row = (f"`{name}`", typed(type_), shown(parameter.default), note)
+                found.setdefault(name, row)
+    return list(found.values())
+
+
+def rows_of_unset(title: str, covered: str) -> list[Row]:
+    """Return the keys of a table that no model has, with an example as default."""
     found = []
     for line in unset_keys().get(title.strip("[]"), []):
         key, _, rest = line.partition(" = ")
         example, _, note = rest.partition("  # ")
-        key = key.strip('"')
-        found.append(f"| `{key}` | `{example}` | {note} |")
-    return ["| key | example | meaning |", "|---|---|---|", *found, ""] if found else []
+        name = f"`{key.strip(chr(34))}`"
+        type_ = type(tomllib.loads(f"x = {example}")["x"]).__name__.replace("list", "array")
+        if f"| {name} |" not in covered:
+            found.append((name, type_, f"e.g. `{example}`", note))
+    return found
+
+
+def table(heads: list[str], found: list[Any]) -> list[str]:
+    """Return rows as lines of a table with an empty line, or nothing without rows."""
+    lines = ["| " + " | ".join(text.replace("|", "\\|") for text in row) + " |" for row in found]
+    head = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    return [*head, *(line.replace("\\\\|", "\\|") for line in lines), ""] if lines else []
+
+
+def family(kinds: Mapping[str, type[Model]]) -> list[str]:
+    """Return a table of the kinds, and one of all their keys with the kinds that have them."""
+    about = [(f"`{k}`", (m.__doc__ or "").strip().splitlines()[0]) for k, m in kinds.items()]
+    owners: dict[Row, list[str]] = {}
+    for kind, model in kinds.items():
+        for row in rows(model):
+            owners.setdefault(row, []).append(f"`{kind}`")
+    found = []
+    for (key, *rest), of in sorted(owners.items(), key=lambda item: -len(item[1])):
+        found.append((key, "all" if len(of) == len(kinds) else ", ".join(of), *rest))
+    return table(["name", "meaning"], about) + table(["key", "of", *HEADS[1:]], found)
+
+
+def seas() -> list[str]:
+    """Return the seas of [sea], with each spectrum under its one name, and the keys of files."""
+    kinds = dict(Surface.registered)
+    spectral, jonswap = kinds["spectral"], kinds.pop("jonswap")
+    both = {*spectral.model_fields, *Spectrum.registered["jonswap"].model_fields}
+    assert set(jonswap.model_fields) <= both  # the same sea by another name in Python
+    del kinds["spectral"], kinds["sum"]
+    lines = family({**kinds, "a spectrum": spectral, "[[sea.part]]": Surface.registered["sum"]})
+    for title, functions in READERS.items():
+        lines += [f"### {title[0].upper()}{title[1:]}", "", *table(HEADS, rows_of(functions))]
+    return lines
 
 
 def inner(model: type[Model]) -> list[tuple[str, type[Model]]]:
@@ -126,31 +259,26 @@ def inner(model: type[Model]) -> list[tuple[str, type[Model]]]:
     ]
 
 
-def section(title: str, text: str, models: list[type[Model]] | type[Family]) -> list[str]:
+def section(title: str, text: str, models: Part) -> list[str]:
     """Return a section with a table for each model."""
-    lines = [f"## {title}", ""] + ([text, ""] if text else []) + rows_of_unset(title)
-    if isinstance(models, list):
-        for model in models:
-            if set(model.model_fields) - {"kind"}:
-                lines += [f"`{model.__name__}`:", ""] if len(models) > 1 else []
-                lines += [*rows(model), ""]
-        for model in models:
-            for name, part in inner(model):
-                lines += section(f"[{title.strip('[]')}.{name}]", "", [part])
-        return lines
-    for kind, model in models.registered.items():
-        summary = (model.__doc__ or "").strip().splitlines()[0]
-        lines += [f"### `{kind}`", "", summary, ""]
-        if set(model.model_fields) - {"kind"}:
-            lines += [*rows(model), ""]
+    lines = [f"## {title}", ""] + ([text, ""] if text else [])
+    if not isinstance(models, list):
+        found = seas() if models is Surface else family(models.registered)
+        return lines + table(HEADS, rows_of_unset(title, "\n".join(found))) + found
+    lines += table(HEADS, rows_of_unset(title, ""))
+    for model in models:
+        found = table(HEADS, rows(model))
+        lines += [f"`{model.__name__}`:", "", *found] if found and len(models) > 1 else found
+    for model in models:
+        for name, part in inner(model):
+            lines += section(f"[{title.strip('[]')}.{name}]", "", [part])
     return lines
 
 
 def page() -> str:
     """Return the page."""
-    lines = [INTRODUCTION, "## Keys at the top", "", "| key | default | meaning |", "|---|---|---|"]
-    lines += [f"| `{name}` | `{default}` | {note} |" for name, (default, note) in TOP.items()]
-    lines.append("")
+    top = [(f"`{key}`", type_, f"`{value}`", note) for key, (type_, value, note) in TOP.items()]
+    lines = [INTRODUCTION, "## Keys at the top", "", *table(HEADS, top)]
     for one in SECTIONS:
         lines += section(*one)
     return "\n".join(lines).rstrip() + "\n"

@@ -1,4 +1,4 @@
-"""Compute the ranges, gains and tilt losses of the link and write them into link.md.
+"""Compute the ranges, gains and tilt losses of the link and write them into paper.md.
 
 Names of blocks as arguments recompute those alone.
 """
@@ -19,7 +19,7 @@ from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea
 from meshtrace.uav.tilt import h_alpha
 
-PAGE = Path(__file__).with_name("link.md")
+PAGE = Path(__file__).with_name("paper.md")
 RATES = (1e6, 5e6, 1e7)
 DEPTHS = tuple(range(25, 65, 5))
 PRINTED = {0.0: ("-", "43", "36"), 5.0: ("-", "39", "31"), 13.0: ("47", "36.5", "28.5")}

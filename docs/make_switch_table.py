@@ -1,4 +1,4 @@
-"""Measure the effect of each physics switch on the default gain, for switches.md."""
+"""Measure the effect of each physics switch on the default gain, for paper.md."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import meshtrace as mt
 from meshtrace.surfaces import JonswapSea
 
-PAGE = Path(__file__).with_name("switches.md")
+PAGE = Path(__file__).with_name("paper.md")
 WIND = 13.0
 
 
@@ -115,5 +115,5 @@ def table(photons: int = 40_000_000, chains: int = 200_000) -> str:
 if __name__ == "__main__":
     warnings.simplefilter("ignore", mt.DomainWarning)
     page = PAGE.read_text()
-    block = f"<!-- table -->\n{table()}\n<!-- end -->"
-    PAGE.write_text(re.sub(r"<!-- table -->.*<!-- end -->", lambda _: block, page, flags=re.S))
+    block = f"<!-- switches -->\n{table()}\n<!-- end -->"
+    PAGE.write_text(re.sub(r"<!-- switches -->.*?<!-- end -->", lambda _: block, page, flags=re.S))

@@ -31,11 +31,12 @@ for name, layer in layers.items():
     print(f"{name}: b = {layer.b(0.0):.2g} 1/m at the surface, {layer.b(4.0):.2g} 1/m at 4 m")
 
 # %%
-# A link through the layer at 13 m/s.
+# The layer at 13 m/s in a scene of 6 m. Points are bubbles, one of many and enlarged, in proportion
+# to what they scatter: light that comes from below loses its direction in the last metre.
 
 link = mt.Link(bubbles=layers["13 m/s"], transmitter=mt.Led(depth=4.0))
-sea = JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
-style = viz.SceneStyle(extent=6.0, uav=False, off_screen=True)
-plotter = viz.scene(link, sea, style=style)
+sea = JonswapSea(wind_speed=13.0, fetch=30e3, omega_max=9.0, seed=7)
+style = viz.SceneStyle(extent=3.0, off_screen=True)
+plotter = viz.scene(link, sea, paths=600, style=style)
 viz.save_picture(plotter, "bubbles.png")
 plotter.close()

@@ -13,6 +13,7 @@ receiver sees. The brightest cell has 40 and 5 times the mean.
 # sphinx_gallery_thumbnail_path = 'gallery/pictures/light_pattern.png'
 
 import numpy as np
+from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 
 import meshtrace as mt
@@ -27,20 +28,20 @@ sharp = mt.Link(physics={"unresolved": "none"})  # light is bent by the waves of
 sea = resolved_sea(5.0, fetch=30e3, seed=3).model_copy(update={"omega_max": 24.0})
 maps = [mt.light_pattern(link, sea, EXTENT, 0.01) for link in (sharp, mt.Link())]
 
-figure = Figure(figsize=(8.8, 4.3), dpi=110, layout="compressed")
-titles = ("waves down to 11 cm", "with the slopes of shorter waves")
-for ax, pattern, title in zip(figure.subplots(1, 2, sharey=True), maps, titles, strict=True):
+figure = Figure(figsize=(9.6, 4.9), dpi=110, layout="constrained")
+titles = ("all waves longer than 11 cm", "with the slopes of shorter waves")
+scale = PowerNorm(0.5, 0.0, 16.0)  # as the eye, which sees roots
+axes = figure.subplots(1, 2, sharey=True)
+for ax, pattern, title in zip(axes, maps, titles, strict=True):
     relative = pattern.gain / pattern.gain.mean()
     print(f"{title}: brightest cell {relative.max():.1f} times the mean")
-    image = ax.imshow(
-        relative.T, origin="lower", cmap="inferno",
-        vmin=0.0, vmax=4.0, extent=(-EXTENT, EXTENT, -EXTENT, EXTENT),
-    )  # fmt: skip
-    ax.set(title=title, xlabel=viz.axis_label("x"), xticks=[-1, 0, 1], yticks=[-1, 0, 1])
-    ax.grid(visible=False)
-figure.axes[0].set_ylabel(viz.axis_label("y"))
+    look = {"cmap": "inferno", "norm": scale}
+    image = viz.marks.heat_map(ax, pattern.x, pattern.y, relative, "", **look)
+    ax.set_title(title)
+axes[1].set_ylabel("")
 label = "gain of unscattered light over its mean"
-figure.colorbar(image, ax=figure.axes, extend="max", label=label, shrink=0.9, aspect=16)
+ticks = [0, 1, 2, 4, 8, 16]
+figure.colorbar(image, ax=axes, extend="max", label=label, ticks=ticks, shrink=0.8, aspect=18)
 viz.save_picture(figure, "light_pattern.png")
 
 # %%

@@ -2,7 +2,7 @@
 A link from the water to the air
 ================================
 
-A link over seas at 13 and 5 m/s: the LED and its cone of half power, bubbles that whiten the water,
+A link over seas at 13 and 5 m/s: the LED and its beam of half power, bubbles below the surface,
 the tilted aircraft, the field of view of its receiver on the surface, and the received light. The
 marks of the ruler are level with the depths on the axis of the link.
 """

@@ -2,7 +2,7 @@
 A moving sea with its gain
 ==========================
 
-Ten seconds of a sea at 5 m/s at natural speed, with received light and the gain so far:
+Four seconds of a sea at 5 m/s at natural speed, with received light and the gain so far:
 
 .. raw:: html
 
@@ -17,8 +17,8 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
 
-FRAMES = 200
+FRAMES = 80
 
 link, sea = mt.Link(), JonswapSea(wind_speed=5.0, omega_max=9.0, seed=7)
 times = np.arange(FRAMES) / 20.0  # natural speed
-viz.save_movie(link, sea, times, "movie.mp4", received=30, quality=4.2)
+viz.save_movie(link, sea, times, "movie.mp4", received=30, quality=5.5)

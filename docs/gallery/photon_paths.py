@@ -2,8 +2,8 @@
 Photon paths and their fates
 ============================
 
-Paths of photons by the fate of the light. Received ones are drawn in proportion to the light they
-carry; dots mark scattering, white ones the crossing of the surface.
+Light of an LED as 1500 photons that fade with the weight that they have left, coloured by their
+fate. Received ones are drawn in proportion to the light they carry; dots mark their scattering.
 """
 
 import meshtrace as mt
@@ -19,7 +19,7 @@ sea = JonswapSea(wind_speed=8.0, omega_max=8.0, seed=3)
 
 style = viz.SceneStyle(off_screen=True)
 gain = mt.simulate(link, sea)
-plotter = viz.scene(link, sea, paths=80, received=30, gain=gain, style=style)
+plotter = viz.scene(link, sea, paths=1500, received=30, gain=gain, style=style)
 viz.save_picture(plotter, "photon_paths.png")
 plotter.close()
 
@@ -30,7 +30,7 @@ wide = link.model_copy(update={"transmitter": mt.Led(depth=8.0, half_angle_deg=3
 plotter = viz.scene(
     wide,
     sea,
-    paths=150,
+    paths=2500,
     received=20,
     style=style.replace(edges=True, extent=2.0, spacing=0.1, opacity=0.5),
 )

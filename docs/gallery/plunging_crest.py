@@ -161,7 +161,7 @@ def section(paths: mt.PhotonPaths, width: int = 2400) -> np.ndarray:
 def picture(mesh: mt.TriangleMesh, paths: mt.PhotonPaths) -> pv.Plotter:
     """Return the far half of the crest behind its lit section."""
     with pv.vtk_verbosity("off"):
-        plotter = pv.Plotter(off_screen=True, window_size=(1040, 650), lighting="none")
+        plotter = pv.Plotter(off_screen=True, window_size=(1600, 1000), lighting="none")
     plotter.set_background(NIGHT, top=DUSK)
     plotter.enable_anti_aliasing("ssaa")
     far = mesh.faces[(mesh.vertices[mesh.faces][..., 1] > -1e-9).all(axis=1)]
@@ -194,9 +194,9 @@ def picture(mesh: mt.TriangleMesh, paths: mt.PhotonPaths) -> pv.Plotter:
     plotter.camera.up = (0.0, 0.0, 1.0)
     plotter.camera.view_angle = 21.0
     plotter.reset_camera_clipping_range()
-    words = {"before and": REFRACTED, "after its first total reflection": GUIDED}
-    for left, (text, color) in zip((0.02, 0.125), words.items(), strict=True):
-        look = {"font_size": 9, "font_file": FONT_FILE, "color": color, "viewport": True}
+    words = {"light from the lamp": REFRACTED, "after its first total reflection": GUIDED}
+    for left, (text, color) in zip((0.02, 0.17), words.items(), strict=True):
+        look = {"font_size": 12, "font_file": FONT_FILE, "color": color, "viewport": True}
         plotter.add_text(text, position=(left, 0.03), **look)
     return plotter
 

@@ -13,7 +13,7 @@ for wind_speed in (5.0, 13.0):
     mesh = sea.mesh(extent=30.0, spacing=0.12)
     z = mesh.vertices[:, 2]
     print(f"{wind_speed:g} m/s: {len(mesh.faces)} facets from {z.min():.2f} to {z.max():.2f} m")
-    for color, limit in (("water", None), ("slope", 0.25)):
+    for color, limit in (("water", None), ("slope", 0.5)):
         plotter = viz.scene(
             None,
             mesh,
@@ -23,10 +23,9 @@ for wind_speed in (5.0, 13.0):
                 opacity=1.0,
                 labels=False,
                 off_screen=True,
-                window_size=(1600, 1000),
+                window_size=(1440, 810),
             ),
         )
-        viz.look(plotter, elevation_deg=24.0)
         viz.add_scale(plotter)
         viz.add_compass(plotter, wind_speed)
         viz.add_caption(plotter, f"JONSWAP sea, wind {wind_speed:g} m/s, fetch 30 km, seed 7")
