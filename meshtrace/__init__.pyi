@@ -74,6 +74,7 @@ from .scenario.model import Scenario as Scenario
 from .studies import ChannelTrace as ChannelTrace
 from .studies import Comparison as Comparison
 from .studies import DepthSweep as DepthSweep
+from .studies import Design as Design
 from .studies import Duplex as Duplex
 from .studies import Inference as Inference
 from .studies import LinkPerformance as LinkPerformance
@@ -86,6 +87,7 @@ from .studies import compare as compare
 from .studies import convergence_study as convergence_study
 from .studies import coverage_map as coverage_map
 from .studies import depth_sweep as depth_sweep
+from .studies import design as design
 from .studies import duplex as duplex
 from .studies import ensemble as ensemble
 from .studies import infer as infer

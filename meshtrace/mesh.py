@@ -148,14 +148,20 @@ def _array(value: Any, name: str, shape: str, least: int, dtype: Any = float) ->
 
 def _face_cross(vertices: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
     """Return twice the area vectors of facets, shape (3, m)."""
-    # by components: numpy.cross takes half of the time that a mesh takes to make
-    first, second, third = faces.T.astype(np.intp)
+    # by components and in place: numpy.cross takes as long as all else of a mesh
+    corners = np.ascontiguousarray(faces.T)
     edges = []
     for x in vertices.T.copy():
-        start = x.take(first)
-        edges += [x.take(second) - start, x.take(third) - start]
-    ux, vx, uy, vy, uz, vz = edges
-    return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+        start, first, second = x[corners]
+        first -= start
+        second -= start
+        edges.append((first, second))
+    cross = np.empty((3, len(faces)))
+    for i, component in enumerate(cross):
+        (uj, vj), (uk, vk) = edges[i - 2], edges[i - 1]
+        np.multiply(uj, vk, out=component)
+        component -= uk * vj
+    return cross
 
 
 def _lengths(
@@ -311,8 +317,8 @@ class TriangleMesh:
         """
         if not self.single_valued:
             return math.inf
-        n = self.face_normals
-        return float((np.hypot(n[:, 0], n[:, 1]) / n[:, 2]).max())
+        x, y, z = self.face_normals.T
+        return math.sqrt(float(((x * x + y * y) / (z * z)).max()))
 
     def to_trimesh(self) -> trimesh.Trimesh:
         """Return the same mesh as a `trimesh.Trimesh`."""

@@ -38,6 +38,7 @@ SHIFTS = 32
 
 _HOMES = {
     "gain": "meshtrace.results.gain",
+    "wavelengths": "meshtrace.results.wavelengths",
     "impulse-response": "meshtrace.results.impulse",
     "series": "meshtrace.results.series",
     "trace": "meshtrace.studies.traces",
@@ -53,6 +54,7 @@ _HOMES = {
     "performance": "meshtrace.studies.performance",
     "depth-sweep": "meshtrace.studies.performance",
     "convergence": "meshtrace.studies.convergence.study",
+    "design": "meshtrace.studies.designs.page",
     "inference": "meshtrace.studies.inference",
     "optimum": "meshtrace.studies.optimisation",
     "sensitivity": "meshtrace.studies.sensitivity.result",
@@ -176,6 +178,7 @@ class Stored(WithArrays, ABC):
 
     def __init_subclass__(cls) -> None:
         """Register the kind of a class that has one."""
+        super().__init_subclass__()
         if cls.kind:
             Stored._classes[cls.kind] = cls
 
@@ -325,12 +328,22 @@ def load(path: str | Path) -> Stored:
         If the file is damaged or no such result.
     """
     data = read_dataset(path)
-    kind = data.attrs.get("kind")
+    return kind_of(data.attrs.get("kind"), str(path)).from_dataset(data, str(path))
+
+
+def kind_of(kind: Any, name: str = "kind") -> type[Stored]:
+    """Return the class of results of a kind; `name` is that of the dataset or file.
+
+    Raises
+    ------
+    Refused
+        If there is no such kind.
+    """
     if kind not in _HOMES:
         found = Described(f"kind {kind}" if kind else "no result")
-        raise Refused(str(path), found, f"results of kind {', '.join(_HOMES)}")
+        raise Refused(name, found, f"results of kind {', '.join(_HOMES)}")
     import_module(_HOMES[kind])
-    return Stored._classes[kind].from_dataset(data, str(path))
+    return Stored._classes[kind]
 
 
 def write_dataset(data: xr.Dataset, path: str | Path) -> None:

@@ -93,6 +93,8 @@ class RandomSea(WaveSurface, frozen=True):
 
     _common: dict[str, Any] = PrivateAttr(default_factory=dict)
     """Results that do not depend on the seed."""
+    _left_out: dict[float, UnresolvedSlopes | None] = PrivateAttr(default_factory=dict)
+    """Slopes that meshes leave out, by their spacing."""
 
     most_components: ClassVar[int] = 1_000_000
 
@@ -176,6 +178,11 @@ class RandomSea(WaveSurface, frozen=True):
 
         The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
         """
+        if spacing not in self._left_out:
+            self._left_out[spacing] = self._unresolved_slopes(spacing)
+        return self._left_out[spacing]
+
+    def _unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
         real = self.slope_variance
         if real is None:
             return None

@@ -97,6 +97,7 @@ class GridLines(NamedTuple):
         return center + extent * ((2.0 * np.arange(steps + 1) - steps) / steps)
 
 
+@lru_cache(maxsize=8)
 def _graded(fine_extent: float, extent: float, spacing: float, coarse_spacing: float) -> Floats:
     """Return the lines of a graded axis from its centre to its end [m]."""
     fine_steps = _step_count(fine_extent, spacing)
@@ -110,6 +111,7 @@ def _graded(fine_extent: float, extent: float, spacing: float, coarse_spacing: f
     needed = int(np.searchsorted(reach, rest * (1.0 - 1e-12))) + 1
     half = np.concatenate([inner, fine_extent + reach[:needed] * (rest / reach[needed - 1])])
     half[-1] = extent
+    half.flags.writeable = False  # shared by the meshes of a series
     return half
 
 

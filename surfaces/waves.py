@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -244,9 +245,14 @@ _BLOCK = 2**20
 _GRIDS_KEPT = 4
 _ROUNDING = 1e-14  # of a position, relative
 _MOST_CELLS = 5e7  # of an FFT: some GB
+_SUM_ERROR = 2e-7  # of a sum: a mesh is within 1e-3 of the light
+_UPSAMPLING = 1.25  # the least of finufft: a quarter of the cells of its usual 2
 
-# Times [s] of a term of a sum, of a cell of an FFT of type 1 and of type 3, of a point spread.
-_TERM, _FFT_CELL, _FFT_CELL_3, _SPREAD = 0.7e-9, 20e-9, 50e-9, 110e-9
+_DENSER = 1.25  # lines of an FFT over those of the shortest wave, for interpolation
+_DECAY = math.pi * math.sqrt(1.0 - 1.0 / _DENSER)  # of its error for each line more
+
+# Times [s] of a term of a sum, of a cell of an FFT, of a point spread, of one interpolated.
+_TERM, _FFT_CELL, _SPREAD, _BETWEEN = 0.7e-9, 20e-9, 110e-9, 20e-9
 
 
 class WaveComponents(NamedTuple):
@@ -364,15 +370,18 @@ class WaveGrid:
     y_axis : ndarray, shape (ny,)
         Grid lines [m].
     error : float
-        Error of a sum, relative to the root of the sum of |w|^2.
+        Root mean square error of a fast sum, relative to that of the sum over all places,
+        sqrt(sum |w|^2 / 2); single points are within 1e-5 of it with the default of 2e-7.
 
     Notes
     -----
     Whichever is expected to be fastest: a non-uniform FFT (Barnett, Magland and af Klinteberg
-    2019), of type 1 onto equally spaced lines and of type 3 onto others, or the sum itself, for
+    2019) onto equally spaced lines, between which others are interpolated, axis by axis, by the
+    kernel of Kaiser and Bessel, whose transform the waves are divided by; or the sum itself, for
     few waves, and for lines that lie far apart for the shortest of many waves. Two real sums make
-    one complex transform, over the waves and their mirror images. The choice, and with it the
-    digits, follow the waves and the grid alone, not the number of threads.
+    one complex transform, over the waves and their mirror images; the last of an odd number is the
+    real part of one over the waves alone. The choice, and with it the digits, follow the waves and
+    the grid alone, not the number of threads.
 
     References
     ----------
@@ -380,13 +389,19 @@ class WaveGrid:
     """
 
     def __init__(
-        self, kx: Floats, ky: Floats, x_axis: Floats, y_axis: Floats, error: float = 1e-13
+        self, kx: Floats, ky: Floats, x_axis: Floats, y_axis: Floats, error: float = _SUM_ERROR
     ) -> None:
         self._error = error
         self._waves, self._axes = (kx, ky), (x_axis, y_axis)
-        self._middle = tuple(axis[len(axis) // 2] for axis in self._axes)
-        self._steps = tuple(map(_step, self._axes))
-        self._idle: dict[int, list[Any]] = {}
+        self._idle: dict[tuple[int, ...], list[Any]] = {}
+        if None in map(_step, self._axes):
+            width = math.ceil(-math.log(error) / _DECAY)
+            pairs = zip(self._axes, self._waves, strict=True)
+            self._lines = [
+                _Lines.between(axis, float(np.abs(k).max(initial=0.0)), width) for axis, k in pairs
+            ]
+        else:
+            self._lines = [_Lines.along(axis) for axis in self._axes]
         self._fast = self._transform_cost() < self._direct_cost()
 
     @property
@@ -396,46 +411,57 @@ class WaveGrid:
 
     def sum(self, weights: NDArray[np.complex128]) -> Floats:
         """Return the sums for several weights, shape (m, n), as an array (m, nx, ny)."""
-        shape = (-1, *map(len, self._axes))
         if not self._fast:
-            return self._direct(weights).reshape(shape)
-        (kx, ky), (x, y) = self._waves, self._middle
-        size = np.sqrt(np.square(np.abs(weights)).sum(axis=1, keepdims=True))
+            return self._direct(weights)
+        size = np.sqrt(np.square(np.abs(weights)).sum(axis=1))
         size[size == 0.0] = 1.0  # both parts of a transform have its error
-        turned = weights * (0.5 * np.exp(-1j * (kx * x + ky * y)) / size)
-        if len(turned) % 2:
-            turned = np.concatenate([turned, np.zeros_like(turned[:1])])
-        real, imag = turned[::2], turned[1::2]
-        pairs = np.concatenate([real + 1j * imag, real.conj() + 1j * imag.conj()], axis=1)
-        found = self._transformed(pairs).reshape(len(pairs), -1)
-        sums = np.stack([found.real, found.imag], axis=1).reshape(len(turned), -1)
-        return (sums[: len(weights)] * size).reshape(shape)
+        turned = weights * (self._turn / size[:, None])
+        sums = np.empty((len(weights), *map(len, self._axes)))
+        paired = len(weights) // 2 * 2
+        if paired:
+            one, other = 0.5 * turned[:paired:2], 0.5j * turned[1:paired:2]
+            pairs = np.concatenate([one + other, one.conj() - other.conj()], axis=1)
+            found = self._transformed(pairs)
+            sums[:paired:2], sums[1:paired:2] = found.real, found.imag
+        if paired < len(weights):
+            sums[paired:] = self._transformed(turned[paired:]).real
+        sums *= size[:, None, None]
+        return sums
+
+    @cached_property
+    def _turn(self) -> NDArray[np.complex128]:
+        """Factor of each wave: its phase at the middle, over its share that interpolation keeps."""
+        turn = np.ones(len(self._waves[0]), complex)
+        for k, lines in zip(self._waves, self._lines, strict=True):
+            turn *= np.exp(-1j * k * lines.middle) / lines.kept(k)
+        return turn
 
     def _transformed(self, weights: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return transforms of the waves and their mirror images by a plan that no other uses."""
-        idle = self._idle.setdefault(len(weights), [])
+        """Return transforms of the waves, or of them and their mirror images, (m, nx, ny).
+
+        By a plan that no other thread uses.
+        """
+        idle = self._idle.setdefault(weights.shape, [])
         try:
             plan = idle.pop()
         except IndexError:
-            plan = self._plan(len(weights))
-        found = plan.execute(weights)
+            plan = self._plan(*weights.shape)
+        x, y = self._lines
+        found = np.asarray(plan.execute(weights)).reshape(-1, x.number, y.number)
         idle.append(plan)
-        return np.asarray(found)
+        if x.weights is None:
+            return found
+        return np.stack([y.at(x.at(one).T).T for one in found])
 
-    def _plan(self, transforms: int) -> Any:
+    def _plan(self, transforms: int, sources: int) -> Any:
         import finufft
 
         options = {"n_trans": transforms, "eps": self._error, "isign": -1, "nthreads": 1}
-        kx, ky = (np.concatenate([k, -k]) for k in self._waves)
-        dx, dy = self._steps
-        x, y = (axis - middle for axis, middle in zip(self._axes, self._middle, strict=True))
-        if dx is not None and dy is not None:
-            plan = finufft.Plan(1, (len(x), len(y)), **options)
-            plan.setpts(kx * dx, ky * dy)
-        else:
-            plan = finufft.Plan(3, 2, **options)
-            places = (np.ravel(a).copy() for a in np.broadcast_arrays(x[:, None], y))
-            plan.setpts(kx, ky, None, *places)
+        plan = finufft.Plan(
+            1, tuple(one.number for one in self._lines), upsampfac=_UPSAMPLING, **options
+        )
+        turns = (k * one.step for k, one in zip(self._waves, self._lines, strict=True))
+        plan.setpts(*(k if sources == len(k) else np.concatenate([k, -k]) for k in turns))
         return plan
 
     def _direct(self, weights: NDArray[np.complex128]) -> Floats:
@@ -460,15 +486,13 @@ class WaveGrid:
         return _TERM * len(self._waves[0]) * len(x) * len(y)
 
     def _transform_cost(self) -> float:
-        points, waves = len(self._axes[0]) * len(self._axes[1]), 2 * len(self._waves[0])
-        if None not in self._steps:
-            return 0.5 * (4 * points * _FFT_CELL + waves * _SPREAD)
-        cells = 1.0
-        for k, axis in zip(self._waves, self._axes, strict=True):
-            cells *= 30.0 + 4.0 / math.pi * np.abs(k).max(initial=0.0) * (axis[-1] - axis[0])
+        cells, waves = math.prod(one.number for one in self._lines), 2 * len(self._waves[0])
         if cells > _MOST_CELLS:
             return math.inf
-        return 0.5 * (cells * _FFT_CELL_3 + (points + waves) * _SPREAD)
+        between = (
+            0 if self._lines[0].weights is None else len(self._axes[0]) * self._lines[1].number
+        )
+        return 0.5 * (4 * cells * _FFT_CELL + waves * _SPREAD) + between * _BETWEEN
 
 
 def _step(axis: Floats) -> float | None:
@@ -477,6 +501,61 @@ def _step(axis: Floats) -> float | None:
     step = float(axis[-1] - axis[0]) / max(1, n - 1)
     even = axis[n // 2] + step * (np.arange(n) - n // 2)
     return step if np.abs(axis - even).max() <= _ROUNDING * np.abs(axis).max() else None
+
+
+class _Lines(NamedTuple):
+    """Equally spaced lines of an FFT, and the weights that interpolate other lines between them.
+
+    exp(-i k x) = sum_j phi(x / h - j) exp(-i k j h) / phi^(k h), up to aliases, phi^ the Fourier
+    transform of phi(u) = I_0(shape sqrt(1 - (2 u / width)^2)).
+    """
+
+    middle: float  # [m], of line 0
+    step: float  # h [m]
+    number: int
+    width: int = 0  # lines that a value is interpolated between
+    weights: Any = None  # (lines of the axis, number), sparse; None for the lines themselves
+
+    @classmethod
+    def along(cls, axis: Floats) -> _Lines:
+        """Return equally spaced lines themselves."""
+        return cls(float(axis[len(axis) // 2]), _step(axis) or 0.0, len(axis))
+
+    @classmethod
+    def between(cls, axis: Floats, k: float, width: int) -> _Lines:
+        """Return lines that are dense enough for waves up to a wavenumber [rad m-1]."""
+        from scipy.sparse import csr_array
+
+        middle = 0.5 * float(axis[0] + axis[-1])
+        span = float(axis[-1] - axis[0]) or 1.0
+        step = min(math.pi / (_DENSER * max(k, 1e-300)), span)
+        half = math.ceil(0.5 * span / step) + width
+        if half > _MOST_CELLS:
+            return cls(middle, step, 2 * half + 1, width)
+        at = (axis - middle) / step
+        near = np.ceil(at - 0.5 * width).astype(np.int64)[:, None] + np.arange(width)
+        off = (at[:, None] - near) / (0.5 * width)
+        phi = np.i0(cls.shape(width) * np.sqrt(np.maximum(1.0 - off**2, 0.0)))
+        rows = phi.ravel(), (near + half).ravel(), width * np.arange(len(axis) + 1)
+        weights = csr_array(rows, (len(axis), 2 * half + 1))
+        return cls(middle, step, 2 * half + 1, width, weights)
+
+    @staticmethod
+    def shape(width: int) -> float:
+        """Return the shape parameter of a kernel for the density `_DENSER`."""
+        return math.pi * width * (1.0 - 0.5 / _DENSER)
+
+    def kept(self, k: Floats) -> Floats:
+        """Return phi^(k h), 1 without interpolation."""
+        if not self.width:
+            return np.ones_like(k)
+        s = np.sqrt(self.shape(self.width) ** 2 - (0.5 * self.width * self.step * k) ** 2)
+        return self.width * np.sinh(s) / s
+
+    def at(self, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return values (lines of the axis, ...) from those on these lines."""
+        parts = np.ascontiguousarray(values).view(float)  # of which the products have half
+        return np.asarray(self.weights @ parts).view(complex)
 
 
 class WaveGrids:

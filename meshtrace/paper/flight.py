@@ -81,11 +81,12 @@ def h_alpha(setting: Setting) -> FigureOutput:
     numbers = []
     for ax, wind in zip(axes[0], ROUGH, strict=True):
         laws = _laws(wind, "physical")[0], _laws(wind, "paper")[1]
-        low = max(min(float(np.cos(law.ppf(1.0 - 1e-5))) for law in laws), 0.0)
+        low = max(min(float(np.cos(law.ppf(1.0 - 1e-3))) for law in laws), 0.0)
         h, key = np.linspace(low, 1.0, 801)[:-1], f"h_{wind:g}"
         names = ("default, exact law", "paper preset, Gamma law")
         for form, name, law in zip(FORMS, names, laws, strict=True):
             ax.plot(h, law.h_pdf(h, fov), label=name)
+            _mark_edge(ax, low, fov)
             variables[f"pdf_{form}_{wind:g}"] = (key, law.h_pdf(h, fov), {"units": "1"})
         variables[key] = (key, h, {"units": "1"})
         x, y = r"factor $h_\alpha$", r"probability density $f(h_\alpha)$"
@@ -96,6 +97,15 @@ def h_alpha(setting: Setting) -> FigureOutput:
         numbers.append(row("outside", [float(law.outage(fov)) for law in laws], **words))
         numbers.append(row("integral", (1.0, published), **words))
     return FigureOutput(picture, xr.Dataset(variables), numbers)
+
+
+def _mark_edge(ax: Any, low: float, fov: float) -> None:
+    """Mark the least factor within the field of view, where the density ends."""
+    edge = float(np.cos(0.5 * fov))
+    if edge > low and not ax.texts:
+        ax.axvline(edge, color=viz.style.INK, lw=0.8, ls=":")
+        look: Any = {"fontsize": 9, "ha": "right", "va": "center", "rotation": 90}
+        ax.text(edge, 0.5, "edge of the field of view ", transform=ax.get_xaxis_transform(), **look)
 
 
 def wind(setting: Setting, duration: float) -> FigureOutput:
@@ -154,7 +164,6 @@ def link(setting: Setting, paths: int) -> FigureOutput:
     sea = JonswapSea(wind_speed=WIND, seed=setting.seed, waves="paper")
     light = mt.trace_paths(made, sea, paths, seed=setting.seed)
     scene = viz.scene(made, sea, paths=light, received=40, seed=setting.seed, style=STYLE)
-    picture = _shot(scene)
     led, receiver = made.transmitters[0], made.receivers[0]
     values = (
         ("depth of the LED", getattr(led, "depth", np.nan), "depth"),
@@ -163,7 +172,7 @@ def link(setting: Setting, paths: int) -> FigureOutput:
         ("radius of the aperture", receiver.radius, "radius"),
     )
     numbers = [row("parameter", (v, v), name=name, key=key) for name, v, key in values]
-    return FigureOutput(picture, light.to_dataset(), numbers, {"wind": WIND})
+    return FigureOutput(scene, light.to_dataset(), numbers, {"wind": WIND})
 
 
 def uav_axes(setting: Setting) -> FigureOutput:
@@ -173,10 +182,9 @@ def uav_axes(setting: Setting) -> FigureOutput:
     made = mt.Link(receiver=receiver)
     scene = viz.scene(made, FlatSea(), style=STYLE.replace(labels=False, color="plain"))
     _close_up(scene, receiver)
-    picture = _shot(scene)
     attributes = {"units": "rad", "long_name": "mean tilt"}
     data = xr.Dataset({"tilt": ("form", np.radians(tilts), attributes)}, {"form": list(FORMS)})
-    return FigureOutput(picture, data, [row("tilt", tilts, wind=WIND)], {"wind": WIND})
+    return FigureOutput(scene, data, [row("tilt", tilts, wind=WIND)], {"wind": WIND})
 
 
 def _close_up(scene: Any, receiver: mt.Receiver) -> None:
@@ -209,10 +217,9 @@ def offset(setting: Setting) -> FigureOutput:
     for end, width in (((distance, 0.0, height), 4), ((0.0, 0.0, -10.0), 2)):
         scene.add_mesh(pv.Line(above, end), color=viz.style.PALETTE["green"], line_width=width)
     viz.add_labels(scene, [np.array([0.0, 0.0, height + 0.7])], ["offset"])
-    picture = _shot(scene)
     reach = height * float(np.tan(np.radians(0.5 * mt.Receiver().fov_deg)))
     data = xr.Dataset({"offset": ((), distance, {"units": "m"})})
-    return FigureOutput(picture, data, [row("reach", (reach, reach))], {"distance": distance})
+    return FigureOutput(scene, data, [row("reach", (reach, reach))], {"distance": distance})
 
 
 def surfaces(setting: Setting, seas: int) -> FigureOutput:

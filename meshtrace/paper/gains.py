@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import xarray as xr
+from scipy.ndimage import gaussian_filter
 
 import meshtrace as mt
 from meshtrace import viz
@@ -49,6 +50,8 @@ DEPTH = 15.0
 
 CENTRE = 1.0
 """Radius of the central disk [m]."""
+
+_SMOOTH = 0.5  # width of the blur of the contours [m], against the noise of the cells
 
 RING = (3.0, 4.0)
 """Inner and outer radius of the ring whose gain is compared with the centre [m]."""
@@ -95,16 +98,22 @@ def _maps(
     options: Any = {"extent": EXTENT, "step": step, "photons": photons, **setting.run}
     options["times"] = [2.0 * i for i in range(times)]
     cases = list(itertools.product(FORMS, ROUGH))
-    picture, axes = panels(len(cases), len(values), width=4.0, height=3.3)
+    shared: Any = {"sharex": True, "sharey": True}
+    picture, axes = panels(len(cases), len(values), width=3.0, height=2.9, **shared)
     made = {}
     for i, (form, wind) in enumerate(cases):
         for j, value in enumerate(values):
             link = scenario(wind, form, transmitter={name: value}, run={"estimator": "analog"})
             found = mt.coverage_map(link.link, link.surface, **options)
             made[form, wind, value] = found
-            _draw(axes[i, j], found)
-            text = f"{FORM_NAMES[form]}, {wind_name(wind)}, {title.format(value)}"
-            axes[i, j].set_title(text, fontsize=9.5)
+            image = _draw(axes[i, j], found)
+            text = f"{title.format(value)}\n" if i == 0 else ""
+            axes[i, j].set_title(f"{text}0 dB: {_centre(found):.1f} dB", fontsize=9.5)
+        axes[i, 0].set_ylabel(f"{FORM_NAMES[form]}, {wind_name(wind)}\n$y$ [m]")
+    for ax in axes[-1]:
+        ax.set_xlabel("$x$ [m]")
+    look: Any = {"label": "gain over that within 1 m of the axis [dB]", "extend": "min"}
+    picture.colorbar(image, ax=axes, shrink=0.6, aspect=36, **look)
     words = {"inner": RING[0], "outer": RING[1], "centre": CENTRE}
     numbers = []
     for wind, value in itertools.product(ROUGH, values):
@@ -121,16 +130,22 @@ def _maps(
     return FigureOutput(picture, viz.marks.dataset(columns, **coords), numbers)
 
 
-def _draw(ax: Any, found: mt.CoverageMap) -> None:
-    """Draw a map in decibels relative to its centre, with the circle of the aperture."""
-    centre = _mean(found, 0.0, CENTRE)
+def _centre(found: mt.CoverageMap) -> float:
+    """Return the mean gain of the central disk [dB]."""
+    return decibel(_mean(found, 0.0, CENTRE)).value
+
+
+def _draw(ax: Any, found: mt.CoverageMap) -> Any:
+    """Draw a map in decibels relative to its centre, with contours; return the image."""
     with np.errstate(divide="ignore"):
-        level = np.maximum(10.0 * np.log10(found.gain / centre.value), -DEPTH)
-    label = f"relative gain [dB]\n0 dB is {decibel(centre).value:.1f} dB"
-    viz.marks.heat_map(ax, found.x, found.y, level, label, vmin=-DEPTH, vmax=1.0)
-    angle = np.linspace(0.0, 2.0 * np.pi, 60)
-    radius = mt.Receiver().radius
-    ax.plot(radius * np.cos(angle), radius * np.sin(angle), color="#00e676", lw=1.5)
+        level = np.maximum(10.0 * np.log10(found.gain) - _centre(found), -DEPTH)
+    image = viz.marks.heat_map(ax, found.x, found.y, level, "", vmin=-DEPTH, vmax=0.0)
+    ax.set(xlabel="", ylabel="")
+    smooth = gaussian_filter(level, _SMOOTH / (found.x[1] - found.x[0]), mode="nearest")
+    look: Any = {"colors": "white", "linewidths": 0.9, "linestyles": "-"}
+    lines = ax.contour(found.x, found.y, smooth.T, [-10.0, -6.0, -3.0], **look)
+    ax.clabel(lines, fmt=lambda v: f"{v:g}", fontsize=8)
+    return image
 
 
 def _mean(found: mt.CoverageMap, inner: float, outer: float) -> Number:
@@ -173,7 +188,7 @@ def gain_series(setting: Setting, times: int, photons: int, analog: int) -> Figu
     data = viz.marks.dataset(found, **coords)
     for form, ax in zip(FORMS, axes[:, 0], strict=True):
         wind_lines(ax, data.sel(form=form), "gain")
-        ax.set(title=FORM_NAMES[form], ylim=(0.0, None))
+        ax.set_title(FORM_NAMES[form])
         ax.legend(ncols=2)
     axes[0, 0].set_xlabel("")
     return FigureOutput(picture, data, wind_rows("spread", spreads))
@@ -184,9 +199,8 @@ def gain_distribution(
 ) -> FigureOutput:
     """Draw densities of the gain over independent seas, with tilts."""
     counts = {"physical": realizations, "paper": paper_realizations}
-    picture, axes = form_panels()
     means, indices, variables, factors = {}, {}, {}, {}
-    for form, ax in axes.items():
+    for form in FORMS:
         for wind in ROUGH:
             made = forced(wind, form)
             series = _ensemble(made, counts[form], photons, setting)
@@ -198,12 +212,7 @@ def gain_distribution(
             error = float(np.hypot(np.hypot(spread, chains), gain.mean() * bubbles.relative))
             means[form, wind] = Number(float(gain.mean()), error)
             indices[form, wind] = _index(series)
-            histogram, color = mt.fading.gain_pdf(gain), WIND_COLORS[wind]
-            ax.stairs(histogram.density, histogram.edges, color=color, label=wind_name(wind))
-            ax.axvline(gain.mean(), color=color, lw=1.0, ls="--")
             variables[f"gain_{form}_{wind:g}"] = f"realization_{form}", gain, attrs("gain")
-        x, y = viz.axis_label("gain"), viz.axis_label("gain_pdf")
-        viz.marks.finished(ax, xlim=(0.0, None), xlabel=x, ylabel=y)
 
     def common(form: Form, wind: float) -> Number:
         made = forced(wind, form, sea={"omega_max": COMMON_CUT_OFF})
@@ -214,7 +223,24 @@ def gain_distribution(
     numbers += wind_rows("common", {pair: common(*pair) for pair in means})
     effects = [bubble_factor(ROUGH[1], "physical", setting, analog), factors["paper", ROUGH[1]]]
     numbers.append(row("bubbles", effects, radius=RADIUS))
-    return FigureOutput(picture, xr.Dataset(variables), numbers)
+    data = xr.Dataset(variables)
+    return FigureOutput(_densities(data), data, numbers)
+
+
+def _densities(data: xr.Dataset) -> Any:
+    """Return the picture of densities; light lost by a tilt is in the legend alone."""
+    picture, axes = form_panels()
+    x, y = viz.axis_label("gain"), viz.axis_label("gain_pdf")
+    for form, ax in axes.items():
+        for wind in ROUGH:
+            gain, color = data[f"gain_{form}_{wind:g}"].to_numpy(), WIND_COLORS[wind]
+            dark = float(np.mean(gain == 0.0))
+            lit = mt.fading.gain_pdf(gain[gain > 0.0])
+            name = wind_name(wind) + (f", {100.0 * dark:.2g} % dark" if dark else "")
+            ax.stairs((1.0 - dark) * lit.density, lit.edges, color=color, label=name)
+            ax.axvline(gain.mean(), color=color, lw=1.0, ls="--")
+        viz.marks.finished(ax, ylim=(0.0, None), xlabel=x, ylabel=y)
+    return picture
 
 
 def _ensemble(

@@ -46,11 +46,18 @@ def wind_name(speed: float) -> str:
 
 
 def wind_lines(ax: Any, data: xr.Dataset, quantity: str, style: str = "-") -> Any:
-    """Draw a quantity over (wind_speed, along), a curve in its colour for each wind."""
+    """Draw a quantity over (wind_speed, along), a curve in its colour for each wind.
+
+    That of a flat sea is dashed and on top: it shows where another one is equal.
+    """
     winds = data["wind_speed"].values.tolist()
     named = data.assign_coords(wind_speed=[wind_name(u) for u in winds])
     shown, colors = named.transpose("wind_speed", ...), [WIND_COLORS[u] for u in winds]
-    return viz.marks.lines(ax, shown, quantity, (style,), colors)
+    styles = [style.replace("-", "--") if u == 0.0 else style for u in winds]
+    ax = viz.marks.lines(ax, shown, quantity, styles, colors)
+    for line in ax.get_lines()[: len(winds)]:
+        line.set_zorder(3.0 if line.get_linestyle() == "--" else 2.0)
+    return ax
 
 
 def wind_rows(key: str, numbers: Mapping[tuple[Form, float], Number | float]) -> list[Entry]:

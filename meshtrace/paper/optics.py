@@ -172,8 +172,10 @@ def _bubbles(name: str, quantity: Callable[..., Floats]) -> FigureOutput:
     shown = curves.drop_vars(("curve", "form", "wind_speed")).assign_coords(curve=names)
     ax = viz.plot_bubble_profile(shown, quantity=name, ax=axes[0, 0])
     for i, line in enumerate(ax.lines):
-        line.set(color=WIND_COLORS[ROUGH[i % 2]], linestyle="-" if i < 2 else "--")
-    ax.set_xlim(values.max() * 1e-8, values.max() * 3.0)
+        # the published ones are wide and pale below: they differ by a few per cent
+        wide = i >= len(ROUGH)
+        line.set(linewidth=5.0 if wide else 1.5, alpha=0.35 if wide else 1.0)
+        line.set(color=WIND_COLORS[ROUGH[i % 2]], zorder=1.5 if wide else 2.0)
     ax.legend()
     numbers = []
     for z, wind in itertools.product((0.0, 1.0), ROUGH):

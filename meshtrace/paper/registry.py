@@ -108,8 +108,8 @@ class FigureOutput(NamedTuple):
 
     Attributes
     ----------
-    picture : matplotlib Figure or ndarray of uint8, shape (height, width, 3)
-        The picture.
+    picture : matplotlib Figure or viz.ScenePlotter
+        The picture; a scene is closed once it is written.
     data : xarray.Dataset
         Data of the picture.
     numbers : list of Entry

@@ -231,13 +231,11 @@ def _made(folder: Path, one: Figure, setting: Setting, quick: bool) -> dict[str,
 
 
 def _write(stem: Path, output: FigureOutput, rows: list[TableRow]) -> None:
-    from matplotlib.image import imsave
+    from meshtrace import viz
 
-    with atomic(stem.with_suffix(".png")) as temporary:
-        if hasattr(output.picture, "savefig"):
-            output.picture.savefig(temporary)
-        else:
-            imsave(temporary, output.picture)
+    viz.save_picture(output.picture, stem.with_suffix(".png"))
+    if isinstance(output.picture, viz.ScenePlotter):
+        output.picture.close()
     write_dataset(output.data, stem.with_suffix(".nc"))
     table = pd.DataFrame(rows)
     for place, form in ((5, "default"), (7, "paper")):

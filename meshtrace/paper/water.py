@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from meshtrace import viz
 from meshtrace.errors import Described, Refused, one_line, require_array, require_kind, require_real
 from meshtrace.fields import attrs
-from meshtrace.optics.water import quan_fry
+from meshtrace.optics.pure_water import quan_fry
 from meshtrace.paper.links import panels
 from meshtrace.paper.registry import Entry, FigureOutput, Floats, Setting, row
 from meshtrace.stored import read_dataset

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from itertools import chain
 from typing import Any
@@ -27,6 +28,12 @@ _OF_IRRADIANCE = {"model", *chain.from_iterable(_KEYS.values())}
 _PATTERNS = {"uniform": "uniform", "night": "uniform", "overcast": "cie-1"}
 _MODELS = {"clear sky": "clear", "overcast sky": "overcast", "uniform sky": "uniform",
            "moonlight": "moon", "moonless night": "night"}  # fmt: skip
+_MAKERS: dict[str, Callable[..., Daylight]] = {
+    "clear": Daylight.clear_sky,
+    "overcast": Daylight.overcast,
+    "moon": Daylight.moon,
+    "night": Daylight.night,
+}
 
 
 def read_daylight(value: Any, link: Link) -> Daylight | None:
@@ -63,18 +70,13 @@ def _made(model: str, table: Table) -> Daylight:
     if model == "moon":
         old_to_new = {"sun_zenith_deg": "zenith_deg", "sun_azimuth_deg": "azimuth_deg"}
         table = {old_to_new.get(key, key): item for key, item in table.items()}
-    makers: dict[str, Callable[..., Daylight]] = {
-        "clear": Daylight.at if "time" in table else Daylight.clear_sky,
-        "overcast": Daylight.overcast,
-        "moon": Daylight.moon,
-        "night": Daylight.night,
-    }
+    maker = Daylight.at if "time" in table else _MAKERS[model]
     if "time" in table:
         for key in _SUN:
             if key in table:
                 raise Refused(key, table[key], "without time, which gives the sun")
         table = {"latitude": None, "longitude": None, **table}
-    return makers[model](**table)
+    return maker(**table)
 
 
 def daylight_config(day: Daylight) -> Table:
@@ -99,6 +101,34 @@ def _gives(model: str, options: Table, day: Daylight) -> bool:
         return _made(model, {**options, "wavelength_nm": day.wavelength_nm}) == day
     except Refused:
         return False
+
+
+def daylight_values(day: Daylight) -> dict[str, float]:
+    """Return the continuous keys of [daylight] and their values, defaults of its model included."""
+    table = daylight_config(day)
+    model, values = table.pop("model"), {"foam_reflectance": day.foam_reflectance}
+    if table.keys().isdisjoint(_IRRADIANCES):
+        known = inspect.signature(_MAKERS[model]).parameters
+        values |= {key: known[key].default for key in _KEYS[model] if key in known}
+    place = {key: getattr(day, key) for key in _SUN}
+    return {k: v for k, v in {**values, **place, **table}.items() if isinstance(v, float)}
+
+
+def daylight_with(day: Daylight, key: str, value: Any) -> Daylight:
+    """Return a light with another value of a key of [daylight]; irradiances follow their model.
+
+    Raises
+    ------
+    Refused
+        If there is no such key, the value is out of range, or the wavelength of irradiances that
+        no model gives would change.
+    """
+    table = daylight_config(day)
+    model = table.pop("model")
+    require_keys({key: value}, ["wavelength_nm", *_COMMON, *_KEYS[model]])
+    if key == "wavelength_nm" and value != day.wavelength_nm:
+        daylight_recipe(day)
+    return _made(model, {"wavelength_nm": day.wavelength_nm, **table, key: value})
 
 
 def changes_irradiance(key: str) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
+from numpy.typing import ArrayLike
 from pydantic import ValidationInfo, field_validator
 
 from meshtrace.comms.ook import OokLink
@@ -19,6 +20,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model, trusting
 from meshtrace.results.gain import GainResult
+from meshtrace.results.wavelengths import ByWavelength
 from meshtrace.scenario import parts, seas
 from meshtrace.scenario.daylight import daylight_config, read_daylight
 from meshtrace.scenario.files import (
@@ -270,7 +272,7 @@ class Scenario(Model, frozen=True):
             "whitecaps": parts.whitecaps_config(link, self.wind_speed),
             "n_air": link.n_air,
             "sea": {**seas.surface_config(self.surface, self.wind_speed), **sampling},
-            "water": parts.water_config(link.water),
+            "water": parts.water_config(link),
             "bubbles": parts.bubbles_config(link, self.wind_speed),
             "transmitter": plain(link.transmitter),
             "receiver": plain(link.receiver),
@@ -307,7 +309,7 @@ class Scenario(Model, frozen=True):
         return {
             "": (self, link),
             "sea": (self.surface, self.meshing),
-            "water": (link.water,),
+            "water": (link.water, link.water.spectrum),
             "bubbles": (link.bubbles,),
             "transmitter": (link.transmitter,),
             "receiver": (link.receiver,),
@@ -363,6 +365,22 @@ class Scenario(Model, frozen=True):
         case = self.case()
         return mesh_for(case.link, case.surface, case.meshing, reach)[0]
 
-    def simulate(self, progress: Callable[[int], None] | None = None) -> GainResult:
+    def at_wavelength(self, wavelength_nm: float) -> Self:
+        """Return the scenario with link and daylight at another wavelength [nm].
+
+        Raises
+        ------
+        Refused
+            As `Link.at_wavelength` and `Daylight.at_wavelength`.
+        """
+        day = self.daylight and self.daylight.at_wavelength(wavelength_nm)
+        at = self.link.at_wavelength(wavelength_nm)
+        return self.model_copy(update={"link": at, "daylight": day})
+
+    def simulate(
+        self,
+        progress: Callable[[int], None] | None = None,
+        wavelengths_nm: ArrayLike | None = None,
+    ) -> GainResult | ByWavelength[GainResult]:
         """Run the scenario, see `meshtrace.simulate`; its provenance loads back."""
-        return simulate(self, progress=progress)
+        return simulate(self, progress=progress, wavelengths_nm=wavelengths_nm)

@@ -17,7 +17,9 @@ from meshtrace.link import Link, Physics, Whitecaps
 from meshtrace.models import Model
 from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
 from meshtrace.optics.phase import FournierForand
+from meshtrace.optics.spectra import WaterSpectrum
 from meshtrace.optics.water import Water
+from meshtrace.optics.water_files import read_spectrum
 from meshtrace.scenario.files import Table, as_table, plain, unshared, validated
 from meshtrace.uav.airframe import UAVS, Uav
 
@@ -53,22 +55,54 @@ def default_estimator(link: Link) -> Table:
     return {}
 
 
+_SHARED = ("spectrum", "wavelength_nm")
+"""Fields of a water that follow from the keys of its spectrum and from the transmitter."""
+
+
 def _water(value: Any, wavelength_nm: float, printed: bool) -> Water:
     table = as_table(value, "water")
-    if "type" in table:
-        try:
-            given = {key: table[key] for key in ("a", "b", "layers") if key in table}
-            typed = Water.from_type(table.pop("type"), wavelength_nm, **given)
-        except Refused as error:
-            where = "transmitter" if error.field == "wavelength_nm" else "water"
-            raise error.inside(where) from None
-        kept = ("phase",) if "layers" in table else ("phase", "a", "b")
-        table = {**{name: getattr(typed, name) for name in kept}, **table}
-    water = validated(Water, table, "water", ("type",))
+    kinds = spectrum_keys()
+    keys = [*kinds, "file", *(key for key in Water.model_fields if key not in _SHARED)]
+    require_keys(table, keys, "water")
+    own = {key: table.pop(key) for key in kinds if key in table}
+    try:
+        if own.keys() == {"type"} and "file" not in table:
+            water = Water.from_type(own["type"], wavelength_nm, **table)
+        elif own or "file" in table:
+            if {"a", "b"} <= table.keys() or "layers" in table:
+                key = next(iter({**own, "file": None}))
+                raise Refused(key, {**own, **table}[key], "without a and b, or layers")
+            spectrum = spectrum_of(own, table.pop("file", None))
+            water = Water(**table, spectrum=spectrum, wavelength_nm=wavelength_nm)
+        else:
+            water = Water.model_validate(table)
+    except Refused as error:
+        raise error.inside("transmitter" if error.field == "wavelength_nm" else "water") from None
     phase = water.phase
     if printed and isinstance(phase, FournierForand) and "cdf_coef" not in phase.model_fields_set:
         return water.replace("phase.cdf_coef", "paper")
     return water
+
+
+def spectrum_keys() -> dict[str, type[WaterSpectrum]]:
+    """Return the keys of [water] that describe a spectrum, with the kind of spectrum."""
+    members = WaterSpectrum.registered.values()
+    return {key: kind for kind in members for key in kind.model_fields if key != "kind"}
+
+
+def gives_spectrum(key: str) -> bool:
+    """Return whether a dotted key of a link file describes the spectrum of the water."""
+    table, _, name = key.partition(".")
+    return table == "water" and name in (*spectrum_keys(), "file")
+
+
+def spectrum_of(own: Table, file: Any = None) -> WaterSpectrum:
+    """Return the spectrum of keys of [water], or of a file with the values of some keys."""
+    if file is None:
+        return spectrum_keys()[next(iter(own))].model_validate(own)
+    if not isinstance(file, str):
+        raise Refused("file", file, "the path of a file")
+    return read_spectrum(file).replace(**own)
 
 
 def _bubble_defaults(link: Link) -> Table:
@@ -132,7 +166,7 @@ def read_uav(value: Any) -> Uav:
     return _over_preset(UAVS, value, "uav")
 
 
-_OF_LINK = {"led": ("power", "wavelength"), "optics": ("radius", "fov_deg", "medium_index")}
+OF_LINK = {"led": ("power", "wavelength"), "optics": ("radius", "fov_deg", "medium_index")}
 """Fields of a transmission that `OokLink.of_link` takes from the link."""
 
 
@@ -146,7 +180,7 @@ def detector_of(detector: OokLink, link: Link) -> OokLink:
 
 def require_of_link(value: Any, detector: OokLink) -> None:
     """Refuse keys of [detector] that contradict the link."""
-    for part, names in _OF_LINK.items():
+    for part, names in OF_LINK.items():
         given = value.get(part, {}) if isinstance(value, Mapping) else {}
         for name in names:
             own = getattr(getattr(detector, part), name)
@@ -159,15 +193,21 @@ def detector_config(detector: OokLink, link: Link) -> Table:
     """Return [detector] without the keys that follow the link."""
     table: Table = plain(detector)
     if len(link.receivers) == 1:
-        for part, names in _OF_LINK.items():
+        for part, names in OF_LINK.items():
             table[part] = {k: v for k, v in table[part].items() if k not in names}
     return table
 
 
-def water_config(water: Water) -> Table:
-    """Return [water] without the coefficients that follow the layers."""
-    table: Table = plain(water)
-    return {k: v for k, v in table.items() if water.layers is None or k not in ("a", "b")}
+def water_config(link: Link) -> Table:
+    """Return [water] without the values that follow the type, the layers or the transmitter."""
+    water = link.water
+    table: Table = {k: v for k, v in plain(water).items() if k not in _SHARED}
+    following = {"a", "b"} if water.layers else set()
+    if water.spectrum and water.wavelength_nm == link.transmitters[0].wavelength_nm:
+        following = {"a", "b", "n", "phase", "layers"} - water.model_fields_set
+        table = {**plain(water.spectrum), **table}
+        del table["kind"]
+    return {key: value for key, value in table.items() if key not in following}
 
 
 def physics_config(physics: Physics) -> Any:

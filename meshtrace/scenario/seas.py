@@ -26,7 +26,6 @@ from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Family, Model
 from meshtrace.scenario.files import Table, as_table, unshared, validated
 
-_SEA_ALIASES = {"sinusoidal": "sinusoid", "tilted-plane": "plane"}
 _SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "meshes", "time", "extent", "spacing")
 
 
@@ -156,13 +155,13 @@ def _named(word: Any) -> type[Family]:
 
     for family in (Surface, Spectrum):
         try:
-            return family.member(_SEA_ALIASES.get(word, word) if isinstance(word, str) else word)
+            return family.member(word)
         except Refused as error:
             refused = error
     if isinstance(word, str) and ":" in word:
         raise Refused("spectrum", word, refused.allowed, refused.hint)
     seas = (kind for kind in Surface.registered if kind != "spectral")
-    words = list(dict.fromkeys([*seas, "gauge", *_SEA_ALIASES, *Spectrum.registered]))
+    words = list(dict.fromkeys([*seas, "gauge", *Spectrum.registered]))
     raise Refused("spectrum", word, ", ".join(words), did_you_mean(word, words))
 
 

@@ -11,7 +11,7 @@ from meshtrace.engine.setup.options import Meshing, run_keys
 from meshtrace.errors import Refused
 from meshtrace.link import Aperture, Physics, Source
 from meshtrace.optics import HallNovarini, PhaseFunction, Water
-from meshtrace.optics.water import WATER_TYPES
+from meshtrace.optics.spectra import WATER_TYPES
 from meshtrace.scenario import KEYS, Scenario
 from meshtrace.surfaces import Spectrum, Spreading, Surface
 
@@ -25,7 +25,7 @@ WORDS = [
     "local",
     "scaled",
     "w_0225",
-    "sinusoidal",
+    "sinusoid",
     *WATER_TYPES,
     *(
         kind
@@ -122,7 +122,7 @@ SOUND = [
     "[sea]\nspectrum = 'measured'\nomega = [1.0]\ntheta = [0.0]\nvariance = [[0.1]]\n"
     "[[transmitter]]\nkind = 'sun'\n[planes]\ndepths = [1.0, 2.0]\n[run]\n"
     "estimator = 'analog'\nrtol = 0.1",
-    "[sea]\nspectrum = 'sinusoidal'\namplitude = 0.1\nwavelength = 2.0\n[water]\n"
+    "[sea]\nspectrum = 'sinusoid'\namplitude = 0.1\nwavelength = 2.0\n[water]\n"
     "layers = [[0.0, 0.1, 0.2], [9.0, 0.2, 0.1]]\n[water.phase]\nmodel = 'mixture'\n"
     "components = ['petzold', 'rayleigh']\nweights = [1.0, 2.0]",
 ]

@@ -16,6 +16,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from meshtrace.kernels import jit
 from meshtrace.scenario import Scenario
 
 ROOT = Path(__file__).parents[2]
@@ -126,6 +127,20 @@ def test_help_loads_nothing_heavy(arguments):
     code = f"from meshtrace.cli import app\napp({arguments!r}, standalone_mode=False)"
     loaded = modules_after(code)
     assert not loaded & (HEAVY | {"numpy", "meshtrace.link", "meshtrace.scenario"})
+
+
+@pytest.mark.process
+def test_a_run_with_compiled_kernels_loads_no_more_than_it_needs():
+    """scipy.stats alone takes as long to import as a run; numba.np serves compilation."""
+    code = "from meshtrace.cli import app\napp(['run'], standalone_mode=False)"
+    Scenario.from_toml("").simulate()  # compiles, if need be
+    groups = ("constants", "integrate", "interpolate", "linalg", "optimize", "special", "stats")
+    scipy = {f"scipy.{name}" for name in groups}  # and by compilation
+    compilation = {"numba.cpython.unicode", "numba.np.arrayobj"} if jit._LINKED else set()
+    others = {"pandas", "h5py", "miepython"}
+    needed = {"numba", "scipy"}  # numba imports the outermost package
+    loaded = modules_after(code) & ((HEAVY - needed) | scipy | compilation | others)
+    assert not loaded
 
 
 def test_every_public_name_is_there():

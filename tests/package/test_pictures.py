@@ -55,9 +55,9 @@ def test_code_and_data_count_and_words_do_not(room, tmp_path):
     ("name", "used", "unused"),
     [
         ("spectra", "plots_curves", "show"),
-        ("coverage", "plots", "links"),
+        ("coverage", "plots_fading", "links"),
         ("movie", "scenes", "links"),
-        ("make_tornado_figure", "plots", "scenes"),
+        ("make_tornado_figure", "plots_studies", "scenes"),
         ("make_explorer_pictures", "page", "plots"),
         ("gain-depth", "links", "show"),
         ("surfaces", "scenes", "show"),
@@ -65,10 +65,36 @@ def test_code_and_data_count_and_words_do_not(room, tmp_path):
 )
 def test_a_picture_depends_on_the_modules_that_draw_it(room, name, used, unused):
     job = next(job for job in room.jobs() if job.name == name)
-    modules = {path.stem for path in room.closure(job.sources)}
+    modules = {path.stem for path, _ in job.parts()}
     assert used in modules
     assert "style" in modules
     assert unused not in modules
+
+
+def test_a_picture_depends_on_the_definitions_that_it_uses_and_no_others(room):
+    """A plain figure not on scenes, though one file writes both; a scene on constants it uses."""
+    parts = {job.name: {name for _, name in job.parts()} for job in room.jobs()}
+    assert {"plot_spectrum", "lines", "RC"} <= parts["spectra"]
+    assert not {"ScenePlotter", "save_picture", "plot_sweep", "FATE_COLORS"} & parts["spectra"]
+    assert {"FATE_COLORS", "_rays", "_BUBBLES_SHOWN", "SceneStyle"} <= parts["photon_paths"]
+    assert {"gain_depth", "wind_lines", "mean_gain"} <= parts["gain-depth"]
+    assert not {"coverage_depth", "fates"} & parts["gain-depth"]
+
+
+def test_an_edit_of_what_is_not_used_leaves_a_picture(room, tmp_path, monkeypatch):
+    (tmp_path / "style.py").write_text("A = 1\nB = 2\n\n\ndef use():\n    return twice(A)\n")
+    (tmp_path / "marks.py").write_text("from .style import A\n\n\ndef line():\n    return A\n")
+    script = tmp_path / "a.py"
+    script.write_text("from meshtrace.viz import marks\n\nmarks.line()\n")
+    monkeypatch.setattr(room, "_VIZ", tmp_path)
+    monkeypatch.setitem(room._ROOMS, "meshtrace.viz", tmp_path)
+    job = room.Job("a", (), tmp_path, (script,))
+    assert {name for _, name in job.parts()} == {"", "line", "A"}
+    before = job.inputs()
+    (tmp_path / "style.py").write_text("A = 1\nB = 3\n")
+    assert job.inputs() == before
+    (tmp_path / "style.py").write_text("A = 5\nB = 3\n")
+    assert job.inputs() != before
 
 
 def test_a_picture_that_was_edited_or_lost_is_stale(room, tmp_path, monkeypatch):
@@ -86,4 +112,4 @@ def test_a_picture_that_was_edited_or_lost_is_stale(room, tmp_path, monkeypatch)
     picture.unlink()
     assert room.stale(job, manifest) == "not as drawn: a.png"
     script.write_text("x = 2\n")
-    assert room.stale(job, manifest) == "older than the code or data that draws it"
+    assert room.stale(job, manifest) == "older than the code that draws it"

@@ -33,7 +33,7 @@ def test_the_kept_part_is_whole_and_small(recipe):
     assert sum(path.stat().st_size for path in files) < 5_000_000
 
 
-def test_gains_fall_with_depth_and_fade_as_the_closed_form(recipe):
+def test_gains_fall_with_depth_and_fade_less_in_wide_apertures(recipe):
     for wind in recipe.WINDS:
         means = []
         for depth in recipe.DEPTHS:

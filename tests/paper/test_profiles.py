@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from meshtrace.optics.water import quan_fry
+from meshtrace.optics.pure_water import quan_fry
 from meshtrace.paper.water import (
     WaterProfile,
     depth_of_pressure,

@@ -74,7 +74,7 @@ def test_no_wind_is_a_flat_sea_without_bubbles_and_foam(sea):
 
 
 def test_no_wind_leaves_surfaces_that_need_none():
-    text = 'wind_speed = 0\n[sea]\nspectrum = "sinusoidal"\namplitude = 0.1\nwavelength = 2.0'
+    text = 'wind_speed = 0\n[sea]\nspectrum = "sinusoid"\namplitude = 0.1\nwavelength = 2.0'
     assert read(text).surface == SinusoidalSea(amplitude=0.1, wavelength=2.0)
 
 
@@ -102,7 +102,6 @@ def test_single_switches_are_a_table():
     ("toml", "surface"),
     [
         ('spectrum = "flat"\nheight = 0.1', FlatSea(height=0.1)),
-        ('spectrum = "tilted-plane"\nslope_x = 0.2', TiltedPlane(slope_x=0.2)),
         ('spectrum = "plane"\nslope_x = 0.2', TiltedPlane(slope_x=0.2)),
         ('spreading = "cos2s"\nseed = 3', JonswapSea(spreading=Cos2sSpreading(), seed=3)),
         ("spreading = { kind = 'cos2s', s = 4.0 }", JonswapSea(spreading=Cos2sSpreading(s=4.0))),
@@ -153,6 +152,39 @@ def test_water_types_are_taken_at_the_wavelength_of_the_transmitter():
     text = '[water]\ntype = "jerlov-IB"\nb = 0.2\n[transmitter]\nwavelength_nm = 500.0'
     water = read(text).link.water
     assert water == Water.from_type("jerlov-IB", 500.0, b=0.2)
+
+
+def test_a_water_type_follows_the_transmitter_and_round_trips():
+    text = '[water]\ntype = "jerlov-IB"\nn = 1.34\n[transmitter]\nwavelength_nm = 500.0'
+    scenario = read(text)
+    table = scenario.to_config()["water"]
+    assert table == {"type": "jerlov-IB", "n": 1.34, "bottom_albedo": 0.0}
+    assert Scenario.from_toml(scenario.to_toml()) == scenario
+    green = Scenario.from_config({**scenario.to_config(), "transmitter": {"wavelength_nm": 550.0}})
+    assert green.link.water == scenario.link.water.at_wavelength(550.0)
+    assert green.link.water == scenario.link.at_wavelength(550.0).water
+    apart = scenario.replace("link.transmitter.wavelength_nm", 550.0)  # the water stays
+    assert Scenario.from_toml(apart.to_toml()).link.water.c == scenario.link.water.c
+
+
+def test_waters_by_constituents_round_trip_and_refuse_contradictions():
+    text = "[water]\nchlorophyll = [[0, 0.2], [20, 0.8]]\ncdom = 0.05\nbottom_depth = 90.0"
+    scenario = read(f"wind_speed = 0.0\n{text}\n[transmitter]\nwavelength_nm = 532.0")
+    water = scenario.link.water
+    assert water.layers[0][1:] == (water.a, water.b)
+    assert water.spectrum.cdom == 0.05
+    assert Scenario.from_toml(scenario.to_toml(notes=True)) == scenario
+    assert "a" not in scenario.to_config()["water"]
+    again = mt.Link.model_validate(scenario.link.model_dump(mode="json"))  # as in a result
+    assert again == scenario.link
+    for line, message in (
+        ("a = 0.1\nb = 0.2", "water.chlorophyll: .* without a and b, or layers"),
+        ("layers = [[0, 0.1, 0.2]]", "water.chlorophyll: .* without a and b, or layers"),
+        ('type = "jerlov-II"', "water.chlorophyll: .* no such key"),
+        ("table = [[400, 0.1, 0.2]]", "water.chlorophyll: .* no such key"),
+    ):
+        with pytest.raises(Refused, match=f"^{message}"):
+            read(f"[water]\nchlorophyll = 0.2\n{line}")
 
 
 def test_a_water_type_is_refused_where_it_was_not_measured():
@@ -363,7 +395,7 @@ def test_a_mesh_without_file_cannot_be_loaded_back():
         ("[sea]\nfetch = -1", "sea.fetch", "-1", "0 < fetch < inf m"),
         ("[sea]\nomega_max = 1.0", "sea.omega_max", "1.0", "> 1.175 rad/s"),
         ("[sea]\nspreading = 'cos3'", "sea.spreading.kind", "'cos3'", "ittc, cos2s"),
-        ("[sea]\nspectrum = 'sinusoidal'", "sea.amplitude", "missing", "a value"),
+        ("[sea]\nspectrum = 'sinusoid'", "sea.amplitude", "missing", "a value"),
         ("[sea]\nmesh = 'none.ply'", "sea.mesh", "'none.ply'", "an STL, PLY or OBJ file"),
         ("[sea]\nmesh = 'a.ply'\nseed = 1", "sea.seed", "1", "beside mesh only extent"),
         ("wind_speed = 7\n[sea]\nwaves = 'paper'", "sea.waves", "'paper'", "at 5 and 13 m/s only"),

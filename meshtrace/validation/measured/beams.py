@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from functools import cache, partial
 
 import numpy as np
-from scipy.optimize import brentq
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import new_recorder, run_analog
@@ -16,12 +15,13 @@ from meshtrace.engine.setup.options import Analog, IrradianceMap
 from meshtrace.engine.simulate import simulate
 from meshtrace.link import GaussianBeam, Link, Receiver, TopHatBeam
 from meshtrace.models import Floats
-from meshtrace.optics.phase import FournierForand, Petzold, PhaseFunction
+from meshtrace.optics.constituents import fournier_forand_of
+from meshtrace.optics.phase import Petzold, PhaseFunction
 from meshtrace.optics.water import Water
 from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.surfaces import FlatSea, JonswapSea
 
-from .suite import Row
+from .suite import MeasuredRow
 
 _CHUNK, _VERTICES, _LASER = 8192, 96, 12  # photons, vertices of each, chunks
 _DEPTH, _C = 1.83, 0.7226  # [m], [m-1] of the laser in the lake
@@ -31,18 +31,10 @@ _GRAZING = 0.05  # least cosine at a spherical collector
 
 @cache
 def phase_of(name: str) -> PhaseFunction:
-    """Return Petzold's phase function of a water, or the Fournier-Forand one of a b_b/b "ff 0.01".
-
-    Of the two parameters of the latter n = 1.1 + 0.1542 (mu - 3.5835), a line through the default.
-    """
+    """Return Petzold's phase function of a water, or Fournier and Forand's of b_b/b "ff 0.01"."""
     if not name.startswith("ff "):
         return Petzold.model_validate({"water": name})
-
-    def on_line(mu: float) -> FournierForand:
-        return FournierForand(n=1.1 + 0.1542 * (mu - 3.5835), mu=mu)
-
-    wanted = float(name.removeprefix("ff "))
-    return on_line(brentq(lambda mu: on_line(mu).backscatter_fraction - wanted, 3.05, 4.9))
+    return fournier_forand_of(float(name.removeprefix("ff ")))
 
 
 def through_spheres(
@@ -111,7 +103,7 @@ def share_of(part: Floats, whole: Floats) -> tuple[float, float]:
 
 
 def laser_shares(
-    rows: Sequence[Row],
+    rows: Sequence[MeasuredRow],
     photons: float,
     phase: str,
     half_angle: float,
@@ -176,7 +168,7 @@ def half_width(angle: Floats, power: Floats) -> float:
 
 
 def lamp_widths(
-    rows: Sequence[Row],
+    rows: Sequence[MeasuredRow],
     photons: float,
     albedo: float,
     phase: str,
@@ -210,7 +202,7 @@ def link_gain(depth: float, height: float, divergence: float, radius: float, c: 
 
 
 def link_margins(
-    rows: Sequence[Row],
+    rows: Sequence[MeasuredRow],
     photons: float,
     power_mw: float,
     divergence: float,

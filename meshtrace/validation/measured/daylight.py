@@ -9,12 +9,13 @@ import numpy as np
 
 from meshtrace.engine.simulate import simulate
 from meshtrace.link import IrradiancePlanes, Link, Sun, UniformSky
-from meshtrace.optics.water import Water, coefficients
+from meshtrace.optics.spectra import coefficients
+from meshtrace.optics.water import Water
 from meshtrace.results.tallies import Planes
 from meshtrace.surfaces import FlatSea
 
 from .beams import phase_of
-from .suite import DATA, Row
+from .suite import DATA, MeasuredRow
 
 _TOP = 0.01  # [m], depth that stands for that just below the surface
 _PHOTONS, _RADIANCE_PHOTONS = 2**16, 2**21
@@ -53,7 +54,7 @@ def attenuation(planes: Planes, first: int, last: int) -> tuple[float, float]:
 
 
 def diffuse_attenuation(
-    rows: Sequence[Row], photons: float, zenith_deg: float, phase: str, depth: float
+    rows: Sequence[MeasuredRow], photons: float, zenith_deg: float, phase: str, depth: float
 ) -> _Pairs:
     """Return K_d from the surface to a depth for the series' Jerlov type at `at` nm."""
     pairs = []
@@ -65,7 +66,12 @@ def diffuse_attenuation(
 
 
 def broadband(
-    rows: Sequence[Row], photons: float, type: str, zenith_deg: float, weight: str, phase: str
+    rows: Sequence[MeasuredRow],
+    photons: float,
+    type: str,
+    zenith_deg: float,
+    weight: str,
+    phase: str,
 ) -> _Pairs:
     """Return E_d(z) / E_d(0) over 400 to 1000 nm; none of the light beyond 700 nm reaches `at`.
 
@@ -90,7 +96,7 @@ def broadband(
 
 
 def clear_sea_radiance(
-    rows: Sequence[Row], photons: float, a: float, b: float, phase: str, zenith_deg: float
+    rows: Sequence[MeasuredRow], photons: float, a: float, b: float, phase: str, zenith_deg: float
 ) -> _Pairs:
     """Return relative variations of upward radiance, mean cosine and Q in clear water [%].
 
@@ -120,7 +126,7 @@ def clear_sea_radiance(
 
 
 def asymptotic_ratio(
-    rows: Sequence[Row], photons: float, albedo: float, phase: str, first: float
+    rows: Sequence[MeasuredRow], photons: float, albedo: float, phase: str, first: float
 ) -> _Pairs:
     """Return K / c of diffuse light from `first` to `first` + 5 attenuation lengths."""
     depths = (first, first + 5.0)

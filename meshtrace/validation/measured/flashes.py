@@ -24,7 +24,7 @@ from meshtrace.surfaces.waves import angular_frequency
 
 from .beams import phase_of
 from .daylight import light_below
-from .suite import Row
+from .suite import MeasuredRow
 
 _FAR = 1e6  # [m], height of the lamp that stands for the sun
 _N = 1.34
@@ -52,7 +52,7 @@ def scintillation(depth: float, wind_speed: float, collector: float, fetch: floa
 
 
 def flash_time(
-    rows: Sequence[Row], photons: float, wavelength: float, slope: float, depth: float,
+    rows: Sequence[MeasuredRow], photons: float, wavelength: float, slope: float, depth: float,
     lamp_deg: float, collector: float, law: str,
 ) -> tuple[list[float], float]:  # fmt: skip
     """Return the share of the time above `at` times the mean, by a law with the closed variance.
@@ -78,7 +78,7 @@ def flash_time(
 
 
 def windiest(
-    rows: Sequence[Row], photons: float, depth: float, collector: float, fetch: float
+    rows: Sequence[MeasuredRow], photons: float, depth: float, collector: float, fetch: float
 ) -> tuple[list[float], float]:
     """Return the wind of the largest scintillation index, from a parabola through the top three."""
     winds = np.geomspace(1.0, 14.0, 14)
@@ -116,7 +116,7 @@ def variation(
 
 
 def depth_law(
-    rows: Sequence[Row], photons: float, wind_speed: float, fetch: float, collector: float,
+    rows: Sequence[MeasuredRow], photons: float, wind_speed: float, fetch: float, collector: float,
     a: float, b: float, forward_deg: float, diffuse: float,
 ) -> tuple[list[float], float]:  # fmt: skip
     """Return the mean CV of 0.25 to 2 m over that of 25 m, or the depth of the largest ("peak")."""
@@ -177,7 +177,7 @@ def light_spectra(wind_speed: float, depths: tuple[float, ...], patches: int) ->
 
 
 def dominant_wavelength(
-    rows: Sequence[Row],
+    rows: Sequence[MeasuredRow],
     photons: float,
     wind_speed: float,
     heading: str,

@@ -12,7 +12,7 @@ from meshtrace.surfaces import Jonswap, resolved_sea
 from meshtrace.surfaces.statistics import mean_square_slope
 from meshtrace.surfaces.waves import angular_frequency
 
-from .suite import Row
+from .suite import MeasuredRow
 
 _ROUGHNESS = 1e-4  # [m], roughness length of a neutral wind over the sea, for its profile
 _Values = tuple[list[float], float]
@@ -27,7 +27,7 @@ def variances(wind_speed: float, fetch: float | None, shortest: float) -> tuple[
 
 
 def mean_square_slopes(
-    rows: Sequence[Row], photons: float, wind_height: float, fetch: float, shortest: float
+    rows: Sequence[MeasuredRow], photons: float, wind_height: float, fetch: float, shortest: float
 ) -> _Values:
     """Return slope variances of the series "up" and "cross", or their "ratio", at a wind.
 
@@ -42,7 +42,7 @@ def mean_square_slopes(
 
 
 def law_of_weak_winds(
-    rows: Sequence[Row], photons: float, fetch: float, shortest: float, lowest_wind: float
+    rows: Sequence[MeasuredRow], photons: float, fetch: float, shortest: float, lowest_wind: float
 ) -> _Values:
     """Return d ln(mss) / d ln(U) from `lowest_wind` to 7 m/s: nadir glint goes as 1 / mss."""
     winds = np.geomspace(lowest_wind, 7.0, 6)
@@ -51,7 +51,7 @@ def law_of_weak_winds(
 
 
 def beam_wander(
-    rows: Sequence[Row], photons: float, fetch: float, wind_speed: float, cut: float
+    rows: Sequence[MeasuredRow], photons: float, fetch: float, wind_speed: float, cut: float
 ) -> _Values:
     """Return the rms deviation (n - 1) / n s of a beam into the water, over that at half the wind.
 

@@ -62,7 +62,7 @@ class Unknown(Model, frozen=True):
     authority: _Text
 
 
-class Row(Model, frozen=True):
+class MeasuredRow(Model, frozen=True):
     """Printed number of a source.
 
     Parameters
@@ -126,7 +126,7 @@ class Experiment(Model, frozen=True):
         "file:function" of the room.
     abscissa, ordinate : str
         Labels of the figure.
-    unknowns, rows : sequence of Unknown, Row
+    unknowns, rows : sequence of Unknown, MeasuredRow
         Inputs with ranges, printed numbers.
     """
 
@@ -144,7 +144,7 @@ class Experiment(Model, frozen=True):
     abscissa: _Text
     ordinate: _Text
     unknowns: tuple[Unknown, ...] = Field(min_length=1)
-    rows: tuple[Row, ...] = Field(min_length=1)
+    rows: tuple[MeasuredRow, ...] = Field(min_length=1)
 
     @classmethod
     def from_folder(cls, folder: Path) -> Experiment:
@@ -173,7 +173,7 @@ def experiments() -> dict[str, Experiment]:
     return {name: Experiment.from_folder(DATA / name) for name in order}
 
 
-class Band(NamedTuple):
+class ErrorBand(NamedTuple):
     """Limits of computed values, shape (rows,), and the input that moves each most."""
 
     low: Floats
@@ -181,7 +181,7 @@ class Band(NamedTuple):
     dominant: tuple[str, ...]
 
 
-def band_of(nominal: Floats, stderr: Floats, ends: Mapping[str, Floats]) -> Band:
+def band_of(nominal: Floats, stderr: Floats, ends: Mapping[str, Floats]) -> ErrorBand:
     r"""Return the band of computed values: unknown inputs and Monte Carlo error.
 
     .. math:: y_\pm = y_0 \pm \sqrt{\sum_j \Delta_{j\pm}^2 + (2 \sigma)^2}
@@ -195,7 +195,7 @@ def band_of(nominal: Floats, stderr: Floats, ends: Mapping[str, Floats]) -> Band
 
     Returns
     -------
-    Band
+    ErrorBand
         Delta_j+ and Delta_j- are the largest rise and fall by input j alone; the dominant input
         has the largest sum of the two, "Monte Carlo" where the standard error has a larger one.
     """
@@ -207,7 +207,7 @@ def band_of(nominal: Floats, stderr: Floats, ends: Mapping[str, Floats]) -> Band
     names = [*moved, "Monte Carlo"]
     dominant = tuple(names[i] for i in spans.argmax(axis=0))
     low = nominal - np.sqrt((down**2).sum(axis=0) + chance)
-    return Band(low, nominal + np.sqrt((up**2).sum(axis=0) + chance), dominant)
+    return ErrorBand(low, nominal + np.sqrt((up**2).sum(axis=0) + chance), dominant)
 
 
 _Words = Annotated[tuple[str, ...], Variable("row")]
@@ -377,7 +377,7 @@ def _compared(experiment: Experiment, photons: float) -> dict[str, Any]:
     }
 
 
-def verdicts(low: Floats, high: Floats, band: Band) -> NDArray[np.str_]:
+def verdicts(low: Floats, high: Floats, band: ErrorBand) -> NDArray[np.str_]:
     """Return the verdicts on measured intervals, see `MeasuredTable`."""
     met = (high >= band.low) & (low <= band.high)
     return np.where(np.isnan(low), "predicted", np.where(met, "inside", "outside"))
