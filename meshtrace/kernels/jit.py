@@ -285,9 +285,13 @@ class KernelCache(FunctionCache):
         if checksum == hashlib.sha256(payload).digest():
             # An intact file may name a class that its module no longer has.
             with contextlib.suppress(Exception):
-                saved_key, overload = pickle.loads(payload)
+                saved_key, overload, kind = pickle.loads(payload)
                 if saved_key == key:
-                    return CompileResult._rebuild(target_context, *overload)
+                    rebuilt = CompileResult._rebuild(target_context, *overload)
+                    # numba restores a library of its own: calls from kernels, which `Whole`
+                    # refuses, would jump into the stubs
+                    rebuilt.library.__class__ = kind
+                    return rebuilt
         warnings.warn(f"{path}: damaged, compiled again", stacklevel=2)
         with contextlib.suppress(OSError):
             path.unlink()
@@ -298,7 +302,7 @@ class KernelCache(FunctionCache):
         if not self._enabled or data.library.has_dynamic_globals:
             return
         key = self._index_key(sig, data.codegen)
-        payload = dumps((key, data._reduce()))
+        payload = dumps((key, data._reduce(), type(data.library)))
         path = self._path(key)
         try:
             _make_folder(path.parent)
