@@ -1,7 +1,7 @@
 """Fixtures and options of all tests, the profiles of hypothesis, and the cache of kernels.
 
 Kernels stay compiled between sessions, in a folder named by their digest: NUMBA_CACHE_DIR, or
-that of the user. With CI in the environment, properties are tested with ten times the examples.
+that of the user. Properties are tested with 10 examples, under `.ci/run` with 30, `--long` with 100.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from meshtrace.files import cache_directory
 os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_directory()))
 
 _profile = settings(derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("ci", _profile, max_examples=100)
-settings.register_profile("dev", _profile, max_examples=10)
-settings.load_profile("ci" if os.environ.get("CI") else "dev")
+_EXAMPLES = 100 if os.environ.get("LONG") == "1" else 30 if os.environ.get("CI") else 10
+settings.register_profile("meshtrace", _profile, max_examples=_EXAMPLES)
+settings.load_profile("meshtrace")
 
 # first, so that no worker is left with one of their files at the end
 LONGEST = ("viz", "engine", "studies", "drills")

@@ -241,7 +241,7 @@ def test_refusals():
         found.at_wavelength(460.0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_errors_of_a_far_wavelength_are_true():
     """Scatter of 64 seeds over the stated error, chi-square of 63 degrees of freedom."""
     from scipy.stats import chi2

@@ -63,7 +63,7 @@ def test_a_design_is_read_in_the_units_of_the_page():
 
 
 @pytest.mark.process
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_design_is_that_of_the_library(monkeypatch):
     options = ", ".join(f"{key}={value}" for key, value in FEW.items())
     program = designing._DESIGN.replace("mt.design(scenario)", f"mt.design(scenario, {options})")

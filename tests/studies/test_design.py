@@ -115,7 +115,7 @@ def echo():
     return mt.design(mt.Scenario.from_toml(ECHO), **SOME)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_pulses_spread_by_turbid_water(echo):
     at = mt.link_performance(
         mt.Scenario.from_toml(ECHO), daylight=mt.Daylight.clear_sky(), **SOME

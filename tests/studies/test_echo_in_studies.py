@@ -42,7 +42,7 @@ def of_prompt_light(link, step=0.02):
     return (low - high) / (2.0 * step)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_slope_over_the_bit_rate_in_turbid_water_is_that_of_runs():
     """Four seeds of either; |z| < 3.9, 1e-4."""
     step = 0.02

@@ -193,6 +193,7 @@ def test_sensitivities_hold_under_the_light_of_the_scenario(of, tmp_path):
                                            photons=256).summary()  # fmt: skip
 
 
+@pytest.mark.slow
 def test_optima_hold_under_the_light_of_the_scenario():
     over = {"receiver.fov_deg": (10.0, 30.0)}
     options = {"objective": "margin", "realizations": 1, "photons": 64}

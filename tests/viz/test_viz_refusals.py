@@ -171,7 +171,7 @@ def functions():
     return sorted(set(viz.__all__) - private)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_every_function_draws_its_sound_arguments(sound, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in functions():
