@@ -1,6 +1,15 @@
 // Components of the explorer's page: views in which lamp and receiver are dragged, charts, texts, links.
 (function () {
   "use strict";
+  // wslink reads every message as a Blob, of which small ones overtake large ones: rays their sea
+  const read = Blob.prototype.arrayBuffer;
+  let last = Promise.resolve();
+  Blob.prototype.arrayBuffer = function () {
+    const found = last.then(() => read.call(this));
+    last = found.catch(() => {});
+    return found;
+  };
+
   const round = (value, step) => Number((Math.round(value / step) * step).toFixed(3));
   const nice = (span, count) => {
     const raw = span / count, power = Math.pow(10, Math.floor(Math.log10(raw)));
