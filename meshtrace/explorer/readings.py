@@ -132,13 +132,13 @@ def fading_reading(session: Session) -> dict[str, Any]:
     index = "…"
     if found.index is not None:
         low, high = max(found.index.low, 0.0), found.index.high
-        index = f"{found.index.value:.2g} ({low:.2g} … {high:.2g})"
+        index = f"{found.index.value:#.2g} ({low:#.2g} … {high:#.2g})"
     return {
         "time": found.time.tolist(),
         "gain": [round(float(g), 5) for g in relative],
         "duration": DURATION,
         "index": index,
-        "all_waves": "–" if found.index_of_all is None else f"{found.index_of_all:.2g}",
+        "all_waves": "–" if found.index_of_all is None else f"{found.index_of_all:#.2g}",
         "low": decibels(float(relative.min())),
         "note": f"left out for errors above 20 %: {found.left_out}" if found.left_out else "",
     }

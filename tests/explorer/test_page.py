@@ -154,6 +154,21 @@ def test_scripts_load_in_any_order(page):
     )
 
 
+def test_messages_are_read_in_order(page):
+    """Rays were once replaced by the empty ones of the large message with the sea before them."""
+    order = page.execute_async_script(
+        """const done = arguments[0], order = [], read = async (n, bytes) => {
+             const message = new Blob([new Uint8Array(bytes)]);
+             await message.slice(0, 12).arrayBuffer();
+             await message.slice(12).arrayBuffer();
+             order.push(n);
+           };
+           Promise.all(Array.from({ length: 40 }, (_, n) => read(n, n % 2 ? 300 : 1e6)))
+             .then(() => done(order));"""
+    )
+    assert order == list(range(40))
+
+
 def test_nothing_overlaps_or_is_cut_at_1400_by_900(page):
     cut = page.execute_script(
         """

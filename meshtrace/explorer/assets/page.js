@@ -1,6 +1,15 @@
 // Components of the explorer's page: views in which lamp and receiver are dragged, charts, texts, links.
 (function () {
   "use strict";
+  // wslink reads every message as a Blob, of which small ones overtake large ones: rays their sea
+  const read = Blob.prototype.arrayBuffer;
+  let last = Promise.resolve();
+  Blob.prototype.arrayBuffer = function () {
+    const found = last.then(() => read.call(this));
+    last = found.catch(() => {});
+    return found;
+  };
+
   const round = (value, step) => Number((Math.round(value / step) * step).toFixed(3));
   const nice = (span, count) => {
     const raw = span / count, power = Math.pow(10, Math.floor(Math.log10(raw)));
@@ -113,10 +122,11 @@
       label(name) { // beside its part, away from the other one and from the sides of the view
         const part = this[name], other = name === "lamp" ? this.receiver : this.lamp;
         const [x, y] = this.at(part.x, part.y), [u, v] = other ? this.at(other.x, other.y) : [1e4, 1e4];
-        const near = Math.abs(y - v) < 22 && Math.abs(x - u) < 90, far = x > this.box.left + this.box.w - 70;
-        const left = far || (near && (x < u || (x === u && name === "lamp" && !far)));
         const text = name === "lamp" ? "lamp" : part.air ? "receiver (UAV)" : "receiver";
-        return { x: left ? -14 : 14, y: near && far ? (name === "lamp" ? 18 : -10) : 4, anchor: left ? "end" : "start", text };
+        const near = Math.abs(y - v) < 22 && Math.abs(x - u) < 90, far = x + 14 + 6.2 * text.length > this.box.left + this.box.w;
+        const left = far || (near && (x < u || (x === u && name === "lamp" && !far)));
+        const level = part.air && this.side ? 9 : 4; // below the rotors
+        return { x: left ? -14 : 14, y: near && far ? (name === "lamp" ? 18 : -14) : level, anchor: left ? "end" : "start", text };
       },
       start(name, event) {
         this.held = name;
@@ -182,7 +192,7 @@
                @pointerdown="start(name, $event)" @pointermove="drag" @pointerup="stop" @pointercancel="stop" @keydown="key(name, $event)">
               <circle class="mt-grip" r="15" />
               <path v-if="$props[name].air && side" class="mt-uav" d="M-13 -7 H-4 M4 -7 H13 M-8 -7 L-4 -1 H4 L8 -7" />
-              <circle :class="'mt-' + name" :r="name === 'lamp' ? 6 : 4.5" />
+              <circle :class="'mt-' + name" :r="name === 'lamp' ? 7.5 : 4.5" />
               <text :x="label(name).x" :y="label(name).y" :text-anchor="label(name).anchor">{{ label(name).text }}</text>
             </g>
           </template>

@@ -341,7 +341,8 @@
         const edge = [[-h, -h], [-h, h], [h, -h], [h, h]].map(([i, j]) => [x + i, y + j]).sort((a, b) => at([...a, 0])[0] - at([...b, 0])[0])[0];
         const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].find((v) => -bottom / v <= 4.5) ?? 2000, marks = [];
         for (let z = 0; z >= bottom - 1e-9; z -= step) marks.push({ z: Number(z.toFixed(2)), at: at([...edge, z]) });
-        return marks.filter((m) => m.at[0] > left + 34 && m.at[0] < this.w && m.at[1] > 60 && m.at[1] < this.h - 30);
+        const side = marks.some((m) => m.at[0] < left + 40) ? 1 : -1; // within the block where there is no room beside it
+        return marks.map((m) => ({ ...m, side })).filter(({ at: [u, v] }) => u > left && u < this.w && v > 60 && v < this.h - 30);
       },
     },
     methods: {
@@ -451,8 +452,8 @@
           @pointerup="stop" @pointercancel="stop" @keydown="key" @dblclick="home"></canvas>
         <p v-if="problem" class="mt-problem" role="alert">{{ problem }}</p>
         <svg class="mt-over" aria-hidden="true">
-          <g v-for="m in ruler" :key="m.z"><line :x1="m.at[0]" :x2="m.at[0] - 6" :y1="m.at[1]" :y2="m.at[1]" />
-            <text :x="m.at[0] - 9" :y="m.at[1] + 4" text-anchor="end">{{ m.z === 0 ? "0 m" : "−" + -m.z }}</text></g>
+          <g v-for="m in ruler" :key="m.z"><line :x1="m.at[0]" :x2="m.at[0] + (m.side < 0 ? -6 : 3)" :y1="m.at[1]" :y2="m.at[1]" />
+            <text :x="m.at[0] + 9 * m.side" :y="m.at[1] + 4" :text-anchor="m.side < 0 ? 'end' : 'start'">{{ m.z === 0 ? "0 m" : "−" + -m.z }}</text></g>
           <g :transform="'translate(' + (w - 46) + ',' + (h - 62) + ')'" class="mt-gizmo">
             <g v-for="a in gizmo" :key="a.name" :class="'mt-' + a.name" :transform="a.name !== 'wind' ? '' : w < 500 ? 'translate(-2,-78)' : 'translate(-64,12)'">
               <line :x1="a.name === 'wind' ? -a.x : 0" :y1="a.name === 'wind' ? -a.y : 0" :x2="a.x" :y2="a.y" />
