@@ -16,7 +16,7 @@ from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.mesh_error import with_mesh_error
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
 from meshtrace.engine.photons.analog import options_over, run_analog
-from meshtrace.engine.setup.ends import crossing_reach, require_height_field
+from meshtrace.engine.setup.ends import require_height_field, resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import (
     Analog,
@@ -309,7 +309,7 @@ def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:
         case = case._replace(run=case.run.replace(estimator="analog"))
     options = case.run.estimator
     analog = isinstance(options, Analog)
-    reach = None if analog else crossing_reach(case.link)
+    reach = resolved_reach(case.link, options)
     mesh, config = mesh_for(case.link, case.surface, case.meshing, reach, few=analog)
     if isinstance(options, Analog):
         run = case.run.replace(estimator=options_over(mesh, options))
@@ -374,7 +374,7 @@ def trace_paths(
     require_whole(max_vertices, 2, _MOST_VERTICES // n, "max_vertices")
     given: dict[str, Any] = {} if seed is None else {"seed": seed}
     case = resolve(link, surface, mesh=mesh, **given, **options)
-    made, _ = mesh_for(case.link, case.surface, case.meshing)
+    made, _ = mesh_for(case.link, case.surface, case.meshing, math.inf)
     key, normals = case.run.seed, case.meshing.normals
     if received_only:
         return received_paths(case.link, made, n, key, normals)

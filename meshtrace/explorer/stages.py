@@ -21,7 +21,7 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import ChannelResponse
 from meshtrace.engine.backward.background import background
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
-from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.ends import resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Analog, Arrivals
 from meshtrace.engine.simulate import simulate
@@ -201,7 +201,7 @@ def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
     case = state.channel.case()
     meshing = case.meshing.replace(time=state.time)
     analog = isinstance(case.run.estimator, Analog)
-    reach = None if analog else crossing_reach(case.link)
+    reach = resolved_reach(case.link, case.run.estimator)
     mesh, _ = mesh_for(case.link, case.surface, meshing, reach)
     check()
     if analog:

@@ -11,9 +11,9 @@ from pydantic import ValidationInfo, field_validator
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
-from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.setup.ends import resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import Analog, Case, Estimator, Meshing, Run, run_keys
+from meshtrace.engine.setup.options import Case, Estimator, Meshing, Run, run_keys
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, require_keys, require_kind, within
 from meshtrace.link import Link
@@ -361,7 +361,7 @@ class Scenario(Model, frozen=True):
             If it does not cover the link, or reaches a source or a receiver, or the estimator
             cannot follow the link.
         """
-        reach = None if isinstance(self.run.estimator, Analog) else crossing_reach(self.link)
+        reach = resolved_reach(self.link, self.run.estimator)
         case = self.case()
         return mesh_for(case.link, case.surface, case.meshing, reach)[0]
 

@@ -1,6 +1,6 @@
 """Forced against analog: every feature of the link, both at half a per cent or better.
 
-`pytest tests/statistical/test_forced_analog.py -m "slow or not slow" -s` prints both gains, their
+`pytest tests/engine/test_forced_analog.py -m "slow or not slow" -s` prints both gains, their
 errors and z of every case.
 
 The wide aperture (r = 0.25 m) has 25 times the hits of the default one and the same physics.
@@ -101,8 +101,13 @@ def test_estimators_agree_to_three_per_cent(name):
     compare(name, wide, sea, normals, 300_000, chains // 8, len(QUICK), rtol=0.03)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
+def marked(name):
+    """Return a case, slow but for the one that once had a coarser mesh for photons."""
+    mark = pytest.mark.thorough if name == "focusing facets" else pytest.mark.slow
+    return pytest.param(name, marks=mark)
+
+
+@pytest.mark.parametrize("name", [marked(name) for name in CASES])
 def test_estimators_agree(name):
     compare(name, *CASES[name], len(CASES), rtol=0.005)
 

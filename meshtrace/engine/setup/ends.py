@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from meshtrace.engine.setup import arrays
+from meshtrace.engine.setup.options import Analog, Estimator
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
@@ -141,6 +142,14 @@ def crossing_reach(link: Link) -> float:
     frame = arrays.frame_of(link)
     farthest = max(t.reach + math.hypot(t.center.x, t.center.y) for t in _targets(link, frame))
     return frame.unit * farthest
+
+
+def resolved_reach(link: Link, estimator: Estimator) -> float:
+    """Return the distance from `Link.origin` within which an estimator needs the surface [m].
+
+    Photons cross anywhere.
+    """
+    return math.inf if isinstance(estimator, Analog) else crossing_reach(link)
 
 
 def _targets(link: Link, frame: arrays.Frame) -> list[Target]:

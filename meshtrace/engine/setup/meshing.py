@@ -141,7 +141,7 @@ def mesh_lines(
         f = f._replace(extent=wide, fine_extent=fine, coarse_spacing=4.0 * f.spacing)
     given = meshing.spacing is not None or meshing.extent is not None
     single = reach is not None and not given and not isinstance(surface, PlaneSurface)
-    if single and isinstance(surface, SurfaceModel):
+    if single and isinstance(surface, SurfaceModel) and link.crossings():
         f = _resolving(link, surface, f, per_wave, meshing.time, lit)
     if isinstance(surface, PlaneSurface):
         if few and not given:
