@@ -341,6 +341,9 @@
         if (!now) this.$refs.dialog.close();
       },
     },
+    methods: {
+      closed() { if (!this.$refs.dialog.open) this.$emit("close"); }, // told late: it may be open again
+    },
   };
 
   const Design = {
@@ -348,7 +351,7 @@
     mixins: [copying, dialog],
     props: { design: { type: Object, default: null }, stale: Boolean },
     template: `
-      <dialog ref="dialog" class="mt-dialog mt-design" aria-labelledby="design-title" @close="$emit('close')">
+      <dialog ref="dialog" class="mt-dialog mt-design" aria-labelledby="design-title" @close="closed">
         <div class="mt-top"><h2 id="design-title">Design</h2>
           <button type="button" id="design-close" @click="$emit('close')">Close</button>
           <button type="button" @click="copy(design.text)">{{ done ? "Copied" : "Copy as text" }}</button></div>
@@ -371,7 +374,7 @@
     mixins: [copying, dialog],
     props: { title: String, text: String },
     template: `
-      <dialog ref="dialog" class="mt-dialog" aria-labelledby="text-title" @close="$emit('close')">
+      <dialog ref="dialog" class="mt-dialog" aria-labelledby="text-title" @close="closed">
         <h2 id="text-title">{{ title }}</h2>
         <pre id="text" class="mt-text" tabindex="0">{{ text }}</pre>
         <div class="mt-actions"><button type="button" class="mt-copy mt-main" @click="copy(text)">{{ done ? "Copied" : "Copy" }}</button>
