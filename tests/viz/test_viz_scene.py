@@ -7,7 +7,6 @@ from matplotlib.colors import to_rgb
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.engine.paths import PhotonPaths
 from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
 from meshtrace.viz.export import surface_sampler
 from meshtrace.viz.parts import cone_rim, rotation_from_z
@@ -46,7 +45,7 @@ def straight(n=12, height=5.0):
     x = np.linspace(-0.4, 0.4, n)
     o = np.zeros(n)
     points = [np.stack([x * s, o, np.full(n, z)], axis=1) for s, z in ((0, -10), (1, 0), (0, 5))]
-    return PhotonPaths(
+    return mt.PhotonPaths(
         np.stack(points, axis=1),
         np.full((n, 3), 1e-6),
         np.tile(np.array([0, 2, 5], np.int8), (n, 1)),

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from engine.photons.single_scattering import Setting, single_scattering
 from mc_statistics import ALPHA, sidak, z_test
-from numba import njit
 from scipy.integrate import quad
 from scipy.stats import chi2
 
@@ -18,6 +17,7 @@ from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.photons.targets import SCATTERED
 from meshtrace.engine.setup.arrays import angle_table
 from meshtrace.errors import Refused
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.phase import tail_at
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import FlatSea, JonswapSea
@@ -253,7 +253,7 @@ def test_no_scatterers_no_light():
     assert dark.scored[0] == 0
 
 
-@njit
+@allocating_entry
 def tail(table, theta):
     return tail_at(table, theta)
 

@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, chi2_test, sidak, z_test
-from numba import njit
 
 import meshtrace as mt
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.setup.arrays import medium_arrays, with_raster
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.medium import collide, sample_free_path
 from meshtrace.kernels.random import uniforms
 from meshtrace.kernels.vectors import Vec3
@@ -31,7 +30,7 @@ LAYERS = (
 )
 
 
-@njit
+@allocating_entry
 def _first_collisions(medium, z0, dz, n, seed):
     """Return the depth of the first real collision and the weight after it; nan: reached z = 0."""
     out = np.empty((n, 2))
@@ -55,7 +54,7 @@ def _first_collisions(medium, z0, dz, n, seed):
 def medium_of(water, bubbles=None, **physics):
     mesh = FlatSea().mesh(extent=10.0, spacing=1.0)
     link = mt.Link(water=water, bubbles=bubbles, physics=mt.Physics(**physics))
-    return with_raster(medium_arrays(link), EmbreeIntersector(mesh, 1))
+    return with_raster(medium_arrays(link), mt.EmbreeIntersector(mesh, 1))
 
 
 def optical_depth(rate, z0, cos, depth):
