@@ -91,6 +91,27 @@ def default_link():
     return mt.Link()
 
 
+CALM = """
+wind_speed = 0.0
+receiver = { fov_deg = 30.0 }
+daylight = { direct = 1.42, diffuse = 0.295 }
+"""
+
+
+@pytest.fixture(scope="session")
+def calm_design(tmp_path_factory):
+    """Return the design of a link over still water by day, made once by all processes of a run."""
+    import meshtrace as mt
+
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    file = folder / "calm_design.nc"
+    if not file.exists():  # files are written atomically
+        mt.design(mt.Scenario.from_toml(CALM), photons=128, realizations=8).save(file)
+    return mt.Design.load(file)
+
+
 @pytest.fixture
 def rng():
     """Return a generator of random numbers with a fixed seed."""

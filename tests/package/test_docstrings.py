@@ -23,6 +23,7 @@ SLOW = {
     "meshtrace.optics.mie",
     "meshtrace.studies.convergence.drivers",
     "meshtrace.studies.comparison",
+    "meshtrace.studies.designs.study",
     "meshtrace.studies.sensitivity.study",
 }
 

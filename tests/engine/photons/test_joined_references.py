@@ -40,6 +40,7 @@ DARK = [
     {"g": 0.0, "tilt_deg": 45.0},
     {"height": 0.5, "depth": 1.0, "radius": 0.02, "tilt_deg": 50.0, "half_angle_deg": 45.0},
 ]
+REPEATING = DARK[1], DARK[2], DARK[6], DARK[10]
 DARKER = [
     {"tilt_deg": 31.0},
     {"tilt_deg": 45.0, "azimuth_deg": 200.0, "offset": 2.0},
@@ -111,7 +112,11 @@ def test_quadrature_has_the_known_values():
         assert single_scattering(Setting(**case), 48) == pytest.approx(expected, rel=4e-3)
 
 
-@pytest.mark.parametrize("case", DARK, ids=str)
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(c, marks=pytest.mark.slow) if c in REPEATING else c for c in DARK],
+    ids=str,
+)
 def test_light_scattered_once(case):
     assert abs(against_quadrature(case, 2**18, 1)) < 3.5
 
