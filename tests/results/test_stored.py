@@ -268,6 +268,8 @@ except OSError as error:
 """
 
 
+@pytest.mark.process
+@pytest.mark.thorough
 def test_a_full_disk_keeps_the_old_file(results, tmp_path, tmp_path_factory):
     good, kept = tmp_path / "good.nc", tmp_path_factory.mktemp("kept") / "a.nc"
     good.write_bytes(b"good")
