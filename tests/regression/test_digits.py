@@ -1,9 +1,10 @@
 """Numbers of small runs against those kept: a change of structure leaves every digit.
 
 The kept numbers are those of one processor and its libraries, named in the file: there every digit
-counts. Elsewhere the last bits differ, by up to 7e-10 between instruction sets of 256 and of 512
-bits; numbers that agree to 1e-7 pass. To judge a change by every digit there, make the numbers with
---update-golden before it. Whoever changes an estimator replaces them on purpose, and says so.
+counts. Elsewhere the last bits differ, between instruction sets of 256 and of 512 bits by up to
+5e-8 in differences of nearly equal numbers; numbers that agree to 1e-6 pass. To judge a change by
+every digit there, make the numbers with --update-golden before it. Whoever changes an estimator
+replaces them on purpose, and says so.
 """
 
 import json
@@ -19,7 +20,7 @@ from meshtrace.results.provenance import environment
 
 DIGITS = Path(__file__).with_name("digits.json")
 MOST_NUMBERS = 40  # of an array kept as it is; of a longer one, sums
-ELSEWHERE = 1e-7  # relative tolerance on other processors
+ELSEWHERE = 1e-6  # relative tolerance on other processors
 COSTS = ("mesh_time", "bvh_time", "evaluation_time")
 SLOW = ("optimum hover", "performance coupled", "compare lit", "compare lit seas")
 
