@@ -104,6 +104,7 @@ def test_the_quadrature_against_the_published_floors():
 
 
 @pytest.mark.parametrize("name", ["tilt 40", "tilt 60", "aside 10 m, 60.0, 20"])
+@pytest.mark.slow_but("tilt 60")
 def test_no_gain_below_the_light_that_is_scattered_once(name):
     """Chains alone gave 1.9e-8, 1.5e-13 and 2.9e-16 with small errors on some seeds."""
     link, seeds = LINKS[name], 2
@@ -369,6 +370,7 @@ def test_scattered_gain_of_wide_apertures_against_analog(name):
     assert abs(z) < 3.5
 
 
+@pytest.mark.thorough
 def test_gains_of_few_samples_have_an_upper_bound(tmp_path):
     """24 seeds of a link 10 m aside: the bound holds for 95 % of them, and for few is it loose."""
     link = mt.Link(receiver=mt.Receiver(position=(10.0, 0.0), fov_deg=20.0))

@@ -49,7 +49,6 @@ def mesh_of(link, sea):
     "flat-aside",
     "random slopes-aside",
     "skewed slopes-on axis",
-    "skewed slopes-far off axis",
     "smooth waves-aside",
 )
 def test_cells_have_the_gain_of_a_receiver_there(sea, site):

@@ -1,6 +1,7 @@
 """Waves that the mesh leaves out: both estimators against a plain quadrature, and the closure."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ def rough(mesh, direction_deg=30.0):
     return mt.TriangleMesh(mesh.vertices, mesh.faces, mesh.vertex_normals, slopes)
 
 
+@cache
 def quadrature(link, variance, direction_deg, series=GAUSSIAN):
     """Return the gain through a flat sea with random slopes, no scattering, by brute force.
 

@@ -181,7 +181,7 @@ LAYERS = ((0.0, 0.1, 0.02), (4.0, 0.12, 0.1), (6.0, 0.12, 0.1), (8.0, 0.1, 0.03)
     ids=["5 m/s", "13 m/s", "facets", "bubbles", "layers", "flat bubbles", "flat layers"],
 )
 @pytest.mark.thorough
-@pytest.mark.slow_but("13 m/s", "bubbles", "flat layers")
+@pytest.mark.slow_but("bubbles", "flat layers")
 def test_forced_detection_agrees(wind_speed, normals, link):
     mesh = FLAT
     if wind_speed > 0.0:

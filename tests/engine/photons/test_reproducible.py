@@ -144,7 +144,7 @@ def test_recorded_paths_do_not_depend_on_batches(intersector, name):
 @pytest.mark.parametrize("name", LINKS)
 def test_a_photon_alone_is_the_photon_in_the_run(intersector, name):
     """Alone its slot, its neighbours and its ray batches are others; its fate is the same."""
-    link, first, n = LINKS[name], 10_000, 96
+    link, first, n = LINKS[name], 10_000, 48
     ledger = FixedPointSum((len(mt.Fate),))
     score = np.zeros(0)
     for photon in range(first, first + n):

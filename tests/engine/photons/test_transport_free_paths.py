@@ -164,6 +164,7 @@ def test_beer_lambert_through_the_engine(mode):
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.thorough
+@pytest.mark.slow_but("continuous", "paper")
 def test_layers_through_the_engine(mode):
     water = mt.Water(layers=LAYERS, phase=ISOTROPIC)
     r = ballistic(narrow_link(water, absorption=mode))
