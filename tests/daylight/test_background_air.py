@@ -106,6 +106,9 @@ def test_glint_of_skewed_slopes(azimuth_deg):
 @pytest.mark.parametrize("wind", [5.0, 13.0])
 @pytest.mark.parametrize("psi", [3.0, 10.0, 30.0])
 @pytest.mark.parametrize("zenith", [10, 30, 50])
+@pytest.mark.slow_but(
+    "10-3.0-5.0", "10-30.0-13.0", "30-10.0-5.0", "30-3.0-13.0", "50-30.0-5.0", "50-10.0-13.0"
+)
 def test_mean_glint_of_the_field_of_view(wind, psi, zenith):
     day = SUN.replace(sun_zenith_deg=zenith)
     found = mt.background(

@@ -380,6 +380,7 @@ def converge_command(*arguments):
 FEW = ["--photons", "64", "--threads", "1", "--set", "bubbles=none"]
 
 
+@pytest.mark.thorough
 def test_command_prints_writes_and_draws(tmp_path):
     pytest.importorskip("matplotlib").use("Agg")
     table, picture = tmp_path / "study.nc", tmp_path / "study.png"

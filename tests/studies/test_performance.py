@@ -89,6 +89,7 @@ def test_flat_sea_ranges(preset, expected):
     assert found.status in found.summary()
 
 
+@pytest.mark.thorough
 def test_foam_and_bubbles_of_13_metres_per_second_cost_a_metre():
     still, windy = (
         mt.link_performance(

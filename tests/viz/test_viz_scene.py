@@ -170,6 +170,7 @@ def test_surface_colours(shoot, color):
         assert plotter.actors["surface"].mapper.scalar_range == (low, 0.5)
 
 
+@pytest.mark.thorough
 def test_parts_can_be_left_out_and_edges_shown(shoot, plain):
     _, full = plain
     for options in ({"uav": False}, {"labels": False}, {"edges": True}, {"opacity": 0.3}):

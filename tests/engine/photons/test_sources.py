@@ -89,6 +89,16 @@ POINTING = [(0.0, 0.0), (180.0, 0.0), (35.0, 120.0), (90.0, -45.0), (1e-5, 10.0)
 
 @pytest.mark.parametrize(("zenith_deg", "azimuth_deg"), POINTING)
 @pytest.mark.parametrize("half_angle_deg", [1.0, 10.0, 60.0, 85.0])
+@pytest.mark.slow_but(
+    "1.0-0.0-0.0",
+    "1.0-35.0-120.0",
+    "10.0-180.0-0.0",
+    "10.0-1e-05-10.0",
+    "60.0-90.0--45.0",
+    "60.0-35.0-120.0",
+    "85.0-180.0-0.0",
+    "85.0-90.0--45.0",
+)
 def test_lambertian_lamp(half_angle_deg, zenith_deg, azimuth_deg):
     """I ~ cos^m: the CDF of theta is 1 - cos^(m+1)."""
     led = mt.Led(half_angle_deg=half_angle_deg, zenith_deg=zenith_deg, azimuth_deg=azimuth_deg)

@@ -105,6 +105,9 @@ def test_layered_water(mode, dz):
 
 @pytest.mark.parametrize("dz", SLANTS)
 @pytest.mark.parametrize("depth_mode", ["local", "clamped", "mean_level"])
+@pytest.mark.slow_but(
+    "local-1.0", "local--0.3", "clamped--1.0", "clamped-0.3", "mean_level-1.0", "mean_level--0.3"
+)
 def test_bubbly_water(depth_mode, dz):
     """Delta tracking through the exact Hall-Novarini profile, not a pure exponential."""
     bubbles = mt.HallNovarini(wind_speed=13.0, depth=depth_mode)
