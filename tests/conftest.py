@@ -50,7 +50,8 @@ def pytest_collection_modifyitems(items, config):
                 item.add_marker("slow")
         if any(name in vars(item.module) for name in ("z_test", "chi2_test", "sidak")):
             item.add_marker("statistical")
-    if named - found and not any("[" in argument for argument in config.args):
+    chosen = config.getoption("lf", False) or any("[" in argument for argument in config.args)
+    if named - found and not chosen:
         raise pytest.UsageError(f"slow_but: no such cases: {sorted(named - found)}")
     items.sort(key=lambda item: item.path.relative_to(TESTS).parts[0] not in LONGEST)
 
