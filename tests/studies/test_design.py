@@ -70,7 +70,7 @@ def test_figures_are_those_of_a_performance(calm):
     ("key", "values"),
     [
         ("receiver.fov_deg", (5.0, 10.0, 20.0, 40.0)),
-        (WIDTH, (8.0, 16.0, 32.0)),
+        pytest.param(WIDTH, (8.0, 16.0, 32.0), marks=pytest.mark.slow),
         pytest.param("receiver.radius", (0.0125, 0.05, 0.2), marks=pytest.mark.slow),
         pytest.param("receiver.height", (2.5, 5.0, 10.0), marks=pytest.mark.slow),
     ],
