@@ -38,14 +38,21 @@ def pytest_addoption(parser):
     )
 
 
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(items, config):
     """Mark slow cases and tests that use statistics; put the folders that take longest first."""
+    named, found = set(), set()
     for item in items:
         for mark in item.iter_markers("slow_but"):
+            name = f"{item.path}::{item.originalname}"
+            named |= {(name, case) for case in mark.args}
+            found.add((name, item.callspec.id))
             if item.callspec.id not in mark.args:
                 item.add_marker("slow")
         if any(name in vars(item.module) for name in ("z_test", "chi2_test", "sidak")):
             item.add_marker("statistical")
+    chosen = config.getoption("lf", False) or any("[" in argument for argument in config.args)
+    if named - found and not chosen:
+        raise pytest.UsageError(f"slow_but: no such cases: {sorted(named - found)}")
     items.sort(key=lambda item: item.path.relative_to(TESTS).parts[0] not in LONGEST)
 
 
@@ -89,6 +96,27 @@ def default_link():
     import meshtrace as mt
 
     return mt.Link()
+
+
+CALM = """
+wind_speed = 0.0
+receiver = { fov_deg = 30.0 }
+daylight = { direct = 1.42, diffuse = 0.295 }
+"""
+
+
+@pytest.fixture(scope="session")
+def calm_design(tmp_path_factory):
+    """Return the design of a link over still water by day, made once by all processes of a run."""
+    import meshtrace as mt
+
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    file = folder / "calm_design.nc"
+    if not file.exists():  # files are written atomically
+        mt.design(mt.Scenario.from_toml(CALM), photons=128, realizations=8).save(file)
+    return mt.Design.load(file)
 
 
 @pytest.fixture

@@ -1,12 +1,12 @@
 """Samples of phase functions by the kernel, and their names in tests."""
 
-import numba
 import numpy as np
 
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.phase import sample_s
 
 
-@numba.njit
+@allocating_entry
 def draw(tables, u):
     s = np.empty_like(u)
     for i in range(u.size):

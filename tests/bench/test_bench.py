@@ -198,6 +198,7 @@ def test_bench_measures_all_of_it(monkeypatch, measured):
     json.dumps(found)
 
 
+@pytest.mark.thorough
 def test_command_writes_what_was_measured(tmp_path, monkeypatch, measured):
     asked = []
     monkeypatch.setattr("meshtrace.bench.bench", lambda s, **o: asked.append(o) or measured)

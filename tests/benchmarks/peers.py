@@ -23,7 +23,7 @@ from naive import HAS_OPEN3D, caster, naive_gain
 
 import meshtrace as mt
 from meshtrace.bench.engine import RayRecorder
-from meshtrace.engine.bvh import CopiedScene, EmbreeIntersector
+from meshtrace.engine.bvh import CopiedScene
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.results.tallies import standard_error
 from meshtrace.surfaces import JonswapSea
@@ -81,7 +81,7 @@ def measure(scale: float = 1.0, rounds: int = 3) -> list[Row]:
 
 
 def _analog(mesh: mt.TriangleMesh, photons: int) -> Callable[[int], tuple[float, float]]:
-    intersector = EmbreeIntersector(mesh, 1)
+    intersector = mt.EmbreeIntersector(mesh, 1)
 
     def job(seed: int) -> tuple[float, float]:
         sums = run_analog(LINK, intersector, photons=photons, seed=seed, normals="facet")

@@ -18,7 +18,6 @@ from throughput import (
 
 import meshtrace as mt
 from meshtrace.bench.engine import analog_rate
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.surfaces import FlatSea
 
@@ -29,7 +28,7 @@ PHOTONS = 500_000
 def test_analog_run(benchmark, surface):
     link = mt.Link()
     mesh = default_mesh(link) if surface == "jonswap" else FlatSea().mesh(extent=70.0, spacing=35.0)
-    intersector = EmbreeIntersector(mesh)
+    intersector = mt.EmbreeIntersector(mesh)
     threads = os.cpu_count() or 1
     run_analog(link, intersector, photons=4096, seed=1)
     benchmark.pedantic(

@@ -16,7 +16,6 @@ from plain_tracer import plain_gain
 
 import meshtrace as mt
 from meshtrace.bench.engine import best_of
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.surfaces import FlatSea, JonswapSea
@@ -34,7 +33,7 @@ def measure_against_plain(
 ) -> dict[str, Any]:
     """Return photons per CPU second of engine and plain tracer on the default link, and the ratio."""
     link, mesh = SMOOTH, default_mesh(SMOOTH)
-    intersector = EmbreeIntersector(mesh, 1)
+    intersector = mt.EmbreeIntersector(mesh, 1)
     run_analog(link, intersector, photons=4096, seed=1)
     times = best_of(
         rounds,

@@ -49,6 +49,7 @@ def test_ber_prints_table_ranges_and_status(tmp_path):
         assert f"{float(data['range'][0]):.1f} m" in text
 
 
+@pytest.mark.thorough
 def test_ber_with_a_uav_as_factor_and_coupled():
     options = ("ber", "--uav", "dji-m300-rtk", "--wind", "13", "--bit-rates", "1e6", "-n", 4)
     for extra in ((), ("--coupled",)):

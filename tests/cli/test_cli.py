@@ -216,6 +216,7 @@ def test_warnings_while_a_file_is_read_are_lines_too(tmp_path):
     assert "source: the spectrum ends at 0.2 Hz" in done.stderr
 
 
+@pytest.mark.thorough
 def test_a_work_of_hours_is_told_at_its_begin():
     """A thousand billion photons once began without a word."""
     command = [sys.executable, "-m", "meshtrace", "run", "--estimator", "analog",

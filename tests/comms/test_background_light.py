@@ -11,7 +11,6 @@ import pytest
 import meshtrace as mt
 from meshtrace.comms import SiPM
 from meshtrace.comms.background import (
-    DaylightWarning,
     filter_shift_nm,
     occupancy,
     warn_of_background,
@@ -203,10 +202,10 @@ def test_widest_filter_brings_the_limit():
 
 def test_warnings_of_shifted_filters_and_large_currents():
     ook = transmission(60.0)
-    with pytest.warns(DaylightWarning, match=r"shift .* 14\.9 nm"):
+    with pytest.warns(mt.DaylightWarning, match=r"shift .* 14\.9 nm"):
         warn_of_background(ook, Seen(1e-9))
     bright = with_background(transmission(5.967, 10.0), Seen(0.0171))
-    with pytest.warns(DaylightWarning, match="mA of bias current"):
+    with pytest.warns(mt.DaylightWarning, match="mA of bias current"):
         warn_of_background(bright, Seen(0.0171))
 
 

@@ -46,6 +46,7 @@ def test_error_rate_agrees(model, bit_rate, target):
 @pytest.mark.parametrize(
     ("model", "bit_rate", "excess"), [("W", 1e6, 1.5), ("W", 5e6, 1.4), ("A", 1e6, 2.2)]
 )
+@pytest.mark.slow_but("W-5000000.0-1.4", "A-1000000.0-2.2")
 def test_gaussian_threshold_costs_errors(model, bit_rate, excess):
     """The Gaussian threshold is too low for skewed counts: more errors than the model says."""
     gaussian = OokLink(bit_rate=bit_rate, model=model)
@@ -57,6 +58,7 @@ def test_gaussian_threshold_costs_errors(model, bit_rate, excess):
 
 
 @pytest.mark.parametrize("bit_rate", [1e6, 5e6, 1e7])
+@pytest.mark.slow_but("5000000.0")
 def test_sample_moments_agree(bit_rate):
     """Campbell's mean and variance of the samples, z-tests with alpha 1e-4 over the family."""
     window = OokLink(bit_rate=bit_rate).averaging_window

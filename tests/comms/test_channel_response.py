@@ -190,6 +190,7 @@ LIMIT = float(norm.isf(0.5 * (1.0 - (1.0 - 1e-4) ** (1.0 / len(CASES)))))
 
 @pytest.mark.parametrize(("bit_rate", "target"), CASES)
 @pytest.mark.thorough
+@pytest.mark.slow_but("50000000.0-0.01")
 def test_error_rate_agrees_with_bits_through_the_channel(harbour, bit_rate, target):
     """z-test against the exact law at its best threshold, alpha 1e-4 over the family."""
     response = ChannelResponse.of(harbour.delay, harbour.weight)

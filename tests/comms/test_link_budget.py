@@ -151,6 +151,7 @@ def test_fading_penalties_match_table(scintillation, average_db, outage_db):
 
 
 @pytest.mark.parametrize("model", ["W", "GP", "PC"])
+@pytest.mark.slow_but("W", "PC")
 def test_interpolated_average_equals_the_direct_one(model):
     link = OokLink(bit_rate=5e6, model=model)
     gain = 1.5 * required_gain(link, 1e-3) * lognormal(0.3, 2000)

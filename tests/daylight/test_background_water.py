@@ -2,6 +2,7 @@
 
 import json
 import math
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from mc_statistics import z_test
 
 import meshtrace as mt
+from meshtrace.engine.backward import submerged
 from meshtrace.engine.backward.submerged import blurred_phase
 from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
@@ -182,8 +184,13 @@ def test_published_forms_are_refused(physics, line):
         mt.background(link, FlatSea(), UNIFORM)
 
 
-def test_threads_change_no_digit():
-    one, two = (
-        mt.background(below(5.0), JonswapSea(), SUN, photons=256, threads=t) for t in (1, 2)
-    )
-    assert one.part_radiance.tobytes() == two.part_radiance.tobytes()
+def test_threads_and_batches_change_no_digit(monkeypatch):
+    def radiance(threads):
+        found = mt.background(below(5.0), JonswapSea(), SUN, photons=256, threads=threads)
+        return found.part_radiance.tobytes()
+
+    whole = radiance(1)
+    # batches of few rays, which threads share
+    small = partial(mt.Analog.model_construct, batch_size=64)
+    monkeypatch.setattr(submerged, "Analog", small)
+    assert radiance(1) == radiance(2) == whole

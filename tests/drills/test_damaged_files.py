@@ -191,6 +191,8 @@ def test_files_of_other_writers_need_no_digest(tmp_path):
         xr.testing.assert_equal(read_dataset(path), data)
 
 
+@pytest.mark.process
+@pytest.mark.thorough
 def test_an_object_of_a_heap_without_size_is_no_endless_loop(tmp_path):
     """HDF5 reads it for ever, in a file of another writer."""
     import xarray as xr

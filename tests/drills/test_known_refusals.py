@@ -258,3 +258,9 @@ def test_one_dark_photon_bounds_the_gain_by_one():
     link = mt.Link(receiver=mt.Receiver(radius=1e-6))
     run = mt.simulate(link, SEA, "analog", photons=1, seed=1, spacing=1.0)
     assert (run.gain, run.gain_bound) == (0.0, 1.0)
+
+
+def test_control_characters_of_keys_and_files_are_escaped():
+    """A terminal would obey them."""
+    refused = Refused("a\x1b[2J", "b\x07", "c\x7f", "d\x9b", "e\x08.toml")
+    assert str(refused) == r"e\x08.toml: a\x1b[2J: 'b\x07', d\x9b allowed: c\x7f"

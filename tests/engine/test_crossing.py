@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 import meshtrace as mt
 from meshtrace.engine import crossing
-from meshtrace.engine.bvh import BruteForceIntersector
 from meshtrace.engine.crossing import ROOT, enumerate_roots
 from meshtrace.kernels.jit import entry, inlined
 from meshtrace.kernels.scene import FLAT_SEA, locate
@@ -183,7 +182,7 @@ def test_landing_is_the_ray_traced_forwards(wave_mesh, normals, scene_of):
     rotation = np.array([minimal_rotation(w) for w in out[:, 3:6]])
     origin = source + rotation @ Q
     direction = rotation @ V
-    hits = BruteForceIntersector(mesh).intersect(origin, direction)
+    hits = mt.BruteForceIntersector(mesh).intersect(origin, direction)
     np.testing.assert_allclose(hits.distance, out[:, 10], atol=1e-9)
     p = origin + hits.distance[:, None] * direction
     np.testing.assert_allclose(p[:, :2], points, atol=1e-9)
@@ -288,7 +287,7 @@ def test_locate_against_vertical_rays(extent, spacing, fine, scene_of):
     points = rng.uniform(-4.0, 4.0, (2000, 2))
     origins = np.column_stack([points, np.full(len(points), 10.0)])
     down = np.broadcast_to((0.0, 0.0, -1.0), origins.shape)
-    hits = BruteForceIntersector(mesh).intersect(origins, down)
+    hits = mt.BruteForceIntersector(mesh).intersect(origins, down)
     np.testing.assert_array_equal(located(scene, points), hits.facet)
     outside = np.array([[extent + 1.0, 0.0], [0.0, -extent - 1.0], [1e6, 1e6]])
     assert (located(scene, outside) == -1).all()

@@ -299,7 +299,7 @@ LINKS = {
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", LINKS)
 @pytest.mark.thorough
-@pytest.mark.slow_but("flat", "waves and tilts", "bubbles and foam", "narrow beam")
+@pytest.mark.slow_but("bubbles and foam", "narrow beam")
 def test_forced_detection_agrees_with_analog_photons(name):
     link, sea = LINKS[name]
     mesh, _ = mesh_for(link, sea)

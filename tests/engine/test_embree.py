@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import meshtrace as mt
 from meshtrace.engine import bvh
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.surfaces import JonswapSea
 
 SEA = JonswapSea(wind_speed=13.0, seed=7, waves="paper")
@@ -97,7 +97,7 @@ def test_embreex_takes_over(lack, mesh, fresh, monkeypatch):
     else:
         monkeypatch.setattr(bvh.config, "DISABLE_JIT", True)
     assert bvh.library() is None
-    scene = EmbreeIntersector(mesh)._scene
+    scene = mt.EmbreeIntersector(mesh)._scene
     assert isinstance(scene, bvh.CopiedScene)
     assert np.array_equal(scene.run(*rays()), expected)
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.bvh import BruteForceIntersector, EmbreeIntersector
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.results import Fate
 from meshtrace.surfaces import JonswapSea
@@ -23,7 +22,7 @@ def test_engine_gives_the_same_on_brute_force(normals):
     )
     fast, slow = (
         run_analog(link, intersector, photons=10_000, seed=3, normals=normals)
-        for intersector in (EmbreeIntersector(mesh), BruteForceIntersector(mesh))
+        for intersector in (mt.EmbreeIntersector(mesh), mt.BruteForceIntersector(mesh))
     )
     assert fast.score[0] > 100.0
     np.testing.assert_allclose(fast.score, slow.score, rtol=1e-3)

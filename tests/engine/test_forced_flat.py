@@ -121,11 +121,8 @@ SOURCES = {
 )
 @pytest.mark.slow_but(
     "10.0-5.0-60.0-0.9-isotropic",
-    "10.0-5.0-60.0-0.9-down",
     "4.0-2.0-120.0-0.0-down",
-    "4.0-2.0-120.0-0.9-isotropic",
     "2.0-1.0-180.0-0.0-lambertian",
-    "2.0-1.0-180.0-0.9-down",
 )
 def test_first_order(depth, height, fov_deg, g, source):
     """Every crossing of sharply turned chains must be found, shallow and wide ones too."""

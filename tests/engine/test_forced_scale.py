@@ -9,7 +9,6 @@ import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import Meshing
 from meshtrace.errors import DomainWarning, Refused
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.surfaces import FlatSea
@@ -64,7 +63,7 @@ def test_a_receiver_far_aside_takes_a_small_mesh():
 
 def test_a_mesh_of_too_many_facets_is_refused_before_it_is_made():
     with pytest.raises(Refused, match=r"mesh: .* million facets, some .* GB, allowed"):
-        mesh_for(mt.Link(), FlatSea(), Meshing(extent=1000.0, spacing=0.01))
+        mesh_for(mt.Link(), FlatSea(), mt.Meshing(extent=1000.0, spacing=0.01))
 
 
 def test_an_extent_that_cuts_the_light_is_said():

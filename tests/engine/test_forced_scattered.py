@@ -18,7 +18,6 @@ from scipy.stats import binom
 import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.neighbours import FrozenForced
-from meshtrace.engine.outcome import FewSamplesWarning
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.optics import fresnel_reflectance
@@ -105,6 +104,7 @@ def test_the_quadrature_against_the_published_floors():
 
 
 @pytest.mark.parametrize("name", ["tilt 40", "tilt 60", "aside 10 m, 60.0, 20"])
+@pytest.mark.slow_but("tilt 60")
 def test_no_gain_below_the_light_that_is_scattered_once(name):
     """Chains alone gave 1.9e-8, 1.5e-13 and 2.9e-16 with small errors on some seeds."""
     link, seeds = LINKS[name], 2
@@ -211,7 +211,7 @@ def test_arrivals_of_joined_photons_add_up_to_the_gain(aside):
 
 def test_few_samples_are_said():
     link = LINKS["tilt 80"]
-    with pytest.warns(FewSamplesWarning, match="effective sample size"):
+    with pytest.warns(mt.FewSamplesWarning, match="effective sample size"):
         mt.simulate(link, FlatSea(), photons=320, seed=1)
 
 
@@ -225,7 +225,7 @@ def test_few_samples_of_isotropic_scattering_are_said(tilt, seed):
     """4096 photons, some 70 of which carry the gain: every seed warns, and says how many."""
     water = mt.Water(phase=mt.HenyeyGreenstein(g=0.0))
     link = mt.Link(water=water, receiver=mt.Receiver(tilt_deg=tilt))
-    with pytest.warns(FewSamplesWarning, match="of 4,096 joined photons contribute"):
+    with pytest.warns(mt.FewSamplesWarning, match="of 4,096 joined photons contribute"):
         result = mt.simulate(link, FlatSea(), photons=512, seed=seed)
     assert result.scattered[0].effective < 120.0
     assert "effective" in result.summary()
@@ -235,13 +235,13 @@ def test_few_samples_of_isotropic_scattering_are_said(tilt, seed):
 @pytest.mark.filterwarnings("ignore:receiver 0. about 30 % of the light")
 def test_frozen_chains_warn_where_simulate_would():
     tilted = mt.Link(receiver=mt.Receiver(tilt_deg=40.0))
-    with pytest.warns(FewSamplesWarning, match="for which `simulate` uses joined photons"):
+    with pytest.warns(mt.FewSamplesWarning, match="for which `simulate` uses joined photons"):
         FrozenForced(tilted, 1024, 1)
     turbid = mt.Link(
         water=mt.Water(a=0.05, b=0.8, phase=mt.HenyeyGreenstein(g=0.5)),
         physics=mt.Physics(second_hit="ignore"),  # chains alone follow this
     )
-    with pytest.warns(FewSamplesWarning, match="chains contribute, effective sample size"):
+    with pytest.warns(mt.FewSamplesWarning, match="chains contribute, effective sample size"):
         FrozenForced(turbid, 1024, 1)
     FrozenForced(mt.Link(), 1024, 1)  # warnings are errors
 
@@ -321,7 +321,9 @@ def test_a_tolerance_is_not_met_by_an_error_of_few_samples(rtol):
         receiver=mt.Receiver(radius=0.5, tilt_deg=75.0),
         physics=mt.Physics(reflected="kill"),
     )
-    with pytest.warns(FewSamplesWarning, match=r"effective sample size \d+: the error may exceed"):
+    with pytest.warns(
+        mt.FewSamplesWarning, match=r"effective sample size \d+: the error may exceed"
+    ):
         few = mt.simulate(link, FlatSea(), photons=64, seed=1)
     assert few.gain_stderr < rtol * few.gain
     enough = mt.simulate(link, FlatSea(), photons=64, seed=1, rtol=rtol)
@@ -368,12 +370,13 @@ def test_scattered_gain_of_wide_apertures_against_analog(name):
     assert abs(z) < 3.5
 
 
+@pytest.mark.thorough
 def test_gains_of_few_samples_have_an_upper_bound(tmp_path):
     """24 seeds of a link 10 m aside: the bound holds for 95 % of them, and for few is it loose."""
     link = mt.Link(receiver=mt.Receiver(position=(10.0, 0.0), fov_deg=20.0))
     true = 4.056e-12 + 7.61e-13  # scattered, by 64 seeds, and first reflected: docs/estimators.md
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FewSamplesWarning)
+        warnings.simplefilter("ignore", mt.FewSamplesWarning)
         found = [mt.simulate(link, FlatSea(), photons=512, seed=seed) for seed in range(24)]
     few = [r for r in found if r.gain_bound is not None]
     assert len(few) > 18

@@ -10,7 +10,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from meshtrace.engine.bvh import BruteForceIntersector, EmbreeIntersector, Hits
+import meshtrace as mt
+from meshtrace.engine.bvh import Hits
 from meshtrace.mesh import TriangleMesh
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -38,8 +39,8 @@ def neighbours(mesh, f, g):
 
 def unexplained(mesh, origins, directions):
     """Return the rays whose answers differ beyond single precision, and both answers."""
-    fast = EmbreeIntersector(mesh).intersect(origins, directions)
-    oracle = BruteForceIntersector(mesh)
+    fast = mt.EmbreeIntersector(mesh).intersect(origins, directions)
+    oracle = mt.BruteForceIntersector(mesh)
     slow = oracle.intersect(origins, directions)
     differ = np.flatnonzero(fast.facet != slow.facet)
     f, g = fast.facet[differ], slow.facet[differ]
@@ -173,7 +174,7 @@ def test_rays_in_the_plane_of_a_flat_sea():
     flat = FlatSea().mesh(extent=5.0, spacing=1.0)
     origins = np.column_stack([np.full(100, -9.0), np.linspace(-6, 6, 100), np.zeros(100)])
     directions = np.tile((1.0, 0.0, 0.0), (100, 1))
-    for intersector in (EmbreeIntersector(flat), BruteForceIntersector(flat)):
+    for intersector in (mt.EmbreeIntersector(flat), mt.BruteForceIntersector(flat)):
         facet = intersector.facets(origins.astype(np.float32), directions.astype(np.float32))
         assert ((facet >= -1) & (facet < len(flat.faces))).all()
 
@@ -184,12 +185,12 @@ def test_nearest_of_several_facets_wins(mesh):
     n = 3000
     directions = to_unit(np.column_stack([rng.normal(size=(n, 2)), 0.1 * rng.normal(size=n)]))
     origins = np.column_stack([rng.uniform(-5, 5, (n, 2)), np.zeros(n)]) - 9.0 * directions
-    fast = EmbreeIntersector(mesh).intersect(origins, directions)
+    fast = mt.EmbreeIntersector(mesh).intersect(origins, directions)
     hit = np.flatnonzero(fast.facet >= 0)
     beyond = origins[hit] + (fast.distance[hit] + 1e-3)[:, None] * directions[hit]
-    again = EmbreeIntersector(mesh).intersect(beyond, directions[hit])
+    again = mt.EmbreeIntersector(mesh).intersect(beyond, directions[hit])
     assert (again.facet >= 0).sum() > 100
-    before = BruteForceIntersector(mesh).intersect(origins[hit], directions[hit])
+    before = mt.BruteForceIntersector(mesh).intersect(origins[hit], directions[hit])
     np.testing.assert_allclose(before.distance, fast.distance[hit], atol=TOLERANCE)
 
 
@@ -199,7 +200,7 @@ def test_fine_mesh_far_from_the_origin(fine_mesh):
     n = 200_000
     origins = np.column_stack([rng.uniform(-60, 60, (n, 2)), np.full(n, 4.0)])
     directions = np.broadcast_to((0.0, 0.0, -1.0), origins.shape)
-    hits = EmbreeIntersector(fine_mesh).intersect(origins, directions)
+    hits = mt.EmbreeIntersector(fine_mesh).intersect(origins, directions)
     assert (hits.facet >= 0).all()
     assert_points_lie_on_their_facets(fine_mesh, hits, origins, directions, 1e-4)
 
@@ -208,8 +209,8 @@ def test_fine_mesh_far_from_the_origin(fine_mesh):
 def test_distance_is_in_lengths_of_the_direction(mesh, scale):
     rng = np.random.default_rng(7)
     origins, directions = random_rays(rng, 2000)
-    one = EmbreeIntersector(mesh).intersect(origins, directions)
-    many = EmbreeIntersector(mesh).intersect(origins, directions * scale)
+    one = mt.EmbreeIntersector(mesh).intersect(origins, directions)
+    many = mt.EmbreeIntersector(mesh).intersect(origins, directions * scale)
     hit = (one.facet >= 0) & (many.facet == one.facet)
     assert hit.sum() > 1000
     np.testing.assert_allclose(many.distance[hit] * scale, one.distance[hit], rtol=1e-9, atol=1e-9)
@@ -217,16 +218,16 @@ def test_distance_is_in_lengths_of_the_direction(mesh, scale):
 
 def test_threads_give_equal_answers(fine_mesh):
     origins, directions = random_rays(np.random.default_rng(8), 50_001, width=50.0)
-    one = EmbreeIntersector(fine_mesh, threads=1).intersect(origins, directions)
+    one = mt.EmbreeIntersector(fine_mesh, threads=1).intersect(origins, directions)
     for threads in (2, 3, 7):
-        many = EmbreeIntersector(fine_mesh, threads).intersect(origins, directions)
+        many = mt.EmbreeIntersector(fine_mesh, threads).intersect(origins, directions)
         for name in Hits._fields:
             np.testing.assert_array_equal(getattr(many, name), getattr(one, name))
 
 
 def test_one_scene_may_be_asked_by_many_threads_at_once(fine_mesh):
     rng = np.random.default_rng(9)
-    intersector = EmbreeIntersector(fine_mesh, threads=1)
+    intersector = mt.EmbreeIntersector(fine_mesh, threads=1)
     rays = [tuple(a.astype(np.float32) for a in random_rays(rng, 20_000, 50.0)) for _ in range(8)]
     alone = [intersector.facets(*r) for r in rays]
     with ThreadPoolExecutor(4) as pool:
@@ -235,7 +236,7 @@ def test_one_scene_may_be_asked_by_many_threads_at_once(fine_mesh):
         np.testing.assert_array_equal(a, b)
 
 
-@pytest.mark.parametrize("intersector", [EmbreeIntersector, BruteForceIntersector])
+@pytest.mark.parametrize("intersector", [mt.EmbreeIntersector, mt.BruteForceIntersector])
 def test_no_rays_and_bad_rays(mesh, intersector):
     none = intersector(mesh).intersect(np.empty((0, 3)), np.empty((0, 3)))
     assert len(none.facet) == len(none.distance) == 0
@@ -252,8 +253,8 @@ def test_mesh_of_one_facet():
     origins = np.array([[0.25, 0.25, -1.0], [0.9, 0.9, -1.0], [0.25, 0.5, 2.0]])
     directions = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     for hits in (
-        EmbreeIntersector(mesh).intersect(origins, directions),
-        BruteForceIntersector(mesh).intersect(origins, directions),
+        mt.EmbreeIntersector(mesh).intersect(origins, directions),
+        mt.BruteForceIntersector(mesh).intersect(origins, directions),
     ):
         assert hits.facet.tolist() == [0, -1, 0]
         assert hits.distance.tolist() == [1.0, np.inf, 2.0]

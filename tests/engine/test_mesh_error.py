@@ -11,7 +11,6 @@ from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.mesh_error import relative_mesh_error
 from meshtrace.engine.setup.ends import crossing_reach, forced_link
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import Meshing
 from meshtrace.errors import DomainWarning
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, Surface, TiltedPlane
 
@@ -27,7 +26,7 @@ def unscattered(link, mesh):
 
 
 def mesh_of(link, sea, spacing=None):
-    return mesh_for(link, sea, Meshing(spacing=spacing), reach=crossing_reach(link))[0]
+    return mesh_for(link, sea, mt.Meshing(spacing=spacing), reach=crossing_reach(link))[0]
 
 
 def true_error(link, sea, mesh, spacing=None):

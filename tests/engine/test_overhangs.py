@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from leaning import LeaningWave
 from mc_statistics import ALPHA, sidak, z_test
-from numba import njit
 
 import meshtrace as mt
 from meshtrace.engine.setup.arrays import medium_arrays, with_raster
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.medium import local_elevation
 from meshtrace.kernels.vectors import row
 from meshtrace.mesh import UnresolvedSlopes
@@ -237,7 +237,7 @@ def test_a_gentle_lean_is_a_height_field():
     assert sheared.gain == pytest.approx(field.gain, rel=5e-3)
 
 
-@njit
+@allocating_entry
 def elevations(medium, points):
     out = np.empty(len(points))
     for i in range(len(points)):

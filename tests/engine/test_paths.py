@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.bvh import BruteForceIntersector
 from meshtrace.engine.photons.state import Vertex
 from meshtrace.optics.fresnel import refract
 from meshtrace.surfaces import FlatSea, JonswapSea
@@ -18,7 +17,7 @@ MESH = JonswapSea(wind_speed=13.0, seed=3, mss="band", waves="paper").mesh(exten
 
 def normals_at(mesh, points, kind):
     up = np.column_stack([points[:, :2], np.full(len(points), 5.0)])
-    hits = BruteForceIntersector(mesh).intersect(up, np.broadcast_to((0, 0, -1.0), up.shape))
+    hits = mt.BruteForceIntersector(mesh).intersect(up, np.broadcast_to((0, 0, -1.0), up.shape))
     assert (hits.facet >= 0).all()
     np.testing.assert_allclose(5.0 - hits.distance, points[:, 2], atol=1e-9)
     if kind == "facet":
@@ -77,7 +76,7 @@ def test_received_paths_stay_in_the_water_until_they_cross():
     points = paths.vertex[inner]
     assert len(points) > 100
     up = np.column_stack([points[:, :2], np.full(len(points), 5.0)])
-    hits = BruteForceIntersector(MESH).intersect(up, np.broadcast_to((0, 0, -1.0), up.shape))
+    hits = mt.BruteForceIntersector(MESH).intersect(up, np.broadcast_to((0, 0, -1.0), up.shape))
     over = np.isfinite(hits.distance)
     assert (points[over, 2] < 5.0 - hits.distance[over]).all()
 

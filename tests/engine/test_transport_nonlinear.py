@@ -1,5 +1,7 @@
 """Both estimators over choppy seas and seas of second order."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ CLEAR = mt.Link(water=mt.Water(a=0.114, b=0.0), physics=mt.Physics(unresolved="n
 STEEP = SinusoidalSea(amplitude=0.1, wavelength=2.0, choppy=True, direction_deg=20.0, phase=0.4)
 
 
+@cache
 def unscattered(sea):
     return mt.simulate(CLEAR, sea, "forced", photons=512, seed=1).gain
 

@@ -7,7 +7,6 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import new_recorder, run_analog
 from meshtrace.engine.photons.state import Vertex
 from meshtrace.optics import fresnel_reflectance
@@ -73,7 +72,7 @@ def test_second_hit_is_where_geometry_puts_it(two_hits):
     recorder = new_recorder(64, 16)
     run_analog(
         link_of(two_hits),
-        EmbreeIntersector(valley(), 1),
+        mt.EmbreeIntersector(valley(), 1),
         photons=64,
         seed=1,
         normals="facet",

@@ -5,7 +5,6 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.photons.joined import JoinedPhotons
@@ -116,7 +115,7 @@ def test_analog_photons_bring_the_light_of_all_wavelengths(water, sea):
     wide = mt.Link(receiver=mt.Receiver(radius=1.0, fov_deg=120.0))
     links = links_of(WATERS[water], wide)
     mesh = mesh_for(links[1], SEAS[sea], mt.Meshing(spacing=0.2))[0]
-    surface, n = EmbreeIntersector(mesh, 1), 2**17
+    surface, n = mt.EmbreeIntersector(mesh, 1), 2**17
     sums = analog_sums(links, surface, mt.Analog(), n, None, seed=1)
     direct = [run_analog(link, surface, photons=n, seed=40 + k) for k, link in enumerate(links)]
     rows = []
@@ -138,7 +137,7 @@ def test_photons_in_layers():
     wide = mt.Link(receiver=mt.Receiver(radius=1.0, fov_deg=120.0))
     links = [wide.replace(water=mt.Water(layers=rows)) for rows in LAYERS]
     mesh = mesh_for(links[0], SEAS["wavy"], mt.Meshing(spacing=0.2))[0]
-    surface, n = EmbreeIntersector(mesh, 1), 2**16
+    surface, n = mt.EmbreeIntersector(mesh, 1), 2**16
     sums = analog_sums(links, surface, mt.Analog(), n, None, seed=1)
     direct = [run_analog(link, surface, photons=n, seed=40 + k) for k, link in enumerate(links)]
     rows = []

@@ -274,7 +274,7 @@ def test_an_empirical_law_keeps_the_extremes(seen):
     ],
 )
 def test_models_are_stored(fit, seen, tmp_path):
-    model = fit(seen[:3000])
+    model = fit(seen[:1000])
     model.save(tmp_path / "model.nc")
     again = load(tmp_path / "model.nc")
     assert type(again) is type(model)

@@ -327,6 +327,7 @@ def test_intervals_of_a_series_cover(band):
         _assert_coverage(column, 0.95, 10)
 
 
+@pytest.mark.thorough
 def test_an_interval_for_independent_gains_does_not_cover_for_a_series():
     rng = np.random.default_rng(117)
     hits = []

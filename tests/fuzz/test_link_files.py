@@ -7,7 +7,8 @@ from drills.hostile import places
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meshtrace.engine.setup.options import Meshing, run_keys
+import meshtrace as mt
+from meshtrace.engine.setup.options import run_keys
 from meshtrace.errors import Refused
 from meshtrace.link import Aperture, Physics, Source
 from meshtrace.optics import HallNovarini, PhaseFunction, Water
@@ -82,7 +83,7 @@ documents = st.fixed_dictionaries(
         ),
         "whitecaps": st.one_of(st.sampled_from(WORDS), values),
         "n_air": st.one_of(st.just(1.0), values),
-        "sea": table(["spectrum", "mesh", *Meshing.model_fields, *SEAS]),
+        "sea": table(["spectrum", "mesh", *mt.Meshing.model_fields, *SEAS]),
         "water": table(["type", *Water.model_fields], st.one_of(values, table(["model", *PHASES]))),
         "bubbles": table(["model", *HallNovarini.model_fields]),
         "transmitter": one_or_more(table(SOURCES)),

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from numba import njit
 
 import meshtrace as mt
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.arrays import NO_GRID, grid_arrays
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.rays import cell_of, grid_facet
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.mesh import TriangleMesh
@@ -17,13 +16,13 @@ from meshtrace.surfaces.triangulate import triangulate
 SEA = JonswapSea(wind_speed=13.0, seed=7, waves="paper")
 
 
-class Casting(EmbreeIntersector):
+class Casting(mt.EmbreeIntersector):
     """Intersector that answers every ray."""
 
     shortcut = False
 
 
-@njit
+@allocating_entry
 def facets_of(grid, vertices, origins, directions, out):
     for i in range(len(out)):
         p = Vec3(origins[i, 0], origins[i, 1], origins[i, 2])
@@ -31,7 +30,7 @@ def facets_of(grid, vertices, origins, directions, out):
         out[i] = grid_facet(grid, vertices, p, d)
 
 
-@njit
+@allocating_entry
 def cells_of(axis, x, out):
     for i in range(len(out)):
         out[i] = cell_of(axis, x[i])
@@ -73,7 +72,9 @@ def test_facets_are_those_of_embree(name, side):
     facet = found(mesh, origins, directions)
     known = facet >= 0
     assert known.mean() > 0.9
-    cast = EmbreeIntersector(mesh).facets(origins.astype(np.float32), directions.astype(np.float32))
+    cast = mt.EmbreeIntersector(mesh).facets(
+        origins.astype(np.float32), directions.astype(np.float32)
+    )
     assert np.array_equal(facet[known], cast[known])
 
 
@@ -101,7 +102,7 @@ def test_other_rays_are_left_to_embree():
     assert found(mesh, point, np.array([[0.9, 0.0, 0.43589]]))[0] < 0
     assert found(mesh, point + np.array([40.0, 0.0, 0.0]), up[None])[0] < 0
     assert found(mesh, point, -up[None])[0] < 0
-    on = EmbreeIntersector(mesh).intersect(point, up[None])
+    on = mt.EmbreeIntersector(mesh).intersect(point, up[None])
     assert found(mesh, point + on.distance[:, None] * up, up[None])[0] < 0
     assert found(mesh, np.full((1, 3), np.nan), up[None])[0] < 0
 
@@ -157,7 +158,7 @@ def test_results_are_the_same_bits_without_it(link):
     mesh = MESHES["even"]
     with_grid, without = (
         run_analog(link, kind(mesh, 1), photons=20_000, seed=5)
-        for kind in (EmbreeIntersector, Casting)
+        for kind in (mt.EmbreeIntersector, Casting)
     )
     assert with_grid.score.sum() > 0.0
     for name in ("score", "score_squared", "count", "misses"):

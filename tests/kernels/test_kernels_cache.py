@@ -139,6 +139,7 @@ def test_kernels_run_as_plain_python_for_debuggers():
 
 
 @pytest.mark.process
+@pytest.mark.thorough
 def test_a_home_that_cannot_be_written_is_no_obstacle():
     """Nor may numba's own cache look for a folder, which is fatal where it finds none."""
     code = (
@@ -171,15 +172,15 @@ def test_kernels_of_other_packages_use_this_cache(monkeypatch, folder, tmp_path)
 @pytest.mark.process
 @pytest.mark.thorough
 def test_processes_share_a_folder(tmp_path):
-    """Four processes that compile the same kernels at once leave intact files."""
+    """Two processes that compile the same kernel at once leave one intact file."""
     code = "import own, meshtrace.kernels.jit as jit; f = jit.entry(own.double); f(1.0)"
     (tmp_path / "own.py").write_text("def double(x):\n    return 2.0 * x\n")
     changes = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
     started = [
         subprocess.Popen([sys.executable, "-c", code], env={**os.environ, **changes})
-        for _ in range(4)
+        for _ in range(2)
     ]
-    assert [process.wait(300) for process in started] == [0, 0, 0, 0]
+    assert [process.wait(300) for process in started] == [0, 0]
     files = list((tmp_path / "cache").rglob("*.*"))
     assert [path.suffix for path in files] == [jit._SUFFIX]
     assert python(f"{code}; print(sum(f.stats.cache_hits.values()))", **changes) == ("1", "")

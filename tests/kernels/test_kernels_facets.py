@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numba import njit
 
 from meshtrace.engine.setup.arrays import surface_arrays
 from meshtrace.kernels.interface import (
@@ -17,12 +16,13 @@ from meshtrace.kernels.interface import (
     slope_tilt,
     tilted,
 )
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.vectors import Vec3, along, row, write
 from meshtrace.mesh import TriangleMesh
 from meshtrace.surfaces import JonswapSea
 
 
-@njit
+@allocating_entry
 def points(origins, directions, facet, surface):
     """Return distance, u, v and interpolated normal of every ray on its facet."""
     out = np.empty((len(facet), 6))
@@ -83,7 +83,7 @@ def test_corners_have_their_own_normal(mesh):
         np.testing.assert_allclose(out[:, 3:], expected, atol=1e-10)
 
 
-@njit
+@allocating_entry
 def points_of(places, facet, surface):
     """Return u, v and interpolated normal of every place on its facet."""
     out = np.empty((len(facet), 5))
@@ -122,14 +122,14 @@ def test_points_on_facets_of_any_orientation():
 def test_ray_along_the_plane_is_infinitely_far():
     mesh = TriangleMesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
 
-    @njit
+    @allocating_entry
     def distance(triangles):
         return plane_distance(Vec3(0.0, 0.0, -1.0), Vec3(1.0, 0.0, 0.0), 0, triangles)
 
     assert distance(Triangles(mesh.vertices, mesh.faces, mesh.face_normals)) == np.inf
 
 
-@njit
+@allocating_entry
 def roughened(roughness, direction, normal, downwind, across):
     """Return slopes of the tilt, the tilted normal and its exposure, for each pair of numbers."""
     out = np.empty((len(downwind), 6))

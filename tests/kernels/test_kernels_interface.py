@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from numba import njit
 
 import meshtrace as mt
 from meshtrace.kernels.interface import (
@@ -16,18 +15,19 @@ from meshtrace.kernels.interface import (
     refract,
     refract_as_printed,
 )
+from meshtrace.kernels.jit import allocating_entry, inlined
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.optics import fresnel
 
 N = 1.33
 
 
-@njit
+@inlined
 def vector(a):
     return Vec3(a[0], a[1], a[2])
 
 
-@njit
+@allocating_entry
 def _cross(d, n, cos_i, n1, n2):
     return refract(vector(d), vector(n), cos_i, n1, n2)
 
@@ -37,7 +37,7 @@ def cross(d, n, cos_i, n1, n2):
     return cos_t, *out
 
 
-@njit
+@allocating_entry
 def rho(cos_i, cos_t, n1, n2):
     return reflectance(cos_i, cos_t, n1, n2)
 
@@ -46,7 +46,7 @@ def switches(snell, direction):
     return Interface(int(snell), int(direction), 0, True, True, 1.0, 0)
 
 
-@njit
+@allocating_entry
 def _printed(d, n, cos_i, n1, n2, interface):
     return refract_as_printed(vector(d), vector(n), cos_i, n1, n2, interface)
 
@@ -56,7 +56,7 @@ def printed(d, n, cos_i, n1, n2, snell, direction):
     return cos_t, loss, *out
 
 
-@njit
+@allocating_entry
 def _branches(d, n, g, n1, n2, interface):
     return branches(vector(d), vector(n), vector(g), n1, n2, interface)
 

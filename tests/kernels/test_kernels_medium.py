@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, chi2_test, sidak
-from numba import njit
 
 import meshtrace as mt
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.setup.arrays import medium_arrays, with_raster
 from meshtrace.kernels import medium as kernel
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.random import uniforms
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.surfaces import FlatSea, SinusoidalSea
@@ -20,7 +19,7 @@ LAYERED = mt.Water(layers=LAYERS)
 GRID_ERROR = 1e-3  # the layers are tabulated every 8 m / 2048
 
 
-@njit
+@allocating_entry
 def look_up(table, positions):
     out = np.empty(len(positions))
     for i in range(len(positions)):
@@ -28,7 +27,7 @@ def look_up(table, positions):
     return out
 
 
-@njit
+@allocating_entry
 def coefficients(medium, x, y, z):
     out = np.empty((len(z), 3))
     for i in range(len(z)):
@@ -38,12 +37,12 @@ def coefficients(medium, x, y, z):
     return out
 
 
-@njit
+@allocating_entry
 def path(medium, z0, z1, length):
     return kernel.absorption_path(medium, z0, z1, length)
 
 
-@njit
+@allocating_entry
 def elevations(medium, x, y):
     out = np.empty(len(x))
     for i in range(len(x)):
@@ -51,12 +50,12 @@ def elevations(medium, x, y):
     return out
 
 
-@njit
+@allocating_entry
 def free_path(medium, z, u):
     return kernel.sample_free_path(medium, Vec3(0.0, 0.0, z), u)
 
 
-@njit
+@allocating_entry
 def collisions(medium, z, n, seed):
     """Return s and weight after n tentative collisions at height z."""
     out = np.empty((n, 2))
@@ -70,7 +69,7 @@ def collisions(medium, z, n, seed):
 def medium_of(water=None, surface=None, extent=20.0, **link):
     link = mt.Link(water=water or mt.Water(), **link)
     mesh = (surface or FlatSea()).mesh(extent=extent, spacing=extent / 80)
-    return with_raster(medium_arrays(link, float(mesh.bounds[1, 2])), EmbreeIntersector(mesh, 1))
+    return with_raster(medium_arrays(link, float(mesh.bounds[1, 2])), mt.EmbreeIntersector(mesh, 1))
 
 
 def test_lookup_is_linear_interpolation():

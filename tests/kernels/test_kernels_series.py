@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, chi2_test, sidak, z_test
-from numba import njit
 
 from meshtrace.kernels.interface import (
     Roughness,
@@ -14,6 +13,7 @@ from meshtrace.kernels.interface import (
     roughened,
     slope_tilt,
 )
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.surfaces import GramCharlier
 
@@ -27,7 +27,7 @@ N = 400_000
 WIND = 0.7
 
 
-@njit
+@allocating_entry
 def tilts(u, roughness):
     """Return slopes along x and y, and two uniform numbers each."""
     out = np.empty((len(u), 2))
@@ -37,7 +37,7 @@ def tilts(u, roughness):
     return out
 
 
-@njit
+@allocating_entry
 def met_tilts(d, u, roughness):
     """Return slopes that light along d meets on a level mesh."""
     out, up = np.empty((len(u), 2)), Vec3(0.0, 0.0, 1.0)
@@ -47,7 +47,7 @@ def met_tilts(d, u, roughness):
     return out
 
 
-@njit
+@allocating_entry
 def turned(along, across, roughness):
     """Return the slopes along x and y of slopes in standard deviations."""
     out = np.empty((len(along), 2))

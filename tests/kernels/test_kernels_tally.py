@@ -4,18 +4,18 @@ import math
 
 import numpy as np
 import pytest
-from numba import njit
 
 import meshtrace as mt
 from meshtrace.engine.photons.analog import FixedPointSum
 from meshtrace.engine.setup.arrays import aperture_arrays, medium_arrays
 from meshtrace.kernels import tally as kernel
 from meshtrace.kernels.interface import FieldOfView
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.tints import NO_TINTS
 from meshtrace.kernels.vectors import UP, Vec3, row
 
 
-@njit
+@allocating_entry
 def distances(apertures, i, origins, directions, length, fov):
     out = np.empty(len(origins))
     for k in range(len(origins)):
@@ -24,27 +24,27 @@ def distances(apertures, i, origins, directions, length, fov):
     return out
 
 
-@njit
+@allocating_entry
 def planes(tallies, origins, directions, length, weight, medium):
     for k in range(len(origins)):
         flight = kernel.Segment(row(origins, k), row(directions, k), length[k], weight, 0.0, 0.0)
         kernel.score_planes(tallies, 1, k, flight, medium)
 
 
-@njit
+@allocating_entry
 def mapped(tallies, origins, directions, weight, medium):
     for k in range(len(origins)):
         flight = kernel.Segment(row(origins, k), row(directions, k), math.inf, weight[k], 0.0, 0.0)
         kernel.score_map(tallies, flight, medium, NO_TINTS, np.zeros(8))
 
 
-@njit
+@allocating_entry
 def deposits(tallies, weights):
     for w in weights:
         kernel.deposit(tallies, kernel.Fate.LANDED.value, w)
 
 
-@njit
+@allocating_entry
 def scored(tallies, apertures, origins, directions, length, weight, fov, medium):
     hit, tint = np.zeros(len(origins), np.bool_), np.zeros(8)
     for k in range(len(origins)):

@@ -1,8 +1,9 @@
 """Sums of other wavelengths: none of their code where there is one wavelength."""
 
 import numpy as np
-from numba import njit, typeof, types
+from numba import typeof, types
 
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.tints import (
     NO_TINTS,
     copy_tint,
@@ -13,7 +14,7 @@ from meshtrace.kernels.tints import (
 )
 
 
-@njit
+@allocating_entry
 def all_steps(tints, sums, out):
     reset_tint(tints, sums)
     tint_way(tints, sums, -2.0, -1.0, 1.0)

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, chi2_test, sidak
-from numba import njit
 
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.random import Purpose, philox, uniforms
 
 ONES = 0xFFFFFFFF
@@ -31,12 +31,12 @@ KNOWN_ANSWERS = [
 ]
 
 
-@njit
+@allocating_entry
 def words(seed, photon, event, purpose):
     return philox(seed, photon, event, purpose)
 
 
-@njit
+@allocating_entry
 def draw(seed, photons, events, purposes):
     out = np.empty((len(photons), 4))
     for i in range(len(photons)):

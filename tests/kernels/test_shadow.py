@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.bvh import BruteForceIntersector, EmbreeIntersector
 from meshtrace.engine.setup.arrays import locator, surface_arrays
 from meshtrace.engine.setup.ends import forced_link
 from meshtrace.kernels.rays import BESIDE, CUT, FREE, shadows
@@ -40,17 +39,17 @@ def blocked(intersector, start, direction, length):
     return hits.distance < length - 3.0 * hair
 
 
-@pytest.mark.parametrize("intersector", [BruteForceIntersector, EmbreeIntersector])
+@pytest.mark.parametrize("intersector", [mt.BruteForceIntersector, mt.EmbreeIntersector])
 def test_the_walk_finds_what_rays_find(steep, intersector):
     mesh, surface, grid = steep
-    n = 500 if intersector is BruteForceIntersector else 20_000
+    n = 500 if intersector is mt.BruteForceIntersector else 20_000
     start, direction, length = paths(n, 3.0, 5)
     outcome = np.empty(n, np.int64)
     shadows(start, direction, length, surface, grid, outcome)
     expected = blocked(intersector(mesh), start, direction, length)
     assert set(outcome) == {FREE, CUT}
     # single precision decides otherwise only at an edge or at an end
-    allowed = 0 if intersector is BruteForceIntersector else 2
+    allowed = 0 if intersector is mt.BruteForceIntersector else 2
     assert np.count_nonzero((outcome == CUT) != expected) <= allowed
     assert 0.2 < expected.mean() < 0.8
 

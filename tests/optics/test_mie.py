@@ -117,6 +117,7 @@ def test_tables_are_read_only():
 
 
 @pytest.mark.process
+@pytest.mark.thorough
 def test_the_compiled_backend_is_used_and_the_environment_left_alone():
     code = (
         "import os\n"

@@ -163,6 +163,7 @@ def _section(page, start):
     return text[text.index(start) :].split("\n\n")[0]
 
 
+@pytest.mark.thorough
 def test_link_file_page_is_that_of_the_models():
     """In another process: tests register kinds of their own."""
     code = "from make_link_file import PAGE, page; assert page() == PAGE.read_text('utf-8')"

@@ -25,12 +25,14 @@ SLOW = {
     "meshtrace.studies.comparison",
     "meshtrace.studies.sensitivity.study",
 }
+LONG = {"meshtrace.studies.designs.study"}  # a design, as in the tests of its room
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.thorough] * (name in SLOW)) for name in MODULES],
-)
+def marks_of(name):
+    return [pytest.mark.slow] * (name in LONG) + [pytest.mark.thorough] * (name in SLOW)
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=marks_of(n)) for n in MODULES])
 def test_examples_of_a_module(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert doctest.testmod(importlib.import_module(name)).failed == 0

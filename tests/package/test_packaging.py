@@ -115,6 +115,7 @@ def test_importing_meshtrace_loads_nothing_heavy():
 
 
 @pytest.mark.process
+@pytest.mark.thorough
 def test_the_core_loads_neither_pictures_nor_clusters():
     code = "import meshtrace as mt, meshtrace.surfaces\nmt.simulate, mt.Link(), mt.GainResult"
     heavy = {"dask", "distributed", "imageio", "matplotlib", "pyvista", "xarray", "meshtrace.viz"}
@@ -130,6 +131,7 @@ def test_help_loads_nothing_heavy(arguments):
 
 
 @pytest.mark.process
+@pytest.mark.thorough
 def test_a_run_with_compiled_kernels_loads_no_more_than_it_needs():
     """scipy.stats alone takes as long to import as a run; numba.np serves compilation."""
     code = "from meshtrace.cli import app\napp(['run'], standalone_mode=False)"

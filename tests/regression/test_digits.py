@@ -1,9 +1,10 @@
 """Numbers of small runs against those kept: a change of structure leaves every digit.
 
-The kept numbers are those of one processor and its libraries, named in the file: elsewhere the
-tests are skipped, since the last bits differ, and a search that takes another branch by them
-differs more. To judge a change there, make the numbers with --update-golden before it. Whoever
-changes an estimator replaces them on purpose, and says so.
+The kept numbers are those of one processor and its libraries, named in the file: there every digit
+counts. Elsewhere the last bits differ, between instruction sets of 256 and of 512 bits by up to
+5e-8 in differences of nearly equal numbers; numbers that agree to 1e-6 pass. To judge a change by
+every digit there, make the numbers with --update-golden before it. Whoever changes an estimator
+replaces them on purpose, and says so.
 """
 
 import json
@@ -19,6 +20,7 @@ from meshtrace.results.provenance import environment
 
 DIGITS = Path(__file__).with_name("digits.json")
 MOST_NUMBERS = 40  # of an array kept as it is; of a longer one, sums
+ELSEWHERE = 1e-6  # relative tolerance on other processors
 COSTS = ("mesh_time", "bvh_time", "evaluation_time")
 SLOW = ("optimum hover", "performance coupled", "compare lit", "compare lit seas")
 
@@ -55,8 +57,6 @@ def reduced(value):
 def test_digits_are_those_kept(name, request):
     kept = json.loads(DIGITS.read_text())
     update = request.config.getoption("--update-golden")
-    if kept.get("machine") != machine() and not update:
-        pytest.skip(f"the digits are those of {kept.get('machine')}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = numbers_of(CASES[name]())
@@ -65,5 +65,6 @@ def test_digits_are_those_kept(name, request):
         DIGITS.write_text(json.dumps(kept, indent=0, sort_keys=True) + "\n")
         return
     assert found.keys() == kept[name].keys()
+    rtol = 0.0 if kept["machine"] == machine() else ELSEWHERE
     for key, values in found.items():
-        np.testing.assert_array_equal(values, kept[name][key], err_msg=key)
+        np.testing.assert_allclose(values, kept[name][key], rtol, err_msg=key)

@@ -54,6 +54,7 @@ def test_unscattered_rows_are_the_unscattered_gain(forced):
 
 
 @pytest.mark.parametrize("receiver", [0, 1])
+@pytest.mark.thorough
 def test_estimators_agree_on_the_delays(forced, analog, receiver):
     """The first arrival differs: compare the mean time itself, and the spread."""
     f, a = (impulse_response(r, receiver=receiver) for r in (forced, analog))

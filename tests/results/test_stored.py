@@ -34,7 +34,7 @@ from meshtrace.validation import measured
 FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
 
 
-def _studies():
+def _studies(design):
     """Return results of studies over still water, as small as can be."""
     link, sea = mt.Link(), FlatSea()
     day = mt.Daylight(direct=1.0, diffuse=0.3)
@@ -53,7 +53,7 @@ def _studies():
             link, sea, {"transmitter.half_angle_deg": (5.0, 20.0)}, objective="gain", photons=64,
             realizations=2,
         ),
-        "design": mt.design(mt.Scenario.from_toml("wind_speed = 0.0"), photons=64, realizations=8),
+        "design": design,
         "wavelengths": mt.simulate(
             link.replace("water", mt.Water.from_type("jerlov-II")), sea, photons=64,
             wavelengths_nm=[450.0, 500.0],
@@ -66,7 +66,7 @@ def _studies():
 
 
 @pytest.fixture(scope="module")
-def results():
+def results(calm_design):
     """Return a small result of every kind."""
     link = mt.Link(receiver=mt.Receiver(radius=1.0))
     gain = mt.simulate(link, FLAT, estimator="analog", photons=8192, record=[mt.Arrivals()])
@@ -115,7 +115,7 @@ def results():
         "performance": performance,
         "depth-sweep": mt.DepthSweep((0.0, 5.0), (performance, performance)),
         "convergence": study,
-        **_studies(),
+        **_studies(calm_design),
         "measured": measured.run(["cox-munk"]),
         "trace": mt.channel_trace(mt.Link(), FlatSea(), hours=1e-4, rate=10.0, photons=64),
         "fading-convergence": fading_study(mt.Link(), resolved_sea(5.0), [2.0, 3.0, 4.0, 6.0]),
@@ -268,6 +268,8 @@ except OSError as error:
 """
 
 
+@pytest.mark.process
+@pytest.mark.thorough
 def test_a_full_disk_keeps_the_old_file(results, tmp_path, tmp_path_factory):
     good, kept = tmp_path / "good.nc", tmp_path_factory.mktemp("kept") / "a.nc"
     good.write_bytes(b"good")

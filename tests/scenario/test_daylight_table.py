@@ -170,6 +170,7 @@ def test_every_error_rate_names_its_light(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::meshtrace.DaylightWarning")
+@pytest.mark.thorough
 def test_ranges_of_several_winds_name_the_light_of_each():
     from meshtrace.studies import DepthSweep
 

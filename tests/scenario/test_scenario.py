@@ -291,7 +291,7 @@ def test_a_result_holds_its_scenario(text, tmp_path):
 
 
 def test_a_result_of_a_script_gives_a_scenario():
-    link = mt.Link(bubbles=mt.HallNovarini(wind_speed=7.0, wavelength_nm=500.0, q=2.0))
+    link = mt.Link(bubbles=mt.HallNovarini(wind_speed=7.0, psi="paper", q=2.0))
     result = mt.simulate(link, FlatSea(), photons=1000)
     scenario = Scenario.from_provenance(result.provenance)
     assert (scenario.link, scenario.surface, scenario.wind_speed) == (link, FlatSea(), 7.0)

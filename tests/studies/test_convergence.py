@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 import xarray as xr
-from numba import njit
 from typer.testing import CliRunner
 
 import meshtrace as mt
 from meshtrace import cli
 from meshtrace.engine.chains.wave_sum import shape_at
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import refract
 from meshtrace.scenario import Scenario
@@ -46,7 +46,7 @@ def exact(link, sea, photons=256, spacing=0.125, time=0.0):
     return common(link, sea, photons, time=time).exact(sea, spacing)
 
 
-@njit
+@allocating_entry
 def shapes(waves, x, y):
     return [shape_at(waves, x[i], y[i]) for i in range(len(x))]
 
@@ -380,6 +380,7 @@ def converge_command(*arguments):
 FEW = ["--photons", "64", "--threads", "1", "--set", "bubbles=none"]
 
 
+@pytest.mark.thorough
 def test_command_prints_writes_and_draws(tmp_path):
     pytest.importorskip("matplotlib").use("Agg")
     table, picture = tmp_path / "study.nc", tmp_path / "study.png"

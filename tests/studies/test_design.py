@@ -2,6 +2,7 @@
 
 import math
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,13 +17,13 @@ pytestmark = pytest.mark.filterwarnings(
     "ignore::meshtrace.DomainWarning",
     "ignore::meshtrace.FewSamplesWarning",
 )
-DAY = "[daylight]\ndirect = 1.42\ndiffuse = 0.295\n"
-CALM = f"wind_speed = 0.0\n[receiver]\nfov_deg = 30.0\n{DAY}"
+CALM = "wind_speed = 0.0\n[daylight]\ndirect = 1.42\ndiffuse = 0.295\n[receiver]\nfov_deg = 30.0\n"
 WIDTH = "detector.optics.filter_width_nm"
 FEW = {"photons": 128, "realizations": 8}
 SOME = {**FEW, "photons": 256}
 
 
+@cache
 def performance(text, **changes):
     """Return the mean margin of a run of its own by day [dB]; over still water the reserve."""
     changes = {key.replace("__", "."): value for key, value in changes.items()}
@@ -31,9 +32,9 @@ def performance(text, **changes):
     return mt.link_performance(at, photons=1024, realizations=2).at().margin_optical_db.value
 
 
-@pytest.fixture(scope="module")
-def calm():
-    return mt.design(mt.Scenario.from_toml(CALM), **FEW)
+@pytest.fixture
+def calm(calm_design):
+    return calm_design
 
 
 def test_lines_of_the_budget_add_up(calm):
@@ -64,11 +65,12 @@ def test_figures_are_those_of_a_performance(calm):
     assert day.capacity == at.capacity.hard
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("key", "values"),
     [
         ("receiver.fov_deg", (5.0, 10.0, 20.0, 40.0)),
-        (WIDTH, (8.0, 16.0, 32.0)),
+        pytest.param(WIDTH, (8.0, 16.0, 32.0), marks=pytest.mark.slow),
         pytest.param("receiver.radius", (0.0125, 0.05, 0.2), marks=pytest.mark.slow),
         pytest.param("receiver.height", (2.5, 5.0, 10.0), marks=pytest.mark.slow),
     ],

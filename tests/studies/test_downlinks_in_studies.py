@@ -1,6 +1,7 @@
 """Links from the air into the water in all studies."""
 
 import warnings
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -69,6 +70,7 @@ STUDIES = {
 
 @pytest.mark.parametrize("link", [DOWN, BEAM, HAT], ids=["led", "beam", "top hat"])
 @pytest.mark.parametrize("study", STUDIES)
+@pytest.mark.slow_but(*map("-".join, zip(STUDIES, cycle(["led", "beam", "top hat"]))))
 def test_studies_take_a_downlink(study, link):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of few chains

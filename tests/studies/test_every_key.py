@@ -43,7 +43,7 @@ def margin(key, value):
 @pytest.mark.parametrize(
     ("key", "base"),
     [
-        (WIDTH, 2.0),
+        pytest.param(WIDTH, 2.0, marks=pytest.mark.slow),
         pytest.param("detector.bit_rate", 1e6, marks=pytest.mark.slow),
         pytest.param("detector.sipm.pde", 0.3, marks=pytest.mark.thorough),
         pytest.param("daylight.direct", 1.42, marks=pytest.mark.slow),

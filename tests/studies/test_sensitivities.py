@@ -331,6 +331,7 @@ def test_margin_error_rate_and_fixed_gain_follow_the_gain():
     assert ber.table[0].elasticity == pytest.approx(a * slope, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_outage_over_common_seas():
     link = mt.Link().replace("transmitter.depth", 55.0)
     s = mt.sensitivities(

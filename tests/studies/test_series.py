@@ -328,7 +328,16 @@ def test_commands_write_what_they_print(tmp_path):
         (("--times", "0"), ["0 s", "no fading statistics: gain: shape (1,)"]),
         (("--times", "0,1,5"), ["5 s", "no fading statistics: time: not equally spaced"]),
         (
-            ("--times", "0,1", "--set", "receiver.tilt_deg=89", "--set", "receiver.fov_deg=1"),
+            (
+                "--times",
+                "0,1",
+                "--photons",
+                "64",
+                "--set",
+                "receiver.tilt_deg=89",
+                "--set",
+                "receiver.fov_deg=1",
+            ),
             ["0.0000e+00", "no fading statistics: gain: all 0"],
         ),
     ],

@@ -84,6 +84,7 @@ STUDIES = {
     ),
 }  # fmt: skip
 KEPT = ("ensemble", "compare", "optimize", "series", "trace", "coverage", "infer", "irradiance")
+LONG = ("trace", "infer", "irradiance")
 COSTS = ("mesh_time", "bvh_time", "evaluation_time")
 
 
@@ -130,7 +131,9 @@ def killed_after(items, study, path):
 
 
 @pytest.mark.process
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.thorough) if n in LONG else n for n in STUDIES]
+)
 @pytest.mark.slow_but(*KEPT)
 def test_killed_study_resumes_with_the_same_digits(name, tmp_path, monkeypatch):
     study, path = STUDIES[name], tmp_path / "kept.store"

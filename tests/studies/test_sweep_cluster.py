@@ -82,6 +82,7 @@ def foreign(request, tmp_path):
     return tmp_path, f"kernels {b'other'.hex()} there"
 
 
+@pytest.mark.thorough
 def test_foreign_worker_is_refused(scheduler, worker_of, foreign, tmp_path):
     _, address = scheduler
     packages, message = foreign

@@ -81,6 +81,7 @@ def test_background_at_its_own_rate():
     assert found.provenance["daylight"]["direct"] == 1.42
 
 
+@pytest.mark.thorough
 def test_digits_do_not_depend_on_threads():
     options = {"hours": 12.0 / 3600.0, "rate": 10.0, "photons": 64}
     one, two = (mt.channel_trace(LINK, FlatSea(), threads=threads, **options) for threads in (1, 3))

@@ -6,7 +6,6 @@ from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
 from meshtrace.daylight import Daylight
-from meshtrace.engine.setup.options import Arrivals
 from meshtrace.errors import Refused
 from meshtrace.results import impulse_response, load
 from meshtrace.studies import coverage, link_performance
@@ -167,13 +166,13 @@ def test_errors_of_deep_maps_keep_their_digits():
 
 
 def test_arrivals_of_common_paths_are_those_of_each_wavelength():
-    kw = {"photons": 4096, "record": [Arrivals()]}
+    kw = {"photons": 4096, "record": [mt.Arrivals()]}
     for nm, one in mt.simulate(LINK, SEA, wavelengths_nm=AT, **kw):
         assert one.arrivals.weight.sum() == pytest.approx(one.gain, rel=1e-5)
         alone = mt.simulate(LINK.at_wavelength(nm), SEA, seed=5, **kw)
         a, b = (impulse_response(r) for r in (one, alone))
         p = z_test(a.mean_delay, a.mean_delay_stderr, b.mean_delay, b.mean_delay_stderr)
         assert p > sidak(ALPHA, 3)
-    kw = {"photons": 20_000, "record": [Arrivals()]}
+    kw = {"photons": 20_000, "record": [mt.Arrivals()]}
     for _, one in mt.simulate(LINK, FlatSea(), "analog", wavelengths_nm=AT, **kw):
         assert one.arrivals.weight.sum() == pytest.approx(one.gain, rel=1e-12)

@@ -51,9 +51,9 @@ def test_moments_of_the_series(law):
 @pytest.mark.thorough
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_the_density_is_positive_and_keeps_all_moments(law):
-    line = np.arange(-9.0, 9.0, 0.013)
+    line = np.arange(-9.0, 9.0, 0.02)
     xi, eta = np.meshgrid(line, line, indexing="ij")
-    mass = np.exp(-0.5 * (xi**2 + eta**2)) / (2.0 * math.pi) * 0.013**2
+    mass = np.exp(-0.5 * (xi**2 + eta**2)) / (2.0 * math.pi) * 0.02**2
     over = over_gaussian.py_func(law.series, -eta, xi)
     assert over.min() >= 0.0
     np.testing.assert_allclose(moments(over, xi, eta, mass), wanted(law), atol=1e-4)

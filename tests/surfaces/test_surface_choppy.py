@@ -163,7 +163,7 @@ def cells(sea, rng, n, h=1e-3):
     [
         (5.0, None, 1.004, 0.0797),
         (13.0, None, None, 0.1006),
-        (13.0, 9.0, 1.022, None),
+        pytest.param(13.0, 9.0, 1.022, None, marks=pytest.mark.thorough),
     ],
 )
 def test_area_and_slope_variance(wind, omega_max, ratio, spread):

@@ -79,6 +79,7 @@ def test_verdicts_of_intervals():
     assert found == ["outside", "inside", "outside", "predicted", "inside"]
 
 
+@pytest.mark.thorough
 def test_table_in_files(tmp_path):
     table = measured.run(["hu", "alharbi"])
     table.save(tmp_path / "table.nc")

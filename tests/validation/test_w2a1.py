@@ -111,8 +111,14 @@ def test_repeated_and_empty_times_of_a_series_do_not_pass(tmp_path):
     assert scored(write(tmp_path / "c.csv", rows)).splitlines()[-1] == "score 1 of 1"
 
 
+CASES = tuple(w2a1.reference()["cases"])
+
+
 @pytest.mark.thorough
-@pytest.mark.parametrize("case", w2a1.reference()["cases"])
+@pytest.mark.parametrize(
+    "case",
+    [c if i % 3 == 0 else pytest.param(c, marks=pytest.mark.slow) for i, c in enumerate(CASES)],
+)
 def test_unscattered_gains_by_quadrature(case):
     """NumPy alone over the analytic surfaces; 1000 points along the image of a disk."""
     name, variant = case.split("/")

@@ -7,7 +7,6 @@ from PIL import Image
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.engine.paths import PhotonPaths
 from meshtrace.engine.photons.state import Vertex
 from meshtrace.surfaces import FlatSea, SinusoidalSea
 from meshtrace.viz import export
@@ -24,7 +23,7 @@ def mesh():
 @pytest.fixture(scope="module")
 def paths():
     nan = np.nan
-    return PhotonPaths(
+    return mt.PhotonPaths(
         vertex=np.array(
             [
                 [[0, 0, -5], [0, 0, -1], [0.5, 0, 0], [1, 0, 3]],

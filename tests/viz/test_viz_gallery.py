@@ -40,7 +40,7 @@ def pixels(path):
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 @pytest.mark.thorough
-@pytest.mark.slow_but("bubbles")
+@pytest.mark.slow_but("spectra")
 def test_gallery(script, made):
     assert made(script)
     for path in made(script):

@@ -196,6 +196,8 @@ def test_the_best_place_of_a_map_is_marked_where_it_is_resolved():
     ax = viz.plot_coverage(mt.CoverageMap(x, y, gain, 0.2 * gain), decibel=True)
     assert not ax.get_lines()
     assert re.fullmatch(r"highest gain: \d\d cells within errors", ax.texts[-1].get_text())
+    dark = np.zeros_like(gain)
+    assert not viz.plot_coverage(mt.CoverageMap(x, y, dark, dark)).texts
     ax = viz.plot_coverage(xr.Dataset({"gain": (("x", "y"), gain)}, {"x": x, "y": y}))
     assert not any("highest" in text.get_text() for text in ax.texts)  # errors are not known
 

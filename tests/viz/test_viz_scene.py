@@ -7,7 +7,6 @@ from matplotlib.colors import to_rgb
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.engine.paths import PhotonPaths
 from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
 from meshtrace.viz.export import surface_sampler
 from meshtrace.viz.parts import cone_rim, rotation_from_z
@@ -17,6 +16,14 @@ from meshtrace.viz.style import FATE_COLORS, LED_COLOR
 LINK = mt.Link()
 SEA = JonswapSea(wind_speed=5.0, seed=7)
 SMALL = {"off_screen": True, "window_size": (480, 300)}
+
+
+@pytest.fixture(scope="module")
+def plain():
+    """Return the default scene and its picture."""
+    plotter = viz.scene(LINK, SEA, style=viz.SceneStyle(**SMALL, spacing=0.4))
+    yield plotter, np.asarray(plotter.screenshot(return_img=True)).astype(int)
+    plotter.close()
 
 
 @pytest.fixture
@@ -46,7 +53,7 @@ def straight(n=12, height=5.0):
     x = np.linspace(-0.4, 0.4, n)
     o = np.zeros(n)
     points = [np.stack([x * s, o, np.full(n, z)], axis=1) for s, z in ((0, -10), (1, 0), (0, 5))]
-    return PhotonPaths(
+    return mt.PhotonPaths(
         np.stack(points, axis=1),
         np.full((n, 3), 1e-6),
         np.tile(np.array([0, 2, 5], np.int8), (n, 1)),
@@ -54,8 +61,8 @@ def straight(n=12, height=5.0):
     )
 
 
-def test_the_default_scene_shows_lamp_surface_and_receiver(shoot):
-    plotter, image = shoot()
+def test_the_default_scene_shows_lamp_surface_and_receiver(plain):
+    plotter, image = plain
     assert image.std() > 10.0
     assert count(image, LED_COLOR, 90) > 10
     for name in ("surface", "water"):
@@ -92,13 +99,13 @@ def test_received_light_is_always_among_the_paths_shown(shoot):
     assert "footprint" in plotter.actors
 
 
-def test_paths_given_are_the_paths_drawn(shoot):
-    plain, before = shoot()
+def test_paths_given_are_the_paths_drawn(shoot, plain):
+    default, before = plain
     plotter, image = shoot(received=straight())
     received = FATE_COLORS["received"]
     assert count(image, received) > count(before, received) + 30
     assert set(plotter.key) == {"photons received"}
-    assert plain.key == {}
+    assert default.key == {}
     without, _ = shoot(received=straight(), footprint=False)
     assert "footprint" not in without.actors
 
@@ -146,7 +153,15 @@ def test_colour_by_weight_has_a_bar(shoot):
     assert "photon weight" in plotter.scalar_bars
 
 
-@pytest.mark.parametrize("color", ["elevation", "slope", "slope_x", "slope_y", "plain"])
+@pytest.mark.parametrize(
+    "color",
+    [
+        "slope",
+        "slope_x",
+        "plain",
+        *(pytest.param(c, marks=pytest.mark.slow) for c in ("elevation", "slope_y")),
+    ],
+)
 def test_surface_colours(shoot, color):
     plotter, _ = shoot(color=color, color_limit=0.5)
     assert len(plotter.scalar_bars) == (color != "plain")
@@ -155,8 +170,9 @@ def test_surface_colours(shoot, color):
         assert plotter.actors["surface"].mapper.scalar_range == (low, 0.5)
 
 
-def test_parts_can_be_left_out_and_edges_shown(shoot):
-    _, full = shoot()
+@pytest.mark.thorough
+def test_parts_can_be_left_out_and_edges_shown(shoot, plain):
+    _, full = plain
     for options in ({"uav": False}, {"labels": False}, {"edges": True}, {"opacity": 0.3}):
         _, other = shoot(**options)
         assert (np.abs(full - other).sum(axis=2) > 30).mean() > 5e-4, options
@@ -173,7 +189,7 @@ def bubbles_of(plotter):
     return np.concatenate(points or [np.empty((0, 3))])
 
 
-def test_bubbles_are_points_in_proportion_to_their_density(shoot):
+def test_bubbles_are_points_in_proportion_to_their_density(shoot, plain):
     layer = mt.HallNovarini(wind_speed=13.0)
     plotter, image = shoot(mt.Link(bubbles=layer))
     _, clear = shoot(mt.Link(bubbles=layer), bubbles=False)
@@ -188,7 +204,7 @@ def test_bubbles_are_points_in_proportion_to_their_density(shoot):
     assert -below[:, 2].mean() == pytest.approx(mean, abs=4.0 * scatter)
     few, _ = shoot(mt.Link(bubbles=mt.HallNovarini(wind_speed=8.0)))
     assert 0 < len(bubbles_of(few)) < 0.5 * len(below)
-    assert not len(bubbles_of(shoot()[0]))
+    assert not len(bubbles_of(plain[0]))
 
 
 def rays_of(plotter):
@@ -282,8 +298,8 @@ def test_the_block_of_water_is_closed(shoot):
     assert near.mapper.dataset["tint"][:, 3].max() < far.mapper.dataset["tint"][:, 3].min()
 
 
-def test_the_aircraft_leans_with_its_receiver(shoot):
-    _, level = shoot()
+def test_the_aircraft_leans_with_its_receiver(shoot, plain):
+    _, level = plain
     _, leaning = shoot(mt.Link(receiver=mt.Receiver(tilt_deg=20.0, tilt_azimuth_deg=90.0)))
     top = slice(0, 80)
     assert (np.abs(level - leaning).sum(axis=2) > 60)[top].sum() > 40
@@ -418,12 +434,9 @@ def test_a_map_of_so_many_photons(shoot):
         shoot(None, SEA.mesh(extent=2.0, spacing=0.5), coverage=10)
 
 
-def test_without_labels_no_text_is_written():
-    style = viz.SceneStyle(**SMALL, spacing=0.4)
-    for labels in (True, False):
-        plotter = viz.scene(LINK, SEA, style=style.replace(labels=labels))
-        assert bool(plotter.texts) is labels
-        plotter.close()
+def test_without_labels_no_text_is_written(shoot, plain):
+    assert plain[0].texts
+    assert not shoot(labels=False)[0].texts
 
 
 def test_choppy_seas_end_at_the_sides_of_the_stage(shoot):

@@ -7,7 +7,6 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains import cells
 from meshtrace.engine.setup.arrays import locator, surface_arrays
 from meshtrace.engine.setup.ends import forced_link
@@ -93,7 +92,7 @@ def test_a_single_path_is_cut_as_in_a_list():
     assert 0.2 < free.mean() < 0.8
     # longer paths leave the bins, where nothing cuts them; a hair is 4 mm here
     _free(start, direction, np.full(5000, 40.0), surface, grid, free)
-    met = EmbreeIntersector(mesh, 1).intersect(start, direction).distance
+    met = mt.EmbreeIntersector(mesh, 1).intersect(start, direction).distance
     sure = (met > 0.01) & ((met < 30.0) | np.isinf(met))
     assert np.count_nonzero(free[sure] != np.isinf(met[sure])) <= 2  # single precision at edges
     assert 0.2 < free.mean() < 0.8

@@ -9,7 +9,6 @@ from mc_statistics import ALPHA, chi2_test, sidak, z_test
 from scipy import integrate, stats
 
 import meshtrace as mt
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains import sampling as kernel
 from meshtrace.engine.chains.sets import nominal as nominal_of
 from meshtrace.engine.setup.arrays import medium_arrays, with_raster
@@ -299,7 +298,7 @@ def test_paths_through_bubbles_below_waves():
     sea = JonswapSea(wind_speed=13.0, seed=2, waves="paper")
     mesh = sea.mesh(extent=12.0, spacing=0.1)
     link = mt.Link(bubbles=bubbles)
-    medium = with_raster(medium_arrays(link), EmbreeIntersector(mesh, 1))
+    medium = with_raster(medium_arrays(link), mt.EmbreeIntersector(mesh, 1))
     ends = []
     rng = np.random.default_rng(1)
     for x, y, dx, dy in rng.uniform(-2.0, 2.0, (12, 4)):
@@ -327,6 +326,6 @@ def test_local_depth_on_a_flat_sea_is_the_clamped_depth():
             medium_arrays(mt.Link(bubbles=mt.HallNovarini(wind_speed=13.0, depth=mode)))
             for mode in ("local", "clamped")
         ]
-        local = paths(with_raster(media[0], EmbreeIntersector(mesh, 1)), rows)
+        local = paths(with_raster(media[0], mt.EmbreeIntersector(mesh, 1)), rows)
         clamped = paths(media[1], ENDS)
         np.testing.assert_allclose(local, clamped, rtol=1e-6)

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from numba import njit
 from scipy.stats import ncx2
 
 import meshtrace as mt
@@ -14,6 +13,7 @@ from meshtrace.engine.chains.aimed import _disk_nodes, _disk_rule, _slope_rule
 from meshtrace.engine.chains.microfacets import slope_towards, whitened
 from meshtrace.engine.crossing import land_sloped, straight_shot
 from meshtrace.kernels.interface import Roughness, slope_tilt
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.vectors import Vec2, Vec3, minus, norm, scaled
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea
@@ -21,7 +21,7 @@ from meshtrace.surfaces import FlatSea
 ROUGH = UnresolvedSlopes((0.02, 0.01), (0.02, 0.01), 40.0)
 
 
-@njit
+@allocating_entry
 def towards(p, mesh_slope, goal, scene):
     """Return tilt, density, reflectance and flight of the slope that sends light to a point."""
     at = Vec3(p[0], p[1], p[2])
@@ -33,14 +33,14 @@ def towards(p, mesh_slope, goal, scene):
     return s.tilt.x, s.tilt.y, s.density, s.aim.rho, s.aim.flight
 
 
-@njit
+@allocating_entry
 def landing(p, slope_x, slope_y, scene):
     """Return where light crosses to through a slope, its reflectance and flight."""
     m = land_sloped(Vec3(p[0], p[1], p[2]), slope_x, slope_y, straight_shot(0.0, 0.0, scene), scene)
     return m.at.x, m.at.y, m.rho, m.flight
 
 
-@njit
+@allocating_entry
 def there_and_back(roughness, x, y):
     """Return a slope after `slope_tilt` and `whitened`."""
     u = whitened(roughness, slope_tilt(roughness, x, y))

@@ -1,6 +1,7 @@
 """Waves that the mesh leaves out: both estimators against a plain quadrature, and the closure."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ def rough(mesh, direction_deg=30.0):
     return mt.TriangleMesh(mesh.vertices, mesh.faces, mesh.vertex_normals, slopes)
 
 
+@cache
 def quadrature(link, variance, direction_deg, series=GAUSSIAN):
     """Return the gain through a flat sea with random slopes, no scattering, by brute force.
 
@@ -98,6 +100,7 @@ def test_rough_flat_sea_against_quadrature(normals):
 @pytest.mark.parametrize("normals", ["vertex", "facet"])
 @pytest.mark.parametrize("wind_speed", [5.0, 13.0])
 @pytest.mark.thorough
+@pytest.mark.slow_but("5.0-vertex", "13.0-facet")
 def test_estimators_agree_over_rough_waves(wind_speed, normals):
     link = mt.Link(water=mt.Water(b=0.1), receiver=mt.Receiver(radius=0.5))
     sea = JonswapSea(wind_speed=wind_speed, seed=4, waves="paper")
@@ -299,6 +302,7 @@ LEVEL = FlatSea().mesh(extent=30.0, spacing=1.0)
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("azimuth_deg", [30.0, 210.0], ids=["downwind", "upwind"])
+@pytest.mark.slow_but("upwind")
 def test_skewed_slopes_against_quadrature(azimuth_deg):
     link = CLEAR.replace("receiver.position", aside(1.5, azimuth_deg).receiver.position)
     expected = quadrature(link, SKEWED, 30.0, LAW.series)
@@ -313,6 +317,7 @@ def test_skewed_slopes_against_quadrature(azimuth_deg):
 @pytest.mark.parametrize(
     ("distance", "azimuth_deg"), [(0.0, 0.0), (1.5, 30.0), (2.2, 210.0), (3.0, 120.0)]
 )
+@pytest.mark.slow_but("1.5-30.0", "2.2-210.0")
 def test_estimators_agree_for_skewed_slopes(distance, azimuth_deg):
     """Chains and joined photons against individual photons, unscattered light included."""
     link, mesh = aside(distance, azimuth_deg, b=0.05), skewed(LEVEL)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.bvh import BruteForceIntersector, EmbreeIntersector
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.photons.state import Vertex
 from meshtrace.errors import Refused
@@ -50,7 +49,7 @@ def test_a_power_of_two_changes_no_bit(k, metres):
         np.testing.assert_array_equal(paths, k * expected)
 
 
-class Counted(BruteForceIntersector):
+class Counted(mt.BruteForceIntersector):
     """Intersector of a user that counts its calls, shared by those over other meshes."""
 
     def __init__(self, mesh, calls=None):
@@ -68,7 +67,7 @@ class Counted(BruteForceIntersector):
 @pytest.mark.parametrize("k", [1.0, 2.0**-14])
 def test_the_intersector_of_a_user_traces_in_any_units(k):
     link, mesh = moved(k)
-    own, embree = Counted(mesh), EmbreeIntersector(mesh, 1)
+    own, embree = Counted(mesh), mt.EmbreeIntersector(mesh, 1)
     found, expected = (run_analog(link, i, photons=512, seed=5) for i in (own, embree))
     assert sum(own.calls) > 500
     assert found.score.sum() > 0.0

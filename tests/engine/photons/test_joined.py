@@ -76,7 +76,7 @@ def traced(link, mesh, photons):
 @pytest.mark.statistical
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", UP)
-@pytest.mark.slow_but("waves", "bottom", "layers, bubbles, foam")
+@pytest.mark.slow_but("bottom", "layers, bubbles, foam")
 def test_analog_photons_agree(name):
     """With light reflected first, and without; unscattered light sampled where slopes are random."""
     link, sea = UP[name]
@@ -117,6 +117,7 @@ PEAKED = {
 @pytest.mark.statistical
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", PEAKED)
+@pytest.mark.slow_but("LED aside")
 def test_peaked_scattering_into_wide_apertures(name):
     """Directions drawn about a target and points of a connection are independent."""
     link, sea = PEAKED[name]
@@ -217,6 +218,7 @@ def test_the_mesh_of_a_beam_is_cut_to_its_patch():
 @pytest.mark.statistical
 @pytest.mark.parametrize("sea", [FLAT, WAVES], ids=["still", "waves"])
 @pytest.mark.thorough
+@pytest.mark.slow_but("waves")
 def test_stated_errors_are_those_of_the_scatter(sea):
     """Chi-square of 64 seeds about their mean, 63 degrees of freedom."""
     from scipy.stats import chi2

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from engine.photons.single_scattering import Setting, single_scattering
 from mc_statistics import ALPHA, sidak, z_test
-from numba import njit
 from scipy.integrate import quad
 from scipy.stats import chi2
 
@@ -18,6 +17,7 @@ from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.photons.targets import SCATTERED
 from meshtrace.engine.setup.arrays import angle_table
 from meshtrace.errors import Refused
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.phase import tail_at
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import FlatSea, JonswapSea
@@ -40,6 +40,7 @@ DARK = [
     {"g": 0.0, "tilt_deg": 45.0},
     {"height": 0.5, "depth": 1.0, "radius": 0.02, "tilt_deg": 50.0, "half_angle_deg": 45.0},
 ]
+REPEATING = DARK[1], DARK[2], DARK[6], DARK[10]
 DARKER = [
     {"tilt_deg": 31.0},
     {"tilt_deg": 45.0, "azimuth_deg": 200.0, "offset": 2.0},
@@ -111,7 +112,11 @@ def test_quadrature_has_the_known_values():
         assert single_scattering(Setting(**case), 48) == pytest.approx(expected, rel=4e-3)
 
 
-@pytest.mark.parametrize("case", DARK, ids=str)
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(c, marks=pytest.mark.slow) if c in REPEATING else c for c in DARK],
+    ids=str,
+)
 def test_light_scattered_once(case):
     assert abs(against_quadrature(case, 2**18, 1)) < 3.5
 
@@ -176,7 +181,7 @@ LAYERS = ((0.0, 0.1, 0.02), (4.0, 0.12, 0.1), (6.0, 0.12, 0.1), (8.0, 0.1, 0.03)
     ids=["5 m/s", "13 m/s", "facets", "bubbles", "layers", "flat bubbles", "flat layers"],
 )
 @pytest.mark.thorough
-@pytest.mark.slow_but("13 m/s", "bubbles", "flat layers")
+@pytest.mark.slow_but("bubbles", "flat layers")
 def test_forced_detection_agrees(wind_speed, normals, link):
     mesh = FLAT
     if wind_speed > 0.0:
@@ -253,7 +258,7 @@ def test_no_scatterers_no_light():
     assert dark.scored[0] == 0
 
 
-@njit
+@allocating_entry
 def tail(table, theta):
     return tail_at(table, theta)
 

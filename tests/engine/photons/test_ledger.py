@@ -146,6 +146,7 @@ def test_limits(meshes, options):
 
 @pytest.mark.parametrize("roulette", [0.01, 0.3, 1.0])
 @pytest.mark.thorough
+@pytest.mark.slow_but("0.3")
 def test_roulette_leaves_the_gain(meshes, roulette):
     link = mt.Link(water=SHALLOW, transmitter=LED, receiver=RECEIVER)
     fair = run(link, meshes["flat"], photons=200_000, roulette=0.0)

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import FixedPointSum, new_recorder, run_analog
-from meshtrace.kernels.tally import Fate
 from meshtrace.surfaces import JonswapSea
 
 pytestmark = pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
@@ -108,7 +106,7 @@ def test_both_halves_of_the_seed_and_of_the_photon_id_count(mesh):
 
 @pytest.fixture(scope="module")
 def intersector(mesh):
-    return EmbreeIntersector(mesh, 1)
+    return mt.EmbreeIntersector(mesh, 1)
 
 
 @pytest.mark.parametrize("name", LINKS)
@@ -146,8 +144,8 @@ def test_recorded_paths_do_not_depend_on_batches(intersector, name):
 @pytest.mark.parametrize("name", LINKS)
 def test_a_photon_alone_is_the_photon_in_the_run(intersector, name):
     """Alone its slot, its neighbours and its ray batches are others; its fate is the same."""
-    link, first, n = LINKS[name], 10_000, 96
-    ledger = FixedPointSum((len(Fate),))
+    link, first, n = LINKS[name], 10_000, 48
+    ledger = FixedPointSum((len(mt.Fate),))
     score = np.zeros(0)
     for photon in range(first, first + n):
         one = run_analog(
@@ -221,7 +219,7 @@ def test_normals_and_intersector_leave_the_streams_alone(mesh):
     for recorder, normals in zip(recorders, ("vertex", "facet"), strict=True):
         run_analog(
             LINKS["default"],
-            EmbreeIntersector(mesh, 1),
+            mt.EmbreeIntersector(mesh, 1),
             photons=200,
             seed=9,
             normals=normals,

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, chi2_test, sidak
-from numba import njit
 
 import meshtrace as mt
 from meshtrace.engine.setup.arrays import source_arrays
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.random import uniforms
 from meshtrace.kernels.sources import cardioidal_cosine, lambert_reflection, launch
 from meshtrace.kernels.vectors import write
@@ -18,7 +18,7 @@ SAMPLES = 400_000
 POLAR_BINS, AZIMUTH_BINS = 40, 24
 
 
-@njit
+@allocating_entry
 def _launched(sources, n, seed):
     out = np.empty((n, 8))
     for i in range(n):
@@ -29,7 +29,7 @@ def _launched(sources, n, seed):
     return out
 
 
-@njit
+@allocating_entry
 def _reflected(n, seed):
     out = np.empty((n, 3))
     for i in range(n):
@@ -38,7 +38,7 @@ def _reflected(n, seed):
     return out
 
 
-@njit
+@allocating_entry
 def _cardioidal(u):
     out = np.empty(len(u))
     for i in range(len(u)):
@@ -89,6 +89,16 @@ POINTING = [(0.0, 0.0), (180.0, 0.0), (35.0, 120.0), (90.0, -45.0), (1e-5, 10.0)
 
 @pytest.mark.parametrize(("zenith_deg", "azimuth_deg"), POINTING)
 @pytest.mark.parametrize("half_angle_deg", [1.0, 10.0, 60.0, 85.0])
+@pytest.mark.slow_but(
+    "1.0-0.0-0.0",
+    "1.0-35.0-120.0",
+    "10.0-180.0-0.0",
+    "10.0-1e-05-10.0",
+    "60.0-90.0--45.0",
+    "60.0-35.0-120.0",
+    "85.0-180.0-0.0",
+    "85.0-90.0--45.0",
+)
 def test_lambertian_lamp(half_angle_deg, zenith_deg, azimuth_deg):
     """I ~ cos^m: the CDF of theta is 1 - cos^(m+1)."""
     led = mt.Led(half_angle_deg=half_angle_deg, zenith_deg=zenith_deg, azimuth_deg=azimuth_deg)

@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, chi2_test, sidak, z_test
-from numba import njit
 
 import meshtrace as mt
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.setup.arrays import medium_arrays, with_raster
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.medium import collide, sample_free_path
 from meshtrace.kernels.random import uniforms
 from meshtrace.kernels.vectors import Vec3
@@ -31,7 +30,7 @@ LAYERS = (
 )
 
 
-@njit
+@allocating_entry
 def _first_collisions(medium, z0, dz, n, seed):
     """Return the depth of the first real collision and the weight after it; nan: reached z = 0."""
     out = np.empty((n, 2))
@@ -55,7 +54,7 @@ def _first_collisions(medium, z0, dz, n, seed):
 def medium_of(water, bubbles=None, **physics):
     mesh = FlatSea().mesh(extent=10.0, spacing=1.0)
     link = mt.Link(water=water, bubbles=bubbles, physics=mt.Physics(**physics))
-    return with_raster(medium_arrays(link), EmbreeIntersector(mesh, 1))
+    return with_raster(medium_arrays(link), mt.EmbreeIntersector(mesh, 1))
 
 
 def optical_depth(rate, z0, cos, depth):
@@ -106,6 +105,9 @@ def test_layered_water(mode, dz):
 
 @pytest.mark.parametrize("dz", SLANTS)
 @pytest.mark.parametrize("depth_mode", ["local", "clamped", "mean_level"])
+@pytest.mark.slow_but(
+    "local-1.0", "local--0.3", "clamped--1.0", "clamped-0.3", "mean_level-1.0", "mean_level--0.3"
+)
 def test_bubbly_water(depth_mode, dz):
     """Delta tracking through the exact Hall-Novarini profile, not a pure exponential."""
     bubbles = mt.HallNovarini(wind_speed=13.0, depth=depth_mode)
@@ -165,6 +167,7 @@ def test_beer_lambert_through_the_engine(mode):
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.thorough
+@pytest.mark.slow_but("continuous", "paper")
 def test_layers_through_the_engine(mode):
     water = mt.Water(layers=LAYERS, phase=ISOTROPIC)
     r = ballistic(narrow_link(water, absorption=mode))

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, chi2_test, sidak
-from numba import njit
 
+from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.phase import sample_s
 from meshtrace.kernels.random import uniforms
 from meshtrace.kernels.vectors import UP, Vec3, turn, write
@@ -15,7 +15,7 @@ from meshtrace.optics import FournierForand, HenyeyGreenstein
 SAMPLES = 400_000
 
 
-@njit
+@allocating_entry
 def _turned(tables, dx, dy, dz, n, seed):
     out = np.empty((n, 3))
     for i in range(n):
@@ -24,7 +24,7 @@ def _turned(tables, dx, dy, dz, n, seed):
     return out
 
 
-@njit
+@allocating_entry
 def _after(tables, n, scatterings, seed):
     """Return the height of the direction after several scatterings of light that goes up."""
     out = np.empty(n)
