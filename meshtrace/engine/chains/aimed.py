@@ -341,14 +341,24 @@ class AimedChains:
             self.nodes[source, receiver] = 1, 1
 
     def bounds_of(self, scene: Scene) -> tuple[float, float]:
-        """Return bounds on the change of a landing point with its crossing, and with a slope."""
-        n = scene.medium.n_water / scene.medium.n_air
-        height = scene.target.center[2] + self._waves
-        depth = max(-scene.emitter.position[2] - self._waves, 0.1)
-        sin_t = min(scene.target.sin_widest, 0.98 * min(n, 1.0))
+        """Return bounds on the change of a landing point with its crossing, and with a slope.
+
+        A flat sea stretches light by 1 + (n h / d) (cos i / cos t)^3 in the plane of incidence, h
+        and d the heights of the ends: without bound where it leaves along the surface. Light
+        arrives less flat than straight from above the source.
+        """
+        n, target, source = scene.medium.n_water / scene.medium.n_air, scene.target, scene.emitter
+        height = target.center[2] + self._waves
+        depth = max(-source.position[2] - self._waves, 0.1)
+        aside = math.dist(target.center[:2], source.position[:2]) + target.radius
+        flattest = aside / math.hypot(aside, max(target.center[2] - self._waves, 1e-6))
+        sin_t = min(target.sin_widest, max(0.98, flattest) * min(n, 1.0))
         cos_t, cos_i = math.sqrt(1.0 - sin_t**2), math.sqrt(1.0 - (sin_t / n) ** 2)
         lever = height * abs(n * cos_i / cos_t - 1.0) / cos_t**2
-        return 1.5 * (1.0 + n * height / depth), 1.5 * lever
+        sin_t = min(target.sin_widest, flattest * min(n, 1.0))
+        flat = ((1.0 - (sin_t / n) ** 2) / (1.0 - sin_t**2)) ** 1.5
+        stretch = 1.0 + n * height / depth * max(flat / 1.5, 1.0)
+        return 1.5 * stretch, 1.5 * lever
 
 
 def _upside_down(s: MeshArrays) -> tuple[MeshArrays, NDArray[np.void]]:
