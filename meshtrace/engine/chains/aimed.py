@@ -317,13 +317,14 @@ class AimedChains:
             stretch, lever = self.bounds_of(scene)
             image.image_gain(scene, 1.5 * stretch, lever, stack, gain, hidden)
         doubtful = np.flatnonzero(hidden)
+        if not len(doubtful):
+            return gain
         centroid = self.centroids[doubtful]
         for end in (self.link.emitters[source].position, self.link.targets[receiver].center):
-            if len(doubtful):
-                way = centroid - np.asarray(end)
-                length = np.linalg.norm(way, axis=1)
-                start = np.tile(np.asarray(end), (len(way), 1))
-                gain[doubtful[self._cut(start, way / length[:, None], length)]] = 0.0
+            way = centroid - np.asarray(end)
+            length = np.linalg.norm(way, axis=1)
+            start = np.tile(np.asarray(end), (len(way), 1))
+            gain[doubtful[self._cut(start, way / length[:, None], length)]] = 0.0
         return gain
 
     def _blur(self, scene: Scene) -> float:
