@@ -16,7 +16,6 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,7 +24,7 @@ import numpy as np
 from estimator_links import LINKS, Case, mesh_of
 
 import meshtrace as mt
-from meshtrace.engine.choice import chain_pilot, pilot
+from meshtrace.engine.choice import chain_pilot
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.errors import Refused
@@ -243,12 +242,8 @@ def _pilot_variance(link: mt.Link) -> list[float]:
     rows = []
     for seed in range(4):
         forced = ForcedDetection(link, SHIFTS, seed, scattered="chains")
-        emitters = len(forced.arrays.emitters)
-        pilots = [
-            pilot(forced.drawer, s, (seed, s), partial(forced.drawer.scores, s), 1)
-            for s in range(emitters)
-        ]
-        found = chain_pilot(pilots, forced.arrays)
+        orders = [forced.drawer.last_order(s) for s in range(len(forced.arrays.emitters))]
+        found = chain_pilot(forced.pilots_over(forced.drawer, orders), forced.arrays)
         rows.append(found.variance / np.maximum(found.mean**2, 1e-300))
     return _short(np.median(rows, axis=0))
 

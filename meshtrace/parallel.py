@@ -41,7 +41,7 @@ def trim_memory() -> None:
 def ordered_map(
     function: Callable[[Job], Result], jobs: Iterable[Job], threads: int, ahead: int = 2
 ) -> Iterator[Result]:
-    """Yield `function(job)` of each job in order, computed by several threads.
+    """Return an iterator of `function(job)` over the jobs in order, computed by several threads.
 
     Parameters
     ----------
@@ -60,8 +60,14 @@ def ordered_map(
     [1, 2, 3]
     """
     if threads == 1:
-        yield from map(function if _recorded is None else _timed(function, _recorded), jobs)
-        return
+        return map(function if _recorded is None else _timed(function, _recorded), jobs)
+    return _in_threads(function, jobs, threads, ahead)
+
+
+def _in_threads(
+    function: Callable[[Job], Result], jobs: Iterable[Job], threads: int, ahead: int
+) -> Iterator[Result]:
+    """Yield the results of jobs in order from a pool of threads."""
     with ThreadPoolExecutor(threads) as pool:
         pending: deque[Future[Result]] = deque()
         try:
@@ -92,6 +98,37 @@ def announce(seconds: float, work: str, least: float = LONG) -> None:
         warnings.warn(f"{work}: about {duration(seconds)}", LongWork, stacklevel=2)
 
 
+class Pace:
+    """Pace of a work, whose time is announced from the rate of its first results.
+
+    Parameters
+    ----------
+    total : float
+        Sum of the sizes of all results.
+    work : str
+        Name of the work, such as "10,000 frames".
+    """
+
+    def __init__(self, total: float, work: str) -> None:
+        self._total, self._work = total, work
+        self._start, self._done = monotonic(), 0.0
+        self._first: tuple[float, float] | None = None
+        self._measured = False
+
+    def add(self, size: float = 1.0) -> None:
+        """Count a finished result of a size."""
+        if self._measured:
+            return
+        now, self._done = monotonic() - self._start, self._done + size
+        self._first = self._first or (now, self._done)
+        time, part = now - self._first[0], self._done - self._first[1]
+        if time < _MEASURED and now > LONG:  # compilation is a small part of it
+            time, part = now, self._done
+        if time >= _MEASURED:
+            self._measured = True
+            announce(time / part * self._total, self._work)
+
+
 def paced(
     results: Iterable[Result],
     total: float,
@@ -104,28 +141,15 @@ def paced(
     ----------
     results : iterable
         Results as they are computed.
-    total : float
-        Sum of the sizes of all results.
-    work : str
-        Name of the work, such as "10,000 frames".
+    total, work
+        As in `Pace`.
     size : callable
         Size of a result, 1 by default.
     """
-    start, done = monotonic(), 0.0
-    first: tuple[float, float] | None = None
-    measured = False
+    pace = Pace(total, work)
     for result in results:
         yield result
-        if measured:
-            continue
-        now, done = monotonic() - start, done + size(result)
-        first = first or (now, done)
-        time, part = now - first[0], done - first[1]
-        if time < _MEASURED and now > LONG:  # compilation is a small part of it
-            time, part = now, done
-        if time >= _MEASURED:
-            measured = True
-            announce(time / part * total, work)
+        pace.add(size(result))
 
 
 def duration(seconds: float) -> str:

@@ -10,14 +10,14 @@ surface reflects first is worth photons of its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.chains.sets import TURBID, ChainDrawer, ChainSet, poisson_law
+from meshtrace.engine.chains.aimed import AimedChains
+from meshtrace.engine.chains.sets import TURBID, ChainDrawer, Request, poisson_law
 from meshtrace.engine.photons.joined import JoinedParts
 from meshtrace.engine.photons.targets import SCATTERED
 from meshtrace.engine.setup.ends import ForcedLink, across, emitter_of
@@ -26,7 +26,6 @@ from meshtrace.link import Link, WaterReceiver
 from meshtrace.link.sources import AirLamp
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
-from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 
 _PILOT = 128  # chains of each order in the first pilot
@@ -54,6 +53,21 @@ class Pilot(NamedTuple):
     spread: Floats  # (receivers, orders) standard deviation of one chain
     scored: NDArray[np.int64]  # (receivers, orders) chains with a score > 0
 
+    @staticmethod
+    def request(source: int, order: int, seed: tuple[int, int]) -> Request:
+        """Return the chains of an order with which the pilot begins."""
+        return Request(source, order, _PILOT // SHIFTS, (*seed, order))
+
+    @classmethod
+    def of_scores(cls, scores: list[Floats], receivers: int) -> Pilot:
+        """Return the statistics of the scores (receivers, chains) of each order."""
+        mean, spread = np.zeros((2, receivers, len(scores)))
+        scored = np.zeros((receivers, len(scores)), np.int64)
+        for k, score in enumerate(scores):
+            mean[:, k], spread[:, k] = score.mean(axis=1), score.std(axis=1)
+            scored[:, k] = np.count_nonzero(score, axis=1)
+        return cls(np.array([s.shape[1] for s in scores], np.int64), mean, spread, scored)
+
     def of(self, receivers: NDArray[np.bool_]) -> Pilot:
         """Return the pilot of some receivers."""
         rows = (self.mean[receivers], self.spread[receivers], self.scored[receivers])
@@ -78,36 +92,20 @@ class Pilot(NamedTuple):
         return Pilot(self.chains, *rows), (direct + mean.sum(axis=2)).ravel()
 
 
-def pilot(
-    drawer: ChainDrawer,
-    source: int,
-    seed: tuple[int, int],
-    score: Callable[[ChainSet], Floats],
-    threads: int,
-) -> Pilot:
-    """Return the statistics of pilot chains by their scores, shape (receivers, chains).
+def pilot_scores(drawer: ChainDrawer, over: ChainDrawer | AimedChains, request: Request) -> Floats:
+    """Return the scores (receivers, chains) of pilot chains of one order from a source.
 
-    Orders without a score get more of them.
+    Over still water or a surface; an order that hardly scores gets more chains.
     """
-    orders, receivers = drawer.last_order(source), len(drawer.link.targets)
-    chains = np.zeros(orders, np.int64)
-    mean, spread = np.zeros((receivers, orders)), np.zeros((receivers, orders))
-    scored = np.zeros((receivers, orders), np.int64)
-
-    def scores_of(order: int) -> Floats:
-        n = _PILOT // SHIFTS
-        for step in range(_PILOT_STEPS):
-            chosen = drawer.draw(source, order, n, (*seed, order, 2 + step))
-            scores = score(chosen)
-            if np.count_nonzero(scores, axis=1).min() >= 4:
-                break
-            n *= _PILOT_GROWTH
-        return scores
-
-    for k, scores in enumerate(ordered_map(scores_of, range(1, orders + 1), threads)):
-        chains[k], scored[:, k] = scores.shape[1], np.count_nonzero(scores, axis=1)
-        mean[:, k], spread[:, k] = scores.mean(axis=1), scores.std(axis=1)
-    return Pilot(chains, mean, spread, scored)
+    for step in range(_PILOT_STEPS):
+        per_shift = request.per_shift * _PILOT_GROWTH**step
+        chains = drawer.draw(request._replace(per_shift=per_shift, key=(*request.key, 2 + step)))
+        scores = np.empty((len(drawer.link.targets), len(chains.audit)))
+        for receiver, row in enumerate(scores):
+            row[:] = over.aim(request.source, receiver, chains).score
+        if np.count_nonzero(scores, axis=1).min() >= 4:
+            break
+    return scores
 
 
 def allotment(photons: int, expected: float, found: Pilot, gain: Floats) -> NDArray[np.int64]:
@@ -274,6 +272,9 @@ def returned_gain(link: Link) -> Floats:
     for (i, end), source in product(enumerate(receivers), link.transmitters):
         low_end: Any = end if down else source
         high_end: Any = source if down else end
+        etendue = 1.0  # of an aperture in the water, whose light is reversed [m2 sr]
+        if down:
+            etendue = (math.pi * end.radius * math.sin(math.radians(end.fov_deg) / 2.0)) ** 2
         depth = -low_end.center[2]
         a, b = _mean(rows, depth)
         below = 0.5 / max(a + back * b, 1e-12)
@@ -286,7 +287,7 @@ def returned_gain(link: Link) -> Floats:
         diffuse = lit * (1.0 - unturned) * diffuse_reflectance
         for sent, low in ((mirrored, below), (diffuse, below + 0.75 * depth)):
             place = rays[:, :2] * ((depth + below) / rays[:, 2:]) + low_end.position
-            gain[i] += _etendue(low_end) * float(sent @ _seen(high_end, place, low))
+            gain[i] += etendue * float(sent @ _seen(high_end, place, low))
     return gain
 
 
@@ -296,13 +297,6 @@ def _mean(rows: list[tuple[float, float, float]], depth: float) -> tuple[float, 
     ends = np.minimum([*top[1:], math.inf], depth)
     thick = np.maximum(ends - np.array([0.0, *top[1:]]), 0.0) / depth
     return float(thick @ [row[1] for row in rows]), float(thick @ [row[2] for row in rows])
-
-
-def _etendue(low_end: Any) -> float:
-    """Return the etendue of an aperture in the water, whose light is reversed [m2 sr]; else 1."""
-    if not isinstance(low_end, WaterReceiver):
-        return 1.0
-    return (math.pi * low_end.radius * math.sin(math.radians(low_end.fov_deg) / 2.0)) ** 2
 
 
 def _rays(source: Any) -> Floats:

@@ -521,15 +521,12 @@ def acceptance(m, p, target, fov):
     """
     if target.is_lamp:
         return intensity(target.lamp, scaled(-1.0, m.r)) / dot(m.r, target.axis)
-    return 1.0 if _is_seen(m, p, target, fov) else 0.0
-
-
-@inlined
-def _is_seen(m, p, target, fov):
     if fov == FieldOfView.ANGLE:
-        return dot(m.r, target.axis) >= target.cos_half_fov * norm(m.r)
-    reach = target.radius + (target.center.z - p.z) * target.tan_half_fov
-    return (p.x - target.center.x) ** 2 + (p.y - target.center.y) ** 2 < reach * reach
+        seen = dot(m.r, target.axis) >= target.cos_half_fov * norm(m.r)
+    else:
+        reach = target.radius + (target.center.z - p.z) * target.tan_half_fov
+        seen = (p.x - target.center.x) ** 2 + (p.y - target.center.y) ** 2 < reach * reach
+    return 1.0 if seen else 0.0
 
 
 @inlined

@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import islice
 from operator import call
 from typing import Any, Literal, NamedTuple
@@ -31,7 +31,6 @@ from meshtrace.engine import choice, parts
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.aimed import Aimed, AimedChains, SearchMode
 from meshtrace.engine.chains.sets import (
-    Block,
     ChainDrawer,
     ChainSet,
     Drawing,
@@ -41,6 +40,7 @@ from meshtrace.engine.chains.sets import (
 )
 from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.setup import ends
+from meshtrace.engine.setup.options import Case
 from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.sources import SourceKind
@@ -49,7 +49,7 @@ from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map, paced
+from meshtrace.parallel import Pace, ordered_map
 from meshtrace.results.tallies import ArrivalTally, error_of_groups
 from meshtrace.stored import SHIFTS
 
@@ -149,48 +149,79 @@ class ForcedDetection:
         # a chain that ends higher is not looked for; the level must stay below the receivers
         ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
         self.drawer = ChainDrawer(self.arrays, top, ceiling)
-        self.method: list[choice.Method] = []
-        self.scattered_sets = self._draw()
+        self.method: list[choice.Method] = ["joined"] * len(link.receivers)
+        self._light: Floats | None = None  # gain of each receiver over still water
+        orders, pilots = self._orders_of_chains(), list[choice.Pilot]()
+        if orders is not None:
+            pilots = self.pilots_over(self.drawer, orders)
+            self._light = self._still_gain(pilots)
+        if orders is not None and scattered != "joined":
+            joined, still, compared = None, self.flat(), pilots
+            if scattered == "auto" and any(orders):
+                # chains and joined photons are compared over still water with random slopes
+                if sea.unresolved is not None and link.physics.unresolved == "tilt":
+                    still = replace(still, unresolved=sea.unresolved)
+                    compared = self.pilots_over(self.over(still), orders)
+                chains = choice.chain_pilot(compared, self.arrays)
+                joined = None if choice.is_clear(chains).all() else self._pilot_photons()
+            self.method = ["chains"] * len(link.receivers)
+            if joined is not None:
+                photons_seen = choice.ScatteredPilot.of(joined.evaluate(still))
+                self.method = choice.choose(chains, photons_seen, self.expected)
+        self.scattered_sets = self._drawn(pilots)
+        self._unscattered: list[Drawing] = []  # drawn on demand
         self._joined = self._joined_photons()
 
-    def _draw(self) -> list[list[Drawing]]:
-        """Choose the estimator of each receiver; return the chains by source.
+    def _orders_of_chains(self) -> list[int] | None:
+        """Return the orders of the chains from each source, None if photons alone follow the link.
 
-        Pilots over still water compare the estimators and allot the chains to the orders.
+        Raises
+        ------
+        Refused
+            If neither chains nor photons follow it.
         """
-        link, threads = self.arrays, self.threads
-        sources, receivers = range(len(link.emitters)), len(self.link.receivers)
-        self._light: Floats | None = None
-        self.method = ["joined"] * receivers
         try:
-            beyond = ends.needs_photons(self.link)
-            if beyond is not None:
-                raise Refused(*beyond, ends.POINTS_ONLY)
-            self._pilots = self._pilots_over(self.drawer)
+            ends.require_points(self.link)
+            return [self.drawer.last_order(s) for s in range(len(self.arrays.emitters))]
         except Refused as refused:  # a feature, or too many orders, for chains
             if self.wanted == "chains":
                 raise
             try:
-                self._photons(SHIFTS, range(receivers))
+                self._photons(SHIFTS, range(len(self.method)))
             except Refused:  # a form as published
                 raise refused from None
-            return [[] for _ in sources]
-        self._light = self._still_gain()
-        self.method = self._compare()
+        return None
+
+    def pilots_over(self, over: ChainDrawer | AimedChains, orders: list[int]) -> list[choice.Pilot]:
+        """Return the pilot of each source up to its order, over still water or a surface."""
+        requests = [
+            choice.Pilot.request(s, k, self._seed(s))
+            for s, last in enumerate(orders)
+            for k in range(1, last + 1)
+        ]
+        job = partial(choice.pilot_scores, self.drawer, over)
+        scores, receivers = ordered_map(job, requests, self.threads), len(self.arrays.targets)
+        pilots = []
+        for last in orders:
+            pilots.append(choice.Pilot.of_scores(list(islice(scores, last)), receivers))
+        return pilots
+
+    def _pilot_photons(self) -> JoinedPhotons | None:
+        """Return the photons of a pilot, None if joined photons do not follow the link."""
+        try:
+            return self._photons(choice.PILOT_PHOTONS, range(len(self.method)))
+        except Refused:
+            return None
+
+    def _drawn(self, pilots: list[choice.Pilot]) -> list[list[Drawing]]:
+        """Return the scattered chains by source, allotted to the orders by the pilots."""
+        sources = range(len(self.arrays.emitters))
         if "chains" not in self.method:
             return [[] for _ in sources]
-        drawings = self.drawer.draw_all(self._requests(), threads)
+        drawings = self.drawer.draw_all(self._requests(pilots), self.threads)
         return [[one for one in drawings if one.request.source == s] for s in sources]
 
-    def _pilots_over(self, over: ChainDrawer | AimedChains) -> list[choice.Pilot]:
-        """Return the pilots of the chains from each source over still water, or over a surface."""
-        found = []
-        for s in range(len(self.arrays.emitters)):
-            score = partial(over.scores, s)
-            found.append(choice.pilot(self.drawer, s, self._seed(s), score, self.threads))
-        return found
-
-    def _requests(self) -> list[Request]:
+    def _requests(self, pilots: list[choice.Pilot]) -> list[Request]:
         """Return the chains of each source and order, allotted by the pilots."""
         link, kept = self.arrays, np.array([m == "chains" for m in self.method])
         photons, emitters = self.photons, len(link.emitters)
@@ -199,7 +230,7 @@ class ForcedDetection:
         light = self._light if together and self._light is not None else np.ones(len(kept))
         share = photons if link.down else max(photons // emitters, SHIFTS)
         requests = []
-        for s, found in enumerate(self._pilots):
+        for s, found in enumerate(pilots):
             if not link.down:
                 found, seen = found.of(kept), light[kept]
             elif kept[s]:
@@ -218,36 +249,14 @@ class ForcedDetection:
         """Return the seed of the chains of an emitter: receivers have the same in any order."""
         return self.seed, 0 if self.arrays.down else emitter
 
-    def _still_gain(self) -> Floats:
+    def _still_gain(self, pilots: list[choice.Pilot]) -> Floats:
         """Return the gain of each receiver over still water."""
-        rows = []
-        for s, found in enumerate(self._pilots):
-            unscattered = self.drawer.draw(s, 0, _STILL_CHAINS, (*self._seed(s), 0, 3))
-            scores = self.drawer.scores(s, unscattered)
-            rows.append(found.mean.sum(axis=1) + scores.mean(axis=1))
-        return self.arrays.by_receiver(np.array(rows))
-
-    def _compare(self) -> list[choice.Method]:
-        """Return the estimator of each receiver."""
-        receivers = range(len(self.link.receivers))
-        scatters = any(len(p.chains) for p in self._pilots)
-        if self.wanted == "joined":
-            return ["joined"] * len(receivers)
-        if self.wanted == "chains" or not scatters:
-            return ["chains"] * len(receivers)
-        sea, pilots = self.flat(), self._pilots
-        if self.sea.unresolved is not None and self.link.physics.unresolved == "tilt":
-            sea = replace(sea, unresolved=self.sea.unresolved)
-            aimed = self.over(sea)
-            pilots = self._pilots_over(aimed)
-        found = choice.chain_pilot(pilots, self.arrays)
-        if choice.is_clear(found).all():
-            return ["chains"] * len(receivers)
-        try:
-            photons = self._photons(choice.PILOT_PHOTONS, receivers)
-        except Refused:  # a feature that joined photons do not follow
-            return ["chains"] * len(receivers)
-        return choice.choose(found, choice.ScatteredPilot.of(photons.evaluate(sea)), self.expected)
+        gain = np.array([found.mean.sum(axis=1) for found in pilots])
+        for s, row in enumerate(gain):
+            unscattered = self.drawer.draw(Request(s, 0, _STILL_CHAINS, (*self._seed(s), 0, 3)))
+            for t in range(len(row)):
+                row[t] += self.drawer.aim(s, t, unscattered).score.mean()
+        return self.arrays.by_receiver(gain)
 
     @property
     def expected(self) -> float:
@@ -272,7 +281,10 @@ class ForcedDetection:
     def _joined_photons(self) -> JoinedPhotons | None:
         """Return the joined photons of the light that chains omit, or None if it is negligible."""
         rows = [r for r, method in enumerate(self.method) if method == "joined"]
-        self.reflects = self.wanted != "chains" and self._reflected_counts(bool(rows))
+        self.reflects = self.wanted != "chains" and self.link.physics.reflected == "trace"
+        if self.reflects and not rows and self._light is not None:
+            # light that the surface reflects first may be too little to be measured
+            self.reflects = not choice.is_little(choice.returned_gain(self.link), self._light)
         photons = (_PER_CHAIN if rows else _REFLECTED_PER_CHAIN) * self.photons
         try:
             if self.reflects:
@@ -283,14 +295,6 @@ class ForcedDetection:
                 raise
             self.reflects = False
             return None
-
-    def _reflected_counts(self, joined: bool) -> bool:
-        """Return whether light that the surface reflects first is worth a measurement."""
-        if self.link.physics.reflected != "trace":
-            return False
-        if joined or self._light is None or self.link.water.bottom_depth is not None:
-            return True
-        return not choice.is_little(choice.returned_gain(self.link), self._light)
 
     def over(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> AimedChains:
         """Return the chains aimed over a mesh.
@@ -304,21 +308,23 @@ class ForcedDetection:
         normals, unresolved = self.normals, self.link.physics.unresolved
         return AimedChains(self.arrays, mesh, intersector, normals, unresolved, self.search)
 
-    def sets(self, aimed: AimedChains) -> list[list[ChainSet]]:
-        """Return the chains by source, with unscattered ones where slopes are random."""
+    def sets(self, unscattered: bool) -> list[list[ChainSet]]:
+        """Return the chains by source, on demand with unscattered ones."""
         rows = self.scattered_sets
-        if aimed.rough:
-            rows = [[first, *row] for first, row in zip(self._unscattered, rows, strict=True)]
+        if unscattered:
+            rows = [[first, *row] for first, row in zip(self.unscattered(), rows, strict=True)]
         return [[self.drawer.whole(one) for one in row] for row in rows]
 
-    @cached_property
-    def _unscattered(self) -> list[Drawing]:
-        """Unscattered chains by source, which differ by their random slopes only."""
+    def unscattered(self) -> list[Drawing]:
+        """Return unscattered chains by source, which differ by their random slopes only."""
+        if self._unscattered:
+            return self._unscattered
         emitters = len(self.arrays.emitters)
         per_source = self.photons / (1 if self.arrays.down else emitters)
         n = max(math.ceil(_UNSCATTERED_SHARE * per_source / SHIFTS), 2)
         requests = [Request(s, 0, n, (*self._seed(s), 0, 1)) for s in range(emitters)]
-        return self.drawer.draw_all(requests)
+        self._unscattered = self.drawer.draw_all(requests)
+        return self._unscattered
 
     def evaluate(
         self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None
@@ -329,57 +335,70 @@ class ForcedDetection:
             return higher.evaluate(mesh, intersector)
         aimed = self.over(mesh, intersector)
         sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets)
-        jobs: list[Any] = [partial(self._direct, aimed, *pair) for pair in self.arrays.pairs]
-        jobs += [partial(self._summed, aimed.aim, *job) for job in sums.jobs]
-        scores = ordered_map(call, jobs, self.threads, ahead=len(jobs))
-        sampled = sums.add_direct(list(islice(scores, len(self.arrays.pairs))))
-        work = f"{sums.chains:,} chains over one surface"
-        sums.add_chains(list(paced(scores, len(sums.jobs), work)))
+        self._add_light(sums, aimed, aimed.direct_gains, np.sum, aimed.aim)
         photons = None if self._joined is None else self._joined.evaluate(mesh, intersector)
-        counts = parts.Counts(sums.chains, *(int(c) for c in aimed.counters))
-        return sums.parts(counts._replace(sampled=sampled), photons, self.reflects)
+        return sums.parts(aimed.counters, photons, self.reflects)
 
-    def _summed(
-        self, aim: Callable[..., Aimed], source: int, receivers: list[int], block: Block
-    ) -> list[parts.BlockSums]:
-        """Return the sums over the chains of a block to some receivers."""
-        chains = self.drawer.drawn(block)
-        return [parts.BlockSums.of(aim(source, r, chains).score, block) for r in receivers]
+    def _add_light(
+        self,
+        sums: parts.ChainSums,
+        aimed: AimedChains,
+        direct: Callable[..., Floats],
+        total: Callable[[Floats], Any],
+        aim: Callable[..., Aimed],
+    ) -> None:
+        """Add the light of all pairs of a source and a receiver: of facets, and of chains.
 
-    def _of_unscattered(self, aim: Callable[..., Aimed], source: int, receiver: int) -> Floats:
-        """Return the mean score of the unscattered chains of each shift, shape (..., shifts)."""
-        drawing = self._unscattered[source]
-        found: Any = 0.0
-        for block in drawing.blocks():
-            (sums,) = self._summed(aim, source, [receiver], block)
-            if isinstance(found, float):
-                found = np.zeros((*sums.score.shape[:-1], SHIFTS))
-            found[..., block.shifts_in] += sums.score
-        return np.asarray(found / drawing.request.per_shift)
+        Where facets bring none, chains without scatterings are asked before a pair is called dark.
+        """
+        dark, jobs = list[tuple[int, int]](), list[Any]()
+        for s, r in self.arrays.pairs:
+            if aimed.sampled and self.arrays.sizes[s] == 0.0:
+                dark.append((s, r))
+            else:
+                jobs.append(partial(self._from_source, aimed, s, partial(direct, s, r), total))
+        pairs = [pair for pair in self.arrays.pairs if pair not in dark]
+        jobs += [partial(self._summed, aim, job) for job in sums.jobs]
+        found = ordered_map(call, jobs, self.threads, ahead=len(jobs))
+        for s, r in pairs:
+            gain = next(found).mean(axis=1).T
+            sums.add_direct(s, r, gain)
+            if gain.shape[-1] == 1 and not gain.any():
+                dark.append((s, r))
+        pace = Pace(len(sums.jobs), f"{sums.chains:,} chains over one surface")
+        for job, rows in zip(sums.jobs, found, strict=True):
+            sums.add(job, rows)
+            pace.add()
+        if dark:
+            rest = parts.chain_jobs(dark, [[one] for one in self.unscattered()])
+            found = ordered_map(partial(self._summed, aim), rest, self.threads)
+            for job, rows in zip(rest, found, strict=True):
+                sums.add(job, rows)
+
+    def _summed(self, aim: Callable[..., Aimed], job: parts.ChainJob) -> list[parts.BlockSums]:
+        """Return the sums over the chains of a block to each of its targets."""
+        chains, sums = self.drawer.drawn(job.block), list[parts.BlockSums]()
+        for target in job.targets:
+            sums.append(parts.BlockSums.of(aim(job.source, target, chains).score, job.block))
+        return sums
 
     def tinted(
         self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link]
     ) -> list[parts.Parts]:
-        """Return the gain over a mesh at each wavelength of a tinting, that of each link."""
+        """Return the gains of links over a mesh, at the wavelengths of a tinting."""
         higher = self._reaching(mesh)
         if higher is not self:
             return higher.tinted(mesh, tinting, links)
         aimed, m = self.over(mesh), len(links)
         far = self._farthest(aimed, tinting, links)
         sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets, (m,))
-        pairs = self.arrays.pairs
-        jobs: list[Any] = [partial(self._tinted, aimed, tinting, far, *pair) for pair in pairs]
-        tinted = partial(aimed.tinted, tinting=tinting)
-        jobs += [partial(self._summed, tinted, *job) for job in sums.jobs]
-        scores = ordered_map(call, jobs, self.threads, ahead=len(jobs))
-        sampled = sums.add_direct(list(islice(scores, len(pairs))))
-        sums.add_chains(list(paced(scores, len(sums.jobs), f"{sums.chains:,} chains")))
+        direct = partial(aimed.tinted_gains, tinting=tinting, other=far)
+        aim = partial(aimed.tinted, tinting=tinting)
+        self._add_light(sums, aimed, direct, np.asarray, aim)
         photons: list[Any] = [None] * m
         if self._joined is not None:
             photons = self._joined.at_wavelengths(mesh, tinting, links)
-        counts = parts.Counts(sums.chains, *(int(c) for c in aimed.counters))
-        counts = counts._replace(sampled=sampled)
-        return [sums.of(i).parts(counts, photons[i], self.reflects) for i in range(m)]
+        return [sums.of(i).parts(aimed.counters, photons[i], self.reflects) for i in range(m)]
 
     def _farthest(
         self, aimed: AimedChains, tinting: Tinting, links: Sequence[Link]
@@ -391,69 +410,39 @@ class ForcedDetection:
         i = int(np.abs(tinting.shares @ np.concatenate(ways).T).max(axis=1).argmax())
         return i, aimed.in_water(self.arrays.frame.medium(ends.expected_water(links[i], crest=5.0)))
 
-    def _tinted(
-        self, aimed: AimedChains, tinting: Tinting, far: tuple[int, AimedChains], s: int, r: int
+    def _from_source(
+        self,
+        aimed: AimedChains,
+        s: int,
+        light: Callable[[Vec3 | None], Floats],
+        total: Callable[[Floats], Any],
     ) -> Floats:
-        """Return `_direct` at each wavelength, shape (wavelengths, 1 or shifts)."""
+        """Return the total unscattered light, by `total`, of the points of a source.
 
-        def light(point: Floats) -> Floats:
-            found = aimed.tinted_gains(s, r, tinting, far, Vec3(*point.tolist()))
-            if found is None:
-                raise self._too_narrow(s)
-            return found
-
-        if self.arrays.sizes[s] > 0.0:
-            return self._over_lamp(s, light).mean(axis=1).T
-        gains = aimed.tinted_gains(s, r, tinting, far)
-        if gains is not None and gains.any():
-            return gains[:, None]
-        found = self._of_unscattered(partial(aimed.tinted, tinting=tinting), s, r)
-        return found if found.any() else found[:, :1]
-
-    def _direct(self, aimed: AimedChains, s: int, r: int) -> Floats:
-        """Return the unscattered gain of a source and a receiver: one number, or one per shift."""
-        if self.arrays.sizes[s] > 0.0:
-            return self._lamp_gains(aimed, s, r).mean(axis=1)
-        gains = aimed.direct_gains(s, r)
-        if gains is not None and gains.any():
-            return gains.sum(keepdims=True)
-        # where no facet finds light, chains are asked before it is called dark
-        found = self._of_unscattered(aimed.aim, s, r)
-        return found if found.any() else found[:1]
-
-    def _lamp_gains(self, aimed: AimedChains, s: int, r: int) -> Floats:
-        """Return the unscattered gain from points of an extended source, shape (shifts, points).
-
-        From the first points of each shift, and from all unless these suffice.
+        Shape (shifts, points, ...) for an extended one, from the first points of each shift, and
+        from all unless these suffice; else (1, 1, ...).
         """
-        return self._over_lamp(s, lambda p: self._from_point(aimed, s, r, p).sum())
-
-    def _over_lamp(self, s: int, light: Callable[[Floats], Any]) -> Floats:
-        """Return the light (...,) of points of an extended source, shape (shifts, points, ...)."""
+        if self.arrays.sizes[s] == 0.0:
+            return np.asarray(total(light(None)))[None, None]
+        if aimed.sampled:
+            narrow = Described(f"a radius of {self.arrays.sizes[s] * self.arrays.frame.unit:g} m")
+            allowed = f"a point source below random slopes this narrow; {ends.ANALOG}"
+            raise Refused("transmitter", narrow, allowed)
         points = self._lamp_points(s)
         found: Floats | None = None
         for some in (points[:, :_FEW_POINTS], points[:, _FEW_POINTS:]):
             if not some.size:
                 break
-            sums = np.array([[light(p) for p in row] for row in some])
+            row = []
+            for point in some.reshape(-1, 3):
+                row.append(total(light(Vec3(*point.tolist()))))
+            sums = np.reshape(row, (*some.shape[:2], *np.shape(row[0])))
             found = sums if found is None else np.concatenate([found, sums], axis=1)
             error = error_of_groups(found.mean(axis=1))
             if (error < _SMOOTH * found.mean(axis=(0, 1))).all():
                 break
         assert found is not None
         return found
-
-    def _from_point(self, aimed: AimedChains, s: int, r: int, point: Floats) -> Floats:
-        """Return the unscattered gain through each facet from a point of an extended source."""
-        gains = aimed.direct_gains(s, r, Vec3(*point.tolist()))
-        if gains is None:
-            raise self._too_narrow(s)
-        return gains
-
-    def _too_narrow(self, s: int) -> Refused:
-        narrow = Described(f"a radius of {self.arrays.sizes[s] * self.arrays.frame.unit:g} m")
-        allowed = f"a point source below random slopes this narrow; {ends.ANALOG}"
-        return Refused("transmitter", narrow, allowed)
 
     def _lamp_points(self, s: int) -> Floats:
         """Return points of an extended source, shape (shifts, points, 3)."""
@@ -498,7 +487,7 @@ class ForcedDetection:
     def tinted_arrivals(
         self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link]
     ) -> list[ArrivalTally]:
-        """Return the light that arrives at each wavelength of a tinting, that of each link."""
+        """Return the light that arrives from links, at the wavelengths of a tinting."""
         higher = self._reaching(mesh)
         if higher is not self:
             return higher.tinted_arrivals(mesh, tinting, links)
@@ -524,17 +513,17 @@ class ForcedDetection:
         chained = self.method[self.arrays.receiver(e, t)] == "chains"
         rows, sets = list[parts.Light](), self.scattered_sets[e] if chained else []
         if self.arrays.sizes[e] > 0.0:
-            points = self._lamp_points(e)
-            n = self._lamp_gains(aimed, e, t).shape[1]
+            light = partial(aimed.direct_gains, e, t)
+            n = self._from_source(aimed, e, light, np.sum).shape[1]
+            points = self._lamp_points(e)[:, :n]
             for shift, i in np.ndindex(SHIFTS, n):
-                lamp = points[shift, i]
-                gains = self._from_point(aimed, e, t, lamp)
-                of = lamp, shift, n * SHIFTS, tints
-                rows.append(parts.direct_light(aimed, e, t, gains, *of))
-        elif (found := aimed.direct_gains(e, t)) is not None and found.any():
-            rows.append(parts.direct_light(aimed, e, t, found, tints=tints))
+                lamp = Vec3(*points[shift, i].tolist())
+                gains = aimed.direct_gains(e, t, lamp) / (n * SHIFTS)
+                rows.append(parts.direct_light(aimed, e, t, gains, tints, lamp, shift))
+        elif not aimed.sampled and (found := aimed.direct_gains(e, t)).any():
+            rows.append(parts.direct_light(aimed, e, t, found, tints))
         else:
-            sets = [self._unscattered[e], *sets]
+            sets = [self.unscattered()[e], *sets]
         for drawing in sets:
             for block in drawing.blocks():
                 chains = self.drawer.drawn(block)
@@ -542,13 +531,14 @@ class ForcedDetection:
         return parts.merged(rows)
 
 
-def cut_share(link: Link, mesh: TriangleMesh, seed: int, normals: str, threads: int) -> Floats:
+def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
     """Return the share of the light of a flat sea that crosses outside a mesh, by receiver."""
+    link = case.link
     low, high = mesh.bounds[:, :2]
     reach = ends.crossing_reach(link) + np.array(link.origin) * [[-1.0], [1.0]]
     if (low <= -reach[0]).all() and (high >= reach[1]).all():
         return np.zeros(len(link.receivers))
-    few = ForcedDetection(link, _CUT_CHAINS, seed, normals, threads, TypicalSea.of([mesh]))
+    few = ForcedDetection(link, _CUT_CHAINS, **case.how, sea=TypicalSea.of([mesh]))
     whole = few.evaluate(few.flat()).gain
     cut = whole - few.evaluate(flat_mesh(low, high)).gain
     return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.outcome import per_receiver
 from meshtrace.engine.setup.ends import ForcedLink, forced_link
-from meshtrace.engine.setup.options import Case
 from meshtrace.errors import Refused
 from meshtrace.kernels.medium import DepthMode
 from meshtrace.kernels.scene import Emitter, Target
@@ -48,12 +47,26 @@ class _Sheet(NamedTuple):
     normals: Floats
 
 
-def with_mesh_error(result: GainResult, case: Case, mesh: TriangleMesh) -> GainResult:
-    """Return a result with the error of its gains by the mesh."""
-    relative = relative_mesh_error(case.link, mesh, case.meshing.normals)
+class _Slopes(NamedTuple):
+    """Slopes of all meshes that are compared."""
+
+    unresolved: UnresolvedSlopes | None
+    normals: str
+    physics: str  # `Physics.unresolved`
+
+
+def with_mesh_errors(
+    results: list[GainResult], links: list[Link], first: int, relative: tuple[Floats, Floats] | None
+) -> list[GainResult]:
+    """Return results of common paths with the errors of their gains by the mesh.
+
+    Relative to the gain they are the same for all links: those of `relative_mesh_error` for the
+    first.
+    """
     if relative is None:
-        return result
+        return results
     direct, unscattered = relative
+    result = results[first]
     gain = result.gains
     ballistic = np.minimum(unscattered, gain)
     if result.gain_ballistic is not None:
@@ -63,8 +76,13 @@ def with_mesh_error(result: GainResult, case: Case, mesh: TriangleMesh) -> GainR
     scattered = np.maximum(0.5 * share, _SCATTERED)
     error = direct * (ballistic + scattered * np.maximum(gain - ballistic, 0.0))
     if np.isnan(error).all():
-        return result
-    return replace(result, mesh_error=per_receiver(case.link, error))
+        return results
+    errors = [error / np.maximum(gain, 1e-300) * one.gains for one in results]
+    errors[first] = error
+    return [
+        replace(one, mesh_error=per_receiver(link, own))
+        for one, link, own in zip(results, links, errors, strict=True)
+    ]
 
 
 def relative_mesh_error(
@@ -113,36 +131,22 @@ def relative_mesh_error(
     if arrays.medium.depth_mode == DepthMode.LOCAL:  # whose raster costs more than the light
         clamped = arrays.medium._replace(depth_mode=int(DepthMode.CLAMPED))
         arrays = arrays._replace(medium=clamped)
-    tilts: dict[str, Any] = {
-        "unresolved": mesh.unresolved,
-        "normals": normals,
-        "physics": link.physics.unresolved,
-    }
-    found, gain = _compare(arrays, _patch(link, mesh, sheet), **tilts)
+    slopes = _Slopes(mesh.unresolved, normals, link.physics.unresolved)
+    found, gain = _compare(arrays, _patch(link, mesh, sheet), slopes)
     for r in np.flatnonzero(np.isnan(found)):
-        found[r] = _compare(_facing(arrays, int(r)), sheet, **tilts)[0][r if arrays.down else 0]
+        found[r] = _compare(_facing(arrays, int(r)), sheet, slopes)[0][r if arrays.down else 0]
     return found, gain
 
 
-def _compare(
-    arrays: ForcedLink,
-    sheet: _Sheet,
-    unresolved: UnresolvedSlopes | None,
-    normals: str,
-    physics: str,
-) -> tuple[Floats, Floats]:
+def _compare(arrays: ForcedLink, sheet: _Sheet, slopes: _Slopes) -> tuple[Floats, Floats]:
     """Return the relative change of unscattered light over `_DIVISOR`, and the light itself."""
-
-    def over(points: Floats, directions: Floats) -> AimedChains:
-        mesh = mesh_of_sheet(points, directions, unresolved)
-        return AimedChains(arrays, mesh, None, normals, physics)
-
-    aimed = over(*sheet)
-    fine, coarse = _unscattered(aimed), []
+    fine, blurred = _unscattered(arrays, sheet, slopes)
+    coarse = []
     # sums without blur may agree by chance
-    enough = (_BLURRED if aimed.blurred else -1.0), _LITTLE, -1.0, math.inf
+    enough = (_BLURRED if blurred else -1.0), _LITTLE, -1.0, math.inf
     for (i, j), little in zip(_STARTS, enough, strict=True):
-        coarse.append(_unscattered(over(*(rows[i::2, j::2] for rows in sheet))))
+        second = _Sheet(sheet.points[i::2, j::2], sheet.normals[i::2, j::2])
+        coarse.append(_unscattered(arrays, second, slopes)[0])
         scale = np.maximum(fine, np.mean(coarse, axis=0))
         change = np.sqrt(np.mean(np.square(np.array(coarse) - fine), axis=0)) / _DIVISOR
         relative = np.divide(change, scale, out=np.full_like(scale, np.nan), where=scale > 0.0)
@@ -151,18 +155,18 @@ def _compare(
     return relative, fine
 
 
-def _unscattered(aimed: AimedChains) -> Floats:
-    """Return the unscattered gain of each receiver, from the centres of the sources.
+def _unscattered(link: ForcedLink, sheet: _Sheet, slopes: _Slopes) -> tuple[Floats, bool]:
+    """Return the unscattered gain of each receiver through a sheet, and whether it is blurred.
 
-    Random slopes too narrow to be integrated over are left out.
+    From the centres of the sources. Random slopes too narrow to be integrated over are left out.
     """
-    link = aimed.link
+    mesh = mesh_of_sheet(sheet.points, sheet.normals, slopes.unresolved)
+    aimed = AimedChains(link, mesh, None, slopes.normals, slopes.physics)
     gains = np.zeros((len(link.emitters), len(link.targets)))
-    for pair in link.pairs:
-        aimed.take_points(*pair)
-        found = aimed.direct_gains(*pair)
-        gains[pair] = (aimed.facet_gains(*pair) if found is None else found).sum()
-    return link.by_receiver(gains)
+    for e, t in link.pairs:
+        aimed.take_points(e, t)
+        gains[e, t] = aimed.direct_gains(e, t).sum()
+    return link.by_receiver(gains), aimed.blurred
 
 
 def _sheet(mesh: TriangleMesh) -> _Sheet | None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from meshtrace.engine.chains.aimed import AimedChains, Nodes, SearchMode
 from meshtrace.engine.chains.sampling import Nominal
-from meshtrace.engine.chains.sets import ChainDrawer, ChainSet
+from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.outcome import warn_of_chains
 from meshtrace.engine.parts import Light, chain_light, direct_light, merged
@@ -116,7 +116,7 @@ class FrozenForced:
             if pair.direct is not None:
                 direct[pair.receiver] += pair.share * pair.direct.sum()
             for chains in pair.sets:
-                score = pair.aimed.score(*pair.ends, chains)
+                score = pair.aimed.aim(*pair.ends, chains).score
                 part = direct if chains.order == 0 else found
                 part[pair.receiver] += pair.share * score.reshape(SHIFTS, -1).mean(axis=1)
         return found + direct, direct
@@ -146,7 +146,7 @@ class FrozenForced:
         """Yield the pairs of source and receiver of a neighbouring link."""
         arrays, aimed, sets = self._aimed(link, mesh)
         for e, t in arrays.pairs:
-            direct = aimed.direct_gains(e, t)
+            direct = None if aimed.sampled else aimed.direct_gains(e, t)
             shown = [c for c in sets[e] if c.order > 0 or direct is None]
             yield _Pair(arrays.receiver(e, t), arrays.share(e, t), aimed, (e, t), direct, shown)
 
@@ -197,9 +197,11 @@ class FrozenForced:
 
         def drawn(s: int, like: ChainSet) -> ChainSet:
             per_shift = len(like.audit) // SHIFTS
-            return drawer.draw(s, like.order, per_shift, (self._seed, s, like.order, 1))
+            return drawer.draw(Request(s, like.order, per_shift, (self._seed, s, like.order, 1)))
 
-        return [[drawn(s, like) for like in row] for s, row in enumerate(self._base.sets(aimed))]
+        return [
+            [drawn(s, like) for like in row] for s, row in enumerate(self._base.sets(aimed.rough))
+        ]
 
     def _stretched(self, arrays: ForcedLink) -> list[Nominal]:
         """Return the laws of the base, with lengths times the ratio of the depths."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.choice import LITTLE, returned_gain
-from meshtrace.engine.forced import ForcedDetection, cut_share
+from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.parts import Parts
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.targets import REFLECTED
@@ -199,9 +199,13 @@ def lack_of_samples(result: GainResult) -> float:
     )
 
 
-def warn_of_few(result: GainResult, where: str = "") -> None:
-    """Warn of gains with a small effective sample size; `where` is the begin of the text."""
-    _warn_of_few([(r, row) for r, row, _ in _samples(result)], where)
+def warn_of_few(results: list[GainResult], links: list[Link], first: int) -> None:
+    """Warn of gains with a small effective sample size, those of the first link and the worst."""
+    worst = max(range(len(results)), key=lambda i: (lack_of_samples(results[i]), i == first))
+    for i in dict.fromkeys((first, worst)):
+        nm = links[i].transmitters[0].wavelength_nm
+        where = "" if i == first else f"{nm:g} nm, the wavelength of fewest samples, "
+        _warn_of_few([(r, row) for r, row, _ in _samples(results[i])], where)
 
 
 def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
@@ -225,8 +229,7 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
             FewSamplesWarning,
         )
     _warn_of_few([(r, row) for r, row in found if r not in worse])
-    if chains.link.physics.reflected == "trace":
-        warn_of_omitted(chains.link, parts.gain)
+    warn_of_omitted(chains.link, parts.gain)
 
 
 def receivers_of_few(parts: Parts) -> set[int]:
@@ -297,9 +300,8 @@ def warn_of_mesh(result: GainResult, case: Case, mesh: TriangleMesh) -> None:
             )
 
 
-def warn_of_cut(case: Case, mesh: TriangleMesh) -> None:
-    """Warn of a mesh that ends where light would cross to a receiver."""
-    cut = cut_share(case.link, mesh, case.run.seed, case.meshing.normals, case.threads)
+def warn_of_cut(cut: Floats) -> None:
+    """Warn of a mesh that ends where a share of the light would cross to a receiver."""
     for r in np.flatnonzero(cut > LEFT_DOMAIN_WARNING):
         _warn(
             f"receiver {r}: the mesh cuts off {100.0 * cut[r]:.2g} % of the light (flat sea; limit "
@@ -362,7 +364,7 @@ def warn_of_dark_map(
     records: Mapping[str, Record],
     follow: Callable[[options.IrradianceMap, int], PhotonSums],
 ) -> None:
-    """Warn of a map that looks away from the light, by a few photons on its back.
+    """Warn of a map that faces away from the light, by a few photons that arrive from behind.
 
     `follow` traces photons with a map.
     """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.chains.aimed import AimedChains, on_disk
+from meshtrace.engine.chains.gain import Counter
 from meshtrace.engine.chains.sets import Block, ChainSet, Drawing
 from meshtrace.engine.choice import Method
 from meshtrace.engine.photons.joined import JoinedParts
@@ -119,6 +119,14 @@ class BlockSums(NamedTuple):
         return cls(light, square, np.asarray(np.count_nonzero(score, axis=-1)))
 
 
+class ChainJob(NamedTuple):
+    """Chains of a block, to be aimed at some receivers by one thread."""
+
+    source: int
+    targets: list[int]
+    block: Block
+
+
 class ChainSums:
     """Sums over chains, by receiver, of one wavelength or of several (`lead` of arrays)."""
 
@@ -131,13 +139,8 @@ class ChainSums:
     ) -> None:
         self._link, self._method = link, method
         receivers = len(method)
-        self.jobs = list[tuple[int, list[int], Block]]()
-        for e, row in enumerate(sets):
-            served = [
-                t for f, t in link.pairs if f == e and method[link.receiver(e, t)] == "chains"
-            ]
-            if served:
-                self.jobs += [(e, served, block) for drawing in row for block in drawing.blocks()]
+        served = [pair for pair in link.pairs if method[link.receiver(*pair)] == "chains"]
+        self.jobs = chain_jobs(served, sets)
         requests = [drawing.request for row in sets for drawing in row]
         self.chains = sum(request.number for request in requests)
         self._orders = max((request.order for request in requests), default=0)
@@ -145,26 +148,29 @@ class ChainSums:
         self._scattered = np.zeros((*lead, receivers, self._orders, SHIFTS))
         self._squares = np.zeros((*lead, receivers))
         self._samples, self._scored = np.zeros((2, *lead, receivers), np.int64)
+        self._sampled = set[tuple[int, int]]()  # pairs whose unscattered light is sampled
 
-    def add_direct(self, gains: Iterable[Floats]) -> int:
-        """Add the unscattered gain of each pair; return the number of sampled ones."""
-        sampled = 0
-        for pair, gain in zip(self._link.pairs, gains, strict=True):
-            self._direct[..., self._link.receiver(*pair), :] += self._link.share(*pair) * gain
-            sampled += gain.shape[-1] > 1
-        return sampled
+    def add_direct(self, e: int, t: int, gain: Floats) -> None:
+        """Add the unscattered gain of a pair, one number or one per shift (..., 1 or shifts)."""
+        self._direct[..., self._link.receiver(e, t), :] += self._link.share(e, t) * gain
+        if gain.shape[-1] > 1:
+            self._sampled.add((e, t))
 
-    def add_chains(self, found: Iterable[list[BlockSums]]) -> None:
-        """Add the sums of each job."""
-        for (e, served, block), rows in zip(self.jobs, found, strict=True):
-            request, shifts = block.request, block.shifts_in
-            for t, sums in zip(served, rows, strict=True):
-                r, share = self._link.receiver(e, t), self._link.share(e, t)
-                light = share * (sums.score / request.per_shift)
-                self._scattered[..., r, request.order - 1, shifts] += light
-                self._samples[..., r] += block.rows.stop - block.rows.start
-                self._scored[..., r] += sums.scored
-                self._squares[..., r] += share**2 * sums.square / request.number**2
+    def add(self, job: ChainJob, found: list[BlockSums]) -> None:
+        """Add the sums of a job, by target."""
+        e, block, request = job.source, job.block, job.block.request
+        for t, sums in zip(job.targets, found, strict=True):
+            r, share = self._link.receiver(e, t), self._link.share(e, t)
+            light = share * (sums.score / request.per_shift)
+            if request.order == 0:
+                self._direct[..., r, block.shifts_in] += light
+                if light.any():
+                    self._sampled.add((e, t))
+                continue
+            self._scattered[..., r, request.order - 1, block.shifts_in] += light
+            self._samples[..., r] += block.rows.stop - block.rows.start
+            self._scored[..., r] += sums.scored
+            self._squares[..., r] += share**2 * sums.square / request.number**2
 
     def of(self, i: int) -> ChainSums:
         """Return the sums of one of several wavelengths."""
@@ -173,11 +179,16 @@ class ChainSums:
             setattr(found, name, getattr(self, name)[i])
         return found
 
-    def parts(self, counts: Counts, found: JoinedParts | None, reflects: bool) -> Parts:
+    def parts(
+        self, counters: NDArray[np.int64], found: JoinedParts | None, reflects: bool
+    ) -> Parts:
         """Return the gain of one wavelength in parts, with the light of joined photons.
 
         They are joined to all receivers if `reflects`, else to those that rest on them alone.
+        `counters` are the outcomes of the search for crossings.
         """
+        outcomes = {c.name.lower(): int(counters[c]) for c in Counter}
+        counts = Counts(self.chains, **outcomes, sampled=len(self._sampled))
         scattered, orders = self._scattered.sum(axis=1), self._scattered.mean(axis=2)
         mean = scattered.mean(axis=1)
         effective = mean**2 / np.maximum(self._squares, 1e-300)
@@ -194,9 +205,26 @@ class ChainSums:
             self._samples[rows], self._scored[rows] = some.photons, some.scored[SCATTERED]
             effective[rows] = some.photons * mean**2 / np.maximum(square, 1e-300)
         return Parts(
-            self._direct, scattered, orders, counts, self._method, self._samples, self._scored,
-            effective, photons=found if reflects else None,
-        )  # fmt: skip
+            direct=self._direct,
+            scattered=scattered,
+            orders=orders,
+            counts=counts,
+            method=self._method,
+            samples=self._samples,
+            scored=self._scored,
+            effective=effective,
+            photons=found if reflects else None,
+        )
+
+
+def chain_jobs(pairs: list[tuple[int, int]], sets: list[list[Drawing]]) -> list[ChainJob]:
+    """Return the jobs of the chains of each source, aimed at the targets of some pairs."""
+    jobs = []
+    for e, row in enumerate(sets):
+        targets = [t for f, t in pairs if f == e]
+        if targets:
+            jobs += [ChainJob(e, targets, block) for drawing in row for block in drawing.blocks()]
+    return jobs
 
 
 class Light(NamedTuple):
@@ -233,28 +261,31 @@ def direct_light(
     emitter: int,
     target: int,
     gains: Floats,
-    at: Floats | None = None,
-    shift: int = -1,
-    points: int = 1,
     tints: Tints | None = NO_TINTS,
+    at: Vec3 | None = None,
+    shift: int = -1,
 ) -> Light:
-    """Return unscattered light by facet, from the point `at` of several of an extended source."""
+    """Return unscattered light by facet, from the centre or a point `at` of a source."""
     link, unit = aimed.link, aimed.link.frame.unit
     lit = np.flatnonzero(gains)
     crossing = aimed.centroids[lit]
     source = link.emitters[emitter]
     if at is not None:
-        source = source._replace(position=Vec3(*at.tolist()))
+        source = source._replace(position=at)
     start = np.array(source.position)
     up, way = crossing - start, np.array(link.targets[target].center) - crossing
     water, air = (unit * np.linalg.norm(part, axis=1) for part in (up, way))
-    order, shifts = np.zeros(len(lit), np.int64), np.full(len(lit), shift)
-    weight = link.share(emitter, target) * gains[lit] / points
-    angles, tint = (
-        _angles(link, emitter, target, up, way),
-        aimed.straight_tints(source, crossing, tints),
+    angle, lamp = _angles(link, emitter, target, up, way)
+    return Light(
+        weight=link.share(emitter, target) * gains[lit],
+        order=np.zeros(len(lit), np.int64),
+        water=water,
+        air=air,
+        angle=angle,
+        lamp=lamp,
+        shift=np.full(len(lit), shift),
+        tint=aimed.straight_tints(source, crossing, tints),
     )
-    return Light(weight, order, water, air, *angles, shifts, tint)
 
 
 def chain_light(
@@ -271,12 +302,17 @@ def chain_light(
     found = aimed.aim(emitter, target, chains, keep=True).arrivals
     end, chain = link.targets[target], found["chain"]
     way = on_disk(end.center, end, chains.chains.disk[chain]) - found["point"]
-    weight = link.share(emitter, target) * found["weight"] / n
-    water, air = unit * found["water"], unit * found["air"]
-    angles = _angles(link, emitter, target, found["emission"], way)
-    order, shift = np.full(len(found), chains.order), (first + chain) // (n // SHIFTS)
-    tint = aimed.chain_tints(emitter, chains, found, tints)
-    return Light(weight, order, water, air, *angles, shift, tint)
+    angle, lamp = _angles(link, emitter, target, found["emission"], way)
+    return Light(
+        weight=link.share(emitter, target) * found["weight"] / n,
+        order=np.full(len(found), chains.order),
+        water=unit * found["water"],
+        air=unit * found["air"],
+        angle=angle,
+        lamp=lamp,
+        shift=(first + chain) // (n // SHIFTS),
+        tint=aimed.chain_tints(emitter, chains, found, tints),
+    )
 
 
 def _angles(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 import math
 
-from meshtrace.engine.chains.aimed import AimedChains, on_disk
+from meshtrace.engine.chains.aimed import on_disk
 from meshtrace.engine.chains.sampling import Chains
 from meshtrace.kernels.scene import Emitter, Target
 
@@ -169,17 +169,11 @@ def received_light(
     Each is (points, weight) from the source over its scatterings and the crossing to the
     aperture; all carry the same share of the gain.
     """
-    aimed = forced.over(mesh)
-    sets = forced.sets(aimed)
-    link = forced.arrays
+    aimed, sets, link = forced.over(mesh), forced.sets(unscattered=True), forced.arrays
     light: list[float] = []
     paths: list[Floats] = []
     for s, power in enumerate(link.power):
         e, t = (0, s) if link.down else (s, 0)
-        if not aimed.rough:
-            direct, gain = _direct(aimed, e, t, n, rng)
-            paths += list(direct)
-            light += [power * gain / max(len(direct), 1)] * len(direct)
         for chains in sets[e]:
             found = aimed.aim(e, t, chains, keep=True).arrivals
             weight = power * found["weight"] / len(chains.audit)
@@ -195,21 +189,6 @@ def received_light(
     chosen = rng.choice(len(paths), n, p=np.array(light) / total)
     with_light = -1 if link.down else 1
     return [(link.frame.metres(paths[k][::with_light]), total / n) for k in chosen]
-
-
-def _direct(
-    aimed: AimedChains, emitter: int, target: int, n: int, rng: np.random.Generator
-) -> tuple[Floats, float]:
-    """Return about n unscattered paths into the first receiver and their gain."""
-    gains = aimed.facet_gains(emitter, target)
-    lit = np.flatnonzero(gains)
-    if not len(lit):
-        return np.zeros((0, 3, 3)), 0.0
-    facets = rng.choice(lit, n, p=gains[lit] / gains[lit].sum())
-    u = rng.random((n, 2))
-    angle = 2.0 * np.pi * u[:, 1]
-    disk = np.sqrt(u[:, :1]) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return aimed.direct_paths(emitter, target, facets, disk), float(gains.sum())
 
 
 def _placed(chains: Chains, arrival: np.void, emitter: Emitter, target: Target) -> Floats:

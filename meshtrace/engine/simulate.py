@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from functools import partial
 from typing import Any, Literal, Unpack, overload
 
 import numpy as np
@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from meshtrace.engine import outcome
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.mesh_error import with_mesh_error
+from meshtrace.engine.forced import ForcedDetection, TypicalSea, cut_share
+from meshtrace.engine.mesh_error import relative_mesh_error, with_mesh_errors
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
-from meshtrace.engine.photons.analog import options_over, run_analog
+from meshtrace.engine.photons.analog import PhotonSums, options_over, run_analog
 from meshtrace.engine.setup.ends import require_height_field, resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import (
@@ -23,6 +23,7 @@ from meshtrace.engine.setup.options import (
     Case,
     Estimator,
     HasCase,
+    IrradianceMap,
     Meshing,
     Record,
     Run,
@@ -30,6 +31,7 @@ from meshtrace.engine.setup.options import (
     read_records,
     resolve,
 )
+from meshtrace.engine.setup.tinting import UNTINTED
 from meshtrace.engine.wavelengths import SpectralDetection, analog_sums, clearest
 from meshtrace.errors import Described, Refused, require_function, require_whole
 from meshtrace.link import Link
@@ -37,6 +39,7 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.parallel import default_threads
 from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
+from meshtrace.results.tallies import ArrivalTally
 from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths
 
 _MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
@@ -155,38 +158,48 @@ def simulate(  # type: ignore[misc]
     given = {key: value for key, value in given.items() if value is not None}
     case = resolve(link, surface, mesh=mesh, **given, **options)
     case = case._replace(run=case.run.replace(threads=default_threads(case.run.threads)))
-    result: GainResult | ByWavelength[GainResult]
+    at = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
+    links = [case.link.at_wavelength(nm) for nm in at] or [case.link]
     try:
-        if wavelengths_nm is None:
-            result = _simulated(case, record, progress)
-            results = [result]
+        case, made, config = _over_mesh(case._replace(link=clearest(links)))
+        records, first = read_records(record, case.run.estimator), links.index(case.link)
+        if at and "irradiance-map" in records:
+            allowed = "arrivals, with wavelengths_nm; maps by coverage_map"
+            raise Refused("record", Described("a map"), allowed)
+        results = _followed(case, links, made, config, records, progress)
+        outcome.warn_of_few(results, links, first)
+        if isinstance(case.run.estimator, Analog):
+            outcome.warn_of_lost(results[first])
+            outcome.warn_of_dark_map(results[first], records, partial(_map_over, case, made))
         else:
-            if "irradiance-map" in read_records(record, case.run.estimator):
-                allowed = "arrivals, with wavelengths_nm; maps by coverage_map"
-                raise Refused("record", Described("a map"), allowed)
-            at = checked_wavelengths(wavelengths_nm)
-            links = [case.link.at_wavelength(nm) for nm in at]
-            results = _simulated_at(case, links, record, progress)
-            result = ByWavelength(np.array(at), tuple(results))
+            relative = relative_mesh_error(case.link, made, case.meshing.normals)
+            results = with_mesh_errors(results, links, first, relative)
+            outcome.warn_of_mesh(results[first], case, made)
+            if results[first].gain_reflected is None:
+                outcome.warn_of_omitted(case.link, results[first].gains)
+            outcome.warn_of_cut(cut_share(case, made))
     except ArithmeticError as error:
         raise Refused("link", Described(f"{error}"), "numbers that do not overflow") from error
     for one in results:
         if not np.isfinite(one.gain).all():
             gain = Described(f"a gain of {one.gain}")
             raise Refused("link", gain, "numbers that do not overflow")
-    return result
+    return ByWavelength(np.array(at), tuple(results)) if at else results[0]
 
 
-def _simulated_at(
+def _followed(
     case: Case,
     links: list[Link],
-    record: Iterable[Record],
+    mesh: TriangleMesh,
+    config: dict[str, Any],
+    records: dict[str, Record],
     progress: Callable[[int], None] | None,
 ) -> list[GainResult]:
-    """Return the result of each link, alike but for wavelength and water, with common paths."""
-    first = clearest(links)
-    case, mesh, config = _over_mesh(case._replace(link=first))
-    records = read_records(record, case.run.estimator)
+    """Return the result of each link, alike but for wavelength and water, with common paths.
+
+    They are repeated with more photons until a relative standard error is met and certain itself.
+    Analog photons add to those already traced; chains are drawn again.
+    """
     recorded = [r.model_dump(mode="json") for r in records.values()]
     run: Run | None = case.run
     results: list[GainResult] = []
@@ -195,108 +208,47 @@ def _simulated_at(
         origins = [{**provenance(link, config, whole), **case.origin} for link in links]
         if isinstance(run.estimator, Analog):
             intersector = EmbreeIntersector(mesh, case.threads)
-            how = {"progress": progress, "arrivals": bool(records), **case.how}
-            sums = analog_sums(links, intersector, run.estimator, run.photons, **how)
+            of: dict[str, Any] = {**case.how, "photons": run.photons, "progress": progress}
+            if len(links) == 1:
+                of["record"] = records.values()
+                sums = [run_analog(case.link, intersector, run.estimator, **of)]
+            else:
+                of["arrivals"] = bool(records)
+                sums = analog_sums(links, intersector, run.estimator, **of)
             found = [
                 outcome.analog_result(link, one, origin, records)
                 for link, one, origin in zip(links, sums, origins, strict=True)
             ]
-            if results:
-                found = [merge(list(pair)) for pair in zip(results, found, strict=True)]
+            pairs = zip(results, found, strict=True) if results else ()
+            results = [merge(list(pair)) for pair in pairs] or found
         else:
-            sea = TypicalSea.of([mesh])
-            parts = SpectralDetection(links, run.photons, **case.how, sea=sea, mesh=mesh)
-            light = parts.arrivals(mesh) if records else [None] * len(links)
-            rows = zip(links, parts.evaluate(mesh), origins, light, strict=True)
-            found = [
-                outcome.forced_result(case._replace(run=run, link=link), mesh, one, origin, seen)
-                for link, one, origin, seen in rows
-            ]
-        results = found
+            sea, light = TypicalSea.of([mesh]), list[ArrivalTally]()
+            if len(links) == 1:
+                forced = ForcedDetection(case.link, run.photons, **case.how, sea=sea)
+                gains = [forced.evaluate(mesh)]
+                if records:
+                    light = forced.tinted_arrivals(mesh, UNTINTED, links)
+            else:
+                spectral = SpectralDetection(links, run.photons, **case.how, sea=sea, mesh=mesh)
+                gains = spectral.evaluate(mesh)
+                if records:
+                    light = spectral.arrivals(mesh)
+            results = []
+            for i, link in enumerate(links):
+                now, seen = case._replace(run=run, link=link), light[i] if light else None
+                results.append(outcome.forced_result(now, mesh, gains[i], origins[i], seen))
         wanted = [more for one in results if (more := _further(case.run, one)) is not None]
         run = max(wanted, key=lambda more: more.photons, default=None)
-    return _checked_at(results, case, mesh, links.index(first))
+    return results
 
 
-def _checked_at(
-    results: list[GainResult], case: Case, mesh: TriangleMesh, first: int
-) -> list[GainResult]:
-    """Return results with the mesh error of one of them; warn of light that they omit."""
-    checked = _checked(results[first], case, mesh, {})
-    worst = max(results, key=outcome.lack_of_samples)
-    if worst is not results[first]:
-        nm = _wavelength_of(worst.provenance["link"]["transmitter"])
-        outcome.warn_of_few(worst, f"{nm:g} nm, the wavelength of fewest samples, ")
-    if checked.mesh_error is None:
-        return [checked if i == first else one for i, one in enumerate(results)]
-    relative = np.atleast_1d(checked.mesh_error) / np.maximum(checked.gains, 1e-300)
-    errors = [outcome.per_receiver(case.link, relative * one.gains) for one in results]
-    return [replace(one, mesh_error=error) for one, error in zip(results, errors, strict=True)]
-
-
-def _wavelength_of(sources: Any) -> float:
-    """Return the wavelength of the first source as plain data."""
-    first = sources[0] if isinstance(sources, list) else sources
-    return float(first["wavelength_nm"])
-
-
-def _simulated(
-    case: Case, record: Iterable[Record], progress: Callable[[int], None] | None
-) -> GainResult:
-    """Return the result of a case whose options have been checked.
-
-    It is repeated with more photons until a relative standard error is met and certain itself.
-    Analog photons add to those already traced; chains are drawn again.
-    """
-    case, mesh, config = _over_mesh(case)
-    records = read_records(record, case.run.estimator)
-    recorded = [r.model_dump(mode="json") for r in records.values()]
-    run: Run | None = case.run
-    result: GainResult | None = None
-    while run is not None:
-        whole = {**run.to_config(), **case.meshing.model_dump(), "record": recorded}
-        origin = {**provenance(case.link, config, whole), **case.origin}
-        if isinstance(run.estimator, Analog):
-            followed: dict[str, Any] = {"record": records.values(), "progress": progress}
-            intersector = EmbreeIntersector(mesh, case.threads)
-            sums = run_analog(
-                case.link, intersector, run.estimator, photons=run.photons, **case.how, **followed
-            )
-            found = outcome.analog_result(case.link, sums, origin, records)
-            result = found if result is None else merge([result, found])
-        else:
-            forced = ForcedDetection(case.link, run.photons, **case.how, sea=TypicalSea.of([mesh]))
-            parts = forced.evaluate(mesh)
-            arrivals = forced.arrivals(mesh) if "arrivals" in records else None
-            result = outcome.forced_result(case._replace(run=run), mesh, parts, origin, arrivals)
-        run = _further(case.run, result)
-    assert result is not None
-    return _checked(result, case, mesh, records)
-
-
-def _checked(
-    result: GainResult, case: Case, mesh: TriangleMesh, records: dict[str, Record]
-) -> GainResult:
-    """Return a result with its mesh error, and warn of light that it omits."""
-    outcome.warn_of_few(result)
-    if isinstance(case.run.estimator, Analog):
-        outcome.warn_of_lost(result)
-        options = case.run.estimator
-        outcome.warn_of_dark_map(
-            result,
-            records,
-            lambda grid, photons: run_analog(
-                case.link, EmbreeIntersector(mesh, case.threads), options, photons=photons,
-                record=[grid], **case.how,
-            ),
-        )  # fmt: skip
-        return result
-    result = with_mesh_error(result, case, mesh)
-    outcome.warn_of_mesh(result, case, mesh)
-    if result.gain_reflected is None and case.link.physics.reflected == "trace":
-        outcome.warn_of_omitted(case.link, result.gains)
-    outcome.warn_of_cut(case, mesh)
-    return result
+def _map_over(case: Case, mesh: TriangleMesh, grid: IrradianceMap, photons: int) -> PhotonSums:
+    """Return the tallies of the first analog photons with a map."""
+    assert isinstance(case.run.estimator, Analog)
+    intersector, of = EmbreeIntersector(mesh, case.threads), case.how
+    return run_analog(
+        case.link, intersector, case.run.estimator, photons=photons, record=[grid], **of
+    )
 
 
 def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:

@@ -87,16 +87,16 @@ WIDER = {("0.3 m deep", 10_000): (35.5, 113.6), ("focus", 2048): None}
 @pytest.fixture(autouse=True)
 def direct_light_once(monkeypatch):
     """Find the unscattered light of a mesh once: it depends on no seed."""
-    known, found = {}, AimedChains.facet_gains
+    known, found = {}, AimedChains.direct_gains
 
-    def facet_gains(aimed, source, receiver, at=None):
+    def direct_gains(aimed, source, receiver, at=None):
         assert at is None
         key = source, receiver, aimed.centroids.shape, float(aimed.centroids.sum())
         if key not in known:
             known[key] = found(aimed, source, receiver)
         return known[key]
 
-    monkeypatch.setattr(AimedChains, "facet_gains", facet_gains)
+    monkeypatch.setattr(AimedChains, "direct_gains", direct_gains)
 
 
 @functools.cache

@@ -41,6 +41,38 @@ def test_absorption_only():
     assert r.gain_scattered == 0.0
 
 
+def gain_aside(height, aside, radius, n=1.33, a=0.05, nodes=1_000_001):
+    """Return the gain of a level aperture beside a Lambertian lamp 1 m deep in clear water.
+
+    Quadrature over the angles of emission up to the critical one; an aperture covers the azimuths
+    whose light lands within its radius.
+    """
+    u = (np.arange(nodes) + 0.5) / nodes
+    critical = math.asin(1.0 / n)
+    angle, step = critical * (1.0 - (1.0 - u) ** 2), 2.0 * critical * (1.0 - u) / nodes
+    cos_i, sin_t = np.cos(angle), n * np.sin(angle)
+    cos_t = np.sqrt(1.0 - sin_t**2)
+    landing = np.tan(angle) + height * sin_t / cos_t
+    cosine = (landing**2 + aside**2 - radius**2) / (2.0 * landing * aside)
+    azimuths = 2.0 * np.arccos(np.clip(cosine, -1.0, 1.0))
+    light = cos_i / math.pi * (1.0 - fresnel_reflectance(cos_i, n, 1.0)) * np.exp(-a / cos_i)
+    return float((light * azimuths * np.sin(angle) * step).sum())
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")  # the mesh ends at 0.04 % of it
+@pytest.mark.parametrize(
+    ("height", "aside", "radius"), [(2.0, 10.0, 1.0), (1.0, 5.0, 0.05), (0.3, 2.0, 0.2)]
+)
+def test_light_that_leaves_along_the_surface(height, aside, radius):
+    """The image of a part is stretched a hundredfold there: bounds on it once left it out."""
+    link = link_of(
+        mt.Water(a=0.05, b=0.0), 1.0, 60.0,
+        height=height, radius=radius, fov_deg=180.0, position=(aside, 0.0),
+    )  # fmt: skip
+    found = forced(link, photons=64).gain_ballistic
+    assert found == pytest.approx(gain_aside(height, aside, radius), rel=1e-3)
+
+
 def sinusoid_gains(sea, link, spacing, places):
     """Return unscattered gains at places over a mesh of the sinusoid."""
     receivers = tuple(link.receiver.model_copy(update={"position": p}) for p in places)

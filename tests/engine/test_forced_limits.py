@@ -128,9 +128,9 @@ def test_a_wide_view_over_a_large_flat_sea():
     wide, near = (
         AimedChains(arrays, flat_mesh(np.full(2, -far), np.full(2, far))) for far in (160.0, 20.0)
     )
-    near_gain = near.facet_gains(0, 0).sum()  # compiles
+    near_gain = near.direct_gains(0, 0).sum()  # compiles
     start = time.process_time()
-    gain = wide.facet_gains(0, 0).sum()
+    gain = wide.direct_gains(0, 0).sum()
     assert time.process_time() - start < 1.0  # 13 s when all parts were cut
     # 0.02 m of the facets of either mesh are taken for planes of one image
     assert gain == pytest.approx(near_gain, rel=2e-3)

@@ -96,28 +96,24 @@ def follow(scene: SeenSea, origin: Floats, direction: Floats, u: Floats, seed: i
             break
         rays, weight = rays[at_sea], weight[at_sea]
         hit, view = Hit(*(v[at_sea] for v in hit)), -direction[at_sea]
-        weight = _foam(scene, out, rays, weight)
+        if scene.foam > 0.0:
+            glow = scene.day.foam_reflectance * scene.day.irradiance / math.pi
+            out[rays, FOAM] += weight * scene.foam * glow
+            weight = weight * (1.0 - scene.foam)
         if scene.day.direct > 0.0 and scene.rough:
             out[rays, GLINT] += weight * _glint(scene, hit, view)
         draws = u[rays] if bounce == 0 else rng.random((len(u), 3))[rays]
         rho, (mirrored, refracted) = np.empty(len(rays)), np.empty((2, len(rays), 3))
-        normals, rough = (hit.normal, hit.facet_normal), scene.surface.roughness
-        split_rays(direction[at_sea], *normals, draws, rough, scene.n, rho, mirrored, refracted)
+        split_rays(
+            direction[at_sea], hit.normal, hit.facet_normal, draws, scene.surface.roughness,
+            scene.n, rho, mirrored, refracted,
+        )  # fmt: skip
         if scene.water is not None:
             light = scene.water.upwelling(-refracted) / scene.n**2
             out[rays, WATER] += weight * (1.0 - rho) * light
         weight = weight * rho
         origin, direction = hit.point + _OFFSET * hit.facet_normal, mirrored
     return out
-
-
-def _foam(scene: SeenSea, out: Floats, rays: Any, weight: Floats) -> Floats:
-    """Score the foam and return the weight of the rays that meet water."""
-    if scene.foam == 0.0:
-        return weight
-    day = scene.day
-    out[rays, FOAM] += weight * scene.foam * day.foam_reflectance * day.irradiance / math.pi
-    return weight * (1.0 - scene.foam)
 
 
 def _glint(scene: SeenSea, hit: Hit, view: Floats) -> Floats:

@@ -157,11 +157,17 @@ def walked(
     world, foam = setup.world, setup.world.interface.foam_transmittance
     bubbles = link.bubbles.phase_function() if link.bubbles else link.water.phase
     back = Backward(
-        view.origins(), view.directions(), in_water, not in_water,
-        day.sky, Vec3(*sun.tolist()), foam * irradiance if world.medium.b_max > 0.0 else 0.0,
-        1.0 if in_water else 1.0 - float(link.water.phase.cdf(_FORWARD)),
-        *(blurred_phase(p) * (in_water | _WIDE) for p in (link.water.phase, bubbles)),
-    )  # fmt: skip
+        origin=view.origins(),
+        direction=view.directions(),
+        in_water=in_water,
+        after_water=not in_water,
+        sky=day.sky,
+        sun=Vec3(*sun.tolist()),
+        irradiance=foam * irradiance if world.medium.b_max > 0.0 else 0.0,
+        kept=1.0 if in_water else 1.0 - float(link.water.phase.cdf(_FORWARD)),
+        phase_water=blurred_phase(link.water.phase) * (in_water | _WIDE),
+        phase_bubble=blurred_phase(bubbles) * (in_water | _WIDE),
+    )
     rays, step = len(view.uniforms), options.batch_size
     spans = [(i, min(i + step, rays)) for i in range(0, rays, step)]
     setup = setup._replace(world=world._replace(back=back))

@@ -54,7 +54,8 @@ class View(NamedTuple):
         aperture, frame = only_aperture(link), frame_of(link)
         psi = math.radians(0.5 * aperture.fov_deg)
         axis, center = -np.array(aperture.axis), frame.points(np.array(aperture.center))
-        uniforms = shifted(*shifted_points(7, points // SHIFTS, (seed, 19)))
+        places, shifts = shifted_points(7, points // SHIFTS, (seed, 19))
+        uniforms = shifted(places, shifts)
         return cls(center, axis, aperture.radius / frame.unit, math.sin(psi) ** 2, uniforms)
 
     def origins(self) -> Floats:
@@ -138,13 +139,13 @@ def scene_of(case: Case, sea: EmbreeIntersector, day: Daylight) -> SeenSea:
     if day.water == "quasi-single":
         water = QuasiSingle(link.water, link.bubbles, link.n_air, day)
     return SeenSea(
-        sea if local is sea.mesh else sea.over(local),
-        surface_arrays(local, case.meshing.normals, link.physics.unresolved),
-        day,
-        link.water.n / link.n_air,
-        1.0 - link.whitecaps.transmittance if link.whitecaps else 0.0,
-        water,
-        link.physics.second_hit == "trace",
+        intersector=sea if local is sea.mesh else sea.over(local),
+        surface=surface_arrays(local, case.meshing.normals, link.physics.unresolved),
+        day=day,
+        n=link.water.n / link.n_air,
+        foam=1.0 - link.whitecaps.transmittance if link.whitecaps else 0.0,
+        water=water,
+        second_hits=link.physics.second_hit == "trace",
     )
 
 
@@ -251,19 +252,15 @@ def bent_sun(
     slack = 2.0 * turns * law.n / (law.n - 1.0)  # s_r turns by less over both disks
     near = np.flatnonzero(_may_vanish(_corner_gaps(surface, every, law, view.center), slack))
     points = view.origins()[chosen]
-    laws = [law._replace(sun=sun) for sun in _suns(law.sun, view.uniforms[chosen, 2:4])]
+    # a point of the sun's disk for each; pairs are opposite
+    odd = np.arange(len(chosen)) % 2
+    u = view.uniforms[chosen, 2:4][np.arange(len(chosen)) - odd]
+    suns = cone(law.sun, math.sin(_SUN_RADIUS) ** 2 * u[:, 0], u[:, 1] + 0.5 * odd)
     found = [
-        _irradiance(scene, near, one, view, point, depths)
-        for one, point in zip(laws, points, strict=True)
+        _irradiance(scene, near, law._replace(sun=sun), view, point, depths)
+        for sun, point in zip(suns, points, strict=True)
     ]
     return np.array(found).reshape(SHIFTS, -1).mean(axis=1) / (math.pi * view.sin2_psi)
-
-
-def _suns(middle: Floats, u: Floats) -> Floats:
-    """Return a point of the sun's disk for each row of u (n, 2); pairs are opposite."""
-    odd = np.arange(len(u)) % 2
-    u = u[np.arange(len(u)) - odd]
-    return cone(middle, math.sin(_SUN_RADIUS) ** 2 * u[:, 0], u[:, 1] + 0.5 * odd)
 
 
 def _corner_gaps(surface: MeshArrays, facets: Any, law: Bending, point: Floats) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from copy import copy
 from functools import cache, cached_property
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,8 @@ from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains import gain as kernel
 from meshtrace.engine.chains import microfacets
 from meshtrace.engine.chains import unscattered as image
-from meshtrace.engine.chains.gain import Counter, direct_crossings
-from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request
+from meshtrace.engine.chains.gain import Counter
+from meshtrace.engine.chains.sets import Aimed, ChainDrawer, ChainSet, Request
 from meshtrace.engine.chains.tinted import tint_chains, tint_straight
 from meshtrace.engine.crossing import ROOT, Search
 from meshtrace.engine.setup.arrays import locator, surface_arrays, with_raster
@@ -47,13 +47,6 @@ _KEPT = (  # of the medium over a surface
     "raster_split",
 )  # fmt: skip
 _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
-
-
-class Aimed(NamedTuple):
-    """Score of each chain of a set, and its unblocked arrivals if they are kept."""
-
-    score: Floats
-    arrivals: NDArray[np.void]  # ARRIVAL
 
 
 class AimedChains:
@@ -93,15 +86,19 @@ class AimedChains:
         self.surface: MeshArrays = surface_arrays(self._mesh, normals, unresolved)
         rough = self.surface.roughness
         self.rough = rough.along > 0.0 or rough.across > 0.0
-        self.blurred = self._blurs()
+        # the slope between two directions is known where refraction is physical
+        physical = link.interface.snell, link.interface.direction
+        wide = min(rough.along, rough.across) > _NARROWEST * math.sqrt(self._mesh_slopes)
+        self.blurred = physical == (Snell.PHYSICAL, Direction.VECTOR) and wide
         self.facets = np.empty(len(mesh.faces), FACET)
         facet_summary(self.surface, self.facets)
+        self._mirrored = _upside_down(self.surface) if link.down else None
         self._serve(link)
         self.nodes: dict[tuple[int, int], Nodes] = {}  # quadratures of the apertures
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     def _serve(self, link: ForcedLink) -> None:
-        """Take what follows from a link."""
+        """Set link, water and bins, and empty counters."""
         self.link, self.medium = link, link.medium
         if self.medium.depth_mode == DepthMode.LOCAL:
             self.medium = with_raster(self.medium, self._intersector)
@@ -119,15 +116,10 @@ class AimedChains:
     def _intersector(self) -> EmbreeIntersector:
         return self._given or EmbreeIntersector(self._mesh, 1)
 
-    def _blurs(self) -> bool:
-        """Return whether random slopes are wide enough for an integration over them.
-
-        Refraction has to be physical: the slope between two directions is then known.
-        """
-        interface, rough = self.link.interface, self.surface.roughness
-        physical = (interface.snell, interface.direction) == (Snell.PHYSICAL, Direction.VECTOR)
-        narrowest = min(rough.along, rough.across)
-        return physical and narrowest > _NARROWEST * math.sqrt(self._mesh_slopes)
+    @property
+    def sampled(self) -> bool:
+        """Whether unscattered light is sampled: slopes are too narrow for an integral over them."""
+        return self.rough and not self.blurred
 
     @cached_property
     def _mesh_slopes(self) -> float:
@@ -147,27 +139,6 @@ class AimedChains:
         """Centroids of the facets, shape (m, 3)."""
         return np.stack([self.facets[name] for name in ("x", "y", "z")], axis=1)
 
-    @cached_property
-    def _mirrored(self) -> tuple[MeshArrays, NDArray[np.void]]:
-        """The surface upside down, with facets in the same order, and their summary."""
-        flip = np.array([1.0, 1.0, -1.0])
-        s, series = self.surface, self.surface.roughness.series
-        odd = series._replace(a=-series.a, aaa=-series.aaa, acc=-series.acc)
-        faces = np.ascontiguousarray(s.faces[:, ::-1])
-        faces.flags.writeable = False  # as those of every mesh: kernels are compiled for one kind
-        surface = s._replace(
-            vertices=s.vertices * flip,
-            faces=faces,
-            face_normals=-s.face_normals * flip,
-            vertex_normals=-s.vertex_normals * flip,
-            low=np.array([s.low[0], s.low[1], -s.high[2]]),
-            high=np.array([s.high[0], s.high[1], -s.low[2]]),
-            roughness=s.roughness._replace(series=odd),
-        )
-        facets = np.empty(len(s.faces), FACET)
-        facet_summary(surface, facets)
-        return surface, facets
-
     def _forwards(self, emitter: int, target: int, at: Vec3 | None) -> Scene:
         """Return the scene in which unscattered light runs from the source to the receiver.
 
@@ -178,7 +149,7 @@ class AimedChains:
         if at is not None:
             start = start._replace(position=at)
         scene = self.scene(start, link.targets[target])
-        if forwards is None:
+        if forwards is None or self._mirrored is None:
             return scene
         surface, facets = self._mirrored
         n = forwards.medium
@@ -206,17 +177,6 @@ class AimedChains:
         extent = search_extent(self.surface, self.facets, self.locator)
         return extent._replace(audit=1.0) if self._search_mode == "thorough" else extent
 
-    def score(self, source: int, receiver: int, chains: ChainSet) -> Floats:
-        """Return the score of each chain of a set, from a source to a receiver."""
-        return self.aim(source, receiver, chains).score
-
-    def scores(self, source: int, chains: ChainSet) -> Floats:
-        """Return the scores of chains, shape (receivers, chains)."""
-        found = np.empty((len(self.link.targets), len(chains.audit)))
-        for receiver, score in enumerate(found):
-            score[:] = self.aim(source, receiver, chains).score
-        return found
-
     def aim(self, source: int, receiver: int, chains: ChainSet, keep: bool = False) -> Aimed:
         """Return the score of each chain of a set and, if `keep`, its unblocked arrivals."""
         emitter, target = self.link.emitters[source], self.link.targets[receiver]
@@ -241,8 +201,11 @@ class AimedChains:
         if n_doubt:
             cut = np.zeros(n_doubt, bool)
             rays = out.rays[:n_rays]
-            ways = (np.ascontiguousarray(rays[name]) for name in ("origin", "direction", "length"))
-            blocked = self._cut(*ways)
+            blocked = self._cut(
+                np.ascontiguousarray(rays["origin"]),
+                np.ascontiguousarray(rays["direction"]),
+                np.ascontiguousarray(rays["length"]),
+            )
             cut[rays["crossing"][blocked]] = True
             clear = out.doubtful[:n_doubt][~cut]
             np.add.at(out.score, clear["chain"], clear["weight"])
@@ -288,22 +251,25 @@ class AimedChains:
         return self.medium._replace(b=0.0, layered=False)
 
     def tinted_gains(
-        self, source: int, receiver: int, tinting: Tinting, other: tuple[int, AimedChains],
+        self,
+        source: int,
+        receiver: int,
         at: Vec3 | None = None,
-    ) -> Floats | None:  # fmt: skip
+        *,
+        tinting: Tinting,
+        other: tuple[int, AimedChains],
+    ) -> Floats:
         """Return the unscattered gain at each wavelength, see `direct_gains`.
 
         Light of a facet has one length of its way, that at which it agrees with the light of
         another wavelength, given with the same surface over its water.
         """
         gains = self.direct_gains(source, receiver, at)
-        if gains is None:
-            return None
         lit, emitter = np.flatnonzero(gains), self.link.emitters[source]
         start = emitter if at is None else emitter._replace(position=at)
         logs = tinting.shares @ self.straight_tints(start, self.centroids[lit], tinting.tints).T
         far = other[1].direct_gains(source, receiver, at)
-        if not len(lit) or far is None:
+        if not len(lit):
             return np.zeros(len(logs))
         with np.errstate(all="ignore"):
             stretch = np.log(far[lit] / gains[lit]) / logs[other[0]]
@@ -332,25 +298,34 @@ class AimedChains:
             cut[beside] = hits.distance < lengths[beside] - 3.0 * hair
         return cut
 
-    def direct_gains(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats | None:
+    def direct_gains(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats:
         """Return the unscattered gain through each facet, without noise.
 
-        From the centre of the source, or from the point `at`. None where it has to be sampled:
-        random slopes are too narrow for the mesh to be integrated over.
+        From the centre of the source, or from the point `at`. Random slopes are left out where
+        unscattered light is `sampled`. A facet that source or receiver cannot see brings nothing:
+        of those that waves may hide the ways to the centroid are checked.
         """
-        if not self.rough:
-            return self.facet_gains(source, receiver, at)
-        if not self.blurred:
-            return None
         scene = self._forwards(source, receiver, at)
-        blur = self._blur(scene)
         gain = np.zeros(len(self._mesh.faces))
-        doubtful = np.zeros(len(gain), bool)
-        nodes = self.nodes.setdefault((source, receiver), _disk_nodes(blur))
-        rule = _disk_rule(*nodes) if nodes else _slope_rule()
+        hidden = np.zeros(len(gain), bool)
         stack = np.empty((image.STACK, 3), np.int64)
-        microfacets.blurred_gain(scene, rule, stack, gain, doubtful)
-        return self._seen(gain, np.flatnonzero(doubtful), source, receiver)
+        if self.rough and self.blurred:
+            nodes = self.nodes.setdefault((source, receiver), _disk_nodes(self._blur(scene)))
+            rule = _slope_rule() if nodes is None else _disk_rule(nodes)
+            microfacets.blurred_gain(scene, rule, stack, gain, hidden)
+        else:
+            stretch, lever = self.bounds_of(scene)
+            image.image_gain(scene, 1.5 * stretch, lever, stack, gain, hidden)
+        doubtful = np.flatnonzero(hidden)
+        if not len(doubtful):
+            return gain
+        centroid = self.centroids[doubtful]
+        for end in (self.link.emitters[source].position, self.link.targets[receiver].center):
+            way = centroid - np.asarray(end)
+            length = np.linalg.norm(way, axis=1)
+            start = np.tile(np.asarray(end), (len(way), 1))
+            gain[doubtful[self._cut(start, way / length[:, None], length)]] = 0.0
+        return gain
 
     def _blur(self, scene: Scene) -> float:
         """Return the radius of the aperture over the width of the light of one facet on it."""
@@ -366,52 +341,46 @@ class AimedChains:
         if self.blurred and self._blur(self._forwards(source, receiver, None)) <= _POINT:
             self.nodes[source, receiver] = 1, 1
 
-    def facet_gains(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats:
-        """Return the unscattered gain through each facet."""
-        scene = self._forwards(source, receiver, at)
-        stretch, lever = self.bounds_of(scene)
-        gain = np.zeros(len(self._mesh.faces))
-        doubtful = np.zeros(len(gain), bool)
-        stack = np.empty((image.STACK, 3), np.int64)
-        image.image_gain(scene, 1.5 * stretch, lever, stack, gain, doubtful)
-        return self._seen(gain, np.flatnonzero(doubtful), source, receiver)
-
     def bounds_of(self, scene: Scene) -> tuple[float, float]:
-        """Return bounds on the change of a landing point with its crossing, and with a slope."""
-        n = scene.medium.n_water / scene.medium.n_air
-        height = scene.target.center[2] + self._waves
-        depth = max(-scene.emitter.position[2] - self._waves, 0.1)
-        sin_t = min(scene.target.sin_widest, 0.98 * min(n, 1.0))
+        """Return bounds on the change of a landing point with its crossing, and with a slope.
+
+        A flat sea stretches light by 1 + (n h / d) (cos i / cos t)^3 in the plane of incidence, h
+        and d the heights of the ends: without bound where it leaves along the surface. Light
+        arrives less flat than straight from above the source.
+        """
+        n, target, source = scene.medium.n_water / scene.medium.n_air, scene.target, scene.emitter
+        height = target.center[2] + self._waves
+        depth = max(-source.position[2] - self._waves, 0.1)
+        aside = math.dist(target.center[:2], source.position[:2]) + target.radius
+        flattest = aside / math.hypot(aside, max(target.center[2] - self._waves, 1e-6))
+        sin_t = min(target.sin_widest, max(0.98, flattest) * min(n, 1.0))
         cos_t, cos_i = math.sqrt(1.0 - sin_t**2), math.sqrt(1.0 - (sin_t / n) ** 2)
         lever = height * abs(n * cos_i / cos_t - 1.0) / cos_t**2
-        return 1.5 * (1.0 + n * height / depth), 1.5 * lever
+        sin_t = min(target.sin_widest, flattest * min(n, 1.0))
+        flat = ((1.0 - (sin_t / n) ** 2) / (1.0 - sin_t**2)) ** 1.5
+        stretch = 1.0 + n * height / depth * max(flat / 1.5, 1.0)
+        return 1.5 * stretch, 1.5 * lever
 
-    def _seen(self, gain: Floats, doubtful: NDArray[np.intp], source: int, receiver: int) -> Floats:
-        """Set the gain of doubtful facets to 0 if source or receiver cannot see the centroid."""
-        if not len(doubtful):
-            return gain
-        centroid = self.centroids[doubtful]
-        for end in (self.link.emitters[source].position, self.link.targets[receiver].center):
-            way = centroid - np.asarray(end)
-            length = np.linalg.norm(way, axis=1)
-            start = np.tile(np.asarray(end), (len(way), 1))
-            gain[doubtful[self._cut(start, way / length[:, None], length)]] = 0.0
-        return gain
 
-    def direct_paths(
-        self, source: int, receiver: int, facets: NDArray[np.intp], disk: Floats
-    ) -> Floats:
-        """Return (n, 3, 3): source, crossing and landing of unscattered light near facets."""
-        emitter, target = self.link.emitters[source], self.link.targets[receiver]
-        found, crossings = np.zeros(len(facets), bool), np.zeros((len(facets), 3))
-        direct_crossings(
-            disk, self.centroids[facets], self.scene(emitter, target), found, crossings
-        )
-        paths = np.empty((len(facets), 3, 3))
-        paths[:, 0] = on_disk(emitter.position, emitter, disk)
-        paths[:, 1] = crossings
-        paths[:, 2] = on_disk(target.center, target, disk)
-        return paths[found]
+def _upside_down(s: MeshArrays) -> tuple[MeshArrays, NDArray[np.void]]:
+    """Return a surface upside down, with facets in the same order, and their summary."""
+    flip = np.array([1.0, 1.0, -1.0])
+    series = s.roughness.series
+    odd = series._replace(a=-series.a, aaa=-series.aaa, acc=-series.acc)
+    faces = np.ascontiguousarray(s.faces[:, ::-1])
+    faces.flags.writeable = False  # as those of every mesh: kernels are compiled for one kind
+    surface = s._replace(
+        vertices=s.vertices * flip,
+        faces=faces,
+        face_normals=-s.face_normals * flip,
+        vertex_normals=-s.vertex_normals * flip,
+        low=np.array([s.low[0], s.low[1], -s.high[2]]),
+        high=np.array([s.high[0], s.high[1], -s.low[2]]),
+        roughness=s.roughness._replace(series=odd),
+    )
+    facets = np.empty(len(s.faces), FACET)
+    facet_summary(surface, facets)
+    return surface, facets
 
 
 def search_extent(surface: MeshArrays, facets: NDArray[np.void], bins: Locator) -> Search:
@@ -440,8 +409,9 @@ def _disk_nodes(blur: float) -> Nodes:
 
 
 @cache
-def _disk_rule(rings: int, around: int) -> microfacets.Rule:
+def _disk_rule(on_disk: tuple[int, int]) -> microfacets.Rule:
     """Return the quadrature over the unit disk, with rings at Gauss's nodes of the area."""
+    rings, around = on_disk
     nodes, weights = np.polynomial.legendre.leggauss(rings)
     azimuth = 2.0 * math.pi * (np.arange(around) + 0.5 * (np.arange(rings)[:, None] % 2)) / around
     circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
@@ -485,4 +455,4 @@ def compile_evaluation(link: Link, mesh: TriangleMesh, normals: str = "vertex") 
     none = ChainDrawer(arrays, 0.0, 0.0).empty(Request(source=0, order=1, per_shift=0, key=()))
     aimed = AimedChains(arrays, mesh, None, normals, link.physics.unresolved)
     aimed.direct_gains(0, 0)
-    aimed.score(0, 0, none)
+    aimed.aim(0, 0, none)

@@ -12,7 +12,7 @@ from meshtrace.engine.chains import microfacets, unscattered
 from meshtrace.engine.chains.gain import is_steep
 from meshtrace.engine.chains.tinted import straight_factors
 from meshtrace.engine.crossing import acceptance, aim_at, straight_shot, transmittance
-from meshtrace.kernels.interface import FieldOfView, exposure, normal_at
+from meshtrace.kernels.interface import FieldOfView, corners, exposure, normal_at
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.rays import is_free
@@ -239,7 +239,8 @@ def blurred_map(scene, cells, stretch, most, across, rules, colours, gain):
         box = _lit_cells(p, minus(p, source), m, f, size, across, cells, scene)
         if box.west > box.east or box.south > box.north:
             continue
-        change = microfacets.slope_change(f, _moved(scene, x, y))
+        a, b, c = corners(scene.surface.vertices, f, scene.surface.faces)
+        change, _ = microfacets.slope_change(f, a, b, c, _moved(scene, x, y))
         if math.isinf(change) and not m.ok:
             change = 0.0  # light is reflected there
         parts = max(change / microfacets.PART_SLOPE, 2.0 * facet.radius / edge, 1.0)

@@ -23,7 +23,7 @@ from meshtrace.kernels.medium import (
     scattering_path,
     water_coefficients,
 )
-from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
+from meshtrace.kernels.scene import FLAT_SEA, height_on
 from meshtrace.kernels.sources import intensity
 from meshtrace.kernels.vectors import UP, Vec2, Vec3, along, dot, minus, norm, plus, row, write
 
@@ -146,21 +146,6 @@ def _flat_root(n, start, shot, scene, out):
         return n
     crossing.flat_crossing(out[n], x, y, shot, scene)
     return n + 1
-
-
-@entry
-def direct_crossings(points, starts, scene, found, out):
-    """Write the crossings of unscattered light that lands on points of the unit disk.
-
-    Array twin: `meshtrace.engine.forced.ForcedDetection`, by the images of the facets.
-    """
-    for i in range(len(points)):
-        shot = crossing.straight_shot(points[i, 0], points[i, 1], scene)
-        x, y = starts[i, 0], starts[i, 1]
-        facet = locate(scene.locator, scene.surface, x, y)
-        if facet >= 0:
-            found[i], x, y, facet = crossing.newton(x, y, facet, NO, 1.0, shot, scene)
-        out[i, 0], out[i, 1], out[i, 2] = x, y, height_on(x, y, facet, scene.surface)
 
 
 @inlined

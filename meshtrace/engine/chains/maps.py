@@ -77,7 +77,13 @@ def _image(
     scene = aimed.scene(emitter, target)
     n_colours, n_tints = tinting.shares.shape
     gain = np.zeros((cells.n, cells.n, n_colours))
-    colours = Colours(*tinting, aimed.clear, np.zeros(n_tints), np.zeros(n_colours))
+    colours = Colours(
+        tints=tinting.tints,
+        shares=tinting.shares,
+        clear=aimed.clear,
+        tint=np.zeros(n_tints),
+        factor=np.zeros(n_colours),
+    )
     stretch, lever = aimed.bounds_of(scene)
     if not aimed.rough:
         stack, polygons = np.empty((STACK, 3), np.int64), np.empty((2, 16, 2))

@@ -26,7 +26,6 @@ from meshtrace.engine import crossing
 from meshtrace.engine.chains import unscattered
 from meshtrace.engine.chains.gain import Counter, Crossing, is_steep, keep, shot_of, weight_of
 from meshtrace.kernels.interface import (
-    corners,
     exposure,
     normal_at,
     over_gaussian,
@@ -102,6 +101,13 @@ def whitened(roughness, tilt):
         (roughness.cos * tilt.x + roughness.sin * tilt.y) / roughness.along,
         (roughness.cos * tilt.y - roughness.sin * tilt.x) / roughness.across,
     )
+
+
+@inlined
+def _normal_from_source(p, goal, scene):
+    """Return `_normal_to` for light straight from the source."""
+    way = minus(p, scene.emitter.position)
+    return _normal_to(p, scaled(1.0 / norm(way), way), goal, scene)
 
 
 @inlined
@@ -271,10 +277,12 @@ def _parts_along(f, i, j, side, scene):
     # everywhere in view, see `_FINER`
     view = unscattered.view_radius(flight, scene.target, scene.interface.fov)
     edge = max(unscattered.VIEW_SHARE * view, _FINEST * PART_BEAM * width)
-    if emitter.kind == SourceKind.TOP_HAT_BEAM and _is_rim(p, h, emitter):
-        edge = min(edge, RIM_BEAM * width)
-    nodes = unscattered.nodes_of(f, _NODES, i, j, side, scene.surface)
-    change, least = _change(f, *nodes, scene)
+    if emitter.kind == SourceKind.TOP_HAT_BEAM:
+        seen = math.asin(min(h / norm(minus(p, emitter.position)), 1.0))
+        if abs(off_axis(p, emitter) - emitter.spread) <= seen:  # the rim may pass through
+            edge = min(edge, RIM_BEAM * width)
+    a, b, c = unscattered.nodes_of(f, _NODES, i, j, side, scene.surface)
+    change, least = slope_change(f, a, b, c, scene)
     from_center = 0.5 if change < _EVEN else 1.0
     beyond = least - from_center * (change + _slope_of_rim(p, scene))
     if beyond > MOST_SLOPE:
@@ -282,7 +290,7 @@ def _parts_along(f, i, j, side, scene):
     if beyond > _FAINT:
         change = 0.0
     elif change > _FEW * PART_SLOPE:
-        change = min(change, _clipped_change(f, *nodes, scene))
+        change = min(change, _clipped_change(f, a, b, c, scene))
     longest = 2.0 * facet.radius * share
     return longest / (PART_BEAM * width), max(change / PART_SLOPE, longest / edge)
 
@@ -293,8 +301,7 @@ def _slope_of_rim(p, scene):
 
     Array twin: see `slope_towards`; in standard deviations, for light that is not slanted.
     """
-    way = minus(p, scene.emitter.position)
-    big, _, flight = _normal_to(p, scaled(1.0 / norm(way), way), Vec2(0.0, 0.0), scene)
+    big, _, flight = _normal_from_source(p, Vec2(0.0, 0.0), scene)
     rough, n = scene.surface.roughness, max(scene.medium.n_water, scene.medium.n_air)
     narrow = min(rough.along, rough.across)
     return 2.0 * n * scene.target.radius / (flight * max(big.z, 1e-9) * narrow)
@@ -328,8 +335,7 @@ def _clipped_change(f, p, q, r, scene):
 def _clipped(p, f, goal, scene):
     """Return the random slope at P that refracts light to a point, at most `_CLIPPED` in size."""
     n = normal_at(p.x, p.y, f, scene.surface)
-    way = minus(p, scene.emitter.position)
-    big, _, _ = _normal_to(p, scaled(1.0 / norm(way), way), goal, scene)
+    big, _, _ = _normal_from_source(p, goal, scene)
     steep = max(big.z, 1e-9)
     u = whitened(
         scene.surface.roughness, Vec2(n.x / n.z - big.x / steep, n.y / n.z - big.y / steep)
@@ -367,28 +373,12 @@ def _share_in_view(p, q, r, goal, scene):
     return corner if seen == 1 else 1.0 - corner
 
 
-@inlined
-def _is_rim(p, h, emitter):
-    """Return whether the rim of a beam may pass within a distance h of P."""
-    seen = math.asin(min(h / norm(minus(p, emitter.position)), 1.0))
-    return abs(off_axis(p, emitter) - emitter.spread) <= seen
-
-
 @outlined
-def slope_change(f, scene):
-    """Return the variation of the slope to the aperture between the corners of a facet.
+def slope_change(f, p, q, r, scene):
+    """Return the variation of the slope to the aperture between points of a facet, and the least.
 
     Array twin: see `slope_towards`.
-    In standard deviations; infinite if no slope refracts light to the aperture at a corner.
-    """
-    return _change(f, *corners(scene.surface.vertices, f, scene.surface.faces), scene)[0]
-
-
-@inlined
-def _change(f, p, q, r, scene):
-    """Return the variation of the slope to the aperture between three points, and the least one.
-
-    Array twin: see `slope_towards`.
+    In standard deviations; infinite if no slope refracts light to the aperture at a point.
     """
     u, v, w = _needed(p, f, scene), _needed(q, f, scene), _needed(r, f, scene)
     a, b, c = minus2(u, v), minus2(v, w), minus2(w, u)
@@ -401,8 +391,7 @@ def _change(f, p, q, r, scene):
 def _needed(p, f, scene):
     """Return the random slope at P on a facet that refracts light to the centre of the aperture."""
     n = normal_at(p.x, p.y, f, scene.surface)
-    way = minus(p, scene.emitter.position)
-    big, _, _ = _normal_to(p, scaled(1.0 / norm(way), way), Vec2(0.0, 0.0), scene)
+    big, _, _ = _normal_from_source(p, Vec2(0.0, 0.0), scene)
     if big.z <= 0.0:
         return Vec2(math.inf, math.inf)
     tilt = Vec2(n.x / n.z - big.x / big.z, n.y / n.z - big.y / big.z)
@@ -527,18 +516,13 @@ def _lifted(flat, scene):
 @inlined
 def sloped_crossing(chains, i, flat, k, spread, scene):
     """Return the `Crossing` of chain i that is proposed for crossing k of the flat sea."""
-    x, y = _proposed(flat[k], chains.tilt[i, 0], chains.tilt[i, 1], spread, scene)
+    x, y = _lifted(flat[k], scene)
+    s = slope_tilt(spread, chains.tilt[i, 0], chains.tilt[i, 1])  # displaces the crossing
+    x = x + flat[k].m11 * s.x + flat[k].m12 * s.y
+    y = y + flat[k].m21 * s.x + flat[k].m22 * s.y
     facet = locate(scene.locator, scene.surface, x, y)
     shot = shot_of(chains, i, scene, flat[k].branch, scene.surface.roughness)
     return _weigh_sloped(chains, i, flat, x, y, facet, shot, spread, scene)
-
-
-@inlined
-def _proposed(flat, first, second, spread, scene):
-    """Return the crossing of the flat sea displaced by a standard normal slope."""
-    x, y = _lifted(flat, scene)
-    s = slope_tilt(spread, first, second)
-    return x + flat.m11 * s.x + flat.m12 * s.y, y + flat.m21 * s.x + flat.m22 * s.y
 
 
 @outlined

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.chains import sampling as kernel
-from meshtrace.engine.chains.gain import flat_contributions, flat_crossings
+from meshtrace.engine.chains.gain import ARRIVAL, flat_contributions, flat_crossings
 from meshtrace.engine.chains.sampling import Chains, Nominal
 from meshtrace.engine.chains.sobol import sobol_points
 from meshtrace.engine.crossing import FLAT
@@ -41,6 +42,13 @@ _LONGEST_WAY = 1.3, 6.0  # smallest and largest of the longest way, over the sho
 
 TURBID = 4.0
 """Scatterings expected on the way, from which water is turbid: chains are fitted to the way."""
+
+
+class Aimed(NamedTuple):
+    """Score of each chain of a set, and its unblocked arrivals if they are kept."""
+
+    score: Floats
+    arrivals: NDArray[np.void]  # ARRIVAL
 
 
 class ChainSet(NamedTuple):
@@ -103,7 +111,7 @@ class Block(NamedTuple):
 
 
 class Drawing(NamedTuple):
-    """Chains of a request, kept for further surfaces or drawn anew for each of them."""
+    """Chains of a request, kept for further surfaces or drawn again for each of them."""
 
     request: Request
     kept: ChainSet | None
@@ -118,6 +126,14 @@ class Drawing(NamedTuple):
         points, shifts = points_of(self.request)
         for rows in self.request.spans():
             yield Block(self.request, rows, points, shifts, None)
+
+
+class StillWater(NamedTuple):
+    """Still water between a source and a receiver, where chains cross it."""
+
+    starts: Floats  # (x, y) of the search for crossings
+    scene: Scene
+    raised: Scene  # water at the ceiling, for chains that end above the mean level
 
 
 class ChainDrawer:
@@ -165,10 +181,12 @@ class ChainDrawer:
         beyond = 1.0 - np.cumsum(poisson_law(most))
         return int(np.clip(np.count_nonzero(beyond > _TAIL), 1, _MAX_ORDER))
 
-    def draw(self, source: int, order: int, per_shift: int, key: tuple[int, ...]) -> ChainSet:
-        """Return chains of one order, `per_shift` for each shift of the points."""
-        request = Request(source, order, per_shift, key)
-        return self.whole(Drawing(request, None))
+    def draw(self, request: Request) -> ChainSet:
+        """Return all chains of a request."""
+        chains = self.empty(request)
+        for block in Drawing(request, None).blocks():
+            self._fill((block, chains.rows(block.rows)))
+        return chains
 
     def draw_all(self, requests: Sequence[Request], threads: int = 1) -> list[Drawing]:
         """Return sets of chains, which are drawn now if they are few enough to be kept.
@@ -178,37 +196,22 @@ class ChainDrawer:
         drawings = [Drawing(request, None) for request in requests]
         if sum(self._bytes(request) for request in requests) > _KEPT_BYTES:
             return drawings
-        sets = [self.empty(request) for request in requests]
-        for _ in ordered_map(self._fill, self._jobs(drawings, sets), threads):
-            pass
-        return [Drawing(*pair) for pair in zip(requests, sets, strict=True)]
+        rows = [(drawing, self.empty(drawing.request)) for drawing in drawings]
+        jobs = ((block, chains.rows(block.rows)) for d, chains in rows for block in d.blocks())
+        deque(ordered_map(self._fill, jobs, threads), maxlen=0)
+        return [Drawing(drawing.request, chains) for drawing, chains in rows]
 
     def whole(self, drawing: Drawing) -> ChainSet:
         """Return all chains of a drawing."""
-        if drawing.kept is not None:
-            return drawing.kept
-        chains = self.empty(drawing.request)
-        for job in self._jobs([drawing], [chains]):
-            self._fill(job)
-        return chains
+        return self.draw(drawing.request) if drawing.kept is None else drawing.kept
 
     def drawn(self, block: Block) -> ChainSet:
         """Return the chains of a block."""
         if block.kept is not None:
             return block.kept
-        n = block.rows.stop - block.rows.start
-        chains = self._room(block.request, n, keep=False)
+        chains = self._room(block.request, block.rows.stop - block.rows.start, keep=True)
         self._fill((block, chains))
         return chains
-
-    @staticmethod
-    def _jobs(
-        drawings: Sequence[Drawing], sets: Sequence[ChainSet]
-    ) -> Iterator[tuple[Block, ChainSet]]:
-        """Yield the blocks of drawings with room for their chains."""
-        for drawing, chains in zip(drawings, sets, strict=True):
-            for block in drawing.blocks():
-                yield block, chains.rows(block.rows)
 
     def _bytes(self, request: Request) -> int:
         """Return the size of the chains of a request with their crossings to all receivers."""
@@ -233,7 +236,7 @@ class ChainDrawer:
             tilt=np.empty((n, 2)),
         )
         flat = [np.zeros((n, CROSSINGS), FLAT) for _ in self.link.targets] if keep else []
-        return ChainSet(order, chains, np.empty(n), partial(self._crossings, request.source), flat)
+        return ChainSet(order, chains, np.empty(n), partial(self._found, request.source), flat)
 
     def _fill(self, job: tuple[Block, ChainSet]) -> None:
         """Draw the chains of a block from shifted points; find their crossings of a flat sea."""
@@ -247,32 +250,31 @@ class ChainDrawer:
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
         kernel.make_chains(found.chains, law, self.link.medium, u, component)
         for receiver, out in enumerate(found.flat):
-            self._find(source, found.chains, receiver, out)
+            still = self._still_water(source, receiver)
+            flat_crossings(found.chains, still.starts, still.scene, still.raised, out)
 
-    def _crossings(self, source: int, chains: Chains, receiver: int) -> NDArray[np.void]:
+    def _found(self, source: int, chains: Chains, receiver: int) -> NDArray[np.void]:
         """Return the crossings of a flat sea by chains from a source to a receiver."""
         out = np.zeros((len(chains.path), CROSSINGS), FLAT)
-        self._find(source, chains, receiver, out)
+        still = self._still_water(source, receiver)
+        flat_crossings(chains, still.starts, still.scene, still.raised, out)
         return out
 
-    def _find(self, source: int, chains: Chains, receiver: int, out: NDArray[np.void]) -> None:
-        scene, raised = self.still_scenes(source, self.link.targets[receiver])
-        flat_crossings(chains, starts_of(scene.emitter, scene.target), scene, raised, out)
+    def _still_water(self, source: int, receiver: int) -> StillWater:
+        """Return still water between a source and a receiver."""
+        link, sea = self.link, _still_surface()
+        emitter, target = link.emitters[source], link.targets[receiver]
+        bins, facets = empty_locator(), np.zeros(0, FACET)
+        scene = Scene(emitter, target, sea, bins, facets, link.medium, link.interface)
+        raised = scene._replace(surface=sea._replace(level=self.ceiling))
+        return StillWater(starts_of(emitter, target), scene, raised)
 
-    def still_scenes(self, source: int, target: Target) -> tuple[Scene, Scene]:
-        """Return a source and an aperture over still water, and over water at the ceiling."""
-        link, facets = self.link, (empty_locator(), np.zeros(0, FACET))
-        sea = _still_water()
-        still = Scene(link.emitters[source], target, sea, *facets, link.medium, link.interface)
-        return still, still._replace(surface=sea._replace(level=self.ceiling))
-
-    def scores(self, source: int, chains: ChainSet) -> Floats:
-        """Return the scores of chains over still water, shape (receivers, chains)."""
-        scores = np.empty((len(self.link.targets), len(chains.audit)))
-        for receiver, score in enumerate(scores):
-            scene, _ = self.still_scenes(source, self.link.targets[receiver])
-            flat_contributions(chains.chains, chains.crossings(receiver), scene, score)
-        return scores
+    def aim(self, source: int, receiver: int, chains: ChainSet) -> Aimed:
+        """Return the score of each chain of a set over still water, without its arrivals."""
+        score = np.empty(len(chains.audit))
+        scene = self._still_water(source, receiver).scene
+        flat_contributions(chains.chains, chains.crossings(receiver), scene, score)
+        return Aimed(score, np.zeros(0, ARRIVAL))
 
 
 def poisson_law(mean: float) -> Floats:
@@ -304,7 +306,7 @@ def shifted(points: Floats, shifts: Floats) -> Floats:
 
 
 @cache
-def _still_water() -> MeshArrays:
+def _still_surface() -> MeshArrays:
     """Return a piece of still water."""
     return surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
 
@@ -343,15 +345,15 @@ def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: floa
     turbid = uniform and float(cumulative[-1]) >= TURBID
     fitted = _FITTED if turbid else 0.0
     return Nominal(
-        distance,
-        c,
-        step,
-        cumulative / cumulative[-1],
-        total / cumulative[-1],
-        np.where(total > 0.0, b_bub / total, 0.0),
-        float(cumulative[-1]),
-        1.0 + (longest - 1.0) * _STRETCH,
-        np.append((1.0 - fitted) * _MIXTURE, fitted),
+        distance=distance,
+        c=c,
+        step=step,
+        share=cumulative / cumulative[-1],
+        density=total / cumulative[-1],
+        bubble=np.where(total > 0.0, b_bub / total, 0.0),
+        expected=float(cumulative[-1]),
+        stretch=1.0 + (longest - 1.0) * _STRETCH,
+        mixture=np.append((1.0 - fitted) * _MIXTURE, fitted),
     )
 
 

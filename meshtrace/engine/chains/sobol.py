@@ -1,4 +1,4 @@
-"""Sobol points of the unit cube, scrambled: those of `scipy.stats.qmc.Sobol`.
+"""Scrambled Sobol points of the unit cube, the same as by `scipy.stats.qmc.Sobol`.
 
 The import of `scipy.stats` takes as long as a third of a whole run. `joe_kuo.txt` has the first
 rows of new-joe-kuo-6.21201 (Joe and Kuo 2008, https://web.maths.unsw.edu.au/~fkuo/sobol): the

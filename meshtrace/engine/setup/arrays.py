@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from meshtrace.engine.bvh import Intersector
+from meshtrace.engine.bvh import Hits, Intersector
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels import interface
 from meshtrace.kernels.medium import Absorption, DepthMode, Medium
@@ -125,11 +125,23 @@ def surface_arrays(
         missing = mesh.unresolved.vertex if normals == "vertex" else mesh.unresolved.facet
         wind = math.radians(mesh.unresolved.direction_deg)
         roughness = interface.Roughness(
-            math.sqrt(missing[0]), math.sqrt(missing[1]), math.cos(wind), math.sin(wind),
-            series_of(mesh.unresolved.cumulants, missing),
-        )  # fmt: skip
-    arrays = mesh.vertices, mesh.faces, mesh.face_normals, mesh.vertex_normals
-    return interface.MeshArrays(*arrays, low, high, mesh.max_slope, normals == "vertex", roughness)
+            along=math.sqrt(missing[0]),
+            across=math.sqrt(missing[1]),
+            cos=math.cos(wind),
+            sin=math.sin(wind),
+            series=series_of(mesh.unresolved.cumulants, missing),
+        )
+    return interface.MeshArrays(
+        vertices=mesh.vertices,
+        faces=mesh.faces,
+        face_normals=mesh.face_normals,
+        vertex_normals=mesh.vertex_normals,
+        low=low,
+        high=high,
+        max_slope=mesh.max_slope,
+        interpolate=normals == "vertex",
+        roughness=roughness,
+    )
 
 
 def interface_arrays(link: Link) -> interface.Interface:
@@ -195,10 +207,56 @@ def aperture_arrays(link: Link) -> Apertures:
 
 
 def with_raster(medium: Medium, intersector: Intersector) -> Medium:
-    """Return the medium with the elevations of a mesh, where depths are below the surface."""
+    """Return the medium with the elevations of a mesh, where depths are below the surface.
+
+    They are those of a square raster, by vertical rays.
+    """
     if medium.depth_mode != DepthMode.LOCAL:
         return medium
-    return medium._replace(**_raster(intersector))
+    low, high = intersector.mesh.bounds
+    width = float(max(high[0] - low[0], high[1] - low[1]))
+    nodes = int(np.clip(width / 0.25, 16, 256))
+    step = width / (nodes - 1)
+    # a ray aimed at the very rim may miss it
+    x = np.clip(low[0] + step * np.arange(nodes), low[0] + 1e-4, high[0] - 1e-4)
+    y = np.clip(low[1] + step * np.arange(nodes), low[1] + 1e-4, high[1] - 1e-4)
+    places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    down = _Verticals(places, np.full((nodes, nodes), high[2] + 1.0), -1.0)
+    top = down.crossings(intersector.intersect(down.origins, down.directions), 0.0)
+    x0, y0 = (float(side) for side in low[:2])
+    medium = medium._replace(raster_x=x0, raster_y=y0, raster_step=step, raster=top)
+    if intersector.mesh.single_valued:
+        return medium
+    up = _Verticals(places, np.full((nodes, nodes), low[2] - 1.0), 1.0)
+    lowest = up.crossings(intersector.intersect(up.origins, up.directions), top)
+    on = _Verticals(places, lowest + 1e-4, 1.0)  # to the underside of the jet, if there is one
+    above = on.crossings(intersector.intersect(on.origins, on.directions), lowest)
+    below = np.where(above > lowest, lowest, top)
+    split = np.where(above > lowest, 0.5 * (lowest + above), top)
+    return medium._replace(overhangs=True, raster_low=below, raster_split=split)
+
+
+class _Verticals(NamedTuple):
+    """Vertical rays of a raster."""
+
+    places: Floats  # (n, n, 2)
+    start: Floats  # heights (n, n)
+    way: float  # 1 up, -1 down
+
+    @property
+    def origins(self) -> Floats:
+        """Starts of the rays (n^2, 3)."""
+        return np.concatenate([self.places, self.start[..., None]], axis=-1).reshape(-1, 3)
+
+    @property
+    def directions(self) -> Floats:
+        """Directions of the rays (n^2, 3)."""
+        return np.broadcast_to((0.0, 0.0, self.way), (self.start.size, 3))
+
+    def crossings(self, hits: Hits, beside: Floats | float) -> Floats:
+        """Return the height of the first crossing of each ray, `beside` without one."""
+        distance = hits.distance.reshape(self.start.shape)
+        return np.where(np.isfinite(distance), self.start + self.way * distance, beside)
 
 
 def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
@@ -272,36 +330,6 @@ def _integral(values: np.ndarray, step: float) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(0.5 * step * (values[1:] + values[:-1]))])
 
 
-def _raster(intersector: Intersector) -> dict[str, Any]:
-    """Return the elevations of the mesh on a square raster, by vertical rays."""
-    low, high = intersector.mesh.bounds
-    width = float(max(high[0] - low[0], high[1] - low[1]))
-    nodes = int(np.clip(width / 0.25, 16, 256))
-    step = width / (nodes - 1)
-    # a ray aimed at the very rim may miss it
-    x = np.clip(low[0] + step * np.arange(nodes), low[0] + 1e-4, high[0] - 1e-4)
-    y = np.clip(low[1] + step * np.arange(nodes), low[1] + 1e-4, high[1] - 1e-4)
-    gx, gy = np.meshgrid(x, y, indexing="ij")
-
-    def crossing(start: np.ndarray, way: float, beside: np.ndarray | float) -> np.ndarray:
-        """Return the first crossing of the vertical from heights on, `beside` without one."""
-        origins = np.stack([gx, gy, start], axis=-1).reshape(-1, 3)
-        hits = intersector.intersect(origins, np.broadcast_to((0.0, 0.0, way), origins.shape))
-        distance = hits.distance.reshape(gx.shape)
-        return np.where(np.isfinite(distance), start + way * distance, beside)
-
-    top = crossing(np.full(gx.shape, high[2] + 1.0), -1.0, 0.0)
-    raster = {"raster_x": float(low[0]), "raster_y": float(low[1]), "raster_step": step}
-    if intersector.mesh.single_valued:
-        return {**raster, "raster": top}
-    lowest = crossing(np.full(gx.shape, low[2] - 1.0), 1.0, top)
-    above = crossing(lowest + 1e-4, 1.0, lowest)  # the underside of the jet, if there is one
-    below = np.where(above > lowest, lowest, top)
-    split = np.where(above > lowest, 0.5 * (lowest + above), top)
-    layers = {"overhangs": True, "raster_low": below, "raster_split": split}
-    return {**raster, "raster": top, **layers}
-
-
 def empty_locator() -> Locator:
     """Return the bins of no facets, for a flat sea."""
     return Locator(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64), np.zeros(0, np.int32))
@@ -319,18 +347,9 @@ def locator(surface: interface.MeshArrays, targets: Sequence[Target]) -> Locator
     high = [min(high[i], float(surface.high[i])) for i in range(2)]
     key = *low, *high
     plane = surface.faces, surface.vertices[:, :2]
-    for (faces, places), other, grid in tuple(_bins_kept):
+    for (faces, places), other, known in tuple(_bins_kept):
         if key == other and np.array_equal(places, plane[1]) and np.array_equal(faces, plane[0]):
-            return grid
-    grid = _bins(surface, low, high)
-    _bins_kept.append(((plane[0], plane[1].copy()), key, grid))
-    return grid
-
-
-_bins_kept: deque[Any] = deque(maxlen=2)  # for both directions
-
-
-def _bins(surface: interface.MeshArrays, low: list[float], high: list[float]) -> Locator:
+            return known
     width = max(high[0] - low[0], high[1] - low[1])
     step = max(0.1, width / 400.0)
     nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
@@ -341,7 +360,11 @@ def _bins(surface: interface.MeshArrays, low: list[float], high: list[float]) ->
     np.cumsum(start, out=start)
     grid = grid._replace(facet=np.empty(start[-1], np.int32))
     fill_bins(surface, grid, bins, start[:-1].copy())
+    _bins_kept.append(((plane[0], plane[1].copy()), key, grid))
     return grid
+
+
+_bins_kept: deque[Any] = deque(maxlen=2)  # for both directions
 
 
 @lru_cache(maxsize=32)

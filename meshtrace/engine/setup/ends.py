@@ -29,7 +29,11 @@ POINTS_ONLY = f"a point source in bottomless water, with these switches of physi
 _NEGLIGIBLE = 1e-7  # light at the reach over that straight above the source
 _NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts of a facet
 _REVERSIBLE = ("snell", "direction", "fresnel", "free_path", "fov")
-_ANY_END = Emitter(*(Vec3(0.0, 0.0, 0.0),) * 2, 3, 0.0, 0.0, 1.0, 0.0, *(Vec3(0.0, 0.0, 0.0),) * 2)
+_ZERO = Vec3(0.0, 0.0, 0.0)
+_NO_LAMP = Emitter(
+    position=_ZERO, axis=_ZERO, kind=int(SourceKind.ISOTROPIC), spread=0.0, norm=0.0, power=1.0,
+    radius=0.0, e1=_ZERO, e2=_ZERO,
+)  # fmt: skip
 
 
 class Forwards(NamedTuple):
@@ -108,25 +112,24 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
             water._replace(n_water=water.n_air, n_air=water.n_water),
         )
     return ForcedLink(
-        frame,
-        [emitter_of(end, frame) for end in low],
-        power / power.sum(),
-        _targets(link, frame),
-        water,
-        arrays.interface_arrays(link),
-        forwards,
-        tuple(end.size / frame.unit if isinstance(end, Source) else 0.0 for end in low),
+        frame=frame,
+        emitters=[emitter_of(end, frame) for end in low],
+        power=power / power.sum(),
+        targets=_targets(link, frame),
+        medium=water,
+        interface=arrays.interface_arrays(link),
+        forwards=forwards,
+        sizes=tuple(end.size / frame.unit if isinstance(end, Source) else 0.0 for end in low),
     )
 
 
-def needs_photons(link: Link) -> tuple[str, object] | None:
-    """Return the first field (and value) that needs joined photons, or None."""
+def require_points(link: Link) -> None:
+    """Refuse an extended source or a bottom, whose light joined photons follow but no chains."""
     for path, item in link.items():
         if isinstance(item, Source) and item.size > 0.0:
-            return path, Described(f"a radius of {item.size:g} m")
+            raise Refused(path, Described(f"a radius of {item.size:g} m"), POINTS_ONLY)
     if link.water.bottom_depth is not None:
-        return "water.bottom_depth", link.water.bottom_depth
-    return None
+        raise Refused("water.bottom_depth", link.water.bottom_depth, POINTS_ONLY)
 
 
 def _mirrored(end: Any, place: str) -> Any:
@@ -279,8 +282,10 @@ def emitter_of(end: Source | Aperture, frame: arrays.Frame = arrays.IDENTITY) ->
         half = math.radians(end.fov_deg) / 2.0
         view = math.pi * math.sin(half) ** 2
         area = math.pi * radius**2
-        kind = int(SourceKind.APERTURE)
-        return Emitter(position, axis, kind, half, 1.0 / view, area * view, radius, e1, e2)
+        return Emitter(
+            position=position, axis=axis, kind=int(SourceKind.APERTURE), spread=half,
+            norm=1.0 / view, power=area * view, radius=radius, e1=e1, e2=e2,
+        )  # fmt: skip
     kind, spread = arrays.pattern_of(end)
     if kind == SourceKind.LED:
         norm = (spread + 1.0) / (2.0 * math.pi)
@@ -290,7 +295,10 @@ def emitter_of(end: Source | Aperture, frame: arrays.Frame = arrays.IDENTITY) ->
         norm = 1.0 / (2.0 * math.pi * (1.0 - math.cos(spread)))
     else:
         norm = 1.0 / (4.0 * math.pi)
-    return Emitter(position, Vec3(*end.axis), kind, spread, norm, 1.0, 0.0, e1, e2)
+    return Emitter(
+        position=position, axis=Vec3(*end.axis), kind=kind, spread=spread, norm=norm, power=1.0,
+        radius=0.0, e1=e1, e2=e2,
+    )  # fmt: skip
 
 
 def across(axis: Sequence[float] | Floats) -> tuple[Vec3, Vec3]:
@@ -350,5 +358,5 @@ def target_of(receiver: Any, frame: arrays.Frame = arrays.IDENTITY) -> Target:
         reach=min((abs(center.z) + 2.0) * math.tan(widest), 200.0) + 2.0 * radius,
         sin_widest=math.sin(widest),
         is_lamp=False,
-        lamp=_ANY_END,
+        lamp=_NO_LAMP,
     )

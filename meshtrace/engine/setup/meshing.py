@@ -198,9 +198,9 @@ def _resolving(
     half *= lit
     if single:
         tilts = math.sqrt(min(random)) if link.physics.unresolved == "tilt" else 0.0
-        bend = _curvature(surface, center, half, time)
-        accurate = max(_accurate(link, *bend, tilts), 2.0 * half * math.sqrt(2.0 / _MOST_FINER))
-        spacing = min(spacing, accurate)
+        curvature, change = _curvature(surface, center, half, time)
+        finest = 2.0 * half * math.sqrt(2.0 / _MOST_FINER)
+        spacing = min(spacing, max(_accurate(link, curvature, change, tilts), finest))
     if spacing == f.spacing:
         return f
     if 2.0 * (2.0 * half / spacing) ** 2 > _MOST_LIT:

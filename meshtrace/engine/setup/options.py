@@ -401,7 +401,7 @@ class HasCase(Protocol):
         mesh: Meshing | None = None,
         **options: Any,
     ) -> Case:
-        """Return the inputs of the run, with other ones where they are given; see `resolve`."""
+        """Return the inputs of the run, with replacements; see `resolve`."""
         ...
 
 

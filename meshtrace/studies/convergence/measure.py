@@ -326,7 +326,7 @@ def over_waves(forced: ForcedDetection, sea: WaveSum, time: float, spacing: floa
             score = np.zeros(len(chains.audit))
             analytic.move_crossings(chains.chains, arrivals, waves, scene, score, counters)
             scattered += power * score.reshape(SHIFTS, -1).mean(axis=1)
-        crossings = aimed.centroids[np.flatnonzero(aimed.facet_gains(source, 0))]
+        crossings = aimed.centroids[np.flatnonzero(aimed.direct_gains(source, 0))]
         coarse, fine = (_direct(waves, scene, crossings, n) for n in (4, 8))
         if abs(fine - coarse) > _QUADRATURE_ERROR * fine:  # a caustic lies on the aperture
             coarse, fine = _finely_meshed(forced, sea, time, source, crossings, spacing)
@@ -360,7 +360,7 @@ def _finely_meshed(
     gains = []
     for parts in (8, 16):
         mesh = sea.mesh(time, extent, max(spacing / parts, extent / 500.0), center=center)
-        gains.append(float(forced.over(mesh).facet_gains(source, 0).sum()))
+        gains.append(float(forced.over(mesh).direct_gains(source, 0).sum()))
     return gains[1], gains[1] + (gains[1] - gains[0]) / 3.0
 
 

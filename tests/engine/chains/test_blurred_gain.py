@@ -13,6 +13,7 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
+from meshtrace.engine.chains.sets import Request
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.setup.ends import crossing_reach
@@ -47,9 +48,9 @@ def mean_of(scores):
 
 def searched(forced, aimed, order, chains, receiver=0):
     """Return mean and standard error of chains whose crossings are searched."""
-    drawn = forced.drawer.draw(0, order, chains // SHIFTS, (7, 0, order, 1))
+    drawn = forced.drawer.draw(Request(0, order, chains // SHIFTS, (7, 0, order, 1)))
     aimed.blurred = False
-    found = mean_of(aimed.score(0, receiver, drawn))
+    found = mean_of(aimed.aim(0, receiver, drawn).score)
     aimed.blurred = True
     return found
 
@@ -115,9 +116,9 @@ def test_chains_that_try_crossings_against_searched_ones(omega_max):
     forced = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6), scattered="chains")
     aimed = forced.over(mesh)
     for order in (0, 1, 3):
-        drawn = forced.drawer.draw(0, order, 1024, (9, 0, order, 1))
+        drawn = forced.drawer.draw(Request(0, order, 1024, (9, 0, order, 1)))
         for r in range(2):
-            mean, stderr = mean_of(aimed.score(0, r, drawn))
+            mean, stderr = mean_of(aimed.aim(0, r, drawn).score)
             other, other_stderr = searched(forced, aimed, order, 4096, r)
             assert z_test(mean, math.hypot(stderr, other_stderr), other) > sidak(ALPHA, 12)
             assert stderr < 0.1 * mean
