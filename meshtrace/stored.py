@@ -98,7 +98,7 @@ class WithArrays:
 
     @classmethod
     def _parts(cls) -> Iterator[tuple[str, Any]]:
-        """Yield attribute and class of each field with arrays of its own."""
+        """Yield attribute and class of each field that holds further arrays."""
         for attribute, hint in get_type_hints(cls).items():
             for kind in get_args(hint):
                 if isinstance(kind, type) and issubclass(kind, WithArrays):
@@ -332,7 +332,7 @@ def load(path: str | Path) -> Stored:
 
 
 def kind_of(kind: Any, name: str = "kind") -> type[Stored]:
-    """Return the class of results of a kind; `name` is that of the dataset or file.
+    """Return the class of results of a kind; `name` is the dataset or file in messages.
 
     Raises
     ------

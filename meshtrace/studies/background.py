@@ -112,7 +112,7 @@ def light_of(campaign: Campaign, day: Daylight | None) -> Daylight | None:
 
 
 def checked_daylight(day: Daylight | None, link: Link) -> Daylight | None:
-    """Return daylight at the wavelength of a link, or None; refuse any other."""
+    """Return daylight, if any; refuse a wavelength other than the link's."""
     require_kind(day, Daylight | None, "daylight")
     wavelength = link.transmitters[0].wavelength_nm
     if day is not None and day.wavelength_nm != wavelength:

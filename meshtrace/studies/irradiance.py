@@ -292,7 +292,7 @@ def irradiance_series(
 def _checked(
     surface: Any, day: Any, water: Any, depths: ArrayLike, times: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Return depths and times; refuse what the pattern is not defined for."""
+    """Return depths and times; refuse a sea, light or water without a pattern."""
     if not isinstance(surface, Surface) or getattr(surface, "choppy", False):
         kind = "choppy" if isinstance(surface, Surface) else type(surface).__name__
         raise Refused("surface", Described(kind), "a sea (Surface) that is a height field")
