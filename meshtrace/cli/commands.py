@@ -74,26 +74,6 @@ def compare(
     written.write(found)
 
 
-def irradiance(
-    study: StudyRow, asked: Asked, *, link: LinkFile = None, written: PlotOptions, case: AllChanges
-) -> None:
-    """Run the study of the sea, the water and the daylight of a link."""
-    from meshtrace.daylight.light import Daylight, default_irradiance
-
-    scenario, (function,) = case.scenario(link), study.functions
-    written.check(link)
-    day, of_run = scenario.daylight, scenario.run
-    if day is None:
-        nm = scenario.link.transmitters[0].wavelength_nm
-        day = Daylight(
-            **default_irradiance(30.0, nm)._asdict(), wavelength_nm=nm, light="clear sky"
-        )
-    own = {"water": scenario.link.water, "seed": of_run.seed, "threads": of_run.threads}
-    with progress(len(asked["times"]), False, study.doing, study.kernels) as (_, advance):
-        found = function(scenario.case().surface, day, progress=advance, **own, **asked)
-    written.write(found)
-
-
 _REFINED = {"spacings": "--spacings", "steps": "--time-steps", "omega_max": "--omega-max"}
 
 
@@ -380,7 +360,6 @@ _OWN: dict[str, Callable[..., None]] = {
     "ber": ber,
     "compare": compare,
     "converge": converge,
-    "irradiance": irradiance,
     "sweep": sweep,
     "traces": traces,
 }

@@ -216,7 +216,7 @@ class Campaign(NamedTuple):
         time: float,
         lines: dict[str, Any] | None = None,
     ) -> TriangleMesh:
-        """Return the mesh of a surface at a time; `lines` are grid lines common to several times."""
+        """Return the mesh of a surface at a time; `lines` are those common to several."""
         made = surface
         if not isinstance(made, TriangleMesh):
             made = made.mesh(time, **(lines or self.lines(links, made)))

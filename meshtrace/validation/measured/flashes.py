@@ -119,7 +119,7 @@ def depth_law(
     rows: Sequence[MeasuredRow], photons: float, wind_speed: float, fetch: float, collector: float,
     a: float, b: float, forward_deg: float, diffuse: float,
 ) -> tuple[list[float], float]:  # fmt: skip
-    """Return the mean CV of 0.25 to 2 m over the CV of 25 m, or the depth of the largest ("peak")."""
+    """Return the mean CV of 0.25 to 2 m over the CV of 25 m, or the depth of the "peak"."""
     shots = max(int(2**17 * photons), 2**13)
     cv = variation(wind_speed, fetch, collector, a, b, forward_deg, diffuse, shots)
     found = {"ratio": float(cv[:5].mean() / cv[-1]), "peak": peak_of(np.array(_DEPTHS), cv)}
