@@ -299,7 +299,7 @@ def backgrounds(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -
     setup = partial(_seen, campaign.alone, steps, day, photons)
     # the threads are those of the rays over one surface
     one = campaign._replace(run=campaign.run.replace(threads=1))
-    name = f"background of {', '.join(campaign.links)}"
+    name = f"background of {', '.join(campaign.links)} by {day.light}"
     found = one.over(setup, range(len(steps.labels)), name, identity)
     results = []
     for row in found:

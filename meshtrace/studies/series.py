@@ -17,13 +17,12 @@ from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
 from meshtrace.results.wavelengths import ByWavelength
+from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of, mean, stderr
 from meshtrace.uav.airframe import Flight, Route
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from meshtrace.scenario import Scenario
 
 _STATISTICS = 50  # gains, the least for a comparison with the closed form
 
