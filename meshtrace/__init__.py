@@ -1,6 +1,6 @@
 """Embree-backed triangle-mesh Monte Carlo ray tracing of light that crosses a wavy sea.
 
-The names below are those of most programs; all others are in the groups, such as `optics.Petzold`.
+`dir` lists the names of most programs; all others are in the groups, such as `optics.Petzold`.
 """
 
 from importlib import import_module
@@ -11,12 +11,10 @@ import lazy_loader
 _attribute, _, _ = lazy_loader.attach_stub(__name__, __file__)
 
 __all__ = [  # noqa: RUF022, by subject
-    # one link, many links
-    "simulate", "ensemble", "time_series", "coverage_map", "background", "link_performance",
-    "compare", "sensitivities", "sweep", "explore",
+    # one link, many surfaces, many places
+    "simulate", "ensemble", "time_series", "coverage_map", "background", "explore",
     # descriptions
-    "Link", "Led", "AirLed", "Receiver", "WaterReceiver", "Water", "JonswapSea", "FlatSea",
-    "Meshing", "Daylight", "OokLink", "Flight", "Scenario", "Refused",
+    "Link", "Led", "Receiver", "Water", "JonswapSea", "Meshing", "Scenario", "Refused",
     # groups of further names
     "sources", "receivers", "physics", "optics", "surfaces", "daylight", "uav", "options",
     "results", "fading", "comms", "studies", "viz",

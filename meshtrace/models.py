@@ -322,7 +322,7 @@ _TRUSTED: ContextVar[bool] = ContextVar("trusted", default=False)
 
 
 class Family(Model, frozen=True):
-    """Base of the families; a subclass without a `kind` of its own gets its import path.
+    """Base of the families; the import path is the kind of a subclass that names no other.
 
     Class keywords of a family's base: `default`, the kind of a table that names none; `closed`,
     the reason why no other kinds can join.
@@ -473,7 +473,7 @@ def _untrusted(kind: str) -> str:
 
 
 def _found(kind: str) -> Any:
-    """Return the object of an entry point or an import path "module:Class", or None."""
+    """Return the object at an entry point or an import path "module:Class", None if absent."""
     module = _module_of(kind)
     if not module:
         return next((e.load() for e in entry_points(group=GROUP) if e.name == kind), None)

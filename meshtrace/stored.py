@@ -74,8 +74,8 @@ _ALLOWED = "an undamaged netCDF file"
 class Variable(NamedTuple):
     """Dimensions of an array, its rule for merging and its name in files.
 
-    A dimension in braces is the value of that field; values with fewer dimensions have the first
-    ones. A mean merges together with its standard error, which has no separate rule.
+    A dimension or a name in braces is the value of that field; values with fewer dimensions have
+    the first ones. A mean merges together with its standard error, which has no separate rule.
     """
 
     dims: str
@@ -98,7 +98,7 @@ class WithArrays:
 
     @classmethod
     def _parts(cls) -> Iterator[tuple[str, Any]]:
-        """Yield attribute and class of each field with arrays of its own."""
+        """Yield attribute and class of each field that holds further arrays."""
         for attribute, hint in get_type_hints(cls).items():
             for kind in get_args(hint):
                 if isinstance(kind, type) and issubclass(kind, WithArrays):
@@ -109,6 +109,7 @@ class WithArrays:
         found: Variables = {}
         for attribute, name, variable in self._described():
             value, dims = getattr(self, attribute), variable.dims.format(**vars(self)).split()
+            name = name.format(**vars(self))
             if value is not None:
                 array = np.atleast_1d(value) if dims else np.asarray(value)
                 found[name] = (tuple(dims[: array.ndim]), array, attrs(name))
@@ -121,7 +122,8 @@ class WithArrays:
     def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
         """Return the fields that a dataset holds: numbers, arrays, tuples of texts."""
         found: dict[str, Any] = {}
-        for attribute, name, _ in cls._described():
+        for attribute, written, _ in cls._described():
+            name = written.format(**data.attrs) if "{" in written else written
             if name in data.variables:
                 value = data[name].to_numpy()
                 texts = value.dtype.kind in "OUT"
@@ -292,6 +294,8 @@ class Stored(WithArrays, ABC):
 def _plain(result: Stored, name: str) -> Any:
     """Return a field as an attribute of a file: numbers and texts as they are, others as JSON."""
     value = getattr(result, name)
+    if isinstance(value, np.ndarray):
+        return value
     if value and isinstance(value, tuple) and all(isinstance(v, int | float) for v in value):
         return list(value)
     return value if np.isscalar(value) else json.dumps(value, default=vars)
@@ -301,6 +305,8 @@ def _typed(value: Any, hint: Any) -> Any:
     """Return an attribute of a file as a value of a type."""
     from pydantic import TypeAdapter
 
+    if hint is Any:
+        return value
     if isinstance(value, str) and hint is not str:
         with suppress(ValueError):  # a word, or damaged: the type decides
             value = json.loads(value)
@@ -332,7 +338,7 @@ def load(path: str | Path) -> Stored:
 
 
 def kind_of(kind: Any, name: str = "kind") -> type[Stored]:
-    """Return the class of results of a kind; `name` is that of the dataset or file.
+    """Return the class of results of a kind; `name` is the dataset or file in messages.
 
     Raises
     ------

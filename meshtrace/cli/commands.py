@@ -44,8 +44,21 @@ def on_link(
     total = steps if isinstance(steps, int | None) else len(steps)
     if total is not None and total < study.least:
         raise Refused(study.steps, total, f">= {study.least}")
-    with progress(total, False, study.doing, study.kernels) as (_, advance):
-        found = function(scenario, progress=advance, **asked)
+    _run(study, function, scenario, total, asked, written)
+
+
+def _run(
+    study: StudyRow,
+    function: Callable[..., Any],
+    of: Any,
+    total: int | None,
+    asked: Asked,
+    written: PlotOptions,
+    hidden: bool = False,
+) -> None:
+    """Run a study behind a progress bar, print and write its result."""
+    with progress(total, hidden, study.doing, study.kernels) as (_, advance):
+        found = function(of, progress=advance, **asked)
     written.write(found)
 
 
@@ -69,29 +82,7 @@ def compare(
         raise Refused("links", ", ".join(map(str, links)), "files of different names")
     written.check(*links)
     seas = (defaults(function) | asked)["realizations"] * len(links)
-    with progress(seas, False, study.doing, study.kernels) as (_, advance):
-        found = function(scenarios, progress=advance, **asked)
-    written.write(found)
-
-
-def irradiance(
-    study: StudyRow, asked: Asked, *, link: LinkFile = None, written: PlotOptions, case: AllChanges
-) -> None:
-    """Run the study of the sea, the water and the daylight of a link."""
-    from meshtrace.daylight.light import Daylight, default_irradiance
-
-    scenario, (function,) = case.scenario(link), study.functions
-    written.check(link)
-    day, of_run = scenario.daylight, scenario.run
-    if day is None:
-        nm = scenario.link.transmitters[0].wavelength_nm
-        day = Daylight(
-            **default_irradiance(30.0, nm)._asdict(), wavelength_nm=nm, light="clear sky"
-        )
-    own = {"water": scenario.link.water, "seed": of_run.seed, "threads": of_run.threads}
-    with progress(len(asked["times"]), False, study.doing, study.kernels) as (_, advance):
-        found = function(scenario.case().surface, day, progress=advance, **own, **asked)
-    written.write(found)
+    _run(study, function, scenarios, seas, asked, written)
 
 
 _REFINED = {"spacings": "--spacings", "steps": "--time-steps", "omega_max": "--omega-max"}
@@ -124,9 +115,7 @@ def converge(
         exact = is_wave_sum(scenario.case().surface) and values["unresolved"] != "tilt"
         asked["reference"] = "analytic" if exact else None
     total = _surfaces(values)
-    with progress(total, total == 0, study.doing, study.kernels) as (_, advance):
-        found = function(scenario, progress=advance, **asked)
-    written.write(found)
+    _run(study, function, scenario, total, asked, written, hidden=total == 0)
 
 
 def _chosen(study: StudyRow, asked: Asked, what: str) -> Any:
@@ -215,11 +204,8 @@ def traces(
     if down is not None:
         asked["down"] = None if down == "none" else case.scenario(Path(down)).link
     values = defaults(function) | asked
-    with progress(
-        pieces_in(values["hours"], values["rate"]), False, study.doing, study.kernels
-    ) as (_, advance):
-        found = function(scenario, progress=advance, **asked)
-    written.write(found)
+    total = pieces_in(values["hours"], values["rate"])
+    _run(study, function, scenario, total, asked, written)
 
 
 def ber(
@@ -380,7 +366,6 @@ _OWN: dict[str, Callable[..., None]] = {
     "ber": ber,
     "compare": compare,
     "converge": converge,
-    "irradiance": irradiance,
     "sweep": sweep,
     "traces": traces,
 }

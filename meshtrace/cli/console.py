@@ -6,6 +6,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from typing import Any
 
 import typer
@@ -41,6 +42,22 @@ def progress(
         if not all(kernels_are_compiled(name) for name in estimators):
             say(COMPILING)
         yield say, lambda done: bar.update(task, description=doing, total=total, advance=done)
+
+
+@contextmanager
+def named_steps(
+    total: int, quiet: bool, doing: str, *estimators: str
+) -> Iterator[Callable[[str], None]]:
+    """Yield a callback that takes the name of each step as it begins; see `progress`."""
+    with progress(total, quiet, doing, *estimators) as (say, advance):
+        begun = count()
+
+        def step(name: str) -> None:
+            if next(begun):
+                advance(1)
+            say(name)
+
+        yield step
 
 
 def kernels_are_compiled(estimator: str) -> bool:

@@ -5,14 +5,20 @@ from __future__ import annotations
 import json
 import time
 import warnings
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from meshtrace.cli.app import app
-from meshtrace.cli.console import COMPILING, extra, finite, kernels_are_compiled, progress
+from meshtrace.cli.console import (
+    COMPILING,
+    extra,
+    finite,
+    kernels_are_compiled,
+    named_steps,
+    progress,
+)
 from meshtrace.cli.made import Span, described, numbers
 from meshtrace.cli.options import (
     AllChanges,
@@ -253,16 +259,8 @@ def validate(
 
     if case is not None:
         require_word(case, ("w2a1",), "--case")
-    with progress(
-        len(SUITE) if case is None else w2a1.STEPS, json_, "checking", "forced", "analog"
-    ) as (say, advance):
-        done = count()
-
-        def step(name: str) -> None:
-            if next(done):
-                advance(1)
-            say(name)
-
+    steps = len(SUITE) if case is None else w2a1.STEPS
+    with named_steps(steps, json_, "checking", "forced", "analog") as step:
         checks = run_checks(quick, step) if case is None else tuple(w2a1.checks(quick, step))
     failed = sum(not check.passed for check in checks)
     if json_:
@@ -289,14 +287,7 @@ def _measured(quick: bool, case: str | None, output: Path | None, json_: bool) -
     if case is not None:
         require_word(case, names, "--case")
         names = [case]
-    with progress(len(names), json_, "comparing", "analog") as (say, advance):
-        done = count()
-
-        def step(name: str) -> None:
-            if next(done):
-                advance(1)
-            say(name)
-
+    with named_steps(len(names), json_, "comparing", "analog") as step:
         table = measured.run(names, quick=quick, progress=step)
     if json_:
         rows = [dict(zip(measured.HEADINGS, row, strict=True)) for row in table.rows()]

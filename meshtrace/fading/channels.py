@@ -132,7 +132,7 @@ def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[FloatArray, dict[str
 
 
 def _memory_note(found: dict[str, Any], model: FloatArray, cause: str) -> list[str]:
-    """Return a note if the autocorrelation of a model differs from that of the series."""
+    """Return a note if the autocorrelations of a model and its series differ."""
     off = model - found["autocorrelation"]
     at = int(np.argmax(np.abs(off)))
     if abs(off[at]) < max(_NOTED, 3.0 * found["autocorrelation_stderr"][at]):
@@ -563,7 +563,7 @@ def _transformed(rho: FloatArray, power: FloatArray) -> FloatArray:
 
 
 def _fade_correlation(rho: FloatArray, share: float) -> FloatArray:
-    """Return the correlation of fades of a share of the time for those of the Gaussian series.
+    """Return the correlations of fades of a share of the time by the Gaussian correlations.
 
     `rho` are equally spaced from -1 to 1; the angle arcsin(rho) takes the poles from the integral.
     """

@@ -37,7 +37,7 @@ class BandFading(NamedTuple):
     omega_max : float
         Highest frequency of the band [rad s-1].
     index_of_band : float
-        Scintillation index over the band, with tilts beyond it as in `sea.mss`.
+        Scintillation index over the band, with tilts beyond it as in `surface.mss`.
     index_of_all : float
         Scintillation index over all waves, of Elfouhaily's spectrum where the tail of the sea's
         own is no model of short waves (JONSWAP, Pierson and Moskowitz).
@@ -61,12 +61,12 @@ class BandFading(NamedTuple):
         )
 
 
-def band_fading(link: Any, sea: Any) -> BandFading | None:
+def band_fading(link: Any, surface: Any) -> BandFading | None:
     """Compute the closed forms of the fading over the band of a sea and over all waves.
 
     Parameters
     ----------
-    link, sea
+    link, surface
         As for `scintillation_of_spectrum`.
 
     Returns
@@ -74,14 +74,14 @@ def band_fading(link: Any, sea: Any) -> BandFading | None:
     BandFading or None
         None where there is no closed form: a link off its axis, a sea without spectrum.
     """
-    if not hasattr(sea, "slope_spectrum"):
+    if not hasattr(surface, "slope_spectrum"):
         return None
-    omega_max = sea.band.omega_max
+    omega_max = surface.band.omega_max
     try:
-        whole = sea.short_waves
+        whole = surface.short_waves
         found = BandFading(
             omega_max,
-            scintillation_of_spectrum(link, sea, omega_max, heights=True),
+            scintillation_of_spectrum(link, surface, omega_max, heights=True),
             scintillation_of_spectrum(link, whole, heights=True),
         )
         if found.index_of_band >= (1.0 - SHORT) * found.index_of_all:
@@ -91,14 +91,14 @@ def band_fading(link: Any, sea: Any) -> BandFading | None:
         return None
 
 
-def fading_band(link: Any, sea: Any, within: float = WITHIN) -> float:
+def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     """Return the smallest `omega_max` with the fading of all waves.
 
     Parameters
     ----------
     link : Link
         As for `scintillation_of_spectrum`.
-    sea : JonswapSea or SpectralSea
+    surface : JonswapSea or SpectralSea
         The sea; its own `omega_max` does not matter.
     within : float
         Relative error of the scintillation index of unscattered light that is allowed, > 0.
@@ -120,22 +120,22 @@ def fading_band(link: Any, sea: Any, within: float = WITHIN) -> float:
     with s^2 = beta^2 sigma_t^2 + a^2 / 4 and sigma_t^2 half the slope variance beyond the band, and
     compares `scintillation_of_spectrum` with tilts to that of all waves.
     """
-    if getattr(sea, "mss", None) == "band":
+    if getattr(surface, "mss", None) == "band":
         raise Refused("waves", FADING, 'others with mss = "band"')
-    if getattr(sea, "short_waves", sea) is not sea:
+    if getattr(surface, "short_waves", surface) is not surface:
         found = Described(f'"{FADING}" over a spectrum whose tail is no model of short waves')
         allowed = 'others, or Elfouhaily\'s spectrum with spreading and mss = "elfouhaily"'
         raise Refused("waves", found, allowed)
-    target = scintillation_of_spectrum(link, sea)
+    target = scintillation_of_spectrum(link, surface)
 
     def resolved(omega: float) -> bool:
-        return abs(scintillation_of_spectrum(link, sea, omega) - target) <= within * target
+        return abs(scintillation_of_spectrum(link, surface, omega) - target) <= within * target
 
-    high = _start(link, sea)
+    high = _start(link, surface)
     while not resolved(high):
         high *= _STEP
         if high > _HIGHEST:
-            found = Described(f'"{FADING}" with mss = "{sea.mss}", which no band follows')
+            found = Described(f'"{FADING}" with mss = "{surface.mss}", which no band follows')
             raise Refused("waves", found, 'others, or mss = "elfouhaily"')
     low = high / _STEP
     while resolved(low):
@@ -146,7 +146,7 @@ def fading_band(link: Any, sea: Any, within: float = WITHIN) -> float:
     return float(f"{high:.4g}")
 
 
-def resolve_band(link: Any, sea: Any, waves: Any = None, fading: bool = False) -> Any:
+def resolve_band(link: Any, surface: Any, waves: Any = None, fading: bool = False) -> Any:
     """Return a sea with the waves that a mesh for a link holds.
 
     Parameters
@@ -154,7 +154,7 @@ def resolve_band(link: Any, sea: Any, waves: Any = None, fading: bool = False) -
     link : Link
         The link. A link off its axis has the band of its first source and its first receiver on
         one axis.
-    sea : Surface
+    surface : Surface
         Any surface.
     waves : {"mean", "fading", "paper", "scaled"}, float or Band, optional
         Waves of the mesh, see `Meshing`, in place of those of the sea. Of a sum of seas "fading"
@@ -185,55 +185,57 @@ def resolve_band(link: Any, sea: Any, waves: Any = None, fading: bool = False) -
     >>> resolve_band(mt.Link(), JonswapSea(wind_speed=5.0), fading=True) == resolved
     True
     """
-    require_surface(sea)
+    require_surface(surface)
     if waves is not None:
-        return _chosen(link, sea, waves)
+        return _chosen(link, surface, waves)
     if not fading or link.physics.unresolved == "none":
-        return sea
-    if hasattr(sea, "windiest"):
-        return _with_windiest(sea, lambda part: resolve_band(link, part, fading=True))
+        return surface
+    if hasattr(surface, "windiest"):
+        return _with_windiest(surface, lambda part: resolve_band(link, part, fading=True))
     for within in (WITHIN, SHORT):
         try:
-            opened = getattr(sea, "for_fading", None)
-            return sea if opened is None else _resolved(link, opened, within)
+            opened = getattr(surface, "for_fading", None)
+            return surface if opened is None else _resolved(link, opened, within)
         except Refused as error:
             reason = str(error)
     warnings.warn(f"the fading of short waves is left out: {reason}", stacklevel=2)
-    return sea
+    return surface
 
 
-def _chosen(link: Any, sea: Any, waves: Any) -> Any:
-    """Return a sea with chosen waves in place of its own."""
-    if hasattr(sea, "windiest"):
+def _chosen(link: Any, surface: Any, waves: Any) -> Any:
+    """Return a sea with chosen waves in place of its present ones."""
+    if hasattr(surface, "windiest"):
         if waves == FADING:
-            return _with_windiest(sea, lambda part: _chosen(link, part, waves))
-        parts = [_chosen(link, p, waves) if _has_waves(p) else p for p in sea.parts]
-        return sea.model_copy(update={"parts": parts})
-    if not _has_waves(sea):
-        if waves == "mean" or isinstance(sea, PlaneSurface):
-            return sea
+            return _with_windiest(surface, lambda part: _chosen(link, part, waves))
+        parts = [_chosen(link, p, waves) if _has_waves(p) else p for p in surface.parts]
+        return surface.model_copy(update={"parts": parts})
+    if not _has_waves(surface):
+        if waves == "mean" or isinstance(surface, PlaneSurface):
+            return surface
         raise Refused("waves", waves, "over a sea of a spectrum: JonswapSea, SpectralSea")
     if waves == FADING:
-        free = sea.model_copy(update={"omega_max": None, "waves": None})
+        free = surface.model_copy(update={"omega_max": None, "waves": None})
         return _resolved(link, free.for_fading or free)
-    return sea.model_copy(update={"omega_max" if isinstance(waves, float) else "waves": waves})
+    return surface.model_copy(update={"omega_max" if isinstance(waves, float) else "waves": waves})
 
 
-def _has_waves(sea: Any) -> bool:
-    return hasattr(type(sea), "band")
+def _has_waves(surface: Any) -> bool:
+    return hasattr(type(surface), "band")
 
 
-def _with_windiest(sea: Any, changed: Callable[[Any], Any]) -> Any:
+def _with_windiest(surface: Any, changed: Callable[[Any], Any]) -> Any:
     """Return a sum of seas with its windiest part changed."""
-    whole = sea.windiest
-    parts = [changed(part) if part is whole else part for part in sea.parts]
-    return sea if parts == list(sea.parts) else sea.model_copy(update={"parts": parts})
+    whole = surface.windiest
+    parts = [changed(part) if part is whole else part for part in surface.parts]
+    return surface if parts == list(surface.parts) else surface.model_copy(update={"parts": parts})
 
 
-def _resolved(link: Any, sea: Any, within: float = WITHIN) -> Any:
+def _resolved(link: Any, surface: Any, within: float = WITHIN) -> Any:
     """Return a sea with all waves that make the light of a link fade."""
     try:
-        return sea.model_copy(update={"omega_max": _cached_band(_on_axis(link), sea, within)})
+        return surface.model_copy(
+            update={"omega_max": _cached_band(_on_axis(link), surface, within)}
+        )
     except Refused as error:
         if error.field == "waves":
             raise
@@ -258,20 +260,20 @@ def _on_axis(link: Any) -> Any:
 _bands: dict[tuple[Any, ...], float] = {}
 
 
-def _cached_band(link: Any, sea: Any, within: float = WITHIN) -> float:
+def _cached_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     """Return `fading_band`, searched once for the same geometry and sea."""
     lever, receiver = paraxial_lever(link), link.receivers[0]
-    config = {key: value for key, value in sea.to_config().items() if key != "seed"}
+    config = {key: value for key, value in surface.to_config().items() if key != "seed"}
     place = receiver.fov_deg, abs(receiver.center[2])
     key = (lever, *place, within, json.dumps(config, sort_keys=True))
     if key not in _bands:
-        _bands[key] = fading_band(link, sea, within)
+        _bands[key] = fading_band(link, surface, within)
     return _bands[key]
 
 
-def _start(link: Any, sea: Any) -> float:
+def _start(link: Any, surface: Any) -> float:
     """Return the frequency of the shortest waves that the blur leaves visible [rad s-1]."""
-    lever, slopes = paraxial_lever(link), sea.slope_spectrum()
+    lever, slopes = paraxial_lever(link), surface.slope_spectrum()
     beyond = np.cumsum(slopes.variance[::-1])[::-1]
     blur = np.sqrt(lever.beta**2 * 0.5 * beyond + 0.25 * lever.aperture**2)
     visible = np.flatnonzero(slopes.k * blur >= _START)

@@ -32,7 +32,11 @@ class Lever(NamedTuple):
 
 
 def scintillation_of_spectrum(
-    link: Any, sea: Any, omega_max: float | None = None, tilts: bool = True, heights: bool = False
+    link: Any,
+    surface: Any,
+    omega_max: float | None = None,
+    tilts: bool = True,
+    heights: bool = False,
 ) -> float:
     r"""Compute the scintillation index of unscattered light from the spectrum of the sea.
 
@@ -42,13 +46,13 @@ def scintillation_of_spectrum(
     ----------
     link : Link
         One source under water that points upwards, and one receiver above it that looks down.
-    sea : JonswapSea or SpectralSea
+    surface : JonswapSea or SpectralSea
         The sea; its seed and its mesh do not matter. The index is that of the linear sea: `choppy`
         and `order` are left out (docs/nonlinear.md).
     omega_max : float, optional
         Highest frequency of the waves [rad s-1]; all waves down to 1.3 mm by default.
     tilts : bool
-        Whether slopes beyond `omega_max`, up to those of `sea.mss`, tilt the surface at random
+        Whether slopes beyond `omega_max`, up to those of `surface.mss`, tilt the surface at random
         at every crossing, as in `Physics(unresolved="tilt")`.
     heights : bool
         Whether crests change absorption and distance, see Notes.
@@ -99,12 +103,14 @@ def scintillation_of_spectrum(
     """
     if omega_max is not None:
         require_between(omega_max, 0.0, math.inf, "omega_max")
-    return float(_covariance(*_slopes_seen(link, sea, omega_max, tilts), np.zeros(1), heights)[0])
+    return float(
+        _covariance(*_slopes_seen(link, surface, omega_max, tilts), np.zeros(1), heights)[0]
+    )
 
 
 def gain_autocovariance(
     link: Any,
-    sea: Any,
+    surface: Any,
     lags: ArrayLike,
     omega_max: float | None = None,
     heights: bool = False,
@@ -113,13 +119,13 @@ def gain_autocovariance(
 
     The integral of `scintillation_of_spectrum` with C_ij(R, tau) = int k_i k_j Psi(k)
     cos(k . R - omega tau) d^2k. Waves up to `omega_max` are resolved; slopes beyond it tilt the
-    surface as `sea.mss` says.
+    surface as `surface.mss` says.
 
     Parameters
     ----------
     link : Link
         As for `scintillation_of_spectrum`.
-    sea : JonswapSea or SpectralSea
+    surface : JonswapSea or SpectralSea
         The sea; `choppy` and `order` are left out.
     lags : array_like
         Time lags tau [s].
@@ -145,9 +151,9 @@ def gain_autocovariance(
     tau = require_array(lags, "lags", "finite times [s]")
     if not np.isfinite(tau).all():
         raise Refused("lags", lags, "finite times [s]")
-    _require_spectrum(sea)
-    limit = sea.band.omega_max if omega_max is None else omega_max
-    parts = _slopes_seen(link, sea, None if limit == math.inf else limit)
+    _require_spectrum(surface)
+    limit = surface.band.omega_max if omega_max is None else omega_max
+    parts = _slopes_seen(link, surface, None if limit == math.inf else limit)
     return _covariance(*parts, tau.ravel(), heights).reshape(tau.shape)
 
 
@@ -182,22 +188,24 @@ def paraxial_lever(link: Any) -> Lever:
 
 
 def _slopes_seen(
-    link: Any, sea: Any, omega_max: float | None, tilts: bool = True
+    link: Any, surface: Any, omega_max: float | None, tilts: bool = True
 ) -> tuple[Lever, Any, tuple[float, float]]:
     """Return geometry, slope spectrum, and slope variances of the waves beyond a band."""
-    _require_spectrum(sea)
-    lever, spectrum = paraxial_lever(link), sea.slope_spectrum(omega_max)
+    _require_spectrum(surface)
+    lever, spectrum = paraxial_lever(link), surface.slope_spectrum(omega_max)
     missing = (0.0, 0.0)
     if tilts and omega_max is not None:
-        missing = sea.slopes_beyond(omega_max)
+        missing = surface.slopes_beyond(omega_max)
     _require_view(link, lever, math.sqrt(max(spectrum.along_and_across) + max(missing)))
     return lever, spectrum, missing
 
 
-def _require_spectrum(sea: Any) -> None:
+def _require_spectrum(surface: Any) -> None:
     """Require a sea with a spectrum and a spreading."""
-    if not hasattr(sea, "slope_spectrum"):
-        raise Refused("sea", type(sea).__name__, "a sea with a spectrum: JonswapSea, SpectralSea")
+    if not hasattr(surface, "slope_spectrum"):
+        raise Refused(
+            "surface", type(surface).__name__, "a sea with a spectrum: JonswapSea, SpectralSea"
+        )
 
 
 def _require_view(link: Any, lever: Lever, slope: float) -> None:

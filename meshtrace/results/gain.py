@@ -172,7 +172,7 @@ class GainResult(Stored):
             return like(self.gain, 10.0 * np.log10(self.gains))
 
     def _each(self, name: str) -> list[float]:
-        """Return a field for each receiver, nan where it is None."""
+        """Return a field for each receiver, nan for a missing one."""
         value = getattr(self, name)
         found = np.full(len(self.gains), np.nan) if value is None else np.atleast_1d(value)
         return [float(one) for one in found]
@@ -231,7 +231,7 @@ class GainResult(Stored):
         return "\n".join(lines)
 
     def _gain_lines(self, verbose: bool) -> list[str]:
-        """Return gain and errors of each receiver, with the error of the mesh where it matters."""
+        """Return gain and errors of each receiver, with a notable error of the mesh."""
         lines = []
         names = "gain", "gain_stderr", "gain_bound", "mesh_error"
         parts = "gain_ballistic", "gain_reflected"
@@ -308,7 +308,7 @@ def like(gain: Values, array: Any) -> Any:
 
 
 def bound_where_dark(gain: Values, photons: int) -> Values | None:
-    """Return the upper bound 3 / n of dark analog gains at 95 % confidence, or None.
+    """Return the upper bound 3 / n of dark analog gains at 95 % confidence, None if all are lit.
 
     An event that none of n independent trials shows has a probability below 3 / n (rule of three);
     the weight of a photon is at most 1, and no gain is above 1.

@@ -9,13 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.errors import Refused, require_whole
-from meshtrace.fields import attrs
 from meshtrace.models import Floats
 from meshtrace.stored import Stored, Variable
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from meshtrace.fading import FadingStatistics
 
 _FEW = 50  # gains shown in place of statistics
@@ -43,7 +40,7 @@ class GainSeries(Stored):
     """
 
     along: Literal["time", "realization"]
-    coordinate: NDArray[Any]
+    coordinate: Annotated[NDArray[Any], Variable("{along}", name="{along}")]
     gain: Annotated[Floats, _EACH]
     gain_stderr: Annotated[Floats, _EACH]
     gain_ballistic: Annotated[Floats, _EACH]
@@ -52,6 +49,7 @@ class GainSeries(Stored):
 
     kind: ClassVar[str] = "series"
     title: ClassVar[str] = "meshtrace gain series"
+    _attributes: ClassVar[tuple[str, ...]] = ("along", "mean_stderr")
 
     @property
     def gains(self) -> Floats:
@@ -159,21 +157,3 @@ class GainSeries(Stored):
                 rows = zip(self.time[:_FEW], self.gains[:, receiver], strict=False)
                 lines = [f"  {t:>12g} s {g:.4e}" for t, g in rows]
             return "\n".join([*lines, f"no fading statistics: {error}"])
-
-    def _content(self) -> xr.Dataset:
-        about = attrs("time") if self.along == "time" else {"long_name": "seed of the phases"}
-        data = super()._content().assign_coords({self.along: (self.along, self.coordinate, about)})
-        return data.assign_attrs(mean_stderr=self.mean_stderrs)
-
-    @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> GainSeries:
-        along: Literal["time", "realization"] = "time" if "time" in data.dims else "realization"
-        mean_stderr = np.atleast_1d(data.attrs["mean_stderr"])
-        single = data["gain"].ndim == 1
-        return cls(
-            along=along,
-            coordinate=data[along].to_numpy(),
-            **cls.arrays(data),
-            mean_stderr=float(mean_stderr[0]) if single else mean_stderr,
-            provenance=provenance,
-        )

@@ -31,7 +31,7 @@ def error_of_groups(samples: Floats, axis: int = 0) -> Floats:
 def merged_mean(
     means: Sequence[Floats], errors: Sequence[Floats], n: NDArray[np.int64]
 ) -> tuple[Floats, Floats]:
-    """Return mean and standard error of all photons; one photon has no error of its own."""
+    """Return mean and standard error of all photons; a run of one photon has no error."""
     total = int(n.sum())
     mean = shared_mean(means, n)
     square = sum(

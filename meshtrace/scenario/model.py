@@ -325,7 +325,7 @@ class Scenario(Model, frozen=True):
         mesh: Meshing | None = None,
         **options: Any,
     ) -> Case:
-        """Return link, surface and options of the run, with other ones where they are given.
+        """Return link, surface and options of the run, replaced where given.
 
         Parameters
         ----------

@@ -70,7 +70,7 @@ class MeshFile(Model, frozen=True):
 
 
 def read_sampling(sea: Table) -> Table:
-    """Move the keys of `Meshing` out of [sea]; a sea holds the names of its own waves."""
+    """Move the keys of `Meshing` out of [sea], without the names of waves that a sea holds."""
     keys = ["time", "extent", "spacing"]
     waves = sea.get("waves")
     if waves == "fading" or is_number(waves) or "part" in sea:
@@ -188,7 +188,7 @@ def _with_spectrum(
 
 
 def _driven(table: Table, wind_speed: float) -> tuple[Table, bool]:
-    """Return a table with its wind speed, 5 m/s for the checks if there is none, and a flag."""
+    """Return a table with its wind speed, and whether it is calm (5 m/s for the checks then)."""
     speed = table.get("wind_speed", wind_speed)
     calm = speed == 0.0 and not isinstance(speed, bool)
     return {**table, "wind_speed": 5.0 if calm else speed}, calm

@@ -112,7 +112,7 @@ def light_of(campaign: Campaign, day: Daylight | None) -> Daylight | None:
 
 
 def checked_daylight(day: Daylight | None, link: Link) -> Daylight | None:
-    """Return daylight at the wavelength of a link, or None; refuse any other."""
+    """Return daylight, if any; refuse a wavelength other than the link's."""
     require_kind(day, Daylight | None, "daylight")
     wavelength = link.transmitters[0].wavelength_nm
     if day is not None and day.wavelength_nm != wavelength:
@@ -299,7 +299,7 @@ def backgrounds(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -
     setup = partial(_seen, campaign.alone, steps, day, photons)
     # the threads are those of the rays over one surface
     one = campaign._replace(run=campaign.run.replace(threads=1))
-    name = f"background of {', '.join(campaign.links)}"
+    name = f"background of {', '.join(campaign.links)} by {day.light}"
     found = one.over(setup, range(len(steps.labels)), name, identity)
     results = []
     for row in found:

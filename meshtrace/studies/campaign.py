@@ -151,7 +151,7 @@ class Campaign(NamedTuple):
         return self.surface
 
     def of(self, link: Link, name: str = "link") -> Campaign:
-        """Return the campaign of another link; in one store each has a name of its own."""
+        """Return the campaign of another link; names in one store have to differ."""
         return self._replace(links={name: link})
 
     def identity(self) -> dict[str, Any]:
@@ -216,7 +216,7 @@ class Campaign(NamedTuple):
         time: float,
         lines: dict[str, Any] | None = None,
     ) -> TriangleMesh:
-        """Return the mesh of a surface at a time; `lines` are those of several times."""
+        """Return the mesh of a surface at a time; `lines` are those common to several."""
         made = surface
         if not isinstance(made, TriangleMesh):
             made = made.mesh(time, **(lines or self.lines(links, made)))
@@ -417,9 +417,9 @@ def with_all_ends(links: Sequence[Link]) -> Link:
     return min(links, key=lambda link: link.water.a).replace(**ends)
 
 
-def wind_over(sea: Any, link: Link, name: str) -> Dryden:
+def wind_over(surface: Any, link: Link, name: str) -> Dryden:
     """Return the wind over a sea at the end in the air; `name` is its argument."""
-    speed = getattr(getattr(sea, "spectrum", sea), "wind_speed", None)
+    speed = getattr(getattr(surface, "spectrum", surface), "wind_speed", None)
     if speed is None:
         raise Refused(name, None, "a wind, over a sea without wind speed")
     return Dryden(wind_speed=speed, height=link.air_end[1].height)

@@ -393,7 +393,7 @@ class Duplex(Stored):
         for name in ("up", "down"):
             columns = {key: f"{name}_{key}" for key in ("gain", "gain_stderr", "gain_ballistic")}
             part = data[list(columns.values())].rename({new: old for old, new in columns.items()})
-            part.attrs = {"mean_stderr": data.attrs[f"{name}_mean_stderr"]}
+            part.attrs = {key: data.attrs[f"{name}_{key}"] for key in GainSeries._attributes}
             series.append(GainSeries._restored(part, provenance[name]))
         return cls(series[0], series[1], float(data.attrs["correlation"]), provenance)
 

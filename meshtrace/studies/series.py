@@ -17,13 +17,12 @@ from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
 from meshtrace.results.wavelengths import ByWavelength
+from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of, mean, stderr
 from meshtrace.uav.airframe import Flight, Route
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from meshtrace.scenario import Scenario
 
 _STATISTICS = 50  # gains, the least for a comparison with the closed form
 
@@ -206,7 +205,9 @@ def ensemble(  # type: ignore[misc]
     warning is issued if the band of waves omits more than a tenth of the fading.
     """
     require_whole(realizations, 1, 10_000_000, "realizations")
-    if surface is None and wind_speed is not None:
+    if wind_speed is not None:
+        if surface is not None:
+            raise Refused("wind_speed", wind_speed, "only without a surface")
         from meshtrace.surfaces import sea_in_wind
 
         surface = sea_in_wind(wind_speed)
@@ -230,12 +231,12 @@ def over_realizations(campaign: Campaign, n: int) -> GainSeries:
     return gain_series(campaign, campaign.gains(campaign.realizations(n)))
 
 
-def closed_form(link: Link, sea: Any, n: int, level: int = 3) -> dict[str, Any]:
+def closed_form(link: Link, surface: Any, n: int, level: int = 3) -> dict[str, Any]:
     """Return `fading.band_fading` as plain data, empty below 50 surfaces; warn of a short band.
 
     `level` is the stack level of the warning.
     """
-    found = band_fading(link, sea) if n >= _STATISTICS else None
+    found = band_fading(link, surface) if n >= _STATISTICS else None
     if found is None:
         return {}
     text = found.warning()

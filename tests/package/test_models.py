@@ -13,7 +13,7 @@ MODELS = [mt.Link(), mt.Led(depth=3.0), mt.Water(), JonswapSea(wind_speed=7.0), 
 
 @pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_representations_load_back_and_name_only_other_values(model):
-    rooms = (mt, mt.optics, mt.physics, mt.uav, mt.options)
+    rooms = (mt, mt.optics, mt.physics, mt.surfaces, mt.uav, mt.options)
     names = {name: getattr(room, name) for room in rooms for name in dir(room) if name[0].isupper()}
     assert eval(repr(model), names) == model
     assert "\n" not in repr(model)

@@ -150,7 +150,7 @@ def test_every_public_name_is_there():
 
     assert all(hasattr(meshtrace, name) for name in meshtrace.__all__)
     assert dir(meshtrace) == sorted(meshtrace.__all__)
-    assert len(meshtrace.__all__) <= 37
+    assert len(meshtrace.__all__) <= 27
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)

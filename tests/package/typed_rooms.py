@@ -3,5 +3,6 @@
 from meshtrace.surfaces import FlatSea
 from meshtrace.viz import SceneStyle
 
-x: int = FlatSea().nonsense  # type: ignore[attr-defined]
+x: int = FlatSea(height="a").nonsense  # type: ignore[attr-defined]
 y: int = SceneStyle().nonsense  # type: ignore[attr-defined]
+FlatSea(hieght=1.0)  # type: ignore[call-arg]

@@ -110,6 +110,13 @@ def test_studies_name_surface_and_options_alike(study):
         assert list(given)[-1] in ("run", "options")
 
 
+@pytest.mark.parametrize("group", [mt.comms, mt.fading, mt.surfaces, mt.viz, mt.uav])
+def test_other_functions_name_the_surface_alike(group):
+    found = (getattr(group, name) for name in dir(group) if not name.startswith("_"))
+    for function in filter(inspect.isfunction, found):
+        assert "sea" not in inspect.signature(function).parameters, function.__name__
+
+
 def test_every_option_of_a_run_is_documented():
     assert StudyOptions.__annotations__.keys() <= sentences(mt.ensemble).keys()
     assert RunOptions.__annotations__.keys() < StudyOptions.__annotations__.keys()

@@ -288,3 +288,16 @@ def test_invalid_inputs_are_refused(options, message):
     sea, day = options.pop("sea", FlatSea()), options.pop("day", OVERHEAD)
     with pytest.raises(mt.Refused, match=message):
         series(sea, day, **options)
+
+
+def test_a_scenario_gives_sea_light_water_and_seed():
+    text = (
+        "wind_speed = 4.0\n[sea]\nspectrum = 'flat'\n[water]\na = 0.2\nb = 0.0\n[run]\nseed = 3\n"
+    )
+    own = mt.Scenario.from_toml(text + "[daylight]\ndirect = 1.0\nsun_zenith_deg = 0.0\n")
+    water = {"water": mt.Water(a=0.2, b=0.0), "depths": [1.0]}
+    found = mt.irradiance_series(own, depths=[1.0])
+    assert found.irradiance == mt.irradiance_series(FlatSea(), own.daylight, **water).irradiance
+    assert found.provenance["run"]["seed"] == 3
+    clear = mt.irradiance_series(mt.Scenario.from_toml(text), depths=[1.0]).provenance["daylight"]
+    assert (clear["light"], clear["sun_zenith_deg"]) == ("clear sky", 30.0)

@@ -34,6 +34,7 @@ PAIR = {"clear": LINK, "far": LINK.at_depth(12.0), "waves": LINK.replace("water.
 ROWS = [
     {"transmitter.depth": d, "gain": g, "stderr": 0.02 * g} for d, g in ((5.0, 3e-4), (9.0, 7e-5))
 ]
+STILL = mt.Scenario.from_toml("wind_speed = 0.0")
 STUDIES = {
     "ensemble": partial(mt.ensemble, LINK, 5, SEA, **SMALL),
     "compare": partial(mt.compare, PAIR, SEA, realizations=4, **FEW),
@@ -67,6 +68,7 @@ STUDIES = {
         mt.depth_sweep, LINK, (20.0, 40.0), bit_rate=1e6, wind_speeds=(0.0, 5.0),
         realizations=2, **FEW,
     ),
+    "design": partial(mt.design, STILL, photons=64, threads=1),
     "convergence": partial(
         mt.convergence_study, LINK, WAVE, (1.0, 0.5, 0.25, 0.2), placements=2, **FEW
     ),

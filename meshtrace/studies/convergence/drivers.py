@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Unpack
+from typing import Annotated, Any, ClassVar, Literal, Unpack
 
 import numpy as np
 
@@ -17,7 +17,10 @@ from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.fading.resolving import WITHIN, fading_band
 from meshtrace.fading.spectral import scintillation_of_spectrum
 from meshtrace.kernels.random import realization_seed
+from meshtrace.link import Link
+from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
+from meshtrace.scenario import Scenario
 from meshtrace.stored import Stored, Variable
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.convergence.measure import (
@@ -36,12 +39,6 @@ from meshtrace.studies.convergence.measure import (
 )
 from meshtrace.studies.convergence.study import ConvergenceStudy
 from meshtrace.studies.series import over_realizations
-
-if TYPE_CHECKING:
-    from meshtrace.link import Link
-    from meshtrace.mesh import SurfaceModel, TriangleMesh
-    from meshtrace.scenario import Scenario
-
 
 DEFAULT_SPACINGS = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
 """Mesh spacings [m] of a study: each halves the one before, so that the grid lines nest."""

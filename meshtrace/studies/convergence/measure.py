@@ -6,7 +6,7 @@ import math
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeGuard, cast
+from typing import Annotated, Any, Literal, NamedTuple, TypeGuard, cast
 
 import numpy as np
 
@@ -29,23 +29,18 @@ from meshtrace.errors import (
     require_word,
 )
 from meshtrace.kernels.scene import Scene
-from meshtrace.mesh import SurfaceModel, WaveSum
+from meshtrace.link import Link
+from meshtrace.mesh import SurfaceModel, TriangleMesh, WaveSum
 from meshtrace.models import Floats
 from meshtrace.results.gain import Fate
 from meshtrace.stored import SHIFTS, Variable, WithArrays
 from meshtrace.studies.campaign import Campaign
-
-if TYPE_CHECKING:
-    from meshtrace.link import Link
-    from meshtrace.mesh import SurfaceModel, TriangleMesh, WaveSum
-
 
 _MARGIN = 2.0  # [m], mesh beyond the farthest crossing to the receiver
 _PROBES = 64  # per axis: where slopes are compared
 
 Normals = Literal["vertex", "facet"]
 Unresolved = Literal["tilt", "none"]
-UNITS = {"spacing": "m", "time_step": "s", "omega_max": "rad s-1"}
 
 
 def descending(name: str, values: Sequence[float]) -> list[float]:
@@ -114,7 +109,7 @@ def placement_shifts(n: int) -> Floats:
     return 0.5 * np.stack([along + across - 1.0, along - across], axis=1)
 
 
-MakeMesh = Callable[[], "TriangleMesh"]
+MakeMesh = Callable[[], TriangleMesh]
 """Makes a mesh of a study."""
 
 ANALOG_PHOTONS = 16_384  # of the share of total reflection

@@ -15,12 +15,7 @@ from meshtrace.fields import attrs
 from meshtrace.models import Floats
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import Stored, Variable
-from meshtrace.studies.convergence.measure import (
-    UNITS,
-    Normals,
-    Reference,
-    positive,
-)
+from meshtrace.studies.convergence.measure import Normals, Reference, positive
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -166,7 +161,7 @@ class ConvergenceStudy(Stored):
     """
 
     parameter: str
-    values: Floats
+    values: Annotated[Floats, Variable("{parameter}", name="{parameter}")]
     normals: Annotated[tuple[Normals, ...], Variable("normals")]
     samples: Annotated[Floats, Variable("normals {parameter} repeat shift")]
     ballistic: Annotated[Floats, Variable("normals {parameter} repeat", name="samples_ballistic")]
@@ -295,19 +290,16 @@ class ConvergenceStudy(Stored):
             found[f"fitted_{name}"] = (("normals", "limit"), limits, one)
         if self.reference is not None:
             found["exact_gain"] = ((), self.reference.gain, attrs("gain"))
-        steps = (self.parameter, self.values, {"units": UNITS[self.parameter]})
-        known = {"limit": ["value", "low", "high"], self.parameter: steps}
-        return super()._content().assign(found).assign_coords(known)
+        return super()._content().assign(found).assign_coords(limit=["value", "low", "high"])
 
-    @classmethod
-    def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
-        """Return the fields that a dataset holds."""
-        return super().arrays(data) | {"values": data[data.attrs["parameter"]].to_numpy()}
+    @property
+    def _unit(self) -> str:
+        return attrs(self.parameter)["units"]
 
     def _headline(self) -> str:
         found = ", ".join(f"{kind} {self._recommended(kind)}" for kind in self.normals)
         percent = 100.0 * self.tolerance
-        return f"{self.parameter} [{UNITS[self.parameter]}] for an error of {percent:g} %: {found}"
+        return f"{self.parameter} [{self._unit}] for an error of {percent:g} %: {found}"
 
     def _recommended(self, kind: Normals) -> str:
         """Return the recommended value for one kind of normals as text."""
@@ -320,7 +312,7 @@ class ConvergenceStudy(Stored):
 
     def _table(self, kind: Normals) -> str:
         """Return the results of a study for one kind of normals as text."""
-        unit, k = UNITS[self.parameter], self.normals.index(kind)
+        unit, k = self._unit, self.normals.index(kind)
         base = "the exact surface" if self.reference else "the finest"
         percent = 100.0 / self.anchor[k]
         columns = [
@@ -357,7 +349,7 @@ class ConvergenceStudy(Stored):
 
     def _fitted_lines(self, kind: Normals) -> list[str]:
         """Return order, limit and recommendation as text."""
-        k, unit, exact = self.normals.index(kind), UNITS[self.parameter], self.reference
+        k, unit, exact = self.normals.index(kind), self._unit, self.reference
         order, gain, _ = self.fits[kind]
         lines = [
             f"order {order.value:.2f} ({order.low:.2f} to {order.high:.2f}, 95 %)",

@@ -102,7 +102,7 @@ def variation(
     wind_speed: float, fetch: float, collector: float, a: float, b: float, forward_deg: float,
     diffuse: float, photons: int,
 ) -> Floats:  # fmt: skip
-    """Return CV of E_d at the depths: that of focused light times its share of E_d.
+    """Return CV of E_d at the depths: the CV of focused light times its share of E_d.
 
     Light that is scattered by less than `forward_deg` still counts as focused.
     """
@@ -119,7 +119,7 @@ def depth_law(
     rows: Sequence[MeasuredRow], photons: float, wind_speed: float, fetch: float, collector: float,
     a: float, b: float, forward_deg: float, diffuse: float,
 ) -> tuple[list[float], float]:  # fmt: skip
-    """Return the mean CV of 0.25 to 2 m over that of 25 m, or the depth of the largest ("peak")."""
+    """Return the mean CV of 0.25 to 2 m over the CV of 25 m, or the depth of the "peak"."""
     shots = max(int(2**17 * photons), 2**13)
     cv = variation(wind_speed, fetch, collector, a, b, forward_deg, diffuse, shots)
     found = {"ratio": float(cv[:5].mean() / cv[-1]), "peak": peak_of(np.array(_DEPTHS), cv)}
