@@ -29,6 +29,7 @@ def browser():
 
 @pytest.mark.parametrize("page", pages(), ids=lambda page: str(page.relative_to(HTML)))
 def test_a_page_opens_without_errors_and_fits(browser, page):
+    browser.get_log("browser")  # that of a page before, if its width was wrong
     browser.get(page.as_uri())
     for width in WIDTHS:
         size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}

@@ -73,5 +73,7 @@ def test_scripts_are_pages(script):
         assert (KEPT / name).exists()
     slow = re.search(r"^SLOW = (\(.*?\))", (GALLERY.parent / "conf.py").read_text(), re.M)
     drawn_by_tests = script.stem in ast.literal_eval(slow.group(1))
-    assert re.findall(r"^# sphinx_gallery_thumbnail_path = 'gallery/pictures/([\w.]+)'$", text, re.M)
+    assert re.findall(
+        r"^# sphinx_gallery_thumbnail_path = 'gallery/pictures/([\w.]+)'$", text, re.M
+    )
     assert ("../movie.mp4" in text or "/gallery/pictures/" in text) == drawn_by_tests
