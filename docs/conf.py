@@ -114,6 +114,21 @@ def without_machinery(
     return True if pydantic or type(obj).__name__ == "_tuplegetter" else None
 
 
+COLUMNS = (90, 100, 120, 144)
+"""Widths of blocks that fit a page by smaller letters (meshtrace.css); wider ones scroll."""
+
+
+def fitted(app: Sphinx, doctree: nodes.document) -> None:
+    """Mark blocks by their width; of texts that of their tables, since other lines may wrap."""
+    for block in doctree.findall(nodes.literal_block):
+        lines = block.astext().splitlines()
+        if block.get("language") in ("none", "sh", "text"):
+            lines = [line for line in lines if re.search(r"\S {2,}\S", line)]
+        longest = max(map(len, lines), default=0)
+        size = next((columns for columns in COLUMNS if columns >= longest), "more")
+        block["classes"].append(f"columns-{size}")
+
+
 NAVIGATION: dict[str, str] = {}
 
 
@@ -158,5 +173,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("autodoc-process-docstring", plain_text, priority=400)
     app.connect("autodoc-process-docstring", linked, priority=600)  # napoleon has 500
     app.connect("autodoc-skip-member", without_machinery)
+    app.connect("doctree-read", fitted)
     app.connect("html-page-context", two_levels, priority=400)  # before the theme reads it
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -6,7 +6,6 @@ python docs/make_modem_figure.py; `examples/drivers/modem.py` gives the numbers 
 import re
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 from meshtrace import viz
@@ -22,7 +21,8 @@ def main() -> None:
     lines = page.split("<!-- modem -->")[1].split("<!-- end modem -->")[0].strip().splitlines()[2:]
     rows = np.array([[NUMBER.findall(cell)[0] for cell in line.split("|")[1:-1]] for line in lines])
     margin, alone, formula, spread, bound = rows.astype(float).T
-    figure, axes = plt.subplots(figsize=(5.5, 3.6), layout="constrained")
+    viz.use_style()
+    axes = viz.marks.axes(None)
     for found, ideal, name, marker in (
         (alone, formula, "no interleaver", "o"),
         (spread, bound, "interleaver of 1 s", "s"),
@@ -35,8 +35,8 @@ def main() -> None:
         axes.plot(margin, ideal, "--", color=bars[0].get_color(), label=f"ideal code, {name}")
     axes.set(yscale="log", ylim=(3e-3, 1.5), xlabel="mean optical margin [dB]")
     axes.set_ylabel("packet error rate, outage")
-    axes.legend(fontsize=8)
-    viz.save_picture(figure, DOCS / "_static" / "modem.png")
+    axes.legend()
+    viz.save_picture(axes.figure, DOCS / "_static" / "modem.png")
 
 
 if __name__ == "__main__":

@@ -12,14 +12,14 @@ from functools import singledispatch
 from io import BytesIO
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pyvista as pv
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
+from PIL import Image, ImageFilter
 from trame_vtk.modules.vtk import serializers
 from trame_vtk.tools.vtksz2html import write_html
 from vtkmodules import vtkIOXML
@@ -237,13 +237,26 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
 
 
 def _in_palette(shot: Image.Image) -> Image.Image:
-    """Return a picture in 256 colours: 192 common ones for even gradients, and 64 rare ones."""
-    quantize: Any = Image.Quantize
-    methods = ((192, quantize.MEDIANCUT), (64, quantize.MAXCOVERAGE))
-    parts = ((shot.quantize(n, method=m, kmeans=3), n) for n, m in methods)
+    """Return a picture in 256 colours: 160 for gradients, where steps show, and 96 for the rest."""
+    pixels, quantize = np.asarray(shot), cast(Any, Image.Quantize)
+    ends = (np.asarray(shot.filter(of(5))) for of in (ImageFilter.MaxFilter, ImageFilter.MinFilter))
+    even = np.subtract(*ends).max(axis=2) <= _EVEN
+    shades = np.unique(pixels[even], axis=0)  # large areas have no more of them than small ones
+    chosen: list[int] = []
+    for colors, n, method in (
+        (shades, 160, quantize.MEDIANCUT),
+        (pixels[~even], 96, quantize.MAXCOVERAGE),
+    ):
+        if len(colors):
+            part = Image.fromarray(colors[None]).quantize(n, method=method, kmeans=3)
+            chosen += (part.getpalette() or [])[: 3 * n]
     palette = Image.new("P", (1, 1))
-    palette.putpalette([level for part, n in parts for level in (part.getpalette() or [])[: 3 * n]])
+    palette.putpalette(chosen)
     return shot.quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+_EVEN = 6
+"""Largest difference of levels among 5 by 5 pixels of a gradient."""
 
 
 def surface_sampler(mesh: TriangleMesh) -> Callable[[ArrayLike], NDArray[np.float64]]:

@@ -90,7 +90,7 @@ _SOFT = 0.1  # width of the rim in which rays fade, over the size of the stage
 
 
 def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
-    """Return the straight ways of photons in short pieces, and the number of photons seen.
+    """Return photon paths as short straight pieces, and the number of photons seen.
 
     Points have the weight, and a factor by which rays fade towards the sides of the stage, and at
     their end if that is no aperture.

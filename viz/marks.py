@@ -224,7 +224,7 @@ def band(ax: Axes, line: Line2D, low: Any, high: Any) -> None:
 def bars(
     ax: Axes, data: xr.Dataset, quantity: str, *, across: bool = False, beside: bool = True
 ) -> Axes:
-    """Draw the values of a variable as bars with whiskers of two standard errors; nan is none.
+    """Draw the values of a variable as bars with whiskers of two standard errors; nan has no bar.
 
     Parameters
     ----------

@@ -122,7 +122,7 @@ def _add_water(
     edges: bool,
     light: str,
 ) -> None:
-    """Draw a surface in the colours that the camera sees, which `look` renews."""
+    """Draw a surface in the colours seen by the camera, renewed by `look`."""
     plain: Any = {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "lighting": False}
     if shaded.grid is not None:
         u, v = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in shaded.grid), indexing="ij")
@@ -303,9 +303,17 @@ def _add_sky(scene: ScenePlotter, source: Any, labels: bool) -> None:
 
 
 def add_receiver(
-    scene: ScenePlotter, link: Link, mesh: TriangleMesh, *, labels: bool = True
+    scene: ScenePlotter,
+    link: Link,
+    mesh: TriangleMesh,
+    *,
+    labels: bool = True,
+    aside: float = 0.0,
 ) -> ScenePlotter:
-    """Draw every receiver: its disk, enlarged for visibility, and its field of view."""
+    """Draw every receiver: its disk, enlarged for visibility, and its field of view.
+
+    Texts are `aside` [m] at least, beyond a map around it.
+    """
     stage = scene.stage
     for receiver in link.receivers:
         x, y, z = receiver.axis
@@ -315,10 +323,10 @@ def add_receiver(
             continue
         disk, scale = receiver_disk(receiver, stage)
         scene.add_mesh(disk, color=RECEIVER_COLOR, ambient=0.4)
-        drawn = "" if scale == 1.0 else f" (drawn {scale:.2g}x)"
+        drawn = "" if scale == 1.0 else f"\n(drawn {scale:.2g}x)"
         text = f"receiver, radius {receiver.radius:g} m{drawn}\nfield of view {receiver.fov_deg:g}°"
         if labels:
-            _label(scene, receiver.center, 0.075, text)
+            _label(scene, receiver.center, max(0.075, aside / stage.size), text)
     return scene
 
 

@@ -344,7 +344,10 @@ def plot_coverage(
     unknown = np.full(gain.shape, np.inf)
     stderr = data["gain_stderr"].to_numpy() if "gain_stderr" in data else unknown
     place, level = place_of_highest(gain, stderr), as_high(gain, stderr).sum()
-    ax, label, shown = marks.axes(ax), axis_label("gain"), gain
+    if ax is None:
+        ax = marks.axes(None)
+        ax.figure.set(figwidth=5.3)  # as a square and its colour bar are
+    label, shown = axis_label("gain"), gain
     smooth = gaussian_filter(gain, 1.0, mode="nearest")
     limits: Any = {}
     if decibel and gain.max() > 0.0:
@@ -362,5 +365,5 @@ def plot_coverage(
         ax.plot(*at, "*", color=LED_COLOR, mec=INK, ms=11, clip_on=False)
         marks.note(ax, f"star: highest gain, at x = {at[0]:.3g} m, y = {at[1]:.3g} m")
     elif np.isfinite(stderr).all() and smooth.max() > 0.0:
-        marks.note(ax, f"highest gain: {level} cells within errors")
+        marks.note(ax, f"highest gain: {level} cells are equal within errors")
     return ax

@@ -182,6 +182,7 @@ def scene(
     plotter.suppress_rendering = True  # once shown, it would be rendered after every part
     shown = shown_mesh(surface, stage, time, style.spacing)
     bubbles = link.bubbles if link is not None and style.bubbles else None
+    coverage = _map_of(coverage, link, surface, 0.5 * stage.half, time, seed)
     # from back to front: translucent parts are blended in this order
     if link is not None:
         add_bubbles(plotter, shown, bubbles)
@@ -202,18 +203,12 @@ def scene(
                 add_paths(plotter, drawn, color=style.path_color)
         if crossing is not None and style.footprint:
             add_footprint(plotter, shown, crossing)
-        add_receiver(plotter, link, shown, labels=style.labels)
+        aside = 0.0 if coverage is None else float(1.1 * coverage.x[-1])
+        add_receiver(plotter, link, shown, labels=style.labels, aside=aside)
         if style.uav:
             add_uav(plotter, link)
         add_bubbles(plotter, shown, bubbles, near=True)
     if coverage is not None:
-        if isinstance(coverage, int):
-            if link is None:
-                raise Refused("coverage", Described("of a mesh alone"), "with a link")
-            half = 0.5 * stage.half  # in 40 by 40 cells
-            run: Any = {"times": (time,), "photons": coverage, "seed": seed}
-            found: CoverageMap = coverage_map(link, surface, half, half / 20.0, **run)
-            coverage = found
         add_coverage(plotter, coverage)
         look(plotter, elevation_deg=24.0)  # by default the map is seen from its edge
     if style.labels:
@@ -224,6 +219,24 @@ def scene(
     plotter.suppress_rendering = False
     plotter.render()
     return plotter
+
+
+def _map_of(
+    given: CoverageMap | int | None,
+    link: Link | None,
+    surface: MeshSource | TriangleMesh,
+    half: float,
+    time: float,
+    seed: int,
+) -> CoverageMap | None:
+    """Return the map, or one of a number of photons in 40 by 40 cells of a half-width [m]."""
+    if not isinstance(given, int):
+        return given
+    if link is None:
+        raise Refused("coverage", Described("of a mesh alone"), "with a link")
+    run: Any = {"times": (time,), "photons": given, "seed": seed}
+    found: CoverageMap = coverage_map(link, surface, half, half / 20.0, **run)
+    return found
 
 
 def shown_mesh(

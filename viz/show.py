@@ -199,7 +199,7 @@ def save_light(
 def _crossed(
     link: Link, surface: Any, extent: float, time: float
 ) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
-    """Return the ends of the patch of the sea [m] that light of a map crosses, and its slopes."""
+    """Return ends [m] and slopes of the patch of sea crossed by the light of a map."""
     source, above = link.transmitters[0], link.only_receiver
     depth = getattr(source, "depth", 1.0)
     share = depth / (depth + link.water.n / link.n_air * above.height)
@@ -554,7 +554,7 @@ def _frames(
 
 
 def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
-    """Check before the work that all outputs can be written."""
+    """Refuse outputs that cannot be written."""
     for kind, name in outputs.items():
         if name is None:
             continue

@@ -253,7 +253,7 @@ def add_scale(scene: ScenePlotter) -> ScenePlotter:
 
 
 def _left_of_the_stage(scene: ScenePlotter) -> tuple[np.ndarray, np.ndarray]:
-    """Return a place (x, y, 0) left of the stage, at the distance of its middle, and the right."""
+    """Return the place (x, y, 0) of the ruler and the unit vector to the right."""
     camera = np.array(scene.camera.position)
     ahead = np.subtract(scene.camera.focal_point, camera)
     ahead /= np.linalg.norm(ahead)

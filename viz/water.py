@@ -33,8 +33,8 @@ Floats = NDArray[Any]  # of single or double precision
 RGB_NM = np.array([610.0, 545.0, 465.0])
 """Wavelengths that stand for red, green and blue [nm]."""
 
-DEFAULT_DAY = Daylight(direct=1.42, diffuse=0.295, sun_zenith_deg=57.0, sun_azimuth_deg=138.0)
-"""Sun behind the sea as seen by the default camera."""
+DEFAULT_DAY = Daylight(direct=1.42, diffuse=0.295, sun_zenith_deg=50.0, sun_azimuth_deg=150.0)
+"""Sun to the left behind the sea as seen by the default camera: glitter on a part of the waves."""
 
 DEFAULT_WATER = Water()
 
@@ -56,7 +56,7 @@ LEAST_VARIANCE = 2e-4
 
 @dataclass(frozen=True)
 class SeaLight:
-    """Light on a sea, as far as its colour depends on it.
+    """Light and water that determine the colour of a sea.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class SeaLight:
 
 
 class Roughened(NamedTuple):
-    """Slopes drawn on a square lattice with period, and the variance that they leave out."""
+    """Slopes of short waves on a periodic square lattice, and the variance left out."""
 
     slopes: NDArray[np.float32]  # (n, n, 2)
     rest: tuple[float, float]  # along and across the wind
@@ -193,7 +193,7 @@ def short_waves(
 
 @lru_cache(maxsize=2)
 def foam_streaks(size: float, n: int, direction_deg: float, seed: int = 1) -> NDArray[np.float32]:
-    """Return noise of unit variance on an n by n lattice, drawn out along the wind: for looks."""
+    """Return noise of unit variance on an n by n lattice, stretched along the wind."""
     rng = np.random.default_rng(seed + 1)
     white = fft.rfft2(rng.standard_normal((n, n), dtype=np.float32))
     k_x = 2.0 * math.pi * fft.fftfreq(n, size / n)[:, None]
@@ -365,7 +365,7 @@ class ShadedSea:
             self._foam = foam_cover(streaks, self._points[:, 2], light.foam)
 
     def _on_lattice(self, values: Floats, start: Floats, size: float) -> Floats:
-        """Return the values of a lattice with period at the points."""
+        """Return the values of a periodic lattice at the points."""
         n = len(values)
         i, j = np.floor((self._points[:, :2] - start) * (n / size)).astype(np.int64).T % n
         return values[i, j]

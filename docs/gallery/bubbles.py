@@ -6,6 +6,8 @@ Breaking waves fill the uppermost metres with bubbles, which scatter light: the 
 three winds, and the layer in a scene.
 """
 
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/bubbles.png'
+
 import numpy as np
 import xarray as xr
 

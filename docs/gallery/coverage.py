@@ -6,6 +6,8 @@ The mean gain over a moving sea at 5 m/s for every place of a receiver at a heig
 and in the scene.
 """
 
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/coverage_scene.png'
+
 import numpy as np
 
 import meshtrace as mt

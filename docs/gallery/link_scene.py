@@ -7,6 +7,8 @@ the tilted aircraft, the field of view of its receiver on the surface, and the r
 marks of the ruler are level with the depths on the axis of the link.
 """
 
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/link_scene.png'
+
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea

@@ -6,6 +6,8 @@ Profiles of a linear, a choppy and a second-order sea with the same phases: cres
 waves are higher and sharper, troughs flatter.
 """
 
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/nonlinear_profiles.png'
+
 import matplotlib.pyplot as plt
 import numpy as np
 

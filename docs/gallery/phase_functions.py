@@ -5,6 +5,8 @@ Phase functions of sea water and bubbles
 Densities of the scattering angle, their distribution functions, and the share scattered backwards.
 """
 
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/phase_functions.png'
+
 import numpy as np
 import xarray as xr
 

@@ -6,6 +6,8 @@ Light of an LED as 1500 photons that fade with the weight that they have left, c
 fate. Received ones are drawn in proportion to the light they carry; dots mark their scattering.
 """
 
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/photon_paths.png'
+
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
@@ -32,7 +34,7 @@ plotter = viz.scene(
     sea,
     paths=2500,
     received=20,
-    style=style.replace(edges=True, extent=2.0, spacing=0.1, opacity=0.5),
+    style=style.replace(edges=True, extent=2.0, spacing=0.2, opacity=0.5),
 )
 viz.save_picture(plotter, "photon_paths_surface.png")
 plotter.close()

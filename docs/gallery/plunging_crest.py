@@ -194,8 +194,8 @@ def picture(mesh: mt.TriangleMesh, paths: mt.PhotonPaths) -> pv.Plotter:
     plotter.camera.up = (0.0, 0.0, 1.0)
     plotter.camera.view_angle = 21.0
     plotter.reset_camera_clipping_range()
-    words = {"light from the lamp": REFRACTED, "after its first total reflection": GUIDED}
-    for left, (text, color) in zip((0.02, 0.17), words.items(), strict=True):
+    words = {"light from the lamp": REFRACTED, "light after its first total reflection": GUIDED}
+    for left, (text, color) in zip((0.02, 0.18), words.items(), strict=True):
         look = {"font_size": 12, "font_file": FONT_FILE, "color": color, "viewport": True}
         plotter.add_text(text, position=(left, 0.03), **look)
     return plotter

@@ -5,6 +5,8 @@ Pulses, eye diagram and bit error rates
 Arrival times of the light in clear and in turbid water.
 """
 
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/eye.png'
+
 import numpy as np
 import xarray as xr
 

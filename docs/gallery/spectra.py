@@ -5,6 +5,8 @@ Wave spectra and spreadings
 Spectra at a wind of 13 m/s, and the distribution of the waves over the directions.
 """
 
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/spectra.png'
+
 import numpy as np
 import xarray as xr
 

@@ -5,6 +5,8 @@ The sea at 5 and at 13 m/s
 The same phases at two winds, as a viewer sees them and by slope.
 """
 
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/surface_13_water.png'
+
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
 

@@ -5,6 +5,8 @@ Gain over depth, and convergence with the mesh
 The gain of LEDs with two half angles over the depth.
 """
 
+# sphinx_gallery_thumbnail_path = 'gallery/pictures/sweep_depth.png'
+
 import numpy as np
 import xarray as xr
 

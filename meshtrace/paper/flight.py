@@ -13,7 +13,7 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.paper.links import FORM_NAMES, FORMS, ROUGH, UAV, Form, gusts, panels, wind_name
 from meshtrace.paper.registry import Entry, FigureOutput, Number, Setting, row
-from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.surfaces import JonswapSea
 from meshtrace.surfaces.statistics import components_hs
 from meshtrace.uav.tilt import compare_laws
 
@@ -180,7 +180,8 @@ def uav_axes(setting: Setting) -> FigureOutput:
     tilts = [np.degrees(UAV.tilt_law(gusts(WIND, form)).mean()) for form in FORMS]
     receiver = mt.Receiver(tilt_deg=float(tilts[0]))
     made = mt.Link(receiver=receiver)
-    scene = viz.scene(made, FlatSea(), style=STYLE.replace(labels=False, color="plain"))
+    sea = JonswapSea(wind_speed=WIND, seed=setting.seed, waves="paper")
+    scene = viz.scene(made, sea, style=STYLE.replace(labels=False))
     _close_up(scene, receiver)
     attributes = {"units": "rad", "long_name": "mean tilt"}
     data = xr.Dataset({"tilt": ("form", np.radians(tilts), attributes)}, {"form": list(FORMS)})

@@ -437,17 +437,18 @@ def temperature_salinity(setting: Setting) -> FigureOutput:
     """Draw temperature, salinity and refractive index over depth, and the deflection of rays."""
     profiles = profiles_of(setting)
     data = _dataset(profiles)
-    picture, axes = panels(1, 4, width=4.0)
-    for ax, (name, label) in zip(axes[0], _ALONG.items(), strict=False):
+    picture, axes = panels(2, 2)
+    for ax, (name, label) in zip(axes.flat, _ALONG.items(), strict=False):
         ax.plot(data[name].T, data["depth"], label=data["profile"].values.tolist())
         ax.set(xlabel=label, ylim=(data["depth"][-1], 0.0))
-    axes[0, 0].set_ylabel(viz.axis_label("depth"))
+    for ax in axes[:, 0]:
+        ax.set_ylabel(viz.axis_label("depth"))
     axes[0, 0].legend()
-    axes[0, 2].ticklabel_format(axis="x", useOffset=False)
-    axes[0, 2].locator_params(axis="x", nbins=4)
-    axes[0, 3].plot(np.degrees(ZENITHS), 1e3 * data["offset"].T)
+    axes[1, 0].ticklabel_format(axis="x", useOffset=False)
+    axes[1, 0].locator_params(axis="x", nbins=4)
+    axes[1, 1].plot(np.degrees(ZENITHS), 1e3 * data["offset"].T)
     ends = {"xlabel": "angle of the ray at the source [°]", "ylabel": "offset at the surface [mm]"}
-    axes[0, 3].set(**ends)
+    axes[1, 1].set(**ends)
     rows = zip(profiles, data["start_depth"].values, data["offset"].values, strict=True)
     numbers = [entry for row_of in rows for entry in _numbers(*row_of)]
     source = "Profiles of the given files." if setting.profiles else STAND_INS

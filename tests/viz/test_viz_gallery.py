@@ -64,7 +64,7 @@ def test_the_gallery_holds_nothing_else(made):
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_scripts_are_pages(script):
-    """A title, a text, and pictures: drawn when the pages are built, or kept ones."""
+    """A title, a text, a small picture; slow ones have the kept pictures in their text."""
     text = script.read_text(encoding="utf-8")
     title, line, *rest = ast.get_docstring(ast.parse(text)).splitlines()
     assert line == "=" * len(title)
@@ -73,4 +73,7 @@ def test_scripts_are_pages(script):
         assert (KEPT / name).exists()
     slow = re.search(r"^SLOW = (\(.*?\))", (GALLERY.parent / "conf.py").read_text(), re.M)
     drawn_by_tests = script.stem in ast.literal_eval(slow.group(1))
-    assert ("sphinx_gallery_thumbnail_path" in text) == drawn_by_tests
+    assert re.findall(
+        r"^# sphinx_gallery_thumbnail_path = 'gallery/pictures/([\w.]+)'$", text, re.M
+    )
+    assert ("../movie.mp4" in text or "/gallery/pictures/" in text) == drawn_by_tests

@@ -118,7 +118,7 @@ def sound(scene, calm_design):
         "to_pyvista": {"source": mesh},
         "select_paths": {"paths": paths, "rows": slice(2)},
         "add_bubbles": {"scene": scene, "mesh": mesh, "bubbles": None, "near": False},
-        "add_receiver": {**drawn, "mesh": mesh, "labels": True},
+        "add_receiver": {**drawn, "mesh": mesh, "labels": True, "aside": 1.0},
         "add_transmitter": {**drawn, "mesh": mesh, "labels": True},
         "add_surface": {"scene": scene, "mesh": mesh, "color": "slope", "color_limit": 1.0,
                         "edges": False, "opacity": 0.5},

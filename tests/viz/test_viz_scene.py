@@ -345,6 +345,8 @@ def test_coverage_is_seen_from_above(shoot):
     plotter, _ = shoot(coverage=coverage)
     assert plotter.actors["coverage"].bounds[4:] == (5.0, 5.0)
     assert "channel gain" in plotter.scalar_bars
+    (place,) = (point for point, text, _ in plotter.texts if text.startswith("receiver"))
+    assert place[0] > axis[-1]  # beside the map
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,20 @@ def test_glint_is_brightest_in_the_mirror_image_of_the_sun(zenith, azimuth):
     np.testing.assert_allclose(points[np.argmax(light[:, 0]), :2], mirror, atol=0.6)
 
 
+def test_the_default_sun_glitters_on_a_rough_sea_without_whitening_it():
+    """From the place of the default camera: bright waves, hardly any without a colour."""
+    mesh = SEA.mesh(extent=30.0, spacing=0.5)
+    azimuth, elevation = np.radians([-68.0, 30.0])
+    across = math.cos(elevation)
+    eye = 120.0 * np.array(
+        [across * math.cos(azimuth), across * math.sin(azimuth), math.sin(elevation)]
+    )
+    light = SeaLight.of(None, None, (SEA.wind_speed, 0.0))
+    darkest = ShadedSea(mesh, light, texels=256).colors(tuple(eye)).min(axis=2)
+    assert (darkest > 200).mean() > 0.02
+    assert (darkest > 220).mean() < 0.01
+
+
 def test_the_brightness_of_glint():
     """Cox and Munk at the mirror point: rho / (4 cos(theta) 2 pi s^2), for two roughnesses."""
     zenith = math.radians(40.0)
