@@ -33,7 +33,7 @@ HARBOUR = "#depth=4&half_angle=20&height=7&water=petzold-harbour&wavelength=514&
 # fragment of the address, then buttons and moves of controls
 STATES: dict[str, tuple[str, list[str | tuple[str, float]]]] = {
     "explorer": ("#depth=12&height=7&offset_x=2&wind=9", ["map"]),
-    "explorer_day": ("#depth=15&light=clear&sun=55&wind=10", []),
+    "explorer_day": ("#depth=15&light=clear&sun=65&wind=10", []),
     "explorer_downlink": ("#depth=8&wind=7", []),
     "explorer_compare": ("#depth=8&light=overcast", ["compare", ("depth", 16.0), ("wind", 9.0)]),
     "explorer_design": (
