@@ -419,6 +419,8 @@ class Page:
                 await asyncio.sleep(max(_FRAME_PERIOD - (loop.time() - begun), 0.005))
         except Exception as error:
             self._tell(error)
+            with self.server.state as page:
+                page.playing = False
         finally:
             self._running = None
         self.seek(session.state.time)
