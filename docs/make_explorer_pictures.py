@@ -94,9 +94,12 @@ def rest(driver: Any) -> None:
 
 def shot(driver: Any) -> Image.Image:
     """Return a picture of the window, its scene in full resolution."""
-    time.sleep(1.0)
-    driver.execute_script("trame.refs.scene.paint(1)")
-    return Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
+    full = "const c = document.querySelector('.mt-scene canvas'); return c.width === c.clientWidth"
+    while True:
+        until(lambda: driver.execute_script(full), "a coarse scene")
+        taken = driver.get_screenshot_as_png()
+        if driver.execute_script(full):  # not drawn coarsely meanwhile
+            return Image.open(io.BytesIO(taken)).convert("RGB")
 
 
 def main() -> None:

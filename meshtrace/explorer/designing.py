@@ -107,7 +107,7 @@ def _best(choices: tuple[BestValue, ...], alone: bool) -> list[list[str]]:
         cells = []
         for c in mine:
             flat = f"({c.flat[0] * unit:.3g} … {c.flat[1] * unit:.3g})"
-            gained = f", {c.gained:+.1f} dB" if alone else ""
+            gained = f", {round(c.gained, 1) + 0.0:+.1f} dB" if alone else ""
             cells.append(f"{c.best * unit:.3g} {flat}{gained}")
         rows.append([name, f"{mine[0].given * unit:.3g}", *map(minus, cells)])
     return rows
