@@ -33,7 +33,7 @@ HARBOUR = "#depth=4&half_angle=20&height=7&water=petzold-harbour&wavelength=514&
 # fragment of the address, then buttons and moves of controls
 STATES: dict[str, tuple[str, list[str | tuple[str, float]]]] = {
     "explorer": ("#depth=12&height=7&offset_x=2&wind=9", ["map"]),
-    "explorer_day": ("#depth=15&light=clear&sun=55&wind=10", []),
+    "explorer_day": ("#depth=15&light=clear&sun=65&wind=10", []),
     "explorer_downlink": ("#depth=8&wind=7", []),
     "explorer_compare": ("#depth=8&light=overcast", ["compare", ("depth", 16.0), ("wind", 9.0)]),
     "explorer_design": (
@@ -94,9 +94,12 @@ def rest(driver: Any) -> None:
 
 def shot(driver: Any) -> Image.Image:
     """Return a picture of the window, its scene in full resolution."""
-    time.sleep(1.0)
-    driver.execute_script("trame.refs.scene.paint(1)")
-    return Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
+    full = "const c = document.querySelector('.mt-scene canvas'); return c.width === c.clientWidth"
+    while True:
+        until(lambda: driver.execute_script(full), "a coarse scene")
+        taken = driver.get_screenshot_as_png()
+        if driver.execute_script(full):  # not drawn coarsely meanwhile
+            return Image.open(io.BytesIO(taken)).convert("RGB")
 
 
 def main() -> None:

@@ -27,7 +27,7 @@ _PHOTONS = 10_000
 def as_toml(scenario: Scenario) -> str:
     """Return the text of a link file with the values that differ from the defaults.
 
-    The full configuration where the shorter text would be another scenario.
+    The full configuration if the shorter text would be another scenario.
     """
     default = Scenario.from_toml("").replace(detector=OokLink())
     short = _difference(scenario.to_config(), default.to_config())
@@ -102,7 +102,7 @@ def as_python(scenario: Scenario) -> str:
 
 
 def _daylight(day: Daylight) -> str:
-    """Return the Python expression of a light, by its model where that gives the irradiances."""
+    """Return the Python expression of a light, by its model if that gives the irradiances."""
     try:
         recipe = daylight_recipe(day)
     except Refused:

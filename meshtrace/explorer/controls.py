@@ -20,7 +20,7 @@ from meshtrace.uav import UAVS
 Table = dict[str, Any]
 
 GIVEN = "as given"
-"""Word for what the explorer was started with."""
+"""Word for a part of the link as given at the start."""
 
 
 class Control(NamedTuple):
@@ -116,7 +116,7 @@ _LAMPS = {
 }
 """Kinds of lamps under water, and the key of their angle; lamps in the air begin with "air-"."""
 
-_WIDEST_LASER = 59.5  # half angle [deg]: that of a Gaussian beam is below 60
+_WIDEST_LASER = 59.5  # half angle [deg], for a Gaussian beam below 60
 
 CASE_1 = "chlorophyll"
 """Word for water whose absorption and scattering follow from chlorophyll."""
@@ -202,9 +202,8 @@ def with_coefficients(config: Table) -> Table:
 def with_choice(config: Table, name: str, word: str) -> Table:
     """Return tables with a type of water, a kind of lamp, a detector, an aircraft or a light.
 
-    Index, bottom and phase function are those of the type; the sun stands as by default. A lamp
-    keeps its angle, that of half power (LED), of 1/e^2 (laser) or of the whole beam, up to the
-    widest that it can have.
+    Index, bottom and phase function come from the type; the sun stands as by default. A lamp
+    keeps its angle, of half power (LED), of 1/e^2 (laser) or of the whole beam, up to its widest.
 
     Raises
     ------

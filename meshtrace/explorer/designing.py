@@ -1,4 +1,4 @@
-"""Design of a link in a process of its own, so that the page goes on and the work can be ended."""
+"""Design of a link in a separate process, beside the page, and its texts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 from meshtrace.errors import Described, Refused
 from meshtrace.explorer.controls import BY_NAME
-from meshtrace.explorer.readings import bit_error_rate
+from meshtrace.explorer.readings import bit_error_rate, minus
 from meshtrace.scenario import Scenario
 from meshtrace.studies.designs.page import LIGHTS, BestValue, Design, Reach
 
@@ -95,7 +95,7 @@ def _figures(found: Design) -> list[list[str]]:
     ]
     names = ("Outage", "Mean bit error rate", "Margin of the mean",
              f"Reserve, outage {100.0 * found.outage:g} %", "Capacity")  # fmt: skip
-    return [list(row) for row in zip(names, *map(_signed, columns), strict=True)]
+    return [list(map(minus, row)) for row in zip(names, *columns, strict=True)]
 
 
 def _best(choices: tuple[BestValue, ...], alone: bool) -> list[list[str]]:
@@ -107,15 +107,15 @@ def _best(choices: tuple[BestValue, ...], alone: bool) -> list[list[str]]:
         cells = []
         for c in mine:
             flat = f"({c.flat[0] * unit:.3g} … {c.flat[1] * unit:.3g})"
-            gained = f", {c.gained:+.1f} dB" if alone else ""
+            gained = f", {round(c.gained, 1) + 0.0:+.1f} dB" if alone else ""
             cells.append(f"{c.best * unit:.3g} {flat}{gained}")
-        rows.append([name, f"{mine[0].given * unit:.3g}", *_signed(cells)])
+        rows.append([name, f"{mine[0].given * unit:.3g}", *map(minus, cells)])
     return rows
 
 
 def _together(found: Design) -> list[str]:
     gained = {c.light: f"{c.gained:+.1f} ± {c.gained_stderr:.1f} dB" for c in found.together}
-    return ["Gained", "", *_signed([gained.get(light, "–") for light in LIGHTS])]
+    return ["Gained", "", *(minus(gained.get(light, "–")) for light in LIGHTS)]
 
 
 def _reach(found: Design) -> list[list[str]]:
@@ -140,7 +140,7 @@ def _budget(found: Design) -> list[list[str]]:
     return [
         [
             f"= {line.name}" if line.total else line.name,
-            *_signed(f"{round(value, 1) + 0.0:.1f}" for value in (line.night, line.day)),
+            *(minus(f"{round(value, 1) + 0.0:.1f}") for value in (line.night, line.day)),
             line.unit,
         ]
         for line in found.budget
@@ -148,12 +148,8 @@ def _budget(found: Design) -> list[list[str]]:
 
 
 def _scale(key: str, unit: str) -> tuple[str, float]:
-    """Return the name of a key as that of its control with the unit, and its scale."""
+    """Return the label of the control of a key with the unit, and its scale."""
     for control in BY_NAME.values():
         if key in control.keys:
             return f"{control.label} [{control.unit}]", control.per_unit
     return f"{key} [{unit}]", 1.0
-
-
-def _signed(cells: Any) -> list[str]:
-    return [cell.replace("-", "\N{MINUS SIGN}") for cell in cells]

@@ -48,7 +48,7 @@ def explore(
 
     Notes
     -----
-    Every browser, and every visit of the first page, has a state of its own. The address that is
+    Every browser, and every visit of the first page, has a separate state. The address that is
     printed holds a token; without it, from another host or another origin, no page is opened.
     """
     try:

@@ -32,7 +32,7 @@ _ENTER = "{name} = $event.target.value === '' ? null : Number($event.target.valu
 
 _SCENE = "Scene in 3D: drag or arrow keys turn it, wheel or plus and minus zoom, Home resets"
 
-_EVENTS = ("movelamp", "movereceiver", "seek", "ready", "restore", "close")
+_EVENTS = ("movelamp", "movereceiver", "seek", "ready", "drawn", "restore", "close")
 
 
 def _part(name: str, **options: Any) -> AbstractElement:
@@ -131,7 +131,8 @@ def _control(control: Control) -> None:
 
 def _scene(actions: Any) -> None:
     with html.Section(classes="mt-scene", raw_attrs=['aria-label="Scene"']):
-        _part("scene", ref="scene", label=_SCENE, caption=("caption",), ready=actions.scene_ready)
+        _part("scene", ref="scene", label=_SCENE, caption=("caption",), ready=actions.scene_ready,
+              drawn=actions.drawn)  # fmt: skip
         with html.Div(classes="mt-time"):
             html.Button(
                 "{{ playing ? '❚❚' : '▶' }}",
@@ -155,7 +156,7 @@ def _views(link: Link) -> None:
     lamp_z = "depth = -$event.y" if lamp.center[2] < 0.0 else "height = $event.y"
     receiver_z = "height = $event.y" if receiver.center[2] > 0.0 else "depth = -$event.y"
     if lamp.center[2] < 0.0 and receiver.center[2] < 0.0:
-        receiver_z = ""  # the depth is that of the lamp
+        receiver_z = ""  # the lamp has the depth
     with html.Section(classes="mt-views", raw_attrs=['aria-label="Side view and plan"']):
         side: Any = {"title": "Side view", "across": "x", "up": "z", "side": True}
         _part(
@@ -236,7 +237,7 @@ def _design(actions: Any) -> None:
 
 
 def _rows(source: str, labels: dict[str, str]) -> None:
-    """Add a table of the texts of a reading by the labels of its keys, after those of state A."""
+    """Add a table of the texts of a reading, and of state A, by the labels of its keys."""
     with html.Dl(classes="mt-rows"):
         for key, label in labels.items():
             with html.Div():

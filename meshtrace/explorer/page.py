@@ -8,6 +8,7 @@ import logging
 import math
 import re
 import uuid
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from meshtrace.scenario import Scenario
 _ASSETS = Path(__file__).with_name("assets")
 _SCENE_PERIOD = 0.05  # shortest time between two scenes while a control moves [s]
 _FRAME_PERIOD = 0.1  # of the running sea [s]
+_PATIENCE = 2.0  # longest wait for the browser to draw it [s]
 _REST = 0.5  # time without a move after which controls rest [s]
 _FIXED_ZOOM = re.compile(r",\s*maximum-scale=1,minimum-scale=1")  # readers may enlarge the page
 _IDLE = 600  # time without a browser after which a session ends [s]
@@ -64,6 +66,7 @@ class Page:
         self._resync: asyncio.TimerHandle | None = None
         self._scene_time = 0.0
         self._running: asyncio.Task[None] | None = None
+        self._drawn = asyncio.Event()
         self._token = new_token()
         self._browsers = 0
         self._kept: tuple[State, dict[str, Any]] | None = None  # with the parts of its scene
@@ -140,6 +143,8 @@ class Page:
 
     def _tell(self, error: BaseException) -> None:
         """Show an error as a line in the page; an internal one on the console, too."""
+        if isinstance(error, ConnectionResetError):  # a browser has just been closed
+            return
         text = str(error)
         if not isinstance(error, Refused):
             text = f"internal error: {type(error).__name__}: {one_line(error)}"
@@ -203,6 +208,10 @@ class Page:
         self._call_scene("show", self.scene.parts)
         if self._kept is not None:
             self._call_scene("keep", self._kept[1])
+
+    def drawn(self) -> None:
+        """Let a running sea go on: a browser has drawn it."""
+        self._drawn.set()
 
     def _call_scene(self, method: str, argument: Any) -> None:
         self.server.js_call("scene", method, argument)
@@ -322,7 +331,7 @@ class Page:
             self.session.answer_now()
 
     def _show_light(self) -> None:
-        """Show the rays and the map of the state, or none, and refresh the views."""
+        """Show the rays and the map of the state as far as they are made, and refresh the views."""
         self.scene.show_rays(self._shown("rays", PhotonPaths))
         found = self._shown("map", CoverageMap)
         self.scene.show_map(found, None if found is None else readings.map_shades(found))
@@ -398,15 +407,20 @@ class Page:
                     await asyncio.sleep(0)
                     continue
                 self.scene.update(state, running=True)
-                with self.server.state as page:
+                self._drawn.clear()
+                with suppress(ConnectionResetError), self.server.state as page:
                     self.scene.show_rays(paths)
                     page.time = round(state.time, 3)
                     page.update(layout.views(state, self.scene))
                     page.reading = readings.gain_reading(session, running=True)
                     self._push_scene()
+                with suppress(TimeoutError):  # owed pictures would delay all answers
+                    await asyncio.wait_for(self._drawn.wait(), _PATIENCE)
                 await asyncio.sleep(max(_FRAME_PERIOD - (loop.time() - begun), 0.005))
         except Exception as error:
             self._tell(error)
+            with self.server.state as page:
+                page.playing = False
         finally:
             self._running = None
         self.seek(session.state.time)

@@ -90,12 +90,13 @@ def _bits(signal: Signal) -> dict[str, str]:
         return dict(_NO_BITS)
     received, error = (float(detector.received_power(float(g))) for g in
                        (signal.gain.gain, signal.gain.gain_stderr))  # fmt: skip
+    share = error / received if received > 0.0 else 0.0
     required = detector.required_power(LIMIT)
     margin = float(link_budget(detector, signal.gain.gain, LIMIT).margin_optical_db)
     return {
-        "power": f"{power(received)} ± {_percent(error / received if received > 0.0 else 0.0)}",
+        "power": f"{power(received)} ± {100.0 * share:{'.0f' if share > 0.095 else '.1g'}} %",
         "required": power(required) if np.isfinite(required) else "none suffices",
-        "margin": _minus(f"{margin:+.1f} dB") if np.isfinite(margin) else "–",
+        "margin": minus(f"{margin:+.1f} dB") if np.isfinite(margin) else "–",
         "ber": bit_error_rate(signal.ber),
         "spread": _spread(detector),
         "light": signal.light or "dark",
@@ -103,12 +104,8 @@ def _bits(signal: Signal) -> dict[str, str]:
     }
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:{'.0f' if share > 0.095 else '.1g'}} %"
-
-
 def _spread(detector: OokLink) -> str:
-    """Return the rms delay spread of the channel, and what it costs where it counts."""
+    """Return the rms delay spread of the channel, and its cost if it counts."""
     if detector.response is None:
         return "–"
     text = f"{1e9 * detector.response.rms_spread:.2g} ns"
@@ -116,7 +113,7 @@ def _spread(detector: OokLink) -> str:
         return f"{text}, short"
     text = f"{text}, {detector.spread_in_bits:.2g} bit"
     cost = detector.required_power(LIMIT) / detector.replace(response=None).required_power(LIMIT)
-    return f"{text}, {_minus(f'{10.0 * math.log10(cost):.1f} dB')}" if np.isfinite(cost) else text
+    return f"{text}, {minus(f'{10.0 * math.log10(cost):.1f} dB')}" if np.isfinite(cost) else text
 
 
 def fading_reading(session: Session) -> dict[str, Any]:
@@ -164,7 +161,7 @@ def map_note(session: Session) -> str:
 
 
 def map_shades(found: CoverageMap) -> Any:
-    """Return the colours (nx, ny, 4) of a map over its peak, translucent where it is dark."""
+    """Return the colours (nx, ny, 4) of a map over its peak, translucent if dark."""
     from matplotlib import colormaps
 
     share = found.gain / max(float(found.gain.max()), 1e-300)
@@ -229,10 +226,11 @@ def decibels(ratio: float, digits: int = 2) -> str:
     """
     if ratio <= 0.0:
         return "none"
-    return _minus(f"{10.0 * math.log10(ratio):.{digits}f} dB")
+    return minus(f"{10.0 * math.log10(ratio):.{digits}f} dB")
 
 
-def _minus(number: str) -> str:
+def minus(number: str) -> str:
+    """Return a number with a minus sign in place of the hyphen."""
     return number.replace("-", "\N{MINUS SIGN}")
 
 

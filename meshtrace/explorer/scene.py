@@ -16,6 +16,7 @@ from meshtrace.link import Link
 from meshtrace.link.sources import AirLamp, WaterSource
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
+from meshtrace.optics.water import Water
 from meshtrace.results.coverage import CoverageMap
 from meshtrace.viz import parts
 from meshtrace.viz.scenes import longest_left_out, wind_of
@@ -36,9 +37,10 @@ UNSCATTERED_COLOR, SCATTERED_COLOR = "#FFD34D", PALETTE["purple"]
 
 _LEAST_IRRADIANCE = 1e-4  # of daylight rather than moon or night [W m-2 nm-1]
 _DUSK = Daylight(direct=0.25, diffuse=1.0, sun_zenith_deg=80.0, sun_azimuth_deg=118.0)
-_DUSK_TINT, _MOON_TINT, _DAY_TINT = (0.006, 0.009, 0.016), (0.02, 0.025, 0.036), (1.5, 1.5, 1.6)
+_DUSK_TINT, _MOON_TINT, _DAY_TINT = (0.006, 0.009, 0.016), (0.02, 0.025, 0.036), (0.9, 0.9, 0.96)
 _CLOUD_TINT = (0.5, 0.52, 0.56)
 _LEAST_INSIDE = (0.25, 0.32, 0.5)  # of the light in the water, which the eye would take time to see
+_MOST_INSIDE = 0.02  # share of it that turbid water returns: a beam is brighter
 _TEXELS = 256
 _NEW_FRAME = (0.6, 1.1)  # sizes of the stage, relative to that framed, that keep the camera
 _NEW_SQUARE = (0.75, 1.25)  # half-widths, relative to that of the present sea, that keep it
@@ -203,13 +205,15 @@ class LiveScene:
         angle = math.radians(wind[1])
         slopes = mesh.vertex_normals[:, :2] / np.maximum(mesh.vertex_normals[:, 2:], 0.2)
         tile = self._waves(mesh, light)
+        upwelling = math.pi * WATER_BRIGHTNESS * light.upwelling
+        least = np.array(_LEAST_INSIDE) * min(1.0, _MOST_INSIDE / float(upwelling.max()))
         foam = 1.1 * norm.ppf(1.0 - light.foam) if light.foam > 0.0 else 100.0
         glint = 0.0 if day is _DUSK else day.direct / day.irradiance
         return {
             "waves": tile, "rest": tile["rest"], "sky": _sky_image(day), "sun": list(day.sun),
-            "tint": list(tint), "inside": np.maximum(tint, _LEAST_INSIDE).tolist(),
+            "tint": list(tint), "inside": np.maximum(1.6 * np.array(tint), least).tolist(),
             "direct": glint, "foam": float(foam),
-            "upwelling": (math.pi * WATER_BRIGHTNESS * light.upwelling).tolist(),
+            "upwelling": upwelling.tolist(),
             "absorption": light.absorption.tolist(), "wind": [math.cos(angle), math.sin(angle)],
             "height": max(float(mesh.vertices[:, 2].std()), 0.02),
             "steepness": float(slopes.var(axis=0).sum()),
@@ -270,7 +274,11 @@ def _sky_of(day: Daylight | None) -> tuple[Daylight, tuple[float, float, float]]
         return _DUSK, _DUSK_TINT
     if day.irradiance < _LEAST_IRRADIANCE:
         return day, _MOON_TINT
-    return day, _DAY_TINT if day.direct > 0.0 else _CLOUD_TINT
+    if day.direct == 0.0:
+        return day, _CLOUD_TINT
+    low = min(max(1.3 * day.sun[2], 0.1), 1.0) ** 0.8  # the sky over the irradiance is brighter
+    red, green, blue = _DAY_TINT
+    return day, (low * red, low * green, low * blue)
 
 
 def _sky_image(day: Daylight) -> dict[str, Any]:
@@ -307,17 +315,24 @@ def _link(link: Link, stage: Stage) -> dict[str, Any]:
     return {
         "lamps": lamps, "receivers": receivers, "carried": [list(c) for c in parts.carried(link)],
         "color": light_color(link.transmitters[0].wavelength_nm), "index": link.water.n,
-        "extinction": link.water.c, "plane": plane, "size": stage.size,
+        "extinction": link.water.c, "scattering": link.water.b, "loss": _loss(link.water),
+        "plane": plane, "size": stage.size,
         "norm": scale * min(max((power / 100.0) ** 0.25, 0.5), 2.0),
         "colors": {name: to_rgb(color) for name, color in colors.items()},
     }  # fmt: skip
 
 
+def _loss(water: Water) -> float:
+    """Return the attenuation of a beam with its light that is scattered forwards [m-1]."""
+    return water.a + 0.1 * water.b  # a share for looks
+
+
 def _lamp(source: WaterSource | AirLamp, link: Link) -> dict[str, Any]:
-    """Return a lamp as it shines where it is ("own"), and in the water as from "place"."""
+    """Return a lamp as it shines at its place ("own"), and in the water as from "place"."""
     half = getattr(source, "half_angle_deg", getattr(source, "divergence_deg", 180.0))
-    bright = 0.5 * min(max((source.power_mw / 100.0) ** 0.25, 0.5), 2.0)
+    bright = 0.4 * min(max((source.power_mw / 100.0) ** 0.25, 0.5), 2.0)
     x, y, z = source.center
+    bright *= min(math.exp(_loss(link.water) * abs(z) / 3.0), 5.0) if z < 0.0 else 1.0
     own_axis, own_shape = _beam(source.pattern, half, source.axis, abs(z), bright)
     own = {"at": source.center, "own": {"axis": own_axis, "shape": own_shape}}
     if z < 0.0:

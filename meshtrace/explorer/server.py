@@ -116,6 +116,7 @@ async def serve(explorer: Explorer, open_browser: bool) -> None:
         loop.add_signal_handler(signal.SIGTERM, terminated.set)
     messages = logging.StreamHandler()
     messages.setFormatter(_OneLine())
+    messages.addFilter(_of_open_browsers)
     logging.basicConfig(handlers=[messages])
     logging.getLogger("wslink").setLevel(logging.CRITICAL + 1)  # the page shows its errors
     await explorer.start()
@@ -142,3 +143,8 @@ def _report(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
     """Report an error of a task, unless a browser has just been closed."""
     if not isinstance(context.get("exception"), ConnectionResetError):
         loop.default_exception_handler(context)
+
+
+def _of_open_browsers(record: logging.LogRecord) -> bool:
+    """Return whether a message is no failure to write to a browser that has just been closed."""
+    return not (record.exc_info and isinstance(record.exc_info[1], ConnectionResetError))

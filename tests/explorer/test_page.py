@@ -667,6 +667,19 @@ def test_a_page_can_be_loaded_again_with_its_state(page):
     until(same, "another scene after loading again")
 
 
+@pytest.mark.slow
+def test_a_page_can_be_loaded_again_while_its_sea_runs(page):
+    """Waves once arrived before the scene that holds them."""
+    page.get_log("browser")
+    page.find_element("id", "play").click()
+    until(lambda: page.execute_script("return trame.state.get('time')") > 0.3, "time stands still")
+    page.refresh()
+    until(lambda: page.find_elements("id", "time"), "no page")
+    until(lambda: page.execute_script("return trame.refs.scene.view !== null"), "no scene")
+    time.sleep(1.0)
+    assert [e for e in page.get_log("browser") if e["level"] == "SEVERE"] == []
+
+
 def view_of(driver):
     return driver.execute_script("return {...trame.refs.scene.view}")
 
@@ -686,7 +699,12 @@ def test_a_move_keeps_the_view_of_the_user_and_home_returns(page):
     enter(page, "depth", 10.4)
     until(lambda: gain_is(page, {"depth": 10.4}), "another gain")
     assert view_of(page) == turned
-    page.find_element("id", "home").click()
+    page.find_element("css selector", "#light option[value='clear']").click()
+    until(lambda: reading(page) is not None, "no gain by day")
+    assert view_of(page) == turned
+    page.find_element("id", "home").click()  # by day towards the sun, for its glint
+    until(lambda: view_of(page)["azimuth"] == pytest.approx(203.0), "away from the sun")
+    page.find_element("css selector", "#light option[value='as given']").click()
     until(lambda: view_of(page)["azimuth"] == home["azimuth"], "another view")
 
 

@@ -108,8 +108,23 @@ def test_the_sky_is_that_of_the_state(scene):
     assert day["sun"] == pytest.approx(light.sun)
     assert day["direct"] == pytest.approx(light.direct / light.irradiance)
     assert min(day["tint"]) > 10.0 * max(night["tint"])
+    scene.update(STATE.moved({"light": "clear", "sun": 80.0}))
+    low = scene.parts["look"]  # its bright horizon would be white
+    assert 0.1 * max(day["tint"]) < max(low["tint"]) < 0.5 * max(day["tint"])
     scene.update(STATE.moved({"light": "moon"}))
     assert max(night["tint"]) < max(scene.parts["look"]["tint"]) < min(day["tint"])
+
+
+def test_turbid_water_is_dark_at_night(scene):
+    """It once outshone the beam."""
+    clear = scene.parts["look"]
+    scene.update(STATE.moved({"water": "petzold-harbour", "wavelength": 514.0}))
+    turbid, link = scene.parts["look"], scene.parts["link"]
+    assert max(turbid["upwelling"]) > 5.0 * max(clear["upwelling"])
+    light = [np.multiply(look["inside"], look["upwelling"]).max() for look in (clear, turbid)]
+    assert light[1] < 2.0 * light[0]
+    assert link["scattering"] == pytest.approx(1.824)
+    assert link["extinction"] - link["scattering"] < link["loss"] < 0.5 * link["extinction"]
 
 
 def test_lamp_and_receiver_are_where_the_link_has_them(scene):

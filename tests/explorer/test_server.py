@@ -10,6 +10,7 @@ from trame.app.core import AVAILABLE_SERVERS
 
 import meshtrace as mt
 from meshtrace.errors import Refused
+from meshtrace.explorer import page as page_of_session
 from meshtrace.explorer import server
 from meshtrace.explorer.server import Explorer
 from meshtrace.scenario import Scenario
@@ -30,6 +31,29 @@ def served(test, **options):
             await explorer.stop()
 
     return asyncio.run(run())
+
+
+def test_a_running_sea_waits_for_the_browser(monkeypatch):
+    """Moves were once answered after a minute where a slow browser owed hundreds of pictures."""
+    monkeypatch.setattr(page_of_session, "_PATIENCE", 600.0)
+
+    async def visits(explorer, client):
+        async with client.get(explorer.url, allow_redirects=False):
+            page = explorer.pages[0]
+        sent = []
+        monkeypatch.setattr(page, "_push_scene", lambda: sent.append(page.session.state.time))
+        with page.server.state as state:
+            state.playing = True
+        for shown in (1, 2):
+            while len(sent) < shown:
+                await asyncio.sleep(0.02)
+            await asyncio.sleep(0.3)  # three times the period
+            assert len(sent) == shown
+            page.drawn()
+        with page.server.state as state:
+            state.playing = False
+
+    served(visits)
 
 
 def test_every_visit_has_a_session_that_is_released_at_the_end():

@@ -57,7 +57,7 @@ def test_gain_and_bits_are_those_of_the_library(session):
 
 
 def response_at(link, scenario=PAPER):
-    """Return the response of the channel, of a run of its own."""
+    """Return the response of the channel, of a separate run."""
     at = scenario.replace(link=link)
     run = mt.simulate(at, photons=stages.CHAINS[-1], record=[mt.Arrivals()])
     seen = mt.impulse_response(run)

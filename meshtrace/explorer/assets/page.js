@@ -123,10 +123,14 @@
         const part = this[name], other = name === "lamp" ? this.receiver : this.lamp;
         const [x, y] = this.at(part.x, part.y), [u, v] = other ? this.at(other.x, other.y) : [1e4, 1e4];
         const text = name === "lamp" ? "lamp" : part.air ? "receiver (UAV)" : "receiver";
-        const near = Math.abs(y - v) < 22 && Math.abs(x - u) < 90, far = x + 14 + 6.2 * text.length > this.box.left + this.box.w;
-        const left = far || (near && (x < u || (x === u && name === "lamp" && !far)));
-        const level = part.air && this.side ? 9 : 4; // below the rotors
-        return { x: left ? -14 : 14, y: near && far ? (name === "lamp" ? 18 : -14) : level, anchor: left ? "end" : "start", text };
+        const wide = 6.2 * text.length, end = this.image ? this.box.left + this.box.w + 12 : this.w; // or the colours of the map
+        const near = Math.abs(y - v) < 22 && Math.abs(x - u) < 90, far = x + 14 + wide > end;
+        if (near && far) { // above or below
+          const middle = x + wide / 2 < end;
+          return { x: middle ? 0 : -14, y: name === "lamp" ? 22 : -14, anchor: middle ? "middle" : "end", text };
+        }
+        const left = far || (near && (x < u || (x === u && name === "lamp")));
+        return { x: left ? -14 : 14, y: part.air && this.side ? 9 : 4, anchor: left ? "end" : "start", text }; // below the rotors
       },
       start(name, event) {
         this.held = name;

@@ -13,6 +13,7 @@
     [0, 1, 2, 3].reduce((sum, i) => sum + a[4 * i + (k & 3)] * b[(k & ~3) + i], 0));
 
   const FOV = (44 * Math.PI) / 180, HOME = { azimuth: -62, elevation: 18 };
+  const TO_SUN = 203; // azimuth of the eye from that of the sun [deg]: its glint stands beside the link
   const ROOM = { x0: -0.86, x1: 0.93, y0: -0.88, y1: 0.82 }; // of the block in the window
 
   const eyeOf = (view) => {
@@ -95,16 +96,22 @@
         const rim = (k) => at(apex, axes, r * Math.cos((2 * Math.PI * k) / n), r * Math.sin((2 * Math.PI * k) / n), length);
         for (let k = 0; k < n; k++) triangle(apex, rim(k), rim(k + 1));
       },
-      drone(center, up, size) {
-        const axes = basis(up);
-        this.box(at(center, axes, 0, 0, 0.3 * size), up, [0.36 * size, 0.27 * size, 0.15 * size]);
+      drone(center, up, size, rotors) {
+        const axes = basis(up), part = (x, y, z) => at(center, axes, x * size, y * size, z * size);
+        const box = (x, y, z, half, turn = 0) => this.box(part(x, y, z), up, half.map((v) => v * size), turn);
+        box(0, 0, 0.1, [0.1, 0.1, 0.1]); // payload
+        box(0, 0, 0.3, [0.34, 0.24, 0.1]);
+        box(0.02, 0, 0.42, [0.2, 0.15, 0.05]);
+        for (const y of [-0.3, 0.3]) { // skids
+          box(0, y, -0.12, [0.4, 0.025, 0.025]);
+          for (const x of [-0.2, 0.2]) box(x, 0.9 * y, 0.06, [0.025, 0.025, 0.18]);
+        }
         for (const k of [1, 3, 5, 7]) {
           const c = Math.cos((k * Math.PI) / 4), s = Math.sin((k * Math.PI) / 4);
-          this.box(at(center, axes, 0.5 * c * size, 0.5 * s * size, 0.36 * size), up, [0.5 * size, 0.045 * size, 0.04 * size], (k * Math.PI) / 4);
-          const hub = at(center, axes, c * size, s * size, 0.44 * size), tip = at(center, axes, c * size, s * size, 0.5 * size);
-          this.box(hub, up, [0.06 * size, 0.06 * size, 0.09 * size]);
-          this.box(tip, up, [0.5 * size, 0.04 * size, 0.02 * size], (k * Math.PI) / 4 + 1.2); // seen edge-on, too
-          this.ring(at(center, axes, c * size, s * size, 0.5 * size), up, 0.4 * size, 0.5 * size);
+          box(0.55 * c, 0.55 * s, 0.34, [0.5, 0.05, 0.04], (k * Math.PI) / 4);
+          box(c, s, 0.42, [0.08, 0.08, 0.12]);
+          box(c, s, 0.54, [0.5, 0.03, 0.012], (k * Math.PI) / 4 + 1.2); // seen edge-on, too
+          rotors.ring(part(c, s, 0.54), up, 0, 0.52 * size);
         }
       },
     };
@@ -187,15 +194,15 @@
       }
       if (parts.link) {
         m.link = parts.link;
-        const size = parts.link.size, view = Shape(), disk = Shape(), uav = Shape();
+        const size = parts.link.size, view = Shape(), disk = Shape(), uav = Shape(), rotors = Shape();
         for (const r of parts.link.receivers) {
           const sight = r.axis.map((v) => -v), r0 = Math.max(r.radius, 0.014 * size);
           const length = (1.15 * Math.abs(r.place[2]) + 0.02 * size) / Math.max(Math.abs(sight[2]), 0.2);
           if (r.half < 80) view.cone(r.place, sight, r.half, length);
           disk.ring(r.place, r.axis, 0, r0);
         }
-        for (const [place, up] of parts.link.carried) uav.drone(place, up, 0.055 * size);
-        Object.assign(m, { view: shape(view), disk: shape(disk), uav: shape(uav) });
+        for (const [place, up] of parts.link.carried) uav.drone(place, up, 0.055 * size, rotors);
+        Object.assign(m, { view: shape(view), disk: shape(disk), uav: shape(uav), rotors: shape(rotors) });
       }
       if (parts.rays !== undefined) m.rays = { buffer: this.buffer(floats(parts.rays)), n: parts.rays.length / 28 };
       if (parts.map !== undefined) m.map = parts.map && { ...parts.map, image: this.texture(parts.map.bytes, parts.map.n, parts.map.n, false, false) };
@@ -226,6 +233,27 @@
         gl.vertexAttribDivisor(at, every);
       }
     }
+    begin(smooth) {
+      // Draw with smooth edges, which take twice the time without a GPU, until `end`.
+      const gl = this.gl, { width, height } = this.canvas;
+      if (!smooth) return;
+      this.target ??= { frame: gl.createFramebuffer(), color: gl.createRenderbuffer(), depth: gl.createRenderbuffer() };
+      const { frame, color, depth } = this.target, samples = Math.min(4, gl.getParameter(gl.MAX_SAMPLES));
+      gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+      for (const [buffer, format, at] of [[color, gl.RGBA8, gl.COLOR_ATTACHMENT0], [depth, gl.DEPTH_COMPONENT24, gl.DEPTH_ATTACHMENT]]) {
+        gl.bindRenderbuffer(gl.RENDERBUFFER, buffer);
+        if (this.target.size !== `${width} ${height}`) gl.renderbufferStorageMultisample(gl.RENDERBUFFER, samples, format, width, height);
+        gl.framebufferRenderbuffer(gl.FRAMEBUFFER, at, gl.RENDERBUFFER, buffer);
+      }
+      this.target.size = `${width} ${height}`;
+    }
+    end() {
+      const gl = this.gl, { width, height } = this.canvas;
+      if (!gl.getParameter(gl.FRAMEBUFFER_BINDING)) return;
+      gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+      gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    }
     draw(which, view, [x, y, w, h], ratio) {
       const gl = this.gl, m = this.models[which];
       if (!m?.link || !m.sea || !m.look) return;
@@ -237,6 +265,7 @@
         sun: l.sun, tint: l.tint, inside: l.inside, upwelling: l.upwelling, absorption: l.absorption, rest: l.rest, wind: l.wind,
         skyScale: [l.sky.scale, 0], sunShare: l.direct, foam: l.foam, steepness: l.steepness, height: l.height,
         waveSize: l.waves.size, waveScale: l.waves.scale, time: m.time ?? 0, index: m.link.index, extinction: m.link.extinction,
+        scattering: m.link.scattering, loss: m.link.loss,
         beam: m.link.color, middle: s.center, halfWidth: s.half, bottom: s.bottom, lamps: Math.min(lamps.length, shared().LAMPS),
         place: pad("place"), axis: pad("axis"), shape: pad("shape"), plane: m.link.plane, norm: m.link.norm, pixels: [w, h],
       };
@@ -267,8 +296,9 @@
         this.bind(this.use("plain", { ...all, color, lit, side }), [["point", part.points, 3, 0, 0], ["normal", part.normals, 3, 0, 0]]);
         gl.drawArrays(gl.TRIANGLES, 0, part.n);
       };
-      solid(m.uav, [0.2, 0.23, 0.26, 1], 1);
+      solid(m.uav, [0.55, 0.58, 0.61, 1], 1);
       gl.depthMask(false);
+      solid(m.rotors, [0.75, 0.8, 0.85, 0.12], 0);
       if (m.link.norm > 0 && !m.map) {
         const [lamp] = lamps, first = (v) => [...v, ...Array(4 * (shared().LAMPS - 1)).fill(0)];
         const own = { place: first([...lamp.at, lamp.place[3]]), axis: first(lamp.own.axis), shape: first(lamp.own.shape) };
@@ -319,8 +349,12 @@
       this.$refs.canvas.addEventListener("wheel", this.wheel, { passive: false });
       this.$emit("ready");
     },
-    unmounted() { this.watcher.disconnect(); },
-    emits: ["ready"],
+    unmounted() {
+      this.watcher.disconnect();
+      clearTimeout(this.rest);
+      cancelAnimationFrame(this.due);
+    },
+    emits: ["ready", "drawn"],
     computed: {
       aspect() { return this.w / (this.two ? 2 : 1) / this.h; },
       gizmo() {
@@ -347,15 +381,22 @@
     },
     methods: {
       show(parts) {
-        if (!this.painter) return;
+        if (!this.painter || !(this.stage || parts.stage)) return; // a running sea before the whole scene
         this.painter.take("now", parts);
-        if (parts.look) this.wind = parts.look.wind;
+        this.owed = true;
+        if (parts.look) {
+          const { wind, sun, direct } = parts.look, azimuth = direct > 0 ? (Math.atan2(sun[1], sun[0]) * 180) / Math.PI + TO_SUN : HOME.azimuth;
+          this.wind = wind;
+          if (azimuth !== this.azimuth && this.untouched) this.turned = true;
+          this.azimuth = azimuth;
+        }
         if (parts.stage) {
           const again = !this.stage || parts.stage.framing !== this.stage.framing;
           this.stage = parts.stage;
           if (again) this.home();
           else if (this.view) this.view = { ...this.view };
         }
+        if (this.turned) this.home();
         this.redraw();
       },
       keep(parts) {
@@ -367,8 +408,8 @@
       },
       home() {
         if (!this.stage) return;
-        this.untouched = true;
-        this.view = framed(this.stage, HOME, this.aspect);
+        Object.assign(this, { untouched: true, turned: false });
+        this.view = framed(this.stage, { ...HOME, azimuth: this.azimuth ?? HOME.azimuth }, this.aspect);
         this.redraw();
       },
       move(change) {
@@ -410,21 +451,25 @@
         this.due = requestAnimationFrame(() => {
           const full = Math.min(window.devicePixelRatio || 1, 2), gl = this.painter.gl, begun = performance.now();
           this.due = 0;
-          this.paint(full * this.share);
+          this.paint(full * this.share, this.share === 1);
           gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // ends with the drawing
+          if (this.owed) this.$emit("drawn");
+          this.owed = false;
           const cost = (performance.now() - begun) / (this.share * this.share);
           this.share = Math.min(Math.max(Math.sqrt(40 / cost), 0.4), 1);
           clearTimeout(this.rest);
           if (this.share < 1) this.rest = setTimeout(() => this.paint(full), 400);
         });
       },
-      paint(ratio) {
+      paint(ratio, smooth = true) {
         if (!this.view) return;
         const canvas = this.$refs.canvas, w = Math.round(this.w * ratio), h = Math.round(this.h * ratio);
         if (canvas.width !== w || canvas.height !== h) Object.assign(canvas, { width: w, height: h });
         const half = Math.floor(w / 2);
+        this.painter.begin(smooth);
         if (this.two) this.painter.draw("kept", this.view, [0, 0, half, h], ratio);
         this.painter.draw("now", this.view, this.two ? [half, 0, w - half, h] : [0, 0, w, h], ratio);
+        this.painter.end();
       },
       save() {
         // A picture of twice the size, without marks and buttons, with the caption below it.

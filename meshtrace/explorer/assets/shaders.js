@@ -11,7 +11,7 @@
     uniform vec3 eye, sun, tint, inside, upwelling, absorption, beam;
     uniform sampler2D sky, waves;
     uniform vec2 rest, wind, skyScale;
-    uniform float sunShare, foam, time, waveSize, waveScale, steepness, index, extinction;
+    uniform float sunShare, foam, time, waveSize, waveScale, steepness, index, extinction, scattering, loss;
     uniform vec2 middle;
     uniform float halfWidth, bottom;
     uniform int lamps;
@@ -33,11 +33,19 @@
     }
     // Light of a beam per volume, over that at a third of its way; shape: power of the cosine,
     // tangent of the drawn half angle, reference distance, brightness; place.w: lamp in the air.
+    // Light scattered forwards widens as in small angles, and is lost to absorption and wide angles.
+    float wider(float path, int i) { // square of the widening
+      float narrow = min(shape[i].y, 2.0);
+      return 1.0 + 0.2 * scattering * path / (narrow * narrow);
+    }
     float glow(vec3 p, int i) {
       vec3 d = p - place[i].xyz;
-      float r2 = dot(d, d), r = sqrt(r2), ref = shape[i].z;
+      float r2 = dot(d, d), r = sqrt(r2), ref = shape[i].z, along = dot(d, axis[i].xyz);
       float path = place[i].w > 0.5 ? -min(p.z, 0.0) * r / max(place[i].z - p.z, 1e-3) : r;
-      return shape[i].w * pattern(d, i) * exp(-extinction * path) * ref * ref / (r2 + 0.003 * ref * ref);
+      float straight = exp(-extinction * path), wide = wider(path, i);
+      float off = (r2 / max(along * along, 1e-6) - 1.0) / (shape[i].y * shape[i].y * wide);
+      float strayed = along > 0.0 ? max(exp(-loss * path) - straight, 0.0) * exp(-3.5 * off) / wide : 0.0;
+      return shape[i].w * (pattern(d, i) * straight + strayed) * ref * ref / (r2 + 0.003 * ref * ref);
     }
     vec3 beams(vec3 from, vec3 d, float most) { // sum along a way in the water
       float sum = 0.0;
@@ -45,15 +53,18 @@
         vec3 w = from - place[i].xyz, v = axis[i].xyz;
         float b = dot(d, v), e = dot(v, w), q = dot(d, w), spread = shape[i].y, ref = shape[i].z;
         float s = clamp((e - b * q) / max(1.0 - b * b, 0.02), 0.0, 20.0 * ref);
-        float t = dot(place[i].xyz + s * v - from, d), reach = s * spread + 0.12 * ref * min(spread, 1.0);
+        float t = dot(place[i].xyz + s * v - from, d), broad = spread * sqrt(wider(s, i));
+        float reach = s * broad + 0.12 * ref * min(spread, 1.0);
         if (length(w + t * d - s * v) > 1.02 * reach + 1e-6) continue;
         float wide = 1.6 * reach / sqrt(max(1.0 - b * b, 0.06));
-        float t0 = max(t - wide, 0.0), t1 = min(t + wide, most);
-        if (t1 <= t0) continue;
-        float step = (t1 - t0) / 12.0, part = 0.0;
+        vec2 ends = clamp((vec2(max(t - wide, 0.0), min(t + wide, most)) - t) / wide, -1.0, 1.0);
+        ends = sign(ends) * sqrt(abs(ends)); // steps are fine near the axis
+        if (ends.y <= ends.x) continue;
+        float step = (ends.y - ends.x) / 12.0, part = 0.0;
         for (int k = 0; k < 12; k++) {
-          vec3 p = from + (t0 + (float(k) + 0.5) * step) * d;
-          part += p.z < 0.0 ? glow(p, i) : 0.0;
+          float u = ends.x + (float(k) + 0.5) * step;
+          vec3 p = from + (t + wide * u * abs(u)) * d;
+          part += p.z < 0.0 ? 2.0 * wide * abs(u) * glow(p, i) : 0.0;
         }
         sum += part * step / (ref * min(spread, 2.0));
       }
@@ -92,7 +103,8 @@
         vec2 d = -h.xy / max(h.z, 0.05) - slope;
         vec2 u = vec2(dot(d, wind), wind.x * d.y - wind.y * d.x);
         float density = exp(-0.5 * (u.x * u.x / spread.x + u.y * u.y / spread.y)) / (2.0 * PI * sqrt(spread.x * spread.y));
-        light += min(rho * density / (4.0 * pow(h.z, 4.0) * facing), 2.0) * PI * sunShare * tint * vec3(1.0, 0.96, 0.88);
+        vec3 glint = rho * density / (4.0 * pow(h.z, 4.0) * facing) * PI * sunShare * tint * vec3(1.0, 0.96, 0.88);
+        light += glint / (1.0 + glint / 0.4); // of which a film would keep the colour
       }
       light += (1.0 - rho) * tint * upwelling * (1.0 + 0.35 * clamp(crest, -1.5, 2.0));
       if (lit) {
@@ -117,7 +129,8 @@
       void main() {
         vec4 far = back * vec4(at, 1.0, 1.0);
         vec3 d = normalize(far.xyz / far.w - eye), light = skyLight(d);
-        light = max(1.1 * mix(vec3(dot(light, vec3(0.3, 0.5, 0.2))), light, 1.5), 0.0); // for looks
+        light = max(1.1 * mix(vec3(dot(light, vec3(0.3, 0.5, 0.2))), light, 1.5), 0.0);
+        light /= 1.0 + 1.2 * light; // for looks, as the richer colours: bright skies stay blue
         float disc = smoothstep(0.99985, 0.99992, dot(d, sun));
         light += disc * min(sunShare * 8.0, 3.0) * tint;
         if (d.z < 0.0) {
@@ -125,8 +138,9 @@
           float away = length(p.xy - eye.xy), beyond = dot(p.xy - middle, ahead) / halfWidth;
           float shown = smoothstep(-0.2, 1.1, beyond);
           vec3 sea = vec3(0.0);
-          if (shown > 0.0) {
-            sea = water(p, vec2(0.0), steepness, 0.0, false);
+          if (shown > 0.0) { // the longest of the waves as wide as half the block
+            vec3 swell = ripple(p.xy, 2.0 * halfWidth / waveSize, 0.0, 1.0) * sqrt(8.0 * steepness) / waveScale;
+            sea = water(p, swell.xy, steepness - dot(swell.xy, swell.xy), 0.0, false);
             sea = mix(sea, light, smoothstep(0.5, 1.0, 1.0 - exp(-away / (70.0 * halfWidth))));
           }
           vec3 deep = below(0.35 * bottom) * mix(0.8, 0.4, smoothstep(0.05, 0.5, -d.z));
@@ -146,6 +160,16 @@
         float way = leave(p.xyz, d);
         vec3 light = below(p.z) * (0.75 + 0.25 * exp(-way / (2.0 * halfWidth)));
         light += beams(p.xyz, d, way);
+        if (sunShare > 0.0) { // sunlight that the waves gather, along its way into the water
+          vec3 down = refract(-sun, vec3(0.0, 0.0, 1.0), 1.0 / index), shafts = vec3(0.0);
+          float reach = min(way, halfWidth);
+          for (int k = 0; k < 6; k++) {
+            vec3 q = p.xyz + (float(k) + 0.5) / 6.0 * reach * d;
+            float from = textureLod(waves, (q.xy - down.xy * q.z / down.z) / (2.5 * halfWidth), 2.0).a * 8.0 - 4.0;
+            shafts += exp(1.5 * absorption * q.z + max(from, -2.0));
+          }
+          light += 0.06 * inside * upwelling * sunShare * shafts * reach / halfWidth;
+        }
         float edge = (1.0 - p.w) / max(fwidth(p.w), 1e-6);
         light += (0.015 + 0.8 * inside * upwelling) * (1.0 - smoothstep(0.6, 2.2, edge));
         shade = vec4(screen(light), 1.0);
