@@ -274,7 +274,10 @@ def analog_sums(
     while waiting:
         base, common = photon_paths(links, waiting)
         sums = _analog_group(common, intersector, options, photons, progress, arrivals, **how)
-        effective = {i: _effective_photons(one) for i, one in zip(common.rows, sums, strict=True)}
+        effective = {
+            i: one.score**2 / np.maximum(one.score_squared, 1e-300)
+            for i, one in zip(common.rows, sums, strict=True)
+        }
         limit = min(FEW_PHOTONS, 0.5 * float(effective[base].min()))
         for i, one in zip(common.rows, sums, strict=True):
             if i == base or (effective[i] >= limit).all():
@@ -317,8 +320,3 @@ def _analog_group(
         some = tinted(sums, common.tinting, cuts[k], scale, arrivals)
         found = [a.plus(b) for a, b in zip(found, some, strict=True)] if found else some
     return found
-
-
-def _effective_photons(sums: PhotonSums) -> Floats:
-    """Return the effective number of photons that reached each aperture."""
-    return np.asarray(sums.score**2 / np.maximum(sums.score_squared, 1e-300))

@@ -60,11 +60,10 @@ def design_reading(found: Design) -> dict[str, Any]:
 
     Values are in the units of the controls.
     """
-    answer, *_ = found.summary().partition("\n\n")[2].split("\n\n")
     both = "each alone"
     remarks = [f"{_scale(c.key, '')[0]}: {c.note}" for c in found.choices if c.note]
     return {
-        "answer": [line.strip().replace("+-", "±") for line in answer.splitlines()],
+        "answer": [line.strip().replace("+-", "±") for line in found.answer],
         "tables": [
             _table("Figures", ("", *LIGHTS), _figures(found)),
             _table(f"Best values, {both}", ("", "given", *LIGHTS), _best(found.choices, True)),

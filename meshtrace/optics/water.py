@@ -238,6 +238,9 @@ class Water(Model, frozen=True):
             raise Refused("water", given, f"{allowed} or type of [water] in a link file")
         return self.spectrum
 
+    def __str__(self) -> str:
+        return self.described()
+
     def described(self, wavelength_nm: float | None = None) -> str:
         """Return a and b with their wavelength and their source as a line of text.
 
@@ -249,7 +252,8 @@ class Water(Model, frozen=True):
         Returns
         -------
         str
-            The source is that of the spectrum, the water with Petzold's a and b, or "as given".
+            The source is that of the spectrum, the water with Petzold's a and b, or "as given"; the
+            text of `print(water)`, too.
 
         Examples
         --------
@@ -296,8 +300,8 @@ class Water(Model, frozen=True):
         --------
         >>> Water.from_type("jerlov-IB", wavelength_nm=475).b
         0.0635
-        >>> Water.from_type("coastal").described()
-        'a 0.179, b 0.219 m-1 at 514 nm: petzold-coastal (measured at 514 nm, Petzold 1972)'
+        >>> print(Water.from_type("coastal"))
+        a 0.179, b 0.219 m-1 at 514 nm: petzold-coastal (measured at 514 nm, Petzold 1972)
         """
         spectrum = WaterType(type=type)
         if wavelength_nm is None:

@@ -116,7 +116,7 @@ class ByWavelength(Stored, Generic[Result]):
         import xarray as xr
 
         parts = [result._content() for result in self.results]
-        each = [json.dumps(part.attrs, default=_plain) for part in parts]
+        each = [json.dumps(part.attrs, default=lambda number: number.tolist()) for part in parts]
         parts = [
             part.drop_attrs(deep=False).drop_vars("wavelength_nm", errors="ignore")
             for part in _alike(parts)
@@ -136,11 +136,6 @@ class ByWavelength(Stored, Generic[Result]):
             one = data.isel(wavelength=i).assign_attrs(**json.loads(about))
             results.append(kind._restored(one, origin))
         return cls(data["wavelength_nm"].to_numpy(), tuple(results))
-
-
-def _plain(value: Any) -> Any:
-    """Return a number or an array of numpy as plain data."""
-    return value.tolist()
 
 
 def _alike(parts: Sequence[xr.Dataset]) -> list[xr.Dataset]:

@@ -21,8 +21,8 @@ from .optimisation import Optimum as Optimum
 from .optimisation import optimize as optimize
 from .performance import DepthSweep as DepthSweep
 from .performance import LinkPerformance as LinkPerformance
-from .performance import depth_sweep as depth_sweep
-from .performance import link_performance as link_performance
+from .performance_study import depth_sweep as depth_sweep
+from .performance_study import link_performance as link_performance
 from .sensitivity.result import Sensitivities as Sensitivities
 from .sensitivity.study import sensitivities as sensitivities
 from .sensitivity.study import swings as swings

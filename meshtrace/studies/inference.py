@@ -9,7 +9,6 @@ from functools import lru_cache
 from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.engine.backward.view import only_aperture
 from meshtrace.engine.parts import Light
@@ -17,11 +16,9 @@ from meshtrace.engine.setup.options import RunOptions, require_options
 from meshtrace.errors import (
     Described,
     Refused,
-    require_array,
     require_keys,
     require_names,
     require_pair,
-    require_real,
 )
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -31,6 +28,7 @@ from meshtrace.stored import SHIFTS, Stored, Variable
 from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.keys import Parameter, Variant, parameters
+from meshtrace.studies.measurements import OF_DETECTOR, Measurements, read_measurements
 from meshtrace.studies.neighbours import Neighbours, has_moments, moments
 from meshtrace.studies.response import Responses
 from meshtrace.studies.sensitivity.quantity import Quantity
@@ -46,81 +44,6 @@ _SCALE = Parameter(SCALE, 1.0, "1", absolute=False, origin=0.0, step=1.0)
 _LARGEST = 64  # measurements whose chains are kept
 _LIGHTS = 3  # of each: the base and the sides of a difference
 _STEP = 0.01  # of differences in the logarithm
-
-
-OF_DETECTOR = ("power", "ber")
-"""Measurements behind the optics: received power [W], and bit error rate."""
-
-
-class Measurements(NamedTuple):
-    """Gains, counts, powers or error rates with errors, and the keys that belong to each."""
-
-    value: Floats  # (n,)
-    stderr: Floats  # (n,) nan of counts, which follow the law of Poisson
-    keys: list[dict[str, Any]]  # (n,) values by dotted key
-    names: list[str]  # (n,) quantities
-
-    @property
-    def counted(self) -> NDArray[np.bool_]:
-        """Whether each measurement is a count."""
-        return np.isnan(self.stderr)
-
-
-def read_measurements(given: Any) -> Measurements:
-    """Return measurements from rows, or from a table of columns.
-
-    Raises
-    ------
-    Refused
-        If a value or an error is missing or not above 0, or no count is.
-    """
-    rows: list[Mapping[str, Any]]
-    if isinstance(given, Mapping) or hasattr(given, "columns"):
-        columns = {
-            str(key): np.atleast_1d(
-                require_array(given[key], f"measurements.{key}", "a column of values", None)
-            ).tolist()
-            for key in given
-        }
-        n = max((len(column) for column in columns.values()), default=0)
-        uneven = [key for key, column in columns.items() if len(column) not in (1, n)]
-        if uneven:
-            raise Refused(f"measurements.{uneven[0]}", Described("too short"), f"{n} values")
-        rows = [{k: c[i % len(c)] for k, c in columns.items()} for i in range(n)]
-    elif isinstance(given, Sequence) and all(isinstance(row, Mapping) for row in given):
-        rows = list(given)
-    else:
-        raise Refused("measurements", Described(type(given).__name__), "rows, or a table")
-    if not rows:
-        raise Refused("measurements", Described("empty"), "at least one")
-    values, errors, keys, names = [], [], [], []
-    for i, row in enumerate(rows):
-        rest, path = dict(row), f"measurements[{i}]"
-        if "counts" in rest and "stderr" not in rest and "gain" not in rest:
-            counts = rest.pop("counts")
-            number = require_real(counts, f"{path}.counts", "a number >= 0")
-            if not 0.0 <= number < math.inf:
-                raise Refused(f"{path}.counts", counts, "a number >= 0")
-            name = "counts"
-            values.append(number)
-            errors.append(math.nan)
-        else:
-            name = next((k for k in ("gain", "counts", *OF_DETECTOR) if k in rest), "gain")
-            values.append(_positive(rest.pop(name, None), f"{path}.{name}"))
-            errors.append(_positive(rest.pop("stderr", None), f"{path}.stderr"))
-        keys.append(rest)
-        names.append(name)
-    if not any(values):
-        raise Refused("measurements.counts", Described("all 0"), "a count > 0 in one of them")
-    return Measurements(np.array(values), np.array(errors), keys, names)
-
-
-def _positive(value: Any, path: str) -> float:
-    """Return a finite number above 0; refuse any other value."""
-    number = require_real(value, path, "a number > 0")
-    if not 0.0 < number < math.inf:
-        raise Refused(path, value, "a number > 0")
-    return number
 
 
 class Prediction(NamedTuple):
@@ -566,12 +489,8 @@ class _Fit(NamedTuple):
 
     def result(self, origin: dict[str, Any]) -> Inference:
         """Return the fit, with the identifiability at its start."""
-        x = np.zeros(len(self.names))
-        first = self.model.at(x)
-        if SCALE in self.names:  # start with the right mean
-            lit = self.data.value > 0.0
-            off = np.log(self.data.value[lit]) - first.log[lit]
-            x[self.names.index(SCALE)] = float(np.mean(off))
+        first = self.model.at(np.zeros(len(self.names)))
+        x = self._start(first)
         last = self.model.at(x)
         sigma = np.sqrt(self._variance(last) + np.diag(last.covariance))
         _, singular, rows = np.linalg.svd(first.slope / sigma[:, None], full_matrices=False)
@@ -581,20 +500,7 @@ class _Fit(NamedTuple):
             last = self.model.at(x)
             if np.abs(x - previous).max() < _SETTLED:
                 break
-        variance = self._variance(last)
-        sigma = np.sqrt(variance + np.diag(last.covariance))
-        whitened = last.slope / sigma[:, None]
-        noise = (np.diag(variance) + last.covariance) / np.outer(sigma, sigma)
-        information, spread = whitened.T @ whitened, whitened.T @ noise @ whitened
-        for axis, _, std in zip(*self.priors, strict=True):
-            for matrix in (information, spread):
-                matrix[axis, axis] += std**-2
-        inverse = np.linalg.pinv(information, rcond=_LEAST**2, hermitian=True)
-        covariance = inverse @ spread @ inverse
-        after = _relative(*np.linalg.svd(whitened, full_matrices=False)[1:])
-        off = self._residuals(last.log, last.log) / sigma
-        priors = zip(*self.priors, strict=True)
-        chi2 = float(off @ off) + sum(((x[axis] - mean) / std) ** 2 for axis, mean, std in priors)
+        covariance, after = self._covariance(last)
         absolute = np.array([p.absolute for p in self.unknowns])
         moves = list(zip(self.unknowns, x, strict=True))
         values = [p.moved(step) for p, step in moves]
@@ -609,12 +515,46 @@ class _Fit(NamedTuple):
             free_error=before,
             singular_values=singular,
             weakest=_words(self.names, absolute, singular, rows),
-            chi2=chi2,
+            chi2=self._chi2(x, last),
             degrees=len(self.data.value) + len(self.priors.axis) - len(self.names),
             measured=self.data.value,
             predicted=np.exp(last.log),
             provenance=origin,
         )
+
+    def _start(self, first: Prediction) -> Floats:
+        """Return the first step of the unknowns: none, but a scale with the right mean."""
+        x = np.zeros(len(self.names))
+        if SCALE in self.names:
+            lit = self.data.value > 0.0
+            off = np.log(self.data.value[lit]) - first.log[lit]
+            x[self.names.index(SCALE)] = float(np.mean(off))
+        return x
+
+    def _covariance(self, last: Prediction) -> tuple[Floats, Floats]:
+        """Return the covariance of the unknowns, and their standard errors without priors.
+
+        I^-1 S I^-1: information I of the weights, S with the errors that all measurements have in
+        common by the chains.
+        """
+        variance = self._variance(last)
+        sigma = np.sqrt(variance + np.diag(last.covariance))
+        whitened = last.slope / sigma[:, None]
+        noise = (np.diag(variance) + last.covariance) / np.outer(sigma, sigma)
+        information, spread = whitened.T @ whitened, whitened.T @ noise @ whitened
+        for axis, _, std in zip(*self.priors, strict=True):
+            for matrix in (information, spread):
+                matrix[axis, axis] += std**-2
+        inverse = np.linalg.pinv(information, rcond=_LEAST**2, hermitian=True)
+        alone = _relative(*np.linalg.svd(whitened, full_matrices=False)[1:])
+        return inverse @ spread @ inverse, alone
+
+    def _chi2(self, x: Floats, last: Prediction) -> float:
+        """Return the squared residuals of measurements and priors over their variances."""
+        sigma = np.sqrt(self._variance(last) + np.diag(last.covariance))
+        off = self._residuals(last.log, last.log) / sigma
+        priors = zip(*self.priors, strict=True)
+        return float(off @ off) + sum(((x[axis] - mean) / std) ** 2 for axis, mean, std in priors)
 
 
 def _relative(singular: Floats, rows: Floats) -> Floats:

@@ -128,9 +128,9 @@ class Variant(NamedTuple):
         return self._replace(link=link, daylight=day, detector=detector)
 
     def value(self, name: str) -> Any:
-        """Return the value of a key of the link or of the daylight."""
+        """Return the value of a key of the link, the detector, the daylight or the aircraft."""
         head, _, rest = name.partition(".")
-        return _value(self.daylight, rest) if head == "daylight" else _value(self.link, name)
+        return _value(getattr(self, head), rest) if head in _BESIDES else _value(self.link, name)
 
 
 class Parameter(NamedTuple):
@@ -337,7 +337,8 @@ def _listed(known: Iterable[str], name: str) -> str:
         return ", ".join(names)
     head = name.partition(".")[0]
     own = [key for key in names if key.partition(".")[0] == head]
-    tables = dict.fromkeys(f"{key.partition('.')[0]}.*" for key in names if key not in own)
+    others = (key.partition(".") for key in names if key not in own)
+    tables = dict.fromkeys(f"{table}{dot}{'*' if dot else ''}" for table, dot, _ in others)
     return ", ".join([*own, *tables])
 
 

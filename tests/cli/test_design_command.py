@@ -15,8 +15,8 @@ bit_rate = 1e6
 direct = 1.42
 diffuse = 0.295
 """
-PARTS = ("ANSWER", "FIGURES", "BEST VALUES", "LENS, FIELD OF VIEW AND FILTER", "JUST CLOSES",
-         "BUDGET", "WATER AND NOTES")  # fmt: skip
+PARTS = ("ANSWER", "FIGURES", "LENS, FIELD OF VIEW AND FILTER TOGETHER", "BEST VALUES BY NIGHT",
+         "BEST VALUES BY DAY", "JUST CLOSES", "BUDGET", "WATER AND NOTES")  # fmt: skip
 
 
 @pytest.mark.thorough

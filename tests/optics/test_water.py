@@ -197,6 +197,8 @@ def test_petzold_waters_are_refused_far_from_their_wavelength(wavelength):
 )  # fmt: skip
 def test_a_water_states_its_source(water, wavelength, text):
     assert water.described(wavelength) == text
+    if water.spectrum is not None:
+        assert str(water) == water.described(water.wavelength_nm)
 
 
 def test_jerlov_nodes_and_interpolation():

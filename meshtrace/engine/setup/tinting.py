@@ -68,7 +68,8 @@ def tinting(base: Link, links: Sequence[Link], frame: Frame) -> Tinting | None:
     deepest = max((rows[-1][0] for rows in layers if rows), default=0.0)
     deep = max(-item.center[2] for _, item in base.items())
     grid = np.linspace(0.0, max(deepest, 1e-3), _NODES) if deepest else np.array([0.0, 1.0])
-    waters = _profiles([base, *links], grid)
+    profiles = [np.broadcast_arrays(*row.water.profile(grid)) for row in (base, *links)]
+    waters = np.array(profiles).swapaxes(0, 1)  # a and b, links, nodes
     edges = np.exp(np.arange(math.log(SMALLEST_ANGLE), math.log(math.pi), 1.0 / _PER_LOG))
     middle = np.minimum(edges * math.exp(0.5 / _PER_LOG), math.pi)
     alike = [row.water.phase == base.water.phase for row in links]
@@ -97,11 +98,6 @@ def tinting(base: Link, links: Sequence[Link], frame: Frame) -> Tinting | None:
     found = Tints(step, c, path, b, phase, extra[:, 0].copy(), bubble,
                   math.log(SMALLEST_ANGLE), _PER_LOG)  # fmt: skip
     return Tinting(found._replace(c=c.copy(), b=b.copy()), shares)
-
-
-def _profiles(links: Sequence[Link], grid: Floats) -> Floats:
-    """Return a and b of each link over the depth, shape (2, links, nodes)."""
-    return np.array([np.broadcast_arrays(*row.water.profile(grid)) for row in links]).swapaxes(0, 1)
 
 
 def _bubbles(base: Link, links: Sequence[Link], angle: Floats) -> tuple[Floats, Floats]:

@@ -165,8 +165,6 @@ class LinkModel:
 
     def ratio(self, link: Link, over: Link | None = None) -> tuple[float, float]:
         """Return the logarithm of the ratio of two mean gains, and its standard error."""
-        if over is None and self.spreads:
-            self.response(link)  # while its light is kept
         logs = np.log(np.maximum(self.gains(link), 1e-300))
         logs = logs - np.log(self.gains(over or self.link))
         return float(logs[0]), error_of(logs)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, NamedTuple
+from functools import partial
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
@@ -13,6 +16,18 @@ from meshtrace.tables import text_table
 
 NIGHT, DAY = "night", "day"
 LIGHTS = (NIGHT, DAY)
+_WIDTH = 100  # of the sentences of a page
+_NAMES = {
+    "radius": "lens of radius",
+    "fov_deg": "field of view",
+    "filter_width_nm": "filter of",
+    "depth": "depth",
+    "power_mw": "power",
+    "bit_rate": "bit rate",
+    "0": "distance aside",
+    "height": "height",
+    "wavelength_nm": "wavelength",
+}
 
 
 class Figures(NamedTuple):
@@ -120,6 +135,9 @@ class Line(NamedTuple):
     total: bool = False
 
 
+Row = TypeVar("Row", BestValue, Reach)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Design(Stored):
     """Answers to the questions of a system designer about one link.
@@ -188,65 +206,85 @@ class Design(Stored):
         )
         return ", ".join(words)
 
-    def _verdict(self) -> list[str]:
-        """Return the answer, and what would close a link that does not."""
+    @property
+    def answer(self) -> tuple[str, ...]:
+        """Sentences by light: whether it closes, with which optics, and the nearest links that do.
+
+        Those that belong to the sentence before begin with two spaces.
+        """
         share = f"{100.0 * (1.0 - self.outage):g} % of the time"
         lines = []
         for light in LIGHTS:
-            figures = self.at(light)
-            error = f"{abs(figures.reserve):.1f} +- {figures.reserve_stderr:.2f} dB"
-            if math.isinf(figures.reserve):
+            reserve, error = self.at(light).reserve, self.at(light).reserve_stderr
+            if math.isinf(reserve):
                 lines.append(f"By {light}: no. No power closes it.")
             elif self.closes(light):
-                lines.append(f"By {light}: yes. It closes {share} with {error} to spare.")
-                continue
+                spare = f"{reserve:.1f} +- {error:.2f} dB to spare"
+                lines.append(f"By {light}: yes. It closes {share} with {spare}.")
             else:
-                lines.append(f"By {light}: no. It is {error} short of closing {share}.")
-            filters = [r for r in self.reach if (r.light, r.key[-8:]) == (light, "width_nm")]
-            if filters and math.isnan(filters[0].value):
-                lines.append("  It closes at no width of the filter.")
-            would = [_would(r) for r in self.reach if r.light == light and not math.isnan(r.value)]
-            if light == DAY and self.closes(NIGHT):
-                would.insert(0, "by night")
-            both = [c for c in self.together if c.light == light]
-            left = figures.reserve + both[0].gained if both else math.nan
-            if left >= 0.0:
-                would.append("with the lens, field of view and filter below")
-            if would:
-                lines.append(f"  It would close {', or '.join(would)}.")
-            if left < 0.0:
-                lines.append(
-                    f"  The lens, field of view and filter below leave it {-left:.1f} dB short."
-                )
-        return lines
+                short = f"{-reserve:.1f} +- {error:.2f} dB short"
+                lines.append(f"By {light}: no. It is {short} of closing {share}.")
+            lines += [
+                f"  {text}" for text in (self._best_optics(light), self._alone(light)) if text
+            ]
+        return tuple(lines)
+
+    def _best_optics(self, light: str) -> str:
+        """Return the best lens, field of view and filter together, and the reserve with them."""
+        best = [one for one in self.together if one.light == light]
+        left = self.reserve_together(light)
+        if math.isnan(left):
+            return ""
+        parts = ", ".join(
+            f"{_NAMES[one.key.rpartition('.')[2]]} {_quantity(one.best, one.unit)}" for one in best
+        )
+        text = f"Best optics together: {parts}, which leave it {abs(left):.1f} dB"
+        if left >= 0.0:
+            return f"{text} to spare."
+        more = f"{10.0 ** (-0.1 * left):.3g} times the power of the lamp"
+        return f"{text} short; with {more} they would close it."
+
+    def _alone(self, light: str) -> str:
+        """Return the changes of one key that close a link that does not."""
+        if self.closes(light):
+            return ""
+        rows = [one for one in self.reach if one.light == light]
+        would = [
+            f"{_NAMES[r.key.rpartition('.')[2]]} {r.side} {_quantity(r.value, r.unit)}"
+            for r in rows
+            if not math.isnan(r.value)
+        ]
+        never = [r for r in rows if r.key.endswith("width_nm") and math.isnan(r.value)]
+        text = "No width of the filter alone closes it. " if never and light == DAY else ""
+        if light == DAY and self.closes(NIGHT):
+            would.insert(0, "by night")
+        return f"{text}It would close, each alone: {', '.join(would)}." if would else text.rstrip()
+
+    def reserve_together(self, light: str) -> float:
+        """Return the reserve with the best lens, field of view and filter [dB]; nan for none."""
+        gained = [one.gained for one in self.together if one.light == light]
+        return self.at(light).reserve + gained[0] if gained else math.nan
 
     def summary(self) -> str:
         """Return the page as text for a terminal."""
-        parts = [
-            ["ANSWER", "", *self._verdict()],
-            [
-                "FIGURES",
-                "",
-                self._figures_table(),
-                *(f"{f.light}: {f.about}" for f in self.figures),
-            ],
-            [
-                "BEST VALUES, each alone; flat within 0.5 dB or the error",
-                "gained is reserve; for a bit rate it is the rate after hard decisions",
-                "",
-                _choices_table(self.choices),
-            ],
-            ["LENS, FIELD OF VIEW AND FILTER TOGETHER", "", _choices_table(self.together)],
-            ["JUST CLOSES, each alone", "", self._reach_table()],
-            ["BUDGET", "", self._budget_table()],
-            [
-                "WATER AND NOTES",
-                "",
-                f"water: {water_of(self.provenance)}",
-                *self.notes,
-                self.status,
-            ],
+        wrapped = partial(textwrap.fill, width=_WIDTH, subsequent_indent="    ")
+        abouts = (wrapped(f"{f.light}: {f.about}") for f in self.figures)
+        best = [
+            f"BEST VALUES BY {light.upper()}, each alone; flat within 0.5 dB or the error\n"
+            "gained is reserve, for a bit rate the rate after hard decisions\n\n"
+            f"{_choices_table([one for one in self.choices if one.light == light])}"
+            for light in LIGHTS
         ]
+        parts = [
+            ("ANSWER", "", *map(wrapped, self.answer)),
+            ("FIGURES", "", self._figures_table(), *abouts),
+            ("LENS, FIELD OF VIEW AND FILTER TOGETHER", "", *self._together_lines()),
+            *((text,) for text in best),
+            ("JUST CLOSES, each alone", "", *self._reach_lines()),
+            ("BUDGET", "", self._budget_table()),
+            ("WATER AND NOTES", "", f"water: {water_of(self.provenance)}", *self.notes,
+             self.status),
+        ]  # fmt: skip
         return "\n\n".join("\n".join(part) for part in parts)
 
     def _figures_table(self) -> str:
@@ -267,19 +305,38 @@ class Design(Stored):
         ]
         return text_table(rows, head)
 
-    def _reach_table(self) -> str:
+    def _together_lines(self) -> list[str]:
+        """Return the table of the best optics, and what they gain."""
         rows = [
-            (
-                r.light,
-                r.key,
-                f"{r.given:.4g}",
-                "none" if math.isnan(r.value) else f"{r.side} {r.value:.4g}",
-                r.unit,
-                r.note,
+            (_named(key, given.unit), f"{given.given:.4g}", *cells)
+            for key, given, cells in _by_key(
+                self.together, lambda one: (f"{one.best:.3g}", _range(one.flat))
             )
-            for r in self.reach
         ]
-        return text_table(rows, ("", "key", "given", "closes", "unit", ""))
+        gains = (
+            f"by {one.light} {one.gained:+.1f} +- {one.gained_stderr:.2f} dB, "
+            f"reserve {self.reserve_together(one.light):+.1f} dB"
+            for one in self.together[:: len(rows) or 1]
+        )
+        heads = ("key", "given", *(head for light in LIGHTS for head in (light, "flat")))
+        return [text_table(rows, heads), "; ".join(gains)]
+
+    def _reach_lines(self) -> list[str]:
+        """Return the table of the values that just close, and remarks about the depth."""
+
+        def cell(r: Reach) -> tuple[str]:
+            if math.isnan(r.value):
+                return ("none",)
+            note = "" if r.key.endswith(".depth") else f" {r.note}"
+            return (f"{r.side} {r.value:.4g}{note}".rstrip(),)
+
+        rows = [
+            (_named(key, given.unit), f"{given.given:.4g}", *cells)
+            for key, given, cells in _by_key(self.reach, cell)
+        ]
+        notes = [f"depth by {r.light}: {r.note}" for r in self.reach
+                 if r.key.endswith(".depth") and r.note]  # fmt: skip
+        return [text_table(rows, ("key", "given", *LIGHTS)), *notes]
 
     def _budget_table(self) -> str:
         rows = [
@@ -295,32 +352,49 @@ class Design(Stored):
         return text_table(rows, ("", *LIGHTS, "std. error", "unit"))
 
 
-def _would(r: Reach) -> str:
-    """Return a change that closes a link as words."""
-    name = {
-        "radius": "a radius of the lens",
-        "fov_deg": "a field of view",
-        "filter_width_nm": "a width of the filter",
-        "power_mw": "a power",
-        "bit_rate": "a bit rate",
-        "wavelength_nm": "a wavelength",
-        "0": "a distance aside",
-    }.get(r.key.rpartition(".")[2], f"a {r.key.rpartition('.')[2]}")
-    return f"at {name} of {r.side} {r.value:.3g} {r.unit}"
+def _by_key(
+    table: Sequence[Row], cell: Callable[[Row], Sequence[str]]
+) -> Iterator[tuple[str, Row, list[str]]]:
+    """Yield each key of a table with its first row and the cells of all lights, "" without one."""
+    for key in dict.fromkeys(one.key for one in table):
+        rows = {one.light: one for one in table if one.key == key}
+        first = next(iter(rows.values()))
+        empty = [""] * len(cell(first))
+        cells = [text for light in LIGHTS
+                 for text in (cell(rows[light]) if light in rows else empty)]  # fmt: skip
+        yield key, first, cells
 
 
-def _choices_table(choices: tuple[BestValue, ...]) -> str:
+def _choices_table(choices: Sequence[BestValue]) -> str:
     rows = [
         (
-            c.light,
-            c.key,
+            _named(c.key, c.unit),
             f"{c.given:.4g}",
             f"{c.best:.4g}",
-            f"{c.flat[0]:.4g} .. {c.flat[1]:.4g}",
-            c.unit,
+            _range(c.flat),
             f"{c.gained:+.1f} +- {c.gained_stderr:.2f} dB",
             c.note,
         )
         for c in choices
     ]
-    return text_table(rows, ("", "key", "given", "best", "flat", "unit", "gained", ""))
+    return text_table(rows, ("key", "given", "best", "flat", "gained", ""))
+
+
+def _named(key: str, unit: str) -> str:
+    """Return a key with its unit unless it ends with it."""
+    return key if key.endswith(f"_{unit.lower()}") else f"{key} [{unit}]"
+
+
+def _range(flat: tuple[float, float]) -> str:
+    return f"{flat[0]:.3g} .. {flat[1]:.3g}"
+
+
+def _quantity(value: float, unit: str) -> str:
+    """Return a value with a unit for readers."""
+    if unit == "m" and value < 0.5:
+        return f"{100.0 * value:.3g} cm"
+    if unit == "mW" and value >= 1e3:
+        return f"{1e-3 * value:.3g} W"
+    if unit == "bit s-1":
+        return f"{1e-6 * value:.3g} Mbit/s"
+    return f"{value:.3g} {unit}"

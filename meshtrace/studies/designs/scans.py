@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -87,12 +87,16 @@ class Scans(LinkModel):
 
     def _values(self, key: str, bounds: tuple[float, float]) -> Floats:
         """Return the values of a scan, with that of the link."""
-        given = _of(Variant(self.link, None, self.dark), key)
+        given = self._given(key)
         spaced = np.linspace if key.endswith("position.0") else np.geomspace
         values = spaced(*bounds, _POINTS)
         if bounds[0] <= given <= bounds[1]:
             values[np.abs(values - given).argmin()] = given
         return values
+
+    def _given(self, key: str) -> float:
+        """Return the value of a key of the link or of the detector."""
+        return float(Variant(self.link, None, self.dark).value(key))
 
     def _logs(self, key: str, values: Floats) -> tuple[dict[str, Floats], Floats]:
         """Return the logarithms of the gains over that of the link by light, and their errors.
@@ -105,14 +109,17 @@ class Scans(LinkModel):
         at = values if straight else np.log(values)
         count = len(values) if key == VIEW and self.turns else _NODES
         nodes, places = self._nodes(key, values, at, count)
-        logs, errors = np.array([self.ratio(link) for link in nodes]).T
-        lost = nodes, places
-        if key == VIEW:
-            lost = self._nodes(key, values, at, _VIEWS)
+        some, there = self._nodes(key, values, at, _VIEWS) if key == VIEW else (nodes, places)
+        ratios = []
+        for link in nodes:
+            ratios.append(self.ratio(link))
+            if self.spreads and link in some:
+                self.response(link)  # while its light is kept
+        logs, errors = np.array(ratios).T
         found = {}
         for light in LIGHTS:
-            losses = [self.pulse_loss(light, link) for link in lost[0]]
-            found[light] = _through(places, logs, at) - _through(lost[1], np.array(losses), at)
+            losses = np.array([self.pulse_loss(light, link) for link in some])
+            found[light] = _through(places, logs, at) - _through(there, losses, at)
         return found, np.interp(at, places, errors)
 
     def _nodes(self, key: str, values: Floats, at: Floats, count: int) -> tuple[list[Link], Floats]:
@@ -164,7 +171,7 @@ class Scans(LinkModel):
         merit: Floats | None = None,
     ) -> Scan:  # fmt: skip
         """Return the scan of a key with its best value, by a merit in dB other than the reserve."""
-        given = _of(Variant(self.link, None, self.dark), key)
+        given = self._given(key)
         allowed, notes = np.ones(len(values), bool), []
         sought, own = rows, self.reserve(light)
         if merit is not None:
@@ -239,12 +246,3 @@ def _through(places: Floats, rows: Floats, at: Floats) -> Floats:
     if finite.sum() < 2:
         return np.full(len(at), -math.inf)
     return np.asarray(PchipInterpolator(places[finite], rows[finite])(at))
-
-
-def _of(at: Variant, key: str) -> float:
-    """Return the value of a key of the link or of the detector."""
-    head, _, rest = key.partition(".")
-    part: Any = at.detector if head == "detector" else at.link
-    for name in (rest if head == "detector" else key).split("."):
-        part = part[int(name)] if isinstance(part, tuple) else getattr(part, name)
-    return float(part)

@@ -21,6 +21,8 @@ from meshtrace.studies.designs.scans import Scan, Scans
 _DEPTHS = 4  # runs of the search for the greatest depth
 _BIT_RATES = 1e3, 1e9  # of the search for the greatest one
 _NEAR_DB = 0.3  # reserve, or its error, of a depth that counts as the greatest
+_UNKNOWN_DB = 1.0  # error from which the loss by scattering has no line
+_FAR_DB = 3.0  # short at the surface, by chains, where no depth is sought
 _DB = 10.0 / math.log(10.0)
 
 
@@ -169,6 +171,8 @@ class _Study(Scans):
                 break
         (d0, a0), (depth, above) = tried[-2:]
         slope = (a0 - above) / (d0 - depth)
+        if above - slope * depth < -_FAR_DB:
+            return math.nan, "none below the waves"
         for _ in range(_DEPTHS):
             step = -above / min(slope, -1e-3)
             depth = float(np.clip(depth + step, 0.3 * depth, 3.0 * depth))
@@ -226,7 +230,10 @@ class _Study(Scans):
         return tuple(lines)
 
     def _water_lines(self, gain_db: float) -> list[Line]:
-        """Return the parts of the gain: geometry with the surface, scattering, absorption."""
+        """Return the parts of the gain: geometry with the surface, absorption, scattering.
+
+        Scattering joins the first where too few chains see the lamp through clear water.
+        """
         link, chain = self.link, _DB * self.fades.chain_error
         if link.water.layers is not None:
             return [_same("geometry, surface and water", gain_db, chain)]
@@ -234,6 +241,12 @@ class _Study(Scans):
         empty = straight.replace("water.a", 0.0)
         absorbed, error_a = self.ratio(straight, empty)
         scattered, error_b = self.ratio(link, straight)
+        if _DB * error_b > _UNKNOWN_DB:
+            rest, error = gain_db - _DB * absorbed, math.hypot(chain, _DB * error_a)
+            return [
+                _same("geometry, surface and scattering", rest, error),
+                _same("absorption in the water", _DB * absorbed, _DB * error_a),
+            ]
         rest, error = gain_db - _DB * (scattered + absorbed), math.hypot(error_a, error_b)
         return [
             _same("geometry and surface", rest, math.hypot(chain, _DB * error)),
