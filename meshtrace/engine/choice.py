@@ -30,7 +30,8 @@ from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 
 _PILOT = 128  # chains of each order in the first pilot
-_PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order without a hit
+_PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order with fewer hits
+_PILOT_HITS = 4
 _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
 
 Method = Literal["chains", "joined"]
@@ -49,20 +50,19 @@ _DOUBT = 3.5  # standard errors by which the pilots may differ: beyond, chains m
 class Pilot(NamedTuple):
     """Statistics of pilot chains over a flat sea, by receiver and order from 1 on."""
 
-    chains: NDArray[np.int64]  # (orders,)
+    chains: NDArray[np.int64]  # (receivers, orders)
     mean: Floats  # (receivers, orders)
     spread: Floats  # (receivers, orders) standard deviation of one chain
     scored: NDArray[np.int64]  # (receivers, orders) chains with a score > 0
 
     def of(self, receivers: NDArray[np.bool_]) -> Pilot:
         """Return the pilot of some receivers."""
-        rows = (self.mean[receivers], self.spread[receivers], self.scored[receivers])
-        return Pilot(self.chains, *rows)
+        return Pilot(*(rows[receivers] for rows in self))
 
     def joined(self, power: Floats) -> Pilot:
         """Return the pilot of one receiver with targets of shares of the power."""
         mean, spread = (power @ self.mean)[None], (power @ self.spread)[None]
-        return Pilot(self.chains, mean, spread, self.scored.max(axis=0)[None])
+        return Pilot(self.chains[:1], mean, spread, self.scored.max(axis=0)[None])
 
     def at_wavelengths(self, ratios: Floats, gain: Floats) -> tuple[Pilot, Floats]:
         """Return the pilot and the gain of each receiver at each wavelength, one row each.
@@ -70,44 +70,46 @@ class Pilot(NamedTuple):
         Light of order K goes with the power K of the ratio of the scattering coefficients; the
         attenuation is about the same for all orders.
         """
-        power = ratios[:, None, None] ** np.arange(1, len(self.chains) + 1)
+        orders = self.mean.shape[1]
+        power = ratios[:, None, None] ** np.arange(1, orders + 1)
         direct = np.maximum(gain - self.mean.sum(axis=1), 0.0)
         mean, spread = power * self.mean, power * self.spread
-        scored = np.broadcast_to(self.scored, mean.shape)
-        rows: Any = (x.reshape(-1, len(self.chains)) for x in (mean, spread, scored))
-        return Pilot(self.chains, *rows), (direct + mean.sum(axis=2)).ravel()
+        counts = (np.broadcast_to(x, mean.shape) for x in (self.chains, self.scored))
+        chains, scored = counts
+        rows: Any = (x.reshape(-1, orders) for x in (chains, mean, spread, scored))
+        return Pilot(*rows), (direct + mean.sum(axis=2)).ravel()
 
 
 def pilot(
     drawer: ChainDrawer,
     source: int,
     seed: tuple[int, int],
-    score: Callable[[ChainSet], Floats],
+    score: Callable[[ChainSet, NDArray[np.intp]], Floats],
     threads: int,
 ) -> Pilot:
-    """Return the statistics of pilot chains by their scores, shape (receivers, chains).
+    """Return the statistics of pilot chains by their scores to some receivers, (some, chains).
 
-    Orders without a score get more of them.
+    Receivers that chains of an order hardly reach get more of them.
     """
     orders, receivers = drawer.last_order(source), len(drawer.link.targets)
-    chains = np.zeros(orders, np.int64)
-    mean, spread = np.zeros((receivers, orders)), np.zeros((receivers, orders))
-    scored = np.zeros((receivers, orders), np.int64)
 
-    def scores_of(order: int) -> Floats:
-        n = _PILOT // SHIFTS
+    def statistics_of(order: int) -> Floats:
+        n, found, few = _PILOT // SHIFTS, np.zeros((4, receivers)), np.arange(receivers)
         for step in range(_PILOT_STEPS):
-            chosen = drawer.draw(source, order, n, (*seed, order, 2 + step))
-            scores = score(chosen)
-            if np.count_nonzero(scores, axis=1).min() >= 4:
+            chosen = drawer.draw(source, order, n, (*seed, order, 2 + step), keep=False)
+            scores = score(chosen, few)
+            scored = np.count_nonzero(scores, axis=1)
+            moments = scores.mean(axis=1), scores.std(axis=1)
+            found[:, few] = np.full(len(few), scores.shape[1]), *moments, scored
+            few = few[scored < _PILOT_HITS]
+            if not len(few):
                 break
             n *= _PILOT_GROWTH
-        return scores
+        return found
 
-    for k, scores in enumerate(ordered_map(scores_of, range(1, orders + 1), threads)):
-        chains[k], scored[:, k] = scores.shape[1], np.count_nonzero(scores, axis=1)
-        mean[:, k], spread[:, k] = scores.mean(axis=1), scores.std(axis=1)
-    return Pilot(chains, mean, spread, scored)
+    rows = list(ordered_map(statistics_of, range(1, orders + 1), threads))
+    chains, mean, spread, scored = np.array(rows).reshape(orders, 4, receivers).transpose(1, 2, 0)
+    return Pilot(chains.astype(np.int64), mean, spread, scored.astype(np.int64))
 
 
 def allotment(photons: int, expected: float, found: Pilot, gain: Floats) -> NDArray[np.int64]:
@@ -130,7 +132,7 @@ def allotment(photons: int, expected: float, found: Pilot, gain: Floats) -> NDAr
     n_K ~ sqrt(sum_r (sigma_rK / h_r)^2 / cost_K). A share of the chains follows the Poisson law
     of the number of scatterings instead: an order that its pilot missed keeps a share.
     """
-    order = np.arange(1, len(found.chains) + 1)
+    order = np.arange(1, found.mean.shape[1] + 1)
     cost = 1.0 + 0.3 * order
     light = np.maximum(gain, 1e-300)[:, None]
     # sorted, so that rounding does not depend on the order of the receivers
@@ -149,8 +151,12 @@ class ScatteredPilot(NamedTuple):
     variance: Floats
     stderr: Floats
 
+    def of(self, receivers: NDArray[np.bool_]) -> ScatteredPilot:
+        """Return the pilot of some receivers."""
+        return ScatteredPilot(*(row[receivers] for row in self))
+
     @classmethod
-    def of(cls, photons: JoinedParts) -> ScatteredPilot:
+    def of_photons(cls, photons: JoinedParts) -> ScatteredPilot:
         """Return the pilot of joined photons, without light that the surface reflects first."""
         mean, square = photons.parts[SCATTERED], photons.square[SCATTERED]
         return cls(mean, square - mean**2, photons.stderr[SCATTERED])

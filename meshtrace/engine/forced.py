@@ -223,14 +223,14 @@ class ForcedDetection:
         rows = []
         for s, found in enumerate(self._pilots):
             unscattered = self.drawer.draw(s, 0, _STILL_CHAINS, (*self._seed(s), 0, 3))
-            scores = self.drawer.scores(s, unscattered)
+            scores = self.drawer.scores(s, unscattered, range(len(self.arrays.targets)))
             rows.append(found.mean.sum(axis=1) + scores.mean(axis=1))
         return self.arrays.by_receiver(np.array(rows))
 
     def _compare(self) -> list[choice.Method]:
         """Return the estimator of each receiver."""
         receivers = range(len(self.link.receivers))
-        scatters = any(len(p.chains) for p in self._pilots)
+        scatters = any(p.mean.size for p in self._pilots)
         if self.wanted == "joined":
             return ["joined"] * len(receivers)
         if self.wanted == "chains" or not scatters:
@@ -241,13 +241,21 @@ class ForcedDetection:
             aimed = self.over(sea)
             pilots = self._pilots_over(aimed)
         found = choice.chain_pilot(pilots, self.arrays)
-        if choice.is_clear(found).all():
-            return ["chains"] * len(receivers)
+        method: list[choice.Method] = ["chains"] * len(receivers)
+        doubtful = ~choice.is_clear(found)
+        if not doubtful.any():
+            return method
+        rows = np.flatnonzero(doubtful).tolist()
         try:
-            photons = self._photons(choice.PILOT_PHOTONS, receivers)
+            photons = self._photons(choice.PILOT_PHOTONS, rows).evaluate(sea)
         except Refused:  # a feature that joined photons do not follow
-            return ["chains"] * len(receivers)
-        return choice.choose(found, choice.ScatteredPilot.of(photons.evaluate(sea)), self.expected)
+            return method
+        seen = choice.ScatteredPilot.of_photons(photons)
+        for r, better in zip(
+            rows, choice.choose(found.of(doubtful), seen, self.expected), strict=True
+        ):
+            method[r] = better
+        return method
 
     @property
     def expected(self) -> float:

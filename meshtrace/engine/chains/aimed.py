@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from copy import copy
 from functools import cache, cached_property
 from typing import Literal, NamedTuple
@@ -204,18 +205,17 @@ class AimedChains:
     @cached_property
     def _extent(self) -> Search:
         extent = search_extent(self.surface, self.facets, self.locator)
-        return extent._replace(audit=1.0) if self._search_mode == "thorough" else extent
+        # a plane has the crossings of the flat sea alone
+        thorough = self._search_mode == "thorough" and self.surface.max_slope > 0.0
+        return extent._replace(audit=1.0) if thorough else extent
 
     def score(self, source: int, receiver: int, chains: ChainSet) -> Floats:
         """Return the score of each chain of a set, from a source to a receiver."""
         return self.aim(source, receiver, chains).score
 
-    def scores(self, source: int, chains: ChainSet) -> Floats:
-        """Return the scores of chains, shape (receivers, chains)."""
-        found = np.empty((len(self.link.targets), len(chains.audit)))
-        for receiver, score in enumerate(found):
-            score[:] = self.aim(source, receiver, chains).score
-        return found
+    def scores(self, source: int, chains: ChainSet, receivers: Collection[int]) -> Floats:
+        """Return the scores of chains to some receivers, shape (receivers, chains)."""
+        return np.array([self.score(source, receiver, chains) for receiver in receivers])
 
     def aim(self, source: int, receiver: int, chains: ChainSet, keep: bool = False) -> Aimed:
         """Return the score of each chain of a set and, if `keep`, its unblocked arrivals."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -165,10 +165,14 @@ class ChainDrawer:
         beyond = 1.0 - np.cumsum(poisson_law(most))
         return int(np.clip(np.count_nonzero(beyond > _TAIL), 1, _MAX_ORDER))
 
-    def draw(self, source: int, order: int, per_shift: int, key: tuple[int, ...]) -> ChainSet:
-        """Return chains of one order, `per_shift` for each shift of the points."""
-        request = Request(source, order, per_shift, key)
-        return self.whole(Drawing(request, None))
+    def draw(
+        self, source: int, order: int, per_shift: int, key: tuple[int, ...], keep: bool = True
+    ) -> ChainSet:
+        """Return chains of one order, `per_shift` for each shift of the points.
+
+        With `keep` they hold their crossings, unless these are many.
+        """
+        return self.whole(Drawing(Request(source, order, per_shift, key), None), keep)
 
     def draw_all(self, requests: Sequence[Request], threads: int = 1) -> list[Drawing]:
         """Return sets of chains, which are drawn now if they are few enough to be kept.
@@ -183,11 +187,12 @@ class ChainDrawer:
             pass
         return [Drawing(*pair) for pair in zip(requests, sets, strict=True)]
 
-    def whole(self, drawing: Drawing) -> ChainSet:
+    def whole(self, drawing: Drawing, keep: bool = True) -> ChainSet:
         """Return all chains of a drawing."""
         if drawing.kept is not None:
             return drawing.kept
-        chains = self.empty(drawing.request)
+        keep &= self._bytes(drawing.request) <= _KEPT_BYTES
+        chains = self._room(drawing.request, drawing.request.number, keep)
         for job in self._jobs([drawing], [chains]):
             self._fill(job)
         return chains
@@ -266,10 +271,10 @@ class ChainDrawer:
         still = Scene(link.emitters[source], target, sea, *facets, link.medium, link.interface)
         return still, still._replace(surface=sea._replace(level=self.ceiling))
 
-    def scores(self, source: int, chains: ChainSet) -> Floats:
-        """Return the scores of chains over still water, shape (receivers, chains)."""
-        scores = np.empty((len(self.link.targets), len(chains.audit)))
-        for receiver, score in enumerate(scores):
+    def scores(self, source: int, chains: ChainSet, receivers: Collection[int]) -> Floats:
+        """Return the scores of chains to some receivers over still water, (receivers, chains)."""
+        scores = np.empty((len(receivers), len(chains.audit)))
+        for receiver, score in zip(receivers, scores, strict=True):
             scene, _ = self.still_scenes(source, self.link.targets[receiver])
             flat_contributions(chains.chains, chains.crossings(receiver), scene, score)
         return scores
