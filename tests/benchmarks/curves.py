@@ -2,7 +2,7 @@
 
     python tests/benchmarks/curves.py [NAME...]
 
-Each point runs in a process of its own, after the smallest work of its curve, which compiles and loads.
+Each point runs in a separate process, after the smallest work of its curve, which compiles and loads.
 The exponent is the slope of ln (CPU seconds) over ln (size) between neighbouring points; memory is that
 of the process at its peak. `python tests/benchmarks/curves.py --list` prints the names.
 """

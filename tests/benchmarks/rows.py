@@ -1,10 +1,9 @@
-"""The goals of speed as one table: what a work costs, its anchor and the goal.
+"""The goals of speed as one table: cost of each work, its anchor and the goal.
 
     python tests/benchmarks/rows.py [ROUNDS [NAME...]]
 
-Run it on a quiet machine; three rounds by default, of which each is printed. A work runs in a process
-of its own, whose CPU seconds and peak of memory count after the same work has been done on a smaller
-scale, which compiles and loads. `python tests/benchmarks/rows.py --list` prints the names.
+Run it on a quiet machine; three rounds by default, of which each is printed. Each work runs in a separate
+process; its CPU seconds count after a smaller work, which compiles and loads. `python tests/benchmarks/rows.py --list` prints the names.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ def peak_mib() -> float:
 
 
 def in_child(file: str, *args: Any) -> Any:
-    """Return what a script prints as JSON in a process of its own."""
+    """Return the JSON that a script prints in a separate process."""
     command = [sys.executable, "-W", "ignore", file, *map(str, args)]
     return json.loads(subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout)
 
