@@ -57,7 +57,8 @@ class Pilot(NamedTuple):
 
     def of(self, receivers: NDArray[np.bool_]) -> Pilot:
         """Return the pilot of some receivers."""
-        return Pilot(*(rows[receivers] for rows in self))
+        rows: Any = (array[receivers] for array in self)
+        return Pilot(*rows)
 
     def joined(self, power: Floats) -> Pilot:
         """Return the pilot of one receiver with targets of shares of the power."""

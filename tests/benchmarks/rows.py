@@ -3,7 +3,8 @@
     python tests/benchmarks/rows.py [ROUNDS [NAME...]]
 
 Run it on a quiet machine; three rounds by default, of which each is printed. Each work runs in a separate
-process; its CPU seconds count after a smaller work, which compiles and loads. `python tests/benchmarks/rows.py --list` prints the names.
+process; its CPU seconds count after a smaller work, which compiles and loads. `--list` prints
+the names.
 """
 
 from __future__ import annotations

@@ -205,7 +205,7 @@ class AimedChains:
     @cached_property
     def _extent(self) -> Search:
         extent = search_extent(self.surface, self.facets, self.locator)
-        # a plane has the crossings of the flat sea alone
+        # level water has the crossings of the flat sea alone
         thorough = self._search_mode == "thorough" and self.surface.max_slope > 0.0
         return extent._replace(audit=1.0) if thorough else extent
 

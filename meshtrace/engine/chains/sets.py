@@ -191,8 +191,7 @@ class ChainDrawer:
         """Return all chains of a drawing."""
         if drawing.kept is not None:
             return drawing.kept
-        keep &= self._bytes(drawing.request) <= _KEPT_BYTES
-        chains = self._room(drawing.request, drawing.request.number, keep)
+        chains = self.empty(drawing.request, keep)
         for job in self._jobs([drawing], [chains]):
             self._fill(job)
         return chains
@@ -220,9 +219,10 @@ class ChainDrawer:
         row = 25 * request.order + 112 + len(self.link.targets) * CROSSINGS * FLAT.itemsize
         return request.number * row
 
-    def empty(self, request: Request) -> ChainSet:
+    def empty(self, request: Request, keep: bool = True) -> ChainSet:
         """Return an empty set of chains."""
-        return self._room(request, request.number, self._bytes(request) <= _KEPT_BYTES)
+        keep = keep and self._bytes(request) <= _KEPT_BYTES
+        return self._room(request, request.number, keep)
 
     def _room(self, request: Request, n: int, keep: bool) -> ChainSet:
         """Return room for n chains and, if `keep`, for their crossings."""
