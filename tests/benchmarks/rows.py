@@ -205,11 +205,13 @@ def points() -> dict[str, Any]:
     import meshtrace as mt
     from meshtrace.scenario import Scenario
 
+    base = Scenario.from_config(LINK).to_toml()
+
     def loop() -> None:
         for depth in PARAMETERS["transmitter.depth"]:
             for wind in PARAMETERS["wind_speed"]:
                 changes = {"transmitter.depth": depth, "wind_speed": wind}
-                case = Scenario.from_config(LINK, changes=changes)
+                case = Scenario.from_toml(base, changes=changes)
                 mt.simulate(case, photons=1024, rtol=0.01, threads=1)
 
     one = cpu(lambda: seconds_of(1, 0.01), lambda: seconds_of(1, 0.01))
