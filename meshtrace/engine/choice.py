@@ -29,7 +29,8 @@ from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.stored import SHIFTS
 
 _PILOT = 128  # chains of each order in the first pilot
-_PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order without a hit
+_PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order with fewer hits
+_PILOT_HITS = 4
 _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
 
 Method = Literal["chains", "joined"]
@@ -48,7 +49,7 @@ _DOUBT = 3.5  # standard errors by which the pilots may differ: beyond, chains m
 class Pilot(NamedTuple):
     """Statistics of pilot chains over a flat sea, by receiver and order from 1 on."""
 
-    chains: NDArray[np.int64]  # (orders,)
+    chains: NDArray[np.int64]  # (receivers, orders)
     mean: Floats  # (receivers, orders)
     spread: Floats  # (receivers, orders) standard deviation of one chain
     scored: NDArray[np.int64]  # (receivers, orders) chains with a score > 0
@@ -59,24 +60,21 @@ class Pilot(NamedTuple):
         return Request(source, order, _PILOT // SHIFTS, (*seed, order))
 
     @classmethod
-    def of_scores(cls, scores: list[Floats], receivers: int) -> Pilot:
-        """Return the statistics of the scores (receivers, chains) of each order."""
-        mean, spread = np.zeros((2, receivers, len(scores)))
-        scored = np.zeros((receivers, len(scores)), np.int64)
-        for k, score in enumerate(scores):
-            mean[:, k], spread[:, k] = score.mean(axis=1), score.std(axis=1)
-            scored[:, k] = np.count_nonzero(score, axis=1)
-        return cls(np.array([s.shape[1] for s in scores], np.int64), mean, spread, scored)
+    def of_orders(cls, rows: list[Floats], receivers: int) -> Pilot:
+        """Return the pilot of all orders from the statistics of each, see `pilot_statistics`."""
+        table = np.array(rows).reshape(len(rows), 4, receivers)
+        chains, mean, spread, scored = table.transpose(1, 2, 0)
+        return cls(chains.astype(np.int64), mean, spread, scored.astype(np.int64))
 
     def of(self, receivers: NDArray[np.bool_]) -> Pilot:
         """Return the pilot of some receivers."""
-        rows = (self.mean[receivers], self.spread[receivers], self.scored[receivers])
-        return Pilot(self.chains, *rows)
+        rows: Any = (array[receivers] for array in self)
+        return Pilot(*rows)
 
     def joined(self, power: Floats) -> Pilot:
         """Return the pilot of one receiver with targets of shares of the power."""
         mean, spread = (power @ self.mean)[None], (power @ self.spread)[None]
-        return Pilot(self.chains, mean, spread, self.scored.max(axis=0)[None])
+        return Pilot(self.chains[:1], mean, spread, self.scored.max(axis=0)[None])
 
     def at_wavelengths(self, ratios: Floats, gain: Floats) -> tuple[Pilot, Floats]:
         """Return the pilot and the gain of each receiver at each wavelength, one row each.
@@ -84,28 +82,35 @@ class Pilot(NamedTuple):
         Light of order K goes with the power K of the ratio of the scattering coefficients; the
         attenuation is about the same for all orders.
         """
-        power = ratios[:, None, None] ** np.arange(1, len(self.chains) + 1)
+        orders = self.mean.shape[1]
+        power = ratios[:, None, None] ** np.arange(1, orders + 1)
         direct = np.maximum(gain - self.mean.sum(axis=1), 0.0)
         mean, spread = power * self.mean, power * self.spread
-        scored = np.broadcast_to(self.scored, mean.shape)
-        rows: Any = (x.reshape(-1, len(self.chains)) for x in (mean, spread, scored))
-        return Pilot(self.chains, *rows), (direct + mean.sum(axis=2)).ravel()
+        chains, scored = (np.broadcast_to(x, mean.shape) for x in (self.chains, self.scored))
+        rows: Any = (x.reshape(-1, orders) for x in (chains, mean, spread, scored))
+        return Pilot(*rows), (direct + mean.sum(axis=2)).ravel()
 
 
-def pilot_scores(drawer: ChainDrawer, over: ChainDrawer | AimedChains, request: Request) -> Floats:
-    """Return the scores (receivers, chains) of pilot chains of one order from a source.
+def pilot_statistics(
+    drawer: ChainDrawer, over: ChainDrawer | AimedChains, request: Request
+) -> Floats:
+    """Return number, mean, deviation and hits (4, receivers) of pilot chains of one order.
 
-    Over still water or a surface; an order that hardly scores gets more chains.
+    Over still water or a surface; receivers that few chains reach get more of them.
     """
+    receivers = len(drawer.link.targets)
+    found, few = np.zeros((4, receivers)), list(range(receivers))
     for step in range(_PILOT_STEPS):
         per_shift = request.per_shift * _PILOT_GROWTH**step
-        chains = drawer.draw(request._replace(per_shift=per_shift, key=(*request.key, 2 + step)))
-        scores = np.empty((len(drawer.link.targets), len(chains.audit)))
-        for receiver, row in enumerate(scores):
-            row[:] = over.aim(request.source, receiver, chains).score
-        if np.count_nonzero(scores, axis=1).min() >= 4:
+        wanted = request._replace(per_shift=per_shift, key=(*request.key, 2 + step))
+        chains = drawer.draw(wanted, keep=False)
+        for receiver in few:
+            score = over.aim(request.source, receiver, chains).score
+            found[:, receiver] = len(score), score.mean(), score.std(), np.count_nonzero(score)
+        few = [receiver for receiver in few if found[3, receiver] < _PILOT_HITS]
+        if not few:
             break
-    return scores
+    return found
 
 
 def allotment(photons: int, expected: float, found: Pilot, gain: Floats) -> NDArray[np.int64]:
@@ -128,7 +133,7 @@ def allotment(photons: int, expected: float, found: Pilot, gain: Floats) -> NDAr
     n_K ~ sqrt(sum_r (sigma_rK / h_r)^2 / cost_K). A share of the chains follows the Poisson law
     of the number of scatterings instead: an order that its pilot missed keeps a share.
     """
-    order = np.arange(1, len(found.chains) + 1)
+    order = np.arange(1, found.mean.shape[1] + 1)
     cost = 1.0 + 0.3 * order
     light = np.maximum(gain, 1e-300)[:, None]
     # sorted, so that rounding does not depend on the order of the receivers
@@ -147,8 +152,12 @@ class ScatteredPilot(NamedTuple):
     variance: Floats
     stderr: Floats
 
+    def of(self, receivers: NDArray[np.bool_]) -> ScatteredPilot:
+        """Return the pilot of some receivers."""
+        return ScatteredPilot(*(row[receivers] for row in self))
+
     @classmethod
-    def of(cls, photons: JoinedParts) -> ScatteredPilot:
+    def of_photons(cls, photons: JoinedParts) -> ScatteredPilot:
         """Return the pilot of joined photons, without light that the surface reflects first."""
         mean, square = photons.parts[SCATTERED], photons.square[SCATTERED]
         return cls(mean, square - mean**2, photons.stderr[SCATTERED])

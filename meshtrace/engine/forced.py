@@ -156,18 +156,16 @@ class ForcedDetection:
             pilots = self.pilots_over(self.drawer, orders)
             self._light = self._still_gain(pilots)
         if orders is not None and scattered != "joined":
-            joined, still, compared = None, self.flat(), pilots
+            joined = list[int]()
             if scattered == "auto" and any(orders):
                 # chains and joined photons are compared over still water with random slopes
+                still, compared = self.flat(), pilots
                 if sea.unresolved is not None and link.physics.unresolved == "tilt":
                     still = replace(still, unresolved=sea.unresolved)
                     compared = self.pilots_over(self.over(still), orders)
-                chains = choice.chain_pilot(compared, self.arrays)
-                joined = None if choice.is_clear(chains).all() else self._pilot_photons()
-            self.method = ["chains"] * len(link.receivers)
-            if joined is not None:
-                photons_seen = choice.ScatteredPilot.of(joined.evaluate(still))
-                self.method = choice.choose(chains, photons_seen, self.expected)
+                joined = self._better_joined(choice.chain_pilot(compared, self.arrays), still)
+            for r in set(range(len(self.method))) - set(joined):
+                self.method[r] = "chains"
         self.scattered_sets = self._drawn(pilots)
         self._unscattered: list[Drawing] = []  # drawn on demand
         self._joined = self._joined_photons()
@@ -199,19 +197,26 @@ class ForcedDetection:
             for s, last in enumerate(orders)
             for k in range(1, last + 1)
         ]
-        job = partial(choice.pilot_scores, self.drawer, over)
-        scores, receivers = ordered_map(job, requests, self.threads), len(self.arrays.targets)
+        job = partial(choice.pilot_statistics, self.drawer, over)
+        rows, receivers = ordered_map(job, requests, self.threads), len(self.arrays.targets)
         pilots = []
         for last in orders:
-            pilots.append(choice.Pilot.of_scores(list(islice(scores, last)), receivers))
+            pilots.append(choice.Pilot.of_orders(list(islice(rows, last)), receivers))
         return pilots
 
-    def _pilot_photons(self) -> JoinedPhotons | None:
-        """Return the photons of a pilot, None if joined photons do not follow the link."""
+    def _better_joined(self, chains: choice.ScatteredPilot, still: TriangleMesh) -> list[int]:
+        """Return the receivers with doubtful chains that joined photons serve better."""
+        doubtful = ~choice.is_clear(chains)
+        rows = np.flatnonzero(doubtful).tolist()
+        if not rows:
+            return []
         try:
-            return self._photons(choice.PILOT_PHOTONS, range(len(self.method)))
-        except Refused:
-            return None
+            photons = self._photons(choice.PILOT_PHOTONS, rows).evaluate(still)
+        except Refused:  # a feature that joined photons do not follow
+            return []
+        seen = choice.ScatteredPilot.of_photons(photons)
+        methods = choice.choose(chains.of(doubtful), seen, self.expected)
+        return [r for r, method in zip(rows, methods, strict=True) if method == "joined"]
 
     def _drawn(self, pilots: list[choice.Pilot]) -> list[list[Drawing]]:
         """Return the scattered chains by source, allotted to the orders by the pilots."""

@@ -142,7 +142,7 @@ def test_common_paths_agree_to_two_thousandths(water, sea, estimator):
     else:  # a wide aperture, which most photons reach
         links, n = links_of(WATERS[water], mt.Link(receiver=mt.Receiver(radius=10.0))), 2**21
         mesh = mesh_for(links[1], SEAS[sea], mt.Meshing(spacing=0.4))[0]
-        surface = EmbreeIntersector(mesh, 1)
+        surface = mt.EmbreeIntersector(mesh, 1)
         found = rows_of(analog_sums(links, surface, mt.Analog(), n, None, seed=1), n)
         direct = rows_of(analog_one_by_one(links, surface, n), n)
     (gain, error), (other, its_error) = (np.transpose(rows) for rows in (found, direct))

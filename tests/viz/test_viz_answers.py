@@ -39,6 +39,15 @@ def test_tornado_of_the_range_is_in_metres():
         swings(s, {"water.b": (0.03, 0.04)})
 
 
+def test_the_range_of_a_receiver_in_the_water():
+    link = mt.Link().mirrored()
+    s = mt.sensitivities(link, FlatSea(), wrt=["water.a"], of="range", ook=None, photons=256)
+    ends = 0.112, 0.116
+    (found,) = swings(s, {"water.a": ends})
+    expected = [s.predict({"water.a": a}).value - s.value for a in ends]
+    assert found.change == pytest.approx(expected, abs=2e-3)
+
+
 def test_other_plots_show_the_numbers():
     over = {"transmitter.half_angle_deg": (5.0, 20.0)}
     o = mt.optimize(mt.Link(), FlatSea(), over, "gain", realizations=1, photons=64)

@@ -175,7 +175,9 @@ class AimedChains:
     @cached_property
     def _extent(self) -> Search:
         extent = search_extent(self.surface, self.facets, self.locator)
-        return extent._replace(audit=1.0) if self._search_mode == "thorough" else extent
+        # level water has the crossings of the flat sea alone
+        thorough = self._search_mode == "thorough" and self.surface.max_slope > 0.0
+        return extent._replace(audit=1.0) if thorough else extent
 
     def aim(self, source: int, receiver: int, chains: ChainSet, keep: bool = False) -> Aimed:
         """Return the score of each chain of a set and, if `keep`, its unblocked arrivals."""

@@ -181,9 +181,12 @@ class ChainDrawer:
         beyond = 1.0 - np.cumsum(poisson_law(most))
         return int(np.clip(np.count_nonzero(beyond > _TAIL), 1, _MAX_ORDER))
 
-    def draw(self, request: Request) -> ChainSet:
-        """Return all chains of a request."""
-        chains = self.empty(request)
+    def draw(self, request: Request, keep: bool = True) -> ChainSet:
+        """Return all chains of a request.
+
+        With `keep` they hold their crossings, unless these are many.
+        """
+        chains = self.empty(request, keep)
         for block in Drawing(request, None).blocks():
             self._fill((block, chains.rows(block.rows)))
         return chains
@@ -218,9 +221,10 @@ class ChainDrawer:
         row = 25 * request.order + 112 + len(self.link.targets) * CROSSINGS * FLAT.itemsize
         return request.number * row
 
-    def empty(self, request: Request) -> ChainSet:
+    def empty(self, request: Request, keep: bool = True) -> ChainSet:
         """Return an empty set of chains."""
-        return self._room(request, request.number, self._bytes(request) <= _KEPT_BYTES)
+        keep = keep and self._bytes(request) <= _KEPT_BYTES
+        return self._room(request, request.number, keep)
 
     def _room(self, request: Request, n: int, keep: bool) -> ChainSet:
         """Return room for n chains and, if `keep`, for their crossings."""

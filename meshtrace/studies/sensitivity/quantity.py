@@ -18,6 +18,7 @@ from meshtrace.errors import Refused, require_word
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.neighbours import without_each
+from meshtrace.studies.sensitivity.result import DECIBELS
 
 Of = Literal["gain", "ber", "outage", "range", "margin", "capacity"]
 
@@ -28,7 +29,6 @@ _NODES = 60  # of the table of informations
 _POINTS = 200  # of the table of error rates
 _LEAST_OUTAGES = 30
 _LEAST_SEAS = 8
-_DB = 10.0 / math.log(10.0)
 
 
 class Quantity:
@@ -102,11 +102,11 @@ class Quantity:
 
     def value(self, log: float) -> float:
         """Return the quantity from its logarithm; for "range" the factor of the light."""
-        return _DB * log if self.of == "margin" else math.exp(log)
+        return DECIBELS * log if self.of == "margin" else math.exp(log)
 
     def slope(self, value: float) -> float:
         """Return d quantity / d log; for "range" 1."""
-        return {"margin": _DB, "range": 1.0}.get(self.of, value)
+        return {"margin": DECIBELS, "range": 1.0}.get(self.of, value)
 
     def _outage(self, logs: Floats) -> float:
         """Return the logarithm of the outage from the logarithms of gain over need.

@@ -18,6 +18,9 @@ from meshtrace.tables import text_table
 if TYPE_CHECKING:
     import xarray as xr
 
+DECIBELS = 10.0 / math.log(10.0)
+"""Decibels of a factor e."""
+
 _FARTHEST = 0.3  # change of a logarithm that a first-order forecast may reach
 
 
@@ -202,8 +205,8 @@ class Sensitivities(Stored):
         change = float(weight @ np.array([row.log for row in self.table])) + curved
         spread = math.sqrt(weight @ self.logs @ weight)
         if self.of == "margin":
-            decibels = 10.0 / math.log(10.0)
-            return Value(self.value + decibels * change, math.hypot(self.stderr, decibels * spread))
+            error = math.hypot(self.stderr, DECIBELS * spread)
+            return Value(self.value + DECIBELS * change, error)
         if self.of == "range":
             return Value(self.value * (1.0 + change), math.hypot(self.stderr, self.value * spread))
         value = self.value * math.exp(change)

@@ -39,7 +39,7 @@ from meshtrace.studies.neighbours import (
 )
 from meshtrace.studies.response import MOST_SEAS, Responses
 from meshtrace.studies.sensitivity.quantity import FADES, Of, Quantity
-from meshtrace.studies.sensitivity.result import Row, Sensitivities, Table
+from meshtrace.studies.sensitivity.result import DECIBELS, Row, Sensitivities, Table
 from meshtrace.uav.airframe import Flight, Uav
 from meshtrace.uav.tilt import h_alpha
 
@@ -497,12 +497,9 @@ def _result(study: Study, found: list[_Rates], asked: list[str]) -> Sensitivitie
     covariance *= np.outer(factors, factors)
     origin = campaign.provenance(variant.link)
     origin |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
-    for name, part in (
-        ("ook", variant.detector),
-        ("daylight", variant.daylight),
-        ("uav", variant.uav),
-    ):
-        origin[name] = None if part is None else part.model_dump(mode="json")
+    parts: dict[str, Any] = {"ook": variant.detector, "daylight": variant.daylight}
+    parts["uav"] = variant.uav
+    origin |= {name: part and part.model_dump(mode="json") for name, part in parts.items()}
     return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
 
 
@@ -515,24 +512,10 @@ def _row(
     factor = p.base if p.absolute and p.base != 0.0 else 1.0
     elasticity = math.nan if p.absolute and p.base == 0.0 else rate * factor
     slope = value if quantity.of == "range" else quantity.slope(value)
-    return Row(
-        p.name,
-        p.base,
-        p.unit,
-        elasticity,
-        abs(factor) * error,
-        relative,
-        slope * relative,
-        abs(slope / p.scale) * error,
-        one.second,
-        one.method,
-        one.suspicious,
-        one.notes,
-    ), factor
-
-
-_DEPTH = "transmitter.depth"
-_DB = 10.0 / math.log(10.0)
+    elastic = elasticity, abs(factor) * error, relative
+    derived = slope * relative, abs(slope / p.scale) * error, one.second
+    notes = one.method, one.suspicious, one.notes
+    return Row(p.name, p.base, p.unit, *elastic, *derived, *notes), factor
 
 
 class Swing(NamedTuple):
@@ -623,7 +606,8 @@ class _Swings:
         self._parameters = {p.name: p for p in found}
         self._rate = 0.0
         if s.of == "range":
-            p = parameters(variant, [_DEPTH], None, scenario.meshing.normals)[0]
+            depth = [_depth_key(scenario.link)]
+            p = parameters(variant, depth, None, scenario.meshing.normals)[0]
             sides = [self._logs(p.at(variant, p.shifted(k)))[0] for k in (-1.0, 1.0)]
             self._rate = (sides[1] - sides[0]) / (2.0 * p.step * p.base)
 
@@ -644,10 +628,10 @@ class _Swings:
         variant = self._parameters[name].at(self._study.variant, value)
         off = self._logs(variant) - self._base
         if self._quantity.of != "range":
-            return _DB * float(off[0]), _DB * error_of(off)
-        depth = float(variant.link.transmitters[0].depth)  # type: ignore[attr-defined]
+            return DECIBELS * float(off[0]), DECIBELS * error_of(off)
         moved = -off / self._rate
-        there = variant._replace(link=variant.link.at_depth(depth + float(moved[0])))
+        depth = variant.link.depth + float(moved[0])
+        there = variant._replace(link=variant.link.at_depth(depth))
         rest = self._logs(there) - self._base
         moved = moved[0] - rest / self._rate
         return float(moved[0]), error_of(moved)

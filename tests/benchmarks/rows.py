@@ -1,0 +1,305 @@
+"""The goals of speed as one table: cost of each work, its anchor and the goal.
+
+    python tests/benchmarks/rows.py [ROUNDS [NAME...]]
+
+Run it on a quiet machine; three rounds by default, of which each is printed. Each work runs in a separate
+process; its CPU seconds count after a smaller work, which compiles and loads. `--list` prints
+the names.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+PARAMETERS = (
+    "water.a", "water.b", "water.n", "transmitter.depth", "transmitter.half_angle_deg",
+    "transmitter.position.0", "receiver.height", "receiver.radius", "receiver.fov_deg",
+    "receiver.position.0", "receiver.tilt_deg",
+)  # fmt: skip
+
+
+def cpu(work: Callable[[], Any], *earlier: Callable[[], Any]) -> float:
+    """Return the CPU seconds of a work, after others."""
+    for one in earlier:
+        one()
+    start = process_time()
+    work()
+    return process_time() - start
+
+
+def peak_mib() -> float:
+    """Return the peak of resident memory of this process [MiB]."""
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def in_child(file: str, *args: Any) -> Any:
+    """Return the JSON that a script prints in a separate process."""
+    command = [sys.executable, "-W", "ignore", file, *map(str, args)]
+    return json.loads(subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout)
+
+
+def of_command(command: Sequence[str], env: dict[str, str]) -> tuple[float, float]:
+    """Return the CPU and the wall seconds of a command and its processes."""
+    before, start = os.times(), perf_counter()
+    elsewhere = tempfile.gettempdir()  # not a checkout, which `-m` would take
+    subprocess.run(command, env=env, cwd=elsewhere, check=True, capture_output=True)
+    after, wall = os.times(), perf_counter() - start
+    user = after.children_user - before.children_user
+    return user + after.children_system - before.children_system, wall
+
+
+def _run(**env: str) -> tuple[float, float]:
+    return of_command([sys.executable, "-m", "meshtrace", "run"], {**os.environ, **env})
+
+
+def start() -> dict[str, Any]:
+    """Return the cost of `meshtrace run` with compiled kernels, and of Python with numpy and numba."""
+    _run()
+    imports = of_command([sys.executable, "-c", "import numpy, numba"], dict(os.environ))
+    return {"CPU s": _run()[0], "Python, numpy, numba": imports[0]}
+
+
+def first() -> dict[str, Any]:
+    """Return the cost of the first `meshtrace run` ever, from source."""
+    with tempfile.TemporaryDirectory() as folder:
+        used, wall = _run(MESHTRACE_CACHE_DIR=folder, NUMBA_CACHE_DIR=f"{folder}/numba")
+    return {"wall s": wall, "CPU s": used}
+
+
+def wheel() -> dict[str, Any]:
+    """Return the cost of the first `meshtrace run` ever, from a platform wheel.
+
+    The environment needs pip and wheel.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        build = [ROOT / ".ci" / "wheel", sys.executable, folder]
+        subprocess.run(build, check=True, stdout=subprocess.DEVNULL)
+        (made,) = Path(folder).glob("*.whl")
+        tree = f"{folder}/tree"
+        subprocess.run([sys.executable, "-m", "zipfile", "-e", made, tree], check=True)
+        used, wall = _run(MESHTRACE_CACHE_DIR=f"{folder}/cache", PYTHONPATH=tree)
+    return {"wall s": wall, "CPU s": used}
+
+
+def waves() -> dict[str, Any]:
+    """Return the CPU seconds of sums of waves on grids."""
+    from test_waves_benchmark import CASES, waves_of
+
+    from meshtrace.surfaces.waves import WaveGrid, elevation_and_slopes
+
+    found = {}
+    for name, (n, longest, x, _) in CASES.items():
+        sea = waves_of(n, longest)
+        grid = WaveGrid(sea.kx, sea.ky, x, x)
+
+        def work(grid: Any = grid, sea: Any = sea) -> None:
+            grid.sum(elevation_and_slopes(sea, 1.0))
+
+        found[name] = cpu(work, work)
+    return found
+
+
+def ensemble() -> dict[str, Any]:
+    """Return the CPU seconds of a resolved sea in ensembles at 5 and 13 m/s, 512 chains."""
+    import meshtrace as mt
+    from meshtrace.surfaces import resolved_sea
+
+    found = {}
+    for wind in (5.0, 13.0):
+        sea, options = resolved_sea(wind, fetch=30e3), {"photons": 512, "threads": 1}
+
+        def work(n: int, sea: Any = sea, options: Any = options) -> Any:
+            return mt.ensemble(mt.Link(), n, sea, **options)
+
+        found[f"{wind:g} m/s"] = (
+            cpu(lambda: work(48), lambda: work(16)) - cpu(lambda: work(16))
+        ) / 32
+    return found
+
+
+def photon() -> dict[str, Any]:
+    """Return the time of a photon over that of a plain loop, by b [1/m]."""
+    from throughput import measure_against_loop
+
+    return {f"b = {b:g}": measure_against_loop(b, n, 2)["ratio"] for b, n in
+            ((0.037, 1_000_000), (0.1, 1_000_000), (1.0, 200_000))}  # fmt: skip
+
+
+def rays() -> dict[str, Any]:
+    """Return photons per raw ray of embreex over the same mesh."""
+    from throughput import SMOOTH, default_mesh
+
+    import meshtrace as mt
+    from meshtrace.bench.engine import analog_rate
+
+    found = {"no tilts": SMOOTH, "tilts": mt.Link()}
+    return {k: analog_rate(v, default_mesh(v), 1_000_000)["ratio"] for k, v in found.items()}
+
+
+def receivers(n: int = 1024) -> dict[str, Any]:
+    """Return the cost of a list of receivers on a square of 10 m, 1,024 chains."""
+    import numpy as np
+
+    import meshtrace as mt
+    from meshtrace.surfaces import JonswapSea
+
+    sea, side = JonswapSea(wind_speed=5.0, seed=7), round(n**0.5)
+    x = np.linspace(-5.0, 5.0, side).tolist()
+    ends = tuple(mt.Receiver(position=(a, b)) for a in x for b in x)
+
+    def work(ends: Any) -> None:
+        mt.simulate(mt.Link(receiver=ends), sea, photons=1024, threads=1)
+
+    work(ends[:2])
+    before, seconds = peak_mib(), cpu(lambda: work(ends))
+    each = 1e3 * seconds / len(ends), (peak_mib() - before) / len(ends)
+    return {"receivers": len(ends), "CPU s": seconds, "ms each": each[0], "MiB each": each[1]}
+
+
+def memory() -> dict[str, Any]:
+    """Return the peaks of memory [MiB] of runs of forced detection by their chains."""
+    from throughput import peak_memory
+
+    return {
+        f"{n:.0e}": peak_memory(n, "forced") / 2**20
+        for n in (10_000, 100_000, 1_000_000, 4_000_000)
+    }
+
+
+def derivatives() -> dict[str, Any]:
+    """Return the CPU time of 11 sensitivities over that of a plain run with the same chains."""
+    import meshtrace as mt
+    from meshtrace.studies import sensitivities
+    from meshtrace.surfaces import FlatSea, JonswapSea
+
+    found = {}
+    for name, sea in (("flat", FlatSea()), ("5 m/s", JonswapSea(wind_speed=5.0, seed=7))):
+
+        def plain(sea: Any = sea) -> Any:
+            return mt.simulate(mt.Link(), sea, photons=8192, threads=1)
+
+        def whole(sea: Any = sea) -> Any:
+            return sensitivities(mt.Link(), sea, wrt=PARAMETERS, photons=8192, threads=1)
+
+        found[name] = cpu(whole, whole) / min(cpu(plain) for _ in range(3))
+    return found
+
+
+def points() -> dict[str, Any]:
+    """Return costs of a sweep of 64 points: CPU of one process over a loop, wall of one over two."""
+    from test_batch_benchmark import LINK, PARAMETERS, seconds_of
+
+    import meshtrace as mt
+    from meshtrace.scenario import Scenario
+
+    base = Scenario.from_config(LINK).to_toml()
+
+    def loop() -> None:
+        for depth in PARAMETERS["transmitter.depth"]:
+            for wind in PARAMETERS["wind_speed"]:
+                changes = {"transmitter.depth": depth, "wind_speed": wind}
+                case = Scenario.from_toml(base, changes=changes)
+                mt.simulate(case, photons=1024, rtol=0.01, threads=1)
+
+    one = cpu(lambda: seconds_of(1, 0.01), lambda: seconds_of(1, 0.01))
+    walls = [seconds_of(n, 0.0007) for n in (1, 2)]
+    return {"one process over loop": one / cpu(loop), "wall of one over two": walls[0] / walls[1]}
+
+
+def coverage() -> dict[str, Any]:
+    """Return the CPU seconds of a map of 256 cells to 2 %, over those by photons alone."""
+    import meshtrace as mt
+    from meshtrace.scenario import Scenario
+    from meshtrace.studies import coverage_map
+    from meshtrace.surfaces import JonswapSea
+
+    options: dict[str, Any] = {"extent": 5.0, "step": 0.625, "rtol": 0.02, "threads": 1}
+    small = {**options, "extent": 1.25}
+    analog = Scenario.from_config({"run": {"estimator": "analog"}, "sea": {"seed": 7}})
+    link, sea = mt.Link(), JonswapSea(wind_speed=5.0, seed=7)
+    auto = cpu(lambda: coverage_map(link, sea, **options), lambda: coverage_map(link, sea, **small))
+    photons = cpu(lambda: coverage_map(analog, sea, **options))
+    return {"CPU s": auto, "over photons alone": auto / photons}
+
+
+def turbid() -> dict[str, Any]:
+    """Return the CPU seconds to 1 % at b z = 10, by the phase function."""
+    import meshtrace as mt
+    from meshtrace.surfaces import FlatSea
+
+    found = {}
+    for name, phase in (("Fournier-Forand", None), ("g = 0.9", mt.optics.HenyeyGreenstein(g=0.9))):
+        water = mt.Water(a=0.1, b=1.0) if phase is None else mt.Water(a=0.1, b=1.0, phase=phase)
+
+        def work(water: Any = water) -> Any:
+            return mt.simulate(mt.Link(water=water), FlatSea(), rtol=0.01, threads=1)
+
+        found[name] = cpu(work, work)
+    return found
+
+
+def frames() -> dict[str, Any]:
+    """Return the CPU seconds of a frame of a trace, the default link at 5 m/s over all waves."""
+    from test_traces_benchmark import UP, per_frame
+
+    return {"CPU s": per_frame(UP)}
+
+
+ROWS: dict[str, tuple[Callable[[], dict[str, Any]], str, str]] = {
+    "start": (start, "command to first output, warm", "0.6 CPU s"),
+    "first": (first, "first run ever, from source", "10 s wall"),
+    "wheel": (wheel, "first run ever, from a wheel", "5 s wall"),
+    "waves": (waves, "sums of waves, CPU s", "finufft alone"),
+    "ensemble": (ensemble, "resolved sea in an ensemble, CPU s", "0.015"),
+    "photon": (photon, "photon over plain loop", "2"),
+    "turbid": (turbid, "1 % at b z = 10, CPU s", "-"),
+    "rays": (rays, "photons per raw ray", "0.8"),
+    "receivers": (receivers, "receivers as a list", "4 ms, 0.1 MiB each"),
+    "memory": (memory, "peak of forced detection by chains, MiB", "flat"),
+    "derivatives": (derivatives, "11 sensitivities over a plain run", "6, differences 25"),
+    "points": (points, "sweep of 64 points", "1.2, 1.9"),
+    "coverage": (coverage, "coverage of 256 cells to 2 %", "never over 1"),
+    "frames": (frames, "frame of a trace, CPU s", "0.010"),
+}
+
+
+def main(rounds: int, names: Sequence[str]) -> None:
+    """Print the table, a line for each row and round as it is measured."""
+    load = os.getloadavg()[0]
+    print(
+        f"load {load:.1f} on {os.cpu_count()} cores before; CPU seconds of one thread", flush=True
+    )
+    for name in names:
+        _, title, goal = ROWS[name]
+        print(f"{title} (goal: {goal})", flush=True)
+        for _ in range(rounds):
+            try:
+                found = in_child(__file__, "--row", name)
+            except subprocess.CalledProcessError:
+                print("    failed", flush=True)
+                continue
+            print("   ", ", ".join(f"{k}: {v:.3g}" for k, v in found.items()), flush=True)
+
+
+if __name__ == "__main__":
+    arguments = sys.argv[1:]
+    if arguments[:1] == ["--row"]:
+        warnings.simplefilter("ignore")
+        print(json.dumps(ROWS[arguments[1]][0]()))
+    elif arguments == ["--list"]:
+        print(" ".join(ROWS))
+    else:
+        main(int(arguments[0]) if arguments else 3, arguments[1:] or list(ROWS))
