@@ -103,7 +103,7 @@ def pilot_statistics(
     for step in range(_PILOT_STEPS):
         per_shift = request.per_shift * _PILOT_GROWTH**step
         wanted = request._replace(per_shift=per_shift, key=(*request.key, 2 + step))
-        chains = drawer.draw(wanted, keep=False)
+        chains = drawer.draw(wanted, few)
         for receiver in few:
             score = over.aim(request.source, receiver, chains).score
             found[:, receiver] = len(score), score.mean(), score.std(), np.count_nonzero(score)

@@ -156,16 +156,21 @@ class ForcedDetection:
             pilots = self.pilots_over(self.drawer, orders)
             self._light = self._still_gain(pilots)
         if orders is not None and scattered != "joined":
-            joined = list[int]()
+            joined, still, compared = None, self.flat(), pilots
             if scattered == "auto" and any(orders):
                 # chains and joined photons are compared over still water with random slopes
-                still, compared = self.flat(), pilots
                 if sea.unresolved is not None and link.physics.unresolved == "tilt":
                     still = replace(still, unresolved=sea.unresolved)
                     compared = self.pilots_over(self.over(still), orders)
-                joined = self._better_joined(choice.chain_pilot(compared, self.arrays), still)
-            for r in set(range(len(self.method))) - set(joined):
-                self.method[r] = "chains"
+                chains = choice.chain_pilot(compared, self.arrays)
+                doubtful = ~choice.is_clear(chains)
+                joined = self._pilot_photons(np.flatnonzero(doubtful).tolist())
+            self.method = ["chains"] * len(link.receivers)
+            if joined is not None:
+                seen = choice.ScatteredPilot.of_photons(joined.evaluate(still))
+                better = choice.choose(chains.of(doubtful), seen, self.expected)
+                for r, method in zip(np.flatnonzero(doubtful), better, strict=True):
+                    self.method[r] = method
         self.scattered_sets = self._drawn(pilots)
         self._unscattered: list[Drawing] = []  # drawn on demand
         self._joined = self._joined_photons()
@@ -204,19 +209,12 @@ class ForcedDetection:
             pilots.append(choice.Pilot.of_orders(list(islice(rows, last)), receivers))
         return pilots
 
-    def _better_joined(self, chains: choice.ScatteredPilot, still: TriangleMesh) -> list[int]:
-        """Return the receivers with doubtful chains that joined photons serve better."""
-        doubtful = ~choice.is_clear(chains)
-        rows = np.flatnonzero(doubtful).tolist()
-        if not rows:
-            return []
+    def _pilot_photons(self, receivers: list[int]) -> JoinedPhotons | None:
+        """Return the photons of a pilot, None if joined photons do not follow the link."""
         try:
-            photons = self._photons(choice.PILOT_PHOTONS, rows).evaluate(still)
-        except Refused:  # a feature that joined photons do not follow
-            return []
-        seen = choice.ScatteredPilot.of_photons(photons)
-        methods = choice.choose(chains.of(doubtful), seen, self.expected)
-        return [r for r, method in zip(rows, methods, strict=True) if method == "joined"]
+            return self._photons(choice.PILOT_PHOTONS, receivers) if receivers else None
+        except Refused:
+            return None
 
     def _drawn(self, pilots: list[choice.Pilot]) -> list[list[Drawing]]:
         """Return the scattered chains by source, allotted to the orders by the pilots."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -58,16 +58,16 @@ class ChainSet(NamedTuple):
     chains: Chains
     audit: Floats
     find: Callable[[Chains, int], NDArray[np.void]]  # crossings to a receiver
-    flat: list[NDArray[np.void]]  # by receiver, (n, crossings) FLAT, or none if they are many
+    flat: dict[int, NDArray[np.void]]  # (n, crossings) FLAT, by receiver; none if they are many
 
     def crossings(self, receiver: int) -> NDArray[np.void]:
         """Return the crossings (n, crossings) of a flat sea to a receiver."""
-        return self.flat[receiver] if self.flat else self.find(self.chains, receiver)
+        return self.flat[receiver] if receiver in self.flat else self.find(self.chains, receiver)
 
     def rows(self, rows: slice) -> ChainSet:
         """Return some of the chains."""
         arrays: Any = (array[rows] for array in self.chains)
-        flat = [f[rows] for f in self.flat]
+        flat = {receiver: found[rows] for receiver, found in self.flat.items()}
         return self._replace(chains=Chains(*arrays), audit=self.audit[rows], flat=flat)
 
 
@@ -181,12 +181,9 @@ class ChainDrawer:
         beyond = 1.0 - np.cumsum(poisson_law(most))
         return int(np.clip(np.count_nonzero(beyond > _TAIL), 1, _MAX_ORDER))
 
-    def draw(self, request: Request, keep: bool = True) -> ChainSet:
-        """Return all chains of a request.
-
-        With `keep` they hold their crossings, unless these are many.
-        """
-        chains = self.empty(request, keep)
+    def draw(self, request: Request, receivers: Collection[int] | None = None) -> ChainSet:
+        """Return all chains of a request, to all receivers by default."""
+        chains = self.empty(request, receivers)
         for block in Drawing(request, None).blocks():
             self._fill((block, chains.rows(block.rows)))
         return chains
@@ -197,7 +194,8 @@ class ChainDrawer:
         The threads share their blocks.
         """
         drawings = [Drawing(request, None) for request in requests]
-        if sum(self._bytes(request) for request in requests) > _KEPT_BYTES:
+        receivers = len(self.link.targets)
+        if sum(self._bytes(request, receivers) for request in requests) > _KEPT_BYTES:
             return drawings
         rows = [(drawing, self.empty(drawing.request)) for drawing in drawings]
         jobs = ((block, chains.rows(block.rows)) for d, chains in rows for block in d.blocks())
@@ -212,22 +210,24 @@ class ChainDrawer:
         """Return the chains of a block."""
         if block.kept is not None:
             return block.kept
-        chains = self._room(block.request, block.rows.stop - block.rows.start, keep=True)
+        n = block.rows.stop - block.rows.start
+        chains = self._room(block.request, n, range(len(self.link.targets)))
         self._fill((block, chains))
         return chains
 
-    def _bytes(self, request: Request) -> int:
-        """Return the size of the chains of a request with their crossings to all receivers."""
-        row = 25 * request.order + 112 + len(self.link.targets) * CROSSINGS * FLAT.itemsize
+    def _bytes(self, request: Request, receivers: int) -> int:
+        """Return the size of the chains of a request with their crossings to some receivers."""
+        row = 25 * request.order + 112 + receivers * CROSSINGS * FLAT.itemsize
         return request.number * row
 
-    def empty(self, request: Request, keep: bool = True) -> ChainSet:
-        """Return an empty set of chains."""
-        keep = keep and self._bytes(request) <= _KEPT_BYTES
-        return self._room(request, request.number, keep)
+    def empty(self, request: Request, receivers: Collection[int] | None = None) -> ChainSet:
+        """Return an empty set of chains, with room for their crossings unless these are many."""
+        receivers = range(len(self.link.targets)) if receivers is None else receivers
+        few = self._bytes(request, len(receivers)) <= _KEPT_BYTES
+        return self._room(request, request.number, receivers if few else ())
 
-    def _room(self, request: Request, n: int, keep: bool) -> ChainSet:
-        """Return room for n chains and, if `keep`, for their crossings."""
+    def _room(self, request: Request, n: int, receivers: Collection[int]) -> ChainSet:
+        """Return room for n chains and their crossings to some receivers."""
         order = request.order
         chains = Chains(
             vertex=np.empty((n, order, 3)),
@@ -239,7 +239,7 @@ class ChainDrawer:
             tail=np.empty((n, 3)),
             tilt=np.empty((n, 2)),
         )
-        flat = [np.zeros((n, CROSSINGS), FLAT) for _ in self.link.targets] if keep else []
+        flat = {receiver: np.zeros((n, CROSSINGS), FLAT) for receiver in receivers}
         return ChainSet(order, chains, np.empty(n), partial(self._found, request.source), flat)
 
     def _fill(self, job: tuple[Block, ChainSet]) -> None:
@@ -253,7 +253,7 @@ class ChainDrawer:
         law = self.nominals[source]
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
         kernel.make_chains(found.chains, law, self.link.medium, u, component)
-        for receiver, out in enumerate(found.flat):
+        for receiver, out in found.flat.items():
             still = self._still_water(source, receiver)
             flat_crossings(found.chains, still.starts, still.scene, still.raised, out)
 

@@ -93,7 +93,7 @@ def test_whitened_slopes():
 @pytest.mark.parametrize("blur", [0.1, 0.49, 0.51, 1.0, 2.5, 6.0, 20.0])
 def test_a_gaussian_spot_anywhere_on_the_disk(blur):
     """Share of a Gaussian within the disk: the noncentral chi-square law."""
-    points, shares, _ = _disk_rule(*_disk_nodes(blur))
+    points, shares, _ = _disk_rule(_disk_nodes(blur))
     assert shares.sum() == pytest.approx(1.0, rel=1e-12)
     center = np.linspace(0.0, 1.0 + 3.0 / blur, 50)
     expected = ncx2.cdf(blur**2, 2, (center * blur) ** 2)
