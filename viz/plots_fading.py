@@ -109,12 +109,15 @@ def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None)
     """
     data = _dataset(series, "gain", "gain_stderr")[["gain", "gain_stderr"]]
     along, *others = data["gain"].dims
-    if along == "realization":  # seeds
+    if seas := along == "realization":  # numbers in place of seeds
         data = data.assign_coords(realization=np.arange(data.sizes[along]))
     for receiver in others[:1]:
         names = [f"receiver {i}" for i in range(data.sizes[receiver])]
         data = data.transpose(receiver, along).assign_coords({receiver: names})
-    return plot_curves(data, "gain", style="o" if along == "realization" else "-", ax=ax)
+    ax = plot_curves(data, "gain", style="o" if seas else "-", ax=ax)
+    if seas:
+        ax.set_xlabel("realization")
+    return ax
 
 
 def plot_series(series: GainSeries, *, ax: Axes | None = None) -> Axes:

@@ -10,7 +10,6 @@ import pytest
 from numba.core.registry import CPUDispatcher
 
 import meshtrace as mt
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.kernels.jit import KernelCache, config
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -68,9 +67,9 @@ def ways(monkeypatch):
 
         return call
 
-    embree = sys.modules[EmbreeIntersector.__module__].__file__
-    rays = watched("rays", embree, EmbreeIntersector.intersect)
-    monkeypatch.setattr(EmbreeIntersector, "intersect", rays)
+    embree = sys.modules[mt.EmbreeIntersector.__module__].__file__
+    rays = watched("rays", embree, mt.EmbreeIntersector.intersect)
+    monkeypatch.setattr(mt.EmbreeIntersector, "intersect", rays)
     modules = [m for name, m in sys.modules.items() if name.startswith("meshtrace.")]
     for module in modules:
         for name, value in list(vars(module).items()):

@@ -17,7 +17,8 @@ def test_representations_load_back_and_name_only_other_values(model):
     names = {name: getattr(room, name) for room in rooms for name in dir(room) if name[0].isupper()}
     assert eval(repr(model), names) == model
     assert "\n" not in repr(model)
-    assert str(model) == repr(model)
+    if not isinstance(model, mt.Water):  # whose text is its a, b and source
+        assert str(model) == repr(model)
 
 
 def test_representations_are_short():

@@ -44,7 +44,7 @@ _DEPTH_SEAS = 16  # of the search for the greatest depth
 _NIGHT_SEAS = 2  # of its background, which is less than the dark counts
 _SEAS = 6  # of the scans, of those of the figures
 _COLOUR_SEAS = 4  # of wavelengths, whose noise is common
-_VIEWS = 7  # backgrounds of a scan over the field of view
+_VIEWS = 2.0, 3.2, 5.0, 8.5, 14.4, 24.5, 41.6, 70.7, 120.0  # [deg] of which backgrounds are found
 _DB = 10.0 / math.log(10.0)
 _CLOSED = 46.0  # 200 dB stand for an eye that no power opens
 _NIGHTS = ("moonless night", "moonlight")
@@ -282,7 +282,7 @@ class LinkModel:
         own = self.link.only_receiver.fov_deg
         if light == NIGHT:
             return lambda fov: 1.0
-        views = np.unique([*np.geomspace(5.0, 120.0, _VIEWS), own])
+        views = np.unique([*_VIEWS, own])
         logs = np.log([self.radiance(light, self.link.replace(VIEW, v)) for v in views.tolist()])
         logs -= logs[views == own]
         return lambda fov: math.exp(float(np.interp(math.log(fov), np.log(views), logs)))

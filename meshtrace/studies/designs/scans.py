@@ -21,8 +21,7 @@ from meshtrace.studies.keys import Variant
 
 _FLAT_DB = 0.5
 _POINTS = 49  # of a scan
-_NODES = 4  # runs of a scan over a key that changes the light
-_VIEWS = 7  # fields of view with a response of their own
+_NODES, _VIEWS = 4, 7  # runs of a scan over a key that changes the light, and over the view
 _WINDOWS = 8  # intervals of bit rates between those whose averaging windows are sought
 _COLOURS = 13  # wavelengths with common paths
 _COLOURS_NM = 400.0, 650.0
@@ -48,7 +47,7 @@ class Scans(LinkModel):
         radius, reach = self.link.only_receiver.radius, 0.5 * (end.height + self.link.depth)
         found = {
             LENS: (radius / 4.0, 4.0 * radius),
-            VIEW: (5.0, 120.0),
+            VIEW: (2.0, 120.0),
             WIDTH: (1.0, 40.0),
             f"{name}.position.0": (x, x + reach),
             f"{name}.height": (0.5 * end.height, 2.0 * end.height),
@@ -107,9 +106,9 @@ class Scans(LinkModel):
             return dict.fromkeys(LIGHTS, np.zeros(len(values))), np.zeros(len(values))
         straight = key.endswith("position.0")
         at = values if straight else np.log(values)
-        count = len(values) if key == VIEW and self.turns else _NODES
-        nodes, places = self._nodes(key, values, at, count)
-        some, there = self._nodes(key, values, at, _VIEWS) if key == VIEW else (nodes, places)
+        some, there = self._nodes(key, values, at, _VIEWS if key == VIEW else _NODES)
+        all_views = key == VIEW and self.turns
+        nodes, places = self._nodes(key, values, at, len(values)) if all_views else (some, there)
         ratios = []
         for link in nodes:
             ratios.append(self.ratio(link))
