@@ -17,7 +17,7 @@ from meshtrace.comms.background import with_background
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.daylight.light import Daylight
-from meshtrace.fading import Estimate
+from meshtrace.fading import Estimate, resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
@@ -44,6 +44,7 @@ _DEPTH_SEAS = 16  # of the search for the greatest depth
 _NIGHT_SEAS = 2  # of its background, which is less than the dark counts
 _SEAS = 6  # of the scans, of those of the figures
 _COLOUR_SEAS = 4  # of wavelengths, whose noise is common
+_LONGEST = 1.1  # highest frequency in the sea of radiances over the lowest, other waves are slopes
 _VIEWS = 2.0, 3.2, 5.0, 8.5, 14.4, 24.5, 41.6, 70.7, 120.0  # [deg] of which backgrounds are found
 _DB = 10.0 / math.log(10.0)
 _CLOSED = 46.0  # 200 dB stand for an eye that no power opens
@@ -287,9 +288,23 @@ class LinkModel:
         logs -= logs[views == own]
         return lambda fov: math.exp(float(np.interp(math.log(fov), np.log(views), logs)))
 
+    @cached_property
+    def _mean_sea(self) -> Any:
+        """Surface of the radiances of other links: all waves but the longest are random slopes.
+
+        Over resolved waves a narrow view sees glint or none, and a mean takes hundreds of seas.
+        """
+        surface = self.campaign.surface
+        parts = getattr(surface, "parts", [surface])
+        lowest = [part.band.omega_min for part in parts if hasattr(part, "band")]
+        if not lowest or self.link.physics.unresolved == "none":
+            return surface
+        return resolve_band(self.link, surface, _LONGEST * max(lowest))
+
     def radiance(self, light: str, link: Link, day: Daylight | None = None) -> float:
-        """Return the radiance of a link over one sea."""
-        found = self._rays.background(Variant(link, None, daylight=day or self.days[light]))
+        """Return the mean radiance of a link."""
+        variant = Variant(link, self._mean_sea, daylight=day or self.days[light])
+        found = self._rays.background(variant)
         assert found is not None
         return max(found.radiance, 1e-300)
 
