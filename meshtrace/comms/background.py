@@ -164,7 +164,7 @@ def widest_filter_nm(ook: OokLink, found: Radiance, power: float, ber: float) ->
 
 
 def _widest_of_spectra(ook: OokLink, found: Radiance, power: float, ber: float) -> float:
-    """Return the widest filter where it changes the signal too, on steps of 3 % in width."""
+    """Return the widest filter, in steps of 3 %, of a signal that depends on it."""
     if isinstance(ook.optics.filter_transmission, Curve):
         return math.nan
     if ook.filter_share == 0.0:

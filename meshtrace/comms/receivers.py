@@ -145,7 +145,7 @@ class _Pulses(NamedTuple):
 
 @functools.lru_cache(maxsize=128)
 def _pulses(link: OokLink, phase: float) -> _Pulses:
-    """Return what is the same at all powers, for the searches over them."""
+    """Return the quantities common to all powers, for searches over the power."""
     bits, filters = link.patterns(), link.filters
     size = link.bit_time, bits.shape[1], phase
     return _Pulses(

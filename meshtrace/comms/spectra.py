@@ -103,7 +103,7 @@ class _Angles(NamedTuple):
 
     @classmethod
     def of_view(cls, fov_deg: float) -> _Angles:
-        """Return those of light that fills a field of view, by the cosine law."""
+        """Return the spectra of light that fills a field of view, by the cosine law."""
         edge = math.sin(math.radians(0.5 * fov_deg)) ** 2
         return cls(edge * (np.arange(_RAYS) + 0.5) / _RAYS)
 

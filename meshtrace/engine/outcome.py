@@ -200,7 +200,7 @@ def lack_of_samples(result: GainResult) -> float:
 
 
 def warn_of_few(results: list[GainResult], links: list[Link], first: int) -> None:
-    """Warn of gains with a small effective sample size, those of the first link and the worst."""
+    """Warn of small effective sample sizes: of the first link and of the worst."""
     worst = max(range(len(results)), key=lambda i: (lack_of_samples(results[i]), i == first))
     for i in dict.fromkeys((first, worst)):
         nm = links[i].transmitters[0].wavelength_nm
@@ -301,7 +301,7 @@ def warn_of_mesh(result: GainResult, case: Case, mesh: TriangleMesh) -> None:
 
 
 def warn_of_cut(cut: Floats) -> None:
-    """Warn of a mesh that ends where a share of the light would cross to a receiver."""
+    """Warn of a mesh that cuts off a share of the light to a receiver."""
     for r in np.flatnonzero(cut > LEFT_DOMAIN_WARNING):
         _warn(
             f"receiver {r}: the mesh cuts off {100.0 * cut[r]:.2g} % of the light (flat sea; limit "

@@ -177,7 +177,7 @@ class CommonPaths(NamedTuple):
 
 
 def common_paths(links: Sequence[Link], base: int, waiting: Sequence[int]) -> CommonPaths:
-    """Return those of the waiting links whose paths a base has, all if possible."""
+    """Return the waiting links that can share the paths of a base, all if possible."""
     first, frame = links[base], frame_of(links[base])
     rows = [i for i in waiting if i == base or _is_alike(first, links[i])]
     if len(rows) > 1 and tinting(first, [links[i] for i in rows], frame) is None:

@@ -41,7 +41,7 @@ class Ticket:
             raise Superseded
 
     def rest(self, seconds: float) -> None:
-        """Wait for a newer job; return if there is none.
+        """Wait for a newer job, if one comes.
 
         Raises
         ------

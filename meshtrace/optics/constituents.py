@@ -1,4 +1,4 @@
-"""Water by its constituents: sea water, chlorophyll with what goes with it, CDOM, minerals."""
+"""Water by constituents: sea water, chlorophyll with its particles, CDOM, minerals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Spectra of waters: what a and b at any wavelength follow from, and the tables of known types."""
+"""Spectra of a and b of waters, and the tables of known types."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ def h_alpha(setting: Setting) -> FigureOutput:
 
 
 def _mark_edge(ax: Any, low: float, fov: float) -> None:
-    """Mark the least factor within the field of view, where the density ends."""
+    """Mark the least factor within the field of view, the end of the density."""
     edge = float(np.cos(0.5 * fov))
     if edge > low and not ax.texts:
         ax.axvline(edge, color=viz.style.INK, lw=0.8, ls=":")

@@ -107,7 +107,7 @@ class Goal:
         return np.maximum(ook.received_power(gains), _DARK)
 
     def quantity(self, at: Variant, cost: float, sample: Sample) -> float:
-        """Return the quantity of the objective: that of `Optimum.value`."""
+        """Return the quantity of the objective, as in `Optimum.value`."""
         if self.objective == "outage":
             gains, weights = sample.groups(at)[0]
             lit = self._lights.lit(sample.responses.behind(at))

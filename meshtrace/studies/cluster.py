@@ -1,4 +1,4 @@
-"""Processes that evaluate the jobs of a loop: this one, and those of a dask cluster."""
+"""Processes that evaluate the jobs of a loop: this one and dask workers."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Cluster(NamedTuple):
     def _here(
         self, setup: Callable[[], Callable[[Any], Any]], jobs: Sequence[Any]
     ) -> Iterator[Any]:
-        """Yield the results, or exceptions, of the first jobs, those of this process."""
+        """Yield the results, or exceptions, of the first jobs, evaluated in this process."""
         seconds = _START if self.workers is None else 0.0
         if not isinstance(self.workers, str):
             one = min(self.workers or os.cpu_count() or 1, len(jobs)) == 1

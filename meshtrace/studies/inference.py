@@ -121,7 +121,7 @@ class Predictor:
         return self._detected(x[self._of_link], Prediction(gains, by_all, covariance))
 
     def _detected(self, x: Floats, light: Prediction) -> Prediction:
-        """Return the predictions of powers and error rates from those of the gains.
+        """Return the predicted powers and error rates from predicted gains.
 
         d ln q / dx = (d ln q / d ln g) (d ln g / dx) + (d ln q / dx at a fixed gain)
         """

@@ -175,7 +175,7 @@ class LinkPerformance(Stored):
         return [f"widest filter for BER {self.limit:g} at {first[0].depth:g} m: {found}"]
 
     def _spreads(self) -> list[str]:
-        """Return the largest delay spread, in bits, and what it costs."""
+        """Return the largest delay spread, in bits, and its penalty."""
         points = [f for f in self.figures if f.rms_delay_spread.value > 0.0]
         if not points:
             return []
@@ -318,7 +318,7 @@ def _figures_line(f: OperatingPoint) -> str:
 
 
 def _cost(f: OperatingPoint) -> str:
-    """Return what the response of the channel costs, as text."""
+    """Return the penalty of the channel's response, as text."""
     if f.rms_delay_spread.value * f.bit_rate < SHORT:
         return "none: instantaneous"
     if math.isinf(f.dispersion_db):

@@ -255,7 +255,7 @@ def _over_depths(
 def _campaign(
     link: Link | Scenario, surface: SurfaceModel | None, wind_speed: float | None, run: Any
 ) -> Campaign:
-    """Return the campaign of a link over its sea, or over that of another wind."""
+    """Return the campaign of a link over its sea, or over the sea of another wind."""
     if surface is None and wind_speed is not None:
         surface = sea_in_wind(wind_speed)
     campaign = campaign_of(link, surface, "link_performance", fading=True, **run)

@@ -164,7 +164,7 @@ def light_response(
 
 
 class Responses:
-    """Transmissions of links near one link, each behind the response of its own chains.
+    """Transmissions of links near one link, each with the response of its chains.
 
     Parameters
     ----------

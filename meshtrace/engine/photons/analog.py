@@ -89,7 +89,7 @@ class PhotonSums:
     arrivals: list[NDArray[np.void]] = field(default_factory=list)
 
     def plus(self, other: PhotonSums) -> PhotonSums:
-        """Return the tallies of the apertures together with those of other photons."""
+        """Return the sum of two tallies of the apertures."""
         names = ("photons", "score", "score_squared", "count", "misses")
         found = {name: getattr(self, name) + getattr(other, name) for name in names}
         ledger = FixedPointSum(self.ledger.value().shape)

@@ -222,7 +222,7 @@ class JoinedPhotons:
     def at_wavelengths(
         self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link], arrivals: bool = False
     ) -> list[JoinedParts]:
-        """Return the gain over a mesh at each wavelength of a tinting, that of each link.
+        """Return the gain of each link over a mesh, at the wavelengths of a tinting.
 
         Below bubbles each wavelength has its own photons: which of water and bubbles scatters a
         photon towards a receiver is not drawn.

@@ -21,7 +21,7 @@ _EXACT = 1e-6  # error of a logarithm: of a scattering, and of the way through t
 
 
 class Tinting(NamedTuple):
-    """Weights of paths at several wavelengths from those of one of them.
+    """Weights of paths at several wavelengths from the weights at one.
 
     Parameters
     ----------

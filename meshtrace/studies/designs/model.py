@@ -125,7 +125,7 @@ class LinkModel:
         return {NIGHT: night, DAY: day or Daylight.clear_sky(30.0, wavelength_nm=nm)}
 
     def notes(self) -> tuple[str, ...]:
-        """Return remarks about what the page rests on."""
+        """Return remarks about the basis of the page."""
         error, few = 100.0 * self.fades.chain_error, min(self.seas, _SEAS)
         found = [f"surfaces {self.seas}, of the scans {few}; error by the chains {error:.2g} %"]
         if self.assumed:
@@ -211,7 +211,7 @@ class LinkModel:
         return light_response(link, lights)
 
     def pulse_loss(self, light: str, link: Link, water: Water | None = None) -> float:
-        """Return ln of the power that the response of another link costs, over that of its own."""
+        """Return ln of the power penalty of another link's response over the given link's."""
         if not self.spreads:
             return 0.0
         own, other = (self._blurred(light, self.response(*at))
@@ -266,7 +266,7 @@ class LinkModel:
 
     @cache  # noqa: B019
     def found(self, light: str) -> Background:
-        """Return the background of the given link: that of `link_performance` by day."""
+        """Return the background of the given link, by day as in `link_performance`."""
         seas = self.ensemble.n if light == DAY else min(self.ensemble.n, _NIGHT_SEAS)
         return background_over_seas(
             self.ensemble.at(self.link), self.days[light], seas, self.flight
@@ -279,7 +279,7 @@ class LinkModel:
 
     @cache  # noqa: B019
     def _brightness(self, light: str) -> Callable[[float], float]:
-        """Return the radiance over that of the given link by field of view."""
+        """Return the radiance by field of view, relative to the given link."""
         own = self.link.only_receiver.fov_deg
         if light == NIGHT:
             return lambda fov: 1.0
@@ -360,7 +360,7 @@ class LinkModel:
         return self.above(gain, lit, lit.required_power(self.limit))
 
     def figures(self, light: str) -> Figures:
-        """Return the figures of the given link, those of `link_performance`."""
+        """Return the figures of the given link, as in `link_performance`."""
         found, seed = self.found(light), self.campaign.run.seed
         point = operating_point(
             self.dark, self.link.depth, self.fades, self.limit, 0.95, seed, found
@@ -380,7 +380,7 @@ class LinkModel:
 
     @cache  # noqa: B019
     def there(self, depth: float) -> tuple[float, float]:
-        """Return ln q at a depth, from a run of its own, and its standard error."""
+        """Return ln q at a depth, from a separate run, and its standard error."""
         campaign = self.campaign._replace(progress=None)
         ensemble = Ensemble(campaign, max(min(self.seas, _DEPTH_SEAS), 2), self.flight)
         fades = ensemble.samples(self.link.at_depth(depth))

@@ -306,7 +306,7 @@ class Design(Stored):
         return text_table(rows, head)
 
     def _together_lines(self) -> list[str]:
-        """Return the table of the best optics, and what they gain."""
+        """Return the table of the best optics and their gain."""
         rows = [
             (_named(key, given.unit), f"{given.given:.4g}", *cells)
             for key, given, cells in _by_key(

@@ -85,7 +85,7 @@ class Scans(LinkModel):
         return found
 
     def _values(self, key: str, bounds: tuple[float, float]) -> Floats:
-        """Return the values of a scan, with that of the link."""
+        """Return the values of a scan, the link's among them."""
         given = self._given(key)
         spaced = np.linspace if key.endswith("position.0") else np.geomspace
         values = spaced(*bounds, _POINTS)
@@ -98,7 +98,7 @@ class Scans(LinkModel):
         return float(Variant(self.link, None, self.dark).value(key))
 
     def _logs(self, key: str, values: Floats) -> tuple[dict[str, Floats], Floats]:
-        """Return the logarithms of the gains over that of the link by light, and their errors.
+        """Return the log ratios of the gains to the link's by light, and their errors.
 
         Less the power that the response of the channel costs.
         """
@@ -199,7 +199,7 @@ class Scans(LinkModel):
         return Scan(choice, values, rows)
 
     def together(self, light: str, bounds: dict[str, tuple[float, float]]) -> tuple[BestValue, ...]:
-        """Return the best lens, view and filter together, whose gain is that of a run."""
+        """Return the best lens, view and filter together, with the gain of a run."""
         radii, views = (self._values(key, bounds[key]) for key in (LENS, VIEW))
         by_radius, by_view = (
             self._logs(key, x)[0][light] for key, x in ((LENS, radii), (VIEW, views))

@@ -139,7 +139,7 @@ class _Study(Scans):
         return rows
 
     def _bit_rate(self, light: str, scans: list[Scan]) -> float:
-        """Return the greatest bit rate that closes [bit s-1], near that of the scan."""
+        """Return the greatest bit rate that closes [bit s-1], near the scan's."""
         known = next(s for s in scans if (s.choice.key, s.choice.light) == (RATE, light))
         rates, near = np.log(known.values), known.reserves >= 0.0
         low = float(rates[near].max(initial=math.log(_BIT_RATES[0]))) - 0.02
@@ -255,7 +255,7 @@ class _Study(Scans):
         ]
 
     def _needs(self, light: str) -> tuple[float, ...]:
-        """Return the required power of an ideal detector [dBm], and what each part adds [dB]."""
+        """Return the required power of an ideal detector [dBm] and penalties of parts [dB]."""
         need = self.need(light)
         quiet = {"sipm.dark_count_rate": 0.0, "sipm.p_crosstalk": 0.0, "sipm.p_afterpulse": 0.0}
         prompt = need.fixed.replace(response=None)
@@ -270,7 +270,7 @@ class _Study(Scans):
 
 
 def _closing(choice: BestValue, values: Floats, reserves: Floats) -> Reach:
-    """Return the value of a key nearest to that of the link at which it closes.
+    """Return the closing value of a key nearest to the link's.
 
     The value up to which it closes, down to which for a lens, if that of the link closes.
     """

@@ -329,7 +329,7 @@ class Study:
         return self.quantity.logs(gains, lit, self._tilt(variant))
 
     def log(self, gains: Floats, variant: Variant, other: bool = False) -> float:
-        """Return the first of `logs`, or what it is by other rays and by a third of the chains."""
+        """Return the first of `logs`, or its value by other rays and a third of the chains."""
         lights = self._other_rays if other else self.lights
         lit = lights.lit(self.responses.behind(variant, other))
         return self.quantity.log(gains, lit, self._tilt(variant))
