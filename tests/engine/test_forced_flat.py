@@ -61,7 +61,15 @@ def gain_aside(height, aside, radius, n=1.33, a=0.05, nodes=1_000_001):
 
 @pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")  # the mesh ends at 0.04 % of it
 @pytest.mark.parametrize(
-    ("height", "aside", "radius"), [(2.0, 10.0, 1.0), (1.0, 5.0, 0.05), (0.3, 2.0, 0.2)]
+    ("height", "aside", "radius"),
+    [
+        (2.0, 10.0, 1.0),
+        (1.0, 5.0, 0.05),
+        (0.3, 2.0, 0.2),
+        (0.3, 8.0, 0.2),
+        (0.1, 4.0, 0.2),
+        (1.0, 12.0, 0.2),
+    ],
 )
 def test_light_that_leaves_along_the_surface(height, aside, radius):
     """The image of a part is stretched a hundredfold there: bounds on it once left it out."""

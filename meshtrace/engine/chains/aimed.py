@@ -316,8 +316,8 @@ class AimedChains:
             rule = _slope_rule() if nodes is None else _disk_rule(nodes)
             microfacets.blurred_gain(scene, rule, stack, gain, hidden)
         else:
-            stretch, lever = self.bounds_of(scene)
-            image.image_gain(scene, 1.5 * stretch, lever, stack, gain, hidden)
+            stretch, lever, bend = self.bounds_of(scene)
+            image.image_gain(scene, 1.5 * stretch, lever, bend, stack, gain, hidden)
         doubtful = np.flatnonzero(hidden)
         if not len(doubtful):
             return gain
@@ -343,12 +343,13 @@ class AimedChains:
         if self.blurred and self._blur(self._forwards(source, receiver, None)) <= _POINT:
             self.nodes[source, receiver] = 1, 1
 
-    def bounds_of(self, scene: Scene) -> tuple[float, float]:
+    def bounds_of(self, scene: Scene) -> tuple[float, float, float]:
         """Return bounds on the change of a landing point with its crossing, and with a slope.
 
         A flat sea stretches light by 1 + (n h / d) (cos i / cos t)^3 in the plane of incidence, h
         and d the heights of the ends: without bound where it leaves along the surface. Light
-        arrives less flat than straight from above the source.
+        arrives less flat than straight from above the source. The third is the relative change of
+        this stretch with the crossing, 3 tan t (n / d) cos^3 i / cos t, over the unit of length.
         """
         n, target, source = scene.medium.n_water / scene.medium.n_air, scene.target, scene.emitter
         height = target.center[2] + self._waves
@@ -359,9 +360,10 @@ class AimedChains:
         cos_t, cos_i = math.sqrt(1.0 - sin_t**2), math.sqrt(1.0 - (sin_t / n) ** 2)
         lever = height * abs(n * cos_i / cos_t - 1.0) / cos_t**2
         sin_t = min(target.sin_widest, flattest * min(n, 1.0))
-        flat = ((1.0 - (sin_t / n) ** 2) / (1.0 - sin_t**2)) ** 1.5
-        stretch = 1.0 + n * height / depth * max(flat / 1.5, 1.0)
-        return 1.5 * stretch, 1.5 * lever
+        cos_t, cos_i = math.sqrt(1.0 - sin_t**2), math.sqrt(1.0 - (sin_t / n) ** 2)
+        stretch = 1.0 + n * height / depth * max((cos_i / cos_t) ** 3 / 1.5, 1.0)
+        bend = 3.0 * sin_t * n / depth * cos_i**3 / cos_t**2
+        return 1.5 * stretch, 1.5 * lever, bend
 
 
 def _upside_down(s: MeshArrays) -> tuple[MeshArrays, NDArray[np.void]]:

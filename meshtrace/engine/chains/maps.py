@@ -84,7 +84,7 @@ def _image(
         tint=np.zeros(n_tints),
         factor=np.zeros(n_colours),
     )
-    stretch, lever = aimed.bounds_of(scene)
+    stretch, lever, _ = aimed.bounds_of(scene)
     if not aimed.rough:
         stack, polygons = np.empty((STACK, 3), np.int64), np.empty((2, 16, 2))
         kernel.image_map(scene, cells, 1.5 * stretch, lever, stack, polygons, colours, gain)

@@ -34,6 +34,9 @@ BEAM_SHARE = 0.03  # longest edge of a part over the width of the beam: its ligh
 _GAUSSIAN_SHARE = 0.07  # the same for Gaussian beams: equal parts converge exponentially
 VIEW_SHARE = 0.06  # the same over the radius of the field of view, at its edge
 _FINEST = 1.0 / 64.0  # of the longest edge
+_GRAZING = 0.1  # cosine of the edge of views that accept light along the surface
+_FLATTEST = 1e-4  # cosine of such light
+_STRAIGHT = 0.1  # relative change of the stretch of an image along the longest edge of a part
 _FEW = 16  # parts along an edge: facets of more are cut where the light crosses
 STACK = 128
 """Parts of a large facet that wait to be cut."""
@@ -186,15 +189,29 @@ def straight_depth(p, m, source, scene):
     return depth_between(scene.medium, source, p, m.length)
 
 
+@inlined
+def _flat_stretch(m, scene):
+    """Return the stretch of the image of a flat sea at a crossing, 1 + (n h / d) (cos i / cos t)^3.
+
+    Array twin: finite differences of the landing point in the tests of light along the surface.
+    A narrow view accepts no flatter light than its edge.
+    """
+    edge = math.sqrt(max(1.0 - scene.target.sin_widest**2, 0.0))
+    cos_t = max(m.r.z, edge if edge > _GRAZING else _FLATTEST)
+    n = scene.medium.n_water / scene.medium.n_air
+    deep, high = m.length * m.d.z, m.flight * m.r.z
+    return 1.0 + n * high / max(deep, 1e-9) * (m.d.z / cos_t) ** 3
+
+
 @entry
-def image_gain(scene, stretch, lever, stack, gain, doubtful):
+def image_gain(scene, stretch, lever, bend, stack, gain, doubtful):
     """Write the unscattered gain of each facet, with a flag for possible shadowing by waves.
 
     Array twin: quadrature over the aperture with the analytic sinusoid.
     The image of a part of a facet is taken for a triangle: its gain is the light in its solid
     angle times the share of the image that lies on the disk. Folds and caustics count
     themselves, since images overlap. `stretch` and `lever` bound |dX/dP| of a flat sea and
-    |dX/dslope|; `stack` is room for (STACK, 3) integers.
+    |dX/dslope|, `bend` the relative change of the first; `stack` is room for (STACK, 3) integers.
     """
     shot = crossing.straight_shot(0.0, 0.0, scene)
     depth = -scene.emitter.position.z
@@ -205,14 +222,20 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
     height = scene.target.center.z - scene.surface.high[2]
     view = VIEW_SHARE * view_radius(height, scene.target, scene.interface.fov)
     fine = min(fine, max(view, _FINEST * edge))
+    # light along the surface: an image is a triangle, and total reflection ends at a straight
+    # line, for small parts alone
+    straight = _STRAIGHT / max(bend, 1e-300)
+    fine = min(fine, straight)
+    coarse = min(5.0 * edge, 20.0 * straight)
     dark = dark_angle(scene.emitter)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
-        large = 2.0 * facet.radius > _FEW * edge
+        large = 2.0 * facet.radius > min(_FEW * edge, 20.0 * straight)
         if not large:
             m = crossing.aim_at(facet.x, facet.y, f, shot, scene)
             if m.ok:
-                reach = facet.radius * (stretch + lever * facet.curvature)
+                widest = max(stretch, 1.5 * _flat_stretch(m, scene))
+                reach = facet.radius * (widest + lever * facet.curvature)
                 if math.hypot(m.at.x, m.at.y) > scene.target.radius + reach:
                     continue
             elif not crossing.corner_shines(f, shot, scene):
@@ -222,8 +245,8 @@ def image_gain(scene, stretch, lever, stack, gain, doubtful):
             gain[f], steep = _facet_gain(f, n, shot, scene)
         else:
             # light into the denser side is nowhere stretched more than at normal incidence
-            coarse = math.inf if scene.mirrored else 5.0 * edge
-            image = Image(stretch + lever * facet.curvature, coarse, dark)
+            size = math.inf if scene.mirrored else coarse
+            image = Image(stretch + lever * facet.curvature, size, dark)
             gain[f], steep = _large_facet_gain(f, n, image, stack, shot, scene)
         doubtful[f] = gain[f] > 0.0 and not steep
 
@@ -299,7 +322,9 @@ def _may_shine(f, nodes, i, j, side, image, region, shot, scene):
         return not _is_reflected(p, size, f, scene)
     m = crossing.aim_at(p.x, p.y, f, shot, scene)
     if m.ok:
-        return not is_beside(m.at.x, m.at.y, region.radius + size * image.stretch, region)
+        # flatter light than any that lands on the region is stretched more on its way there
+        reach = size * max(image.stretch, 1.5 * _flat_stretch(m, scene))
+        return not is_beside(m.at.x, m.at.y, region.radius + reach, region)
     for q in nodes_of(f, nodes, i, j, side, scene.surface):
         if crossing.aim_at(q.x, q.y, f, shot, scene).ok:
             return True
