@@ -1,7 +1,7 @@
 """Puts hostile inputs into a worker process, one after the other, and collects the failures.
 
-`python drill.py KIND FIRST LAST` is the worker: it prints a line of JSON before and after each
-input, so that the input is known that ends it with a signal or makes it hang.
+`python drill.py KIND FIRST LAST [KIND FIRST LAST ...]` is the worker: it prints a line of JSON before
+and after each input, so that the input is known that ends it with a signal or makes it hang.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def outcome(call):
     return "number"
 
 
-def work(kind, first, last):
-    """Put in some inputs of a kind, and print a line before and after each."""
+def work(plan):
+    """Put in some inputs of each kind, and print a line before and after each."""
     import hostile
 
     from meshtrace import parallel
@@ -64,7 +64,7 @@ def work(kind, first, last):
         answers.write(json.dumps(parts) + "\n")
 
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
-    if kind in ("links", "arguments", "commands", "meshes", "origins"):
+    if {kind for kind, _, _ in plan} & {"links", "arguments", "commands", "meshes", "origins"}:
         for base in hostile.LINKS:
             warm(base)
     answer(outcome="ready")
@@ -72,13 +72,13 @@ def work(kind, first, last):
     parallel.announce = surface.announce = refuse_long
     surface.MOST_VERTICES = 40_000
     with tempfile.TemporaryDirectory(prefix="drill-") as root:
-        for i in range(first, last):
+        for kind, i in ((kind, i) for kind, first, last in plan for i in range(first, last)):
             folder = Path(root) / "input"
             folder.mkdir()
             text, call = hostile.KINDS[kind](Random(f"{SEED}/{kind}/{i}"), folder)
-            answer(number=i, input=text)
+            answer(kind=kind, number=i, input=text)
             faulthandler.dump_traceback_later(0.9 * HANG)  # shows where an input hangs
-            answer(number=i, outcome=outcome(call))
+            answer(kind=kind, number=i, outcome=outcome(call))
             faulthandler.cancel_dump_traceback_later()
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -105,8 +105,8 @@ def warm(base):
 class _Worker:
     """One process, and the lines it prints."""
 
-    def __init__(self, kind, first, last):
-        command = [sys.executable, __file__, kind, str(first), str(last)]
+    def __init__(self, plan):
+        command = [sys.executable, __file__, *(str(part) for row in plan for part in row)]
         self.errors = tempfile.TemporaryFile()
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=self.errors, stdin=subprocess.DEVNULL, text=True
@@ -135,42 +135,50 @@ class _Worker:
             return code, self.errors.read().decode(errors="replace")[-2000:]
 
 
-def drill(kind, first, last):
-    """Return how many inputs gave numbers and refusals, and a list of (input, failure)."""
-    counts, failures = {"number": 0, "refusal": 0}, []
-    at = first
-    while at < last:
-        worker = _Worker(kind, at, last)
-        text, timeout = "start", START
+def drill(plan):
+    """Return how many inputs of each kind gave numbers and refusals, and (input, failure) of others.
+
+    `plan` has rows (kind, first, last).
+    """
+    counts = {kind: {"number": 0, "refusal": 0} for kind, _, _ in plan}
+    failures, done = [], 0
+    order = [(kind, i) for kind, first, last in plan for i in range(first, last)]
+    while done < len(order):
+        rest = [(kind, max(first, order[done][1]) if kind == order[done][0] else first, last)
+                for kind, first, last in plan if (kind, last - 1) in order[done:]]  # fmt: skip
+        worker, text, timeout = _Worker(rest), "start", START
         try:
             while True:
                 line = worker.answer(timeout)
                 if line is None:
                     worker.process.wait(HANG)
                     break
-                timeout = PATIENCE if kind == "environment" else HANG
+                timeout = PATIENCE if line.get("kind") == "environment" else HANG
                 if "input" in line:
-                    at, text = line["number"], line["input"]
+                    text = line["input"]
                 elif line["outcome"] != "ready":
-                    found = line["outcome"]
-                    at = line["number"] + 1
-                    if found in counts:
-                        counts[found] += 1
+                    found, kind = line["outcome"], line["kind"]
+                    done += 1
+                    if found in counts[kind]:
+                        counts[kind][found] += 1
                     else:
                         failures.append((f"{kind} {line['number']}: {text}", found))
         except (queue.Empty, subprocess.TimeoutExpired):
             _, stderr = worker.end()
-            failures.append((f"{kind} {at}: {text}", f"no answer in {timeout:g} s: {stderr}"))
-            at += 1
+            at = "{} {}".format(*order[done])
+            failures.append((f"{at}: {text}", f"no answer in {timeout:g} s: {stderr}"))
+            done += 1
             continue
         code, stderr = worker.end()
-        if at < last:  # it ended by itself before the last input
-            failures.append((f"{kind} {at}: {text}", f"ended with {code}: {stderr}"))
+        if done < len(order):  # it ended by itself before the last input
+            at = "{} {}".format(*order[done])
+            failures.append((f"{at}: {text}", f"ended with {code}: {stderr}"))
             if text == "start":
                 break
-            at += 1
+            done += 1
     return counts, failures
 
 
 if __name__ == "__main__":
-    work(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
+    words = sys.argv[1:]
+    work([(words[k], int(words[k + 1]), int(words[k + 2])) for k in range(0, len(words), 3)])
