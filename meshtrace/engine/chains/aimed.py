@@ -192,11 +192,16 @@ class AimedChains:
             counters=np.zeros(len(Counter), np.int64),
             roots=np.zeros(ROOTS, ROOT),
         )
-        scene, flat = self.scene(emitter, target), chains.crossings(receiver)
+        scene = self.scene(emitter, target)
         if self.blurred:
+            # random slopes displace the crossings: those to a receiver close by are as good
+            first = int(self.link.stands_for[receiver])
+            near = self.link.targets[first].center
+            move = target.center.x - near.x, target.center.y - near.y
+            flat = chains.crossings_near(receiver, first, move)
             found = microfacets.blurred_contributions(chains.chains, flat, self.spread, scene, out)
         else:
-            search = self.search_of(target)
+            flat, search = chains.crossings(receiver), self.search_of(target)
             found = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
         n_doubt, n_rays, n_arrivals = found
         arrivals = out.arrivals[:n_arrivals]
