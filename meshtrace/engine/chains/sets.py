@@ -64,22 +64,6 @@ class ChainSet(NamedTuple):
         """Return the crossings (n, crossings) of a flat sea to a receiver."""
         return self.flat[receiver] if receiver in self.flat else self.find(self.chains, receiver)
 
-    def crossings_near(
-        self, receiver: int, other: int, move: tuple[float, float]
-    ) -> NDArray[np.void]:
-        """Return the crossings to a receiver, to first order from those to another one.
-
-        `move` leads from that to the receiver, in x and y; both are alike but for it.
-        """
-        flat = self.crossings(other)
-        if receiver == other:
-            return flat
-        several = (flat["branch"] != 0.0).any(axis=0).sum()
-        found = flat[:, : max(several, 1)].copy()
-        found["x"] += found["c11"] * move[0] + found["c12"] * move[1]
-        found["y"] += found["c21"] * move[0] + found["c22"] * move[1]
-        return found
-
     def rows(self, rows: slice) -> ChainSet:
         """Return some of the chains."""
         arrays: Any = (array[rows] for array in self.chains)
