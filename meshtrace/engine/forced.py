@@ -29,7 +29,7 @@ import numpy as np
 
 from meshtrace.engine import choice, parts
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.chains.aimed import AimedChains, SearchMode
+from meshtrace.engine.chains.aimed import Aimed, AimedChains, SearchMode
 from meshtrace.engine.chains.sets import (
     ChainDrawer,
     ChainSet,
@@ -360,7 +360,7 @@ class ForcedDetection:
             return higher.evaluate(mesh, intersector)
         aimed = self.over(mesh, intersector)
         sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets)
-        self._add_light(sums, aimed, aimed.direct_gains, np.sum, aimed.scores)
+        self._add_light(sums, aimed, aimed.direct_gains, np.sum, aimed.aim)
         photons = None
         if self._joined is not None:
             photons = self._by_receiver(self._joined.evaluate(mesh, intersector))
@@ -372,7 +372,7 @@ class ForcedDetection:
         aimed: AimedChains,
         direct: Callable[..., Floats],
         total: Callable[[Floats], Any],
-        scores: Callable[..., Iterable[Floats]],
+        aim: Callable[..., Aimed],
     ) -> None:
         """Add the light of all pairs of a source and a receiver: of facets, and of chains.
 
@@ -386,7 +386,7 @@ class ForcedDetection:
                 jobs.append(partial(self._from_source, aimed, s, partial(direct, s, r), total))
         skipped = set(dark)
         pairs = [pair for pair in self.arrays.pairs if pair not in skipped]
-        jobs += [partial(self._summed, scores, job) for job in sums.jobs]
+        jobs += [partial(self._summed, aimed, aim, job) for job in sums.jobs]
         found = ordered_map(call, jobs, self.threads, ahead=len(jobs))
         for s, r in pairs:
             gain = next(found).mean(axis=1).T
@@ -399,17 +399,20 @@ class ForcedDetection:
             pace.add()
         if dark:
             rest = parts.chain_jobs(dark, [[one] for one in self.unscattered()])
-            found = ordered_map(partial(self._summed, scores), rest, self.threads)
+            found = ordered_map(partial(self._summed, aimed, aim), rest, self.threads)
             for job, rows in zip(rest, found, strict=True):
                 sums.add(job, rows)
 
     def _summed(
-        self, scores: Callable[..., Iterable[Floats]], job: parts.ChainJob
+        self, aimed: AimedChains, aim: Callable[..., Aimed], job: parts.ChainJob
     ) -> list[parts.BlockSums]:
         """Return the sums over the chains of a block to each of its targets."""
-        chains = self.drawer.drawn(job.block)
-        rows = scores(job.source, job.targets, chains)
-        return [parts.BlockSums.of(row, job.block) for row in rows]
+        chains, found = self.drawer.drawn(job.block), dict[int, parts.BlockSums]()
+        for some in aimed.together(job.targets, chains):
+            score = aim(job.source, some, chains).score
+            for i, row in enumerate(np.split(score, len(some), axis=-1)):
+                found[some[i]] = parts.BlockSums.of(row, job.block)
+        return [found[target] for target in job.targets]
 
     def tinted(
         self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link]
@@ -422,8 +425,8 @@ class ForcedDetection:
         far = self._farthest(aimed, tinting, links)
         sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets, (m,))
         direct = partial(aimed.tinted_gains, tinting=tinting, other=far)
-        scores = partial(aimed.tinted_scores, tinting=tinting)
-        self._add_light(sums, aimed, direct, np.asarray, scores)
+        aim = partial(aimed.tinted, tinting=tinting)
+        self._add_light(sums, aimed, direct, np.asarray, aim)
         photons: list[Any] = [None] * m
         if self._joined is not None:
             found = self._joined.at_wavelengths(mesh, tinting, links)

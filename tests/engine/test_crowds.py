@@ -72,7 +72,10 @@ def test_many_receivers_have_the_gains_of_each_alone():
     """Those farthest from the ones that stand for them, of other seeds: chi-square."""
     rows = crowd()
     first = stands_for(rows)
-    away = [np.hypot(*np.subtract(r.position, rows[i].position)) for r, i in zip(rows, first)]
+    away = [
+        np.hypot(*np.subtract(r.position, rows[i].position))
+        for r, i in zip(rows, first, strict=True)
+    ]
     some = np.argsort(away)[-8:]
     together = mt.simulate(mt.Link(receiver=tuple(rows)), SEA, photons=16_384, seed=1)
     alone = mt.simulate(mt.Link(receiver=tuple(rows[i] for i in some)), SEA, photons=16_384, seed=2)

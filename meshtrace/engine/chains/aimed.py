@@ -183,33 +183,26 @@ class AimedChains:
         thorough = self._search_mode == "thorough" and self.surface.max_slope > 0.0
         return extent._replace(audit=1.0) if thorough else extent
 
-    def aim(self, source: int, receiver: int, chains: ChainSet, keep: bool = False) -> Aimed:
-        """Return the score of each chain of a set and, if `keep`, its unblocked arrivals."""
-        return self._aim(source, [receiver], chains, keep)
+    def together(self, receivers: Sequence[int], chains: ChainSet) -> Iterator[list[int]]:
+        """Yield receivers that a set of chains is aimed at together.
 
-    def scores(self, source: int, receivers: Sequence[int], chains: ChainSet) -> Iterator[Floats]:
-        """Yield the score of each chain of a set to each of some receivers.
-
-        Over random slopes receivers for which one of them stands are served together.
+        Over random slopes those for which one of them stands.
         """
-        n, first = len(chains.audit), self.link.stands_for
-        most = max(_TOGETHER // n, 1) if self.blurred else 1
-        rows: dict[int, Floats] = {}
+        most = max(_TOGETHER // len(chains.audit), 1) if self.blurred else 1
         groups: dict[int, list[int]] = {}
         for r in receivers:
-            groups.setdefault(int(first[r]), []).append(r)
+            groups.setdefault(int(self.link.stands_for[r]), []).append(r)
         for group in groups.values():
-            for k in range(0, len(group), most):
-                some = group[k : k + most]
-                found = self._aim(source, some, chains, False).score.reshape(len(some), n)
-                rows |= dict(zip(some, found, strict=True))
-        yield from (rows[r] for r in receivers)
+            yield from (group[k : k + most] for k in range(0, len(group), most))
 
-    def _aim(self, source: int, receivers: Sequence[int], chains: ChainSet, keep: bool) -> Aimed:
-        """Return the scores of a set of chains to receivers for which one of them stands.
+    def aim(
+        self, source: int, receivers: int | Sequence[int], chains: ChainSet, keep: bool = False
+    ) -> Aimed:
+        """Return the score of each chain of a set and, if `keep`, its unblocked arrivals.
 
-        One after another, and their unblocked arrivals if `keep`, for a single one.
+        To one receiver, or to receivers `together`: then chains count from one to the next.
         """
+        receivers = [receivers] if isinstance(receivers, int) else receivers
         n = len(chains.audit) * len(receivers)
         most = 2 * n + 64
         out = kernel.Output(
@@ -252,23 +245,22 @@ class AimedChains:
         self.counters += out.counters
         return Aimed(out.score, arrivals)
 
-    def tinted(self, source: int, receiver: int, chains: ChainSet, tinting: Tinting) -> Aimed:
-        """Return the scores (wavelengths, chains) of a set of chains."""
-        found = self.aim(source, receiver, chains, keep=True).arrivals
-        score = np.zeros((len(tinting.shares), len(chains.audit)))
-        light = tinting.factors(self.chain_tints(source, chains, found, tinting.tints))
+    def tinted(
+        self, source: int, receivers: Sequence[int], chains: ChainSet, tinting: Tinting
+    ) -> Aimed:
+        """Return the scores (wavelengths, chains) of a set of chains to receivers `together`."""
+        n = len(chains.audit)
+        found = self.aim(source, receivers, chains, keep=True).arrivals
+        score = np.zeros((len(tinting.shares), n * len(receivers)))
+        own = found.copy()
+        own["chain"] %= n
+        light = tinting.factors(self.chain_tints(source, chains, own, tinting.tints))
         light *= found["weight"]
         # crossings of one chain follow one another
         first = np.flatnonzero(np.diff(found["chain"], prepend=-1))
         if len(first):
             score[:, found["chain"][first]] = np.add.reduceat(light, first, axis=1)
         return Aimed(score, found)
-
-    def tinted_scores(
-        self, source: int, receivers: Sequence[int], chains: ChainSet, tinting: Tinting
-    ) -> Iterator[Floats]:
-        """Yield the scores (wavelengths, chains) of a set of chains to each of some receivers."""
-        return (self.tinted(source, r, chains, tinting).score for r in receivers)
 
     def chain_tints(
         self, source: int, chains: ChainSet, arrivals: NDArray[np.void], tints: Tints | None

@@ -563,10 +563,12 @@ def blurred_contributions(chains, flat, places, near, spread, scene, out):
                 if light.weight <= 0.0:
                     continue
                 out.counters[Counter.SOLVED.value] += 1
-                before = counts[0]
+                doubt, _, arrival = counts
                 counts = keep(chains, i, light.weight, light, counts, there, own)
-                if counts[0] > before:
-                    out.doubtful[before].chain += m * n
+                if counts[0] > doubt:
+                    out.doubtful[doubt].chain += m * n
+                if counts[2] > arrival:
+                    out.arrivals[arrival].chain += m * n
     return counts
 
 
