@@ -307,7 +307,7 @@ class ForcedDetection:
             lit = set(self._piloted[choice.counts(returned, self._light)].tolist())
             first = self.arrays.stands_for_receivers.tolist()
             self._served = [r for r in every if first[r] in lit or self.method[r] == "joined"]
-            self.reflects = bool(lit)
+        self.reflects = self.reflects and bool(self._served)
         photons = (_PER_CHAIN if rows else _REFLECTED_PER_CHAIN) * self.photons
         try:
             return self._photons(photons, self._served, first=2) if self._served else None
