@@ -553,6 +553,7 @@ class _Lines(NamedTuple):
         """Return values (lines of the axis, ...) from those on these lines."""
         from meshtrace.kernels.lines import between_lines  # with numba, which few surfaces need
 
+        assert self.weights is not None
         parts = np.ascontiguousarray(values).view(float)  # of which the products have half
         found = np.empty((len(self.weights), parts.shape[1]))
         between_lines(self.first, self.weights, parts, found)
