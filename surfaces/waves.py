@@ -514,8 +514,7 @@ class _Lines(NamedTuple):
     step: float  # h [m]
     number: int
     width: int = 0  # lines that a value is interpolated between
-    first: NDArray[np.int64] | None = None  # (lines of the axis,) of these; None for all themselves
-    weights: Floats | None = None  # (lines of the axis, width)
+    weights: Any = None  # (lines of the axis, number), sparse; None for the lines themselves
 
     @classmethod
     def along(cls, axis: Floats) -> _Lines:
@@ -525,6 +524,8 @@ class _Lines(NamedTuple):
     @classmethod
     def between(cls, axis: Floats, k: float, width: int) -> _Lines:
         """Return lines that are dense enough for waves up to a wavenumber [rad m-1]."""
+        from scipy.sparse import csr_array
+
         middle = 0.5 * float(axis[0] + axis[-1])
         span = float(axis[-1] - axis[0]) or 1.0
         step = min(math.pi / (_DENSER * max(k, 1e-300)), span)
@@ -532,10 +533,12 @@ class _Lines(NamedTuple):
         if half > _MOST_CELLS:
             return cls(middle, step, 2 * half + 1, width)
         at = (axis - middle) / step
-        first = np.ceil(at - 0.5 * width).astype(np.int64)
-        off = (at[:, None] - (first[:, None] + np.arange(width))) / (0.5 * width)
-        weights = np.i0(cls.shape(width) * np.sqrt(np.maximum(1.0 - off**2, 0.0)))
-        return cls(middle, step, 2 * half + 1, width, first + half, weights)
+        near = np.ceil(at - 0.5 * width).astype(np.int64)[:, None] + np.arange(width)
+        off = (at[:, None] - near) / (0.5 * width)
+        phi = np.i0(cls.shape(width) * np.sqrt(np.maximum(1.0 - off**2, 0.0)))
+        rows = phi.ravel(), (near + half).ravel(), width * np.arange(len(axis) + 1)
+        weights = csr_array(rows, (len(axis), 2 * half + 1))
+        return cls(middle, step, 2 * half + 1, width, weights)
 
     @staticmethod
     def shape(width: int) -> float:
@@ -551,13 +554,8 @@ class _Lines(NamedTuple):
 
     def at(self, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return values (lines of the axis, ...) from those on these lines."""
-        from meshtrace.kernels.lines import between_lines  # with numba, which few surfaces need
-
-        assert self.weights is not None
         parts = np.ascontiguousarray(values).view(float)  # of which the products have half
-        found = np.empty((len(self.weights), parts.shape[1]))
-        between_lines(self.first, self.weights, parts, found)
-        return found.view(complex)
+        return np.asarray(self.weights @ parts).view(complex)
 
 
 class WaveGrids:

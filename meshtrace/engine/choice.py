@@ -93,22 +93,30 @@ class Pilot(NamedTuple):
 
 
 def pilot_statistics(
-    drawer: ChainDrawer, over: ChainDrawer | AimedChains, targets: Sequence[int], request: Request
+    drawer: ChainDrawer,
+    surfaces: Sequence[ChainDrawer | AimedChains],
+    targets: Sequence[int],
+    request: Request,
 ) -> Floats:
-    """Return number, mean, deviation and hits (4, targets) of pilot chains of one order.
+    """Return number, mean, deviation and hits of pilot chains (surfaces, 4, targets) of one order.
 
-    Over still water or a surface; targets that few chains reach get more of them.
+    Surfaces are still water and others; targets that few chains reach get more of them.
     """
-    found, few = np.zeros((4, len(targets))), list(range(len(targets)))
+    found = np.zeros((len(surfaces), 4, len(targets)))
+    few = [list(range(len(targets))) for _ in surfaces]
     for step in range(_PILOT_STEPS):
         per_shift = request.per_shift * _PILOT_GROWTH**step
         wanted = request._replace(per_shift=per_shift, key=(*request.key, 2 + step))
-        chains = drawer.draw(wanted, [targets[i] for i in few])
-        for i in few:
-            score = over.aim(request.source, targets[i], chains).score
-            found[:, i] = len(score), score.mean(), score.std(), np.count_nonzero(score)
-        few = [i for i in few if found[3, i] < _PILOT_HITS]
-        if not few:
+        chains = drawer.draw(wanted, [targets[i] for i in sorted(set().union(*few))])
+        for over, rows, some in zip(surfaces, found, few, strict=True):
+            for i in some:
+                score = over.aim(request.source, targets[i], chains).score
+                rows[:, i] = len(score), score.mean(), score.std(), np.count_nonzero(score)
+        few = [
+            [i for i in some if rows[3, i] < _PILOT_HITS]
+            for rows, some in zip(found, few, strict=True)
+        ]
+        if not any(few):
             break
     return found
 

@@ -157,15 +157,18 @@ class ForcedDetection:
         self._light: Floats | None = None  # of each receiver with a pilot, over still water
         orders, pilots = self._orders_of_chains(), list[choice.Pilot]()
         if orders is not None:
-            pilots = self.pilots_over(self.drawer, orders)
+            still, surfaces = self.flat(), list[ChainDrawer | AimedChains]([self.drawer])
+            compares = scattered == "auto" and any(orders)
+            if compares and sea.unresolved is not None and link.physics.unresolved == "tilt":
+                # chains and joined photons are compared over still water with random slopes
+                still = replace(still, unresolved=sea.unresolved)
+                surfaces.append(self.over(still))
+            found = self.pilots_over(surfaces, orders)
+            pilots, compared = found[0], found[-1]
             self._light = self._still_gain(pilots)
         if orders is not None and scattered != "joined":
-            joined, still, compared = None, self.flat(), pilots
-            if scattered == "auto" and any(orders):
-                # chains and joined photons are compared over still water with random slopes
-                if sea.unresolved is not None and link.physics.unresolved == "tilt":
-                    still = replace(still, unresolved=sea.unresolved)
-                    compared = self.pilots_over(self.over(still), orders)
+            joined = None
+            if compares:
                 chains = choice.chain_pilot(compared, self.arrays)
                 doubtful = ~choice.is_clear(chains)
                 joined = self._pilot_photons(self._piloted[doubtful].tolist())
@@ -203,19 +206,23 @@ class ForcedDetection:
                 raise refused from None
         return None
 
-    def pilots_over(self, over: ChainDrawer | AimedChains, orders: list[int]) -> list[choice.Pilot]:
-        """Return the pilot of each source up to its order, over still water or a surface."""
+    def pilots_over(
+        self, surfaces: Sequence[ChainDrawer | AimedChains], orders: list[int]
+    ) -> list[list[choice.Pilot]]:
+        """Return the pilots of each source up to its order, over still water and other surfaces."""
         requests = [
             choice.Pilot.request(s, k, self._seed(s))
             for s, last in enumerate(orders)
             for k in range(1, last + 1)
         ]
         targets = np.unique(self.arrays.stands_for).tolist()
-        job = partial(choice.pilot_statistics, self.drawer, over, targets)
-        rows = ordered_map(job, requests, self.threads)
+        job = partial(choice.pilot_statistics, self.drawer, surfaces, targets)
+        found = list(ordered_map(job, requests, self.threads))
         pilots = []
-        for last in orders:
-            pilots.append(choice.Pilot.of_orders(list(islice(rows, last)), len(targets)))
+        for k in range(len(surfaces)):
+            rows = (one[k] for one in found)
+            over = [choice.Pilot.of_orders(list(islice(rows, n)), len(targets)) for n in orders]
+            pilots.append(over)
         return pilots
 
     def _pilot_photons(self, receivers: list[int]) -> JoinedPhotons | None:
