@@ -10,6 +10,7 @@ surface reflects first is worth photons of its own.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import product
 from typing import Any, Literal, NamedTuple
 
@@ -92,28 +93,37 @@ class Pilot(NamedTuple):
 
 
 def pilot_statistics(
-    drawer: ChainDrawer, over: ChainDrawer | AimedChains, request: Request
+    drawer: ChainDrawer,
+    surfaces: Sequence[ChainDrawer | AimedChains],
+    targets: Sequence[int],
+    request: Request,
 ) -> Floats:
-    """Return number, mean, deviation and hits (4, receivers) of pilot chains of one order.
+    """Return number, mean, deviation and hits of pilot chains (surfaces, 4, targets) of one order.
 
-    Over still water or a surface; receivers that few chains reach get more of them.
+    Surfaces are still water and others; targets that few chains reach get more of them.
     """
-    receivers = len(drawer.link.targets)
-    found, few = np.zeros((4, receivers)), list(range(receivers))
+    found = np.zeros((len(surfaces), 4, len(targets)))
+    few = [list(range(len(targets))) for _ in surfaces]
     for step in range(_PILOT_STEPS):
         per_shift = request.per_shift * _PILOT_GROWTH**step
         wanted = request._replace(per_shift=per_shift, key=(*request.key, 2 + step))
-        chains = drawer.draw(wanted, few)
-        for receiver in few:
-            score = over.aim(request.source, receiver, chains).score
-            found[:, receiver] = len(score), score.mean(), score.std(), np.count_nonzero(score)
-        few = [receiver for receiver in few if found[3, receiver] < _PILOT_HITS]
-        if not few:
+        chains = drawer.draw(wanted, [targets[i] for i in sorted(set().union(*few))])
+        for over, rows, some in zip(surfaces, found, few, strict=True):
+            for i in some:
+                score = over.aim(request.source, targets[i], chains).score
+                rows[:, i] = len(score), score.mean(), score.std(), np.count_nonzero(score)
+        few = [
+            [i for i in some if rows[3, i] < _PILOT_HITS]
+            for rows, some in zip(found, few, strict=True)
+        ]
+        if not any(few):
             break
     return found
 
 
-def allotment(photons: int, expected: float, found: Pilot, gain: Floats) -> NDArray[np.int64]:
+def allotment(
+    photons: int, expected: float, found: Pilot, gain: Floats, number: NDArray[np.int64]
+) -> NDArray[np.int64]:
     """Return the number of chains of each order and shift.
 
     Parameters
@@ -126,6 +136,8 @@ def allotment(photons: int, expected: float, found: Pilot, gain: Floats) -> NDAr
         Pilot of the receivers that rest on the chains.
     gain : ndarray, shape (receivers,)
         Gain of each receiver, which its errors are compared with.
+    number : ndarray of int, shape (receivers,)
+        Number of receivers that each stands for.
 
     Notes
     -----
@@ -137,7 +149,8 @@ def allotment(photons: int, expected: float, found: Pilot, gain: Floats) -> NDAr
     cost = 1.0 + 0.3 * order
     light = np.maximum(gain, 1e-300)[:, None]
     # sorted, so that rounding does not depend on the order of the receivers
-    share = np.sqrt(np.sort(np.square(found.spread / light) / cost, axis=0).sum(axis=0))
+    squares = number[:, None] * np.square(found.spread / light)
+    share = np.sqrt(np.sort(squares / cost, axis=0).sum(axis=0))
     law = poisson_law(max(expected, 1e-6))[order]
     law = law / max(law.sum(), 1e-300)
     total = share.sum()
@@ -357,6 +370,6 @@ def _intensity(lamp: AirLamp, cosine: Floats) -> Floats:
     return np.where(angle <= emitter.spread, emitter.norm, 0.0)
 
 
-def is_little(returned: Floats, gain: Floats) -> bool:
-    """Return whether light that is reflected first is below 0.1 % of every gain > 0."""
-    return not ((returned > LITTLE * gain) & (gain > 0.0)).any()
+def counts(returned: Floats, gain: Floats) -> NDArray[np.bool_]:
+    """Return whether light that is reflected first exceeds 0.1 % of each gain > 0."""
+    return (returned > LITTLE * gain) & (gain > 0.0)

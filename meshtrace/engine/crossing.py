@@ -75,6 +75,10 @@ FLAT = np.dtype(
         ("m22", float),
         ("h1", float),  # dP / dz
         ("h2", float),
+        ("c11", float),  # dP / d(x, y) of the aperture's centre
+        ("c12", float),
+        ("c21", float),
+        ("c22", float),
     ]
 )
 """A crossing of a flat sea, and its displacement by slopes and heights."""
@@ -270,6 +274,17 @@ def flat_crossing(flat, x, y, shot, scene):
     flat.m11, flat.m12 = -(j.d * px - j.b * py) * k, -(j.d * qx - j.b * qy) * k
     flat.m21, flat.m22 = -(j.a * py - j.c * px) * k, -(j.a * qy - j.c * qx) * k
     flat.h1, flat.h2 = -(j.d * rx - j.b * ry) * k, -(j.a * ry - j.c * rx) * k
+    ax, ay = _left_behind(Vec3(1.0, 0.0, 0.0), j.aim.r, scene.target)
+    bx, by = _left_behind(Vec3(0.0, 1.0, 0.0), j.aim.r, scene.target)
+    flat.c11, flat.c12 = -(j.d * ax - j.b * ay) * k, -(j.d * bx - j.b * by) * k
+    flat.c21, flat.c22 = -(j.a * ay - j.c * ax) * k, -(j.a * by - j.c * bx) * k
+
+
+@inlined
+def _left_behind(move, r, target):
+    """Return the derivative of a landing point, from the centre, as the aperture moves."""
+    off = along(scaled(-1.0, move), r, dot(move, target.axis) / dot(r, target.axis))
+    return dot(off, target.e1), dot(off, target.e2)
 
 
 @inlined

@@ -38,7 +38,7 @@ from meshtrace.engine.chains.sets import (
     flat_mesh,
     points_of,
 )
-from meshtrace.engine.photons.joined import JoinedPhotons
+from meshtrace.engine.photons.joined import JoinedParts, JoinedPhotons
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import Case
 from meshtrace.engine.setup.tinting import UNTINTED, Tinting
@@ -150,30 +150,41 @@ class ForcedDetection:
         ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
         self.drawer = ChainDrawer(self.arrays, top, ceiling)
         self.method: list[choice.Method] = ["joined"] * len(link.receivers)
-        self._light: Floats | None = None  # gain of each receiver over still water
+        # receivers with pilots, and the number of those that each stands for
+        self._piloted, self._number = np.unique(
+            self.arrays.stands_for_receivers, return_counts=True
+        )
+        self._light: Floats | None = None  # of each receiver with a pilot, over still water
         orders, pilots = self._orders_of_chains(), list[choice.Pilot]()
         if orders is not None:
-            pilots = self.pilots_over(self.drawer, orders)
+            still, surfaces = self.flat(), list[ChainDrawer | AimedChains]([self.drawer])
+            compares = scattered == "auto" and any(orders)
+            if compares and sea.unresolved is not None and link.physics.unresolved == "tilt":
+                # chains and joined photons are compared over still water with random slopes
+                still = replace(still, unresolved=sea.unresolved)
+                surfaces.append(self.over(still))
+            found = self.pilots_over(surfaces, orders)
+            pilots, compared = found[0], found[-1]
             self._light = self._still_gain(pilots)
         if orders is not None and scattered != "joined":
-            joined, still, compared = None, self.flat(), pilots
-            if scattered == "auto" and any(orders):
-                # chains and joined photons are compared over still water with random slopes
-                if sea.unresolved is not None and link.physics.unresolved == "tilt":
-                    still = replace(still, unresolved=sea.unresolved)
-                    compared = self.pilots_over(self.over(still), orders)
+            joined = None
+            if compares:
                 chains = choice.chain_pilot(compared, self.arrays)
                 doubtful = ~choice.is_clear(chains)
-                joined = self._pilot_photons(np.flatnonzero(doubtful).tolist())
+                joined = self._pilot_photons(self._piloted[doubtful].tolist())
             self.method = ["chains"] * len(link.receivers)
             if joined is not None:
                 seen = choice.ScatteredPilot.of_photons(joined.evaluate(still))
                 better = choice.choose(chains.of(doubtful), seen, self.expected)
-                for r, method in zip(np.flatnonzero(doubtful), better, strict=True):
-                    self.method[r] = method
+                self._rest_on(dict(zip(self._piloted[doubtful].tolist(), better, strict=True)))
         self.scattered_sets = self._drawn(pilots)
         self._unscattered: list[Drawing] = []  # drawn on demand
         self._joined = self._joined_photons()
+
+    def _rest_on(self, found: dict[int, choice.Method]) -> None:
+        """Set the estimators of some receivers, and of those that they stand for."""
+        for r, first in enumerate(self.arrays.stands_for_receivers.tolist()):
+            self.method[r] = found.get(first, self.method[r])
 
     def _orders_of_chains(self) -> list[int] | None:
         """Return the orders of the chains from each source, None if photons alone follow the link.
@@ -195,18 +206,23 @@ class ForcedDetection:
                 raise refused from None
         return None
 
-    def pilots_over(self, over: ChainDrawer | AimedChains, orders: list[int]) -> list[choice.Pilot]:
-        """Return the pilot of each source up to its order, over still water or a surface."""
+    def pilots_over(
+        self, surfaces: Sequence[ChainDrawer | AimedChains], orders: list[int]
+    ) -> list[list[choice.Pilot]]:
+        """Return the pilots of each source up to its order, over still water and other surfaces."""
         requests = [
             choice.Pilot.request(s, k, self._seed(s))
             for s, last in enumerate(orders)
             for k in range(1, last + 1)
         ]
-        job = partial(choice.pilot_statistics, self.drawer, over)
-        rows, receivers = ordered_map(job, requests, self.threads), len(self.arrays.targets)
+        targets = np.unique(self.arrays.stands_for).tolist()
+        job = partial(choice.pilot_statistics, self.drawer, surfaces, targets)
+        found = list(ordered_map(job, requests, self.threads))
         pilots = []
-        for last in orders:
-            pilots.append(choice.Pilot.of_orders(list(islice(rows, last)), receivers))
+        for k in range(len(surfaces)):
+            rows = (one[k] for one in found)
+            over = [choice.Pilot.of_orders(list(islice(rows, n)), len(targets)) for n in orders]
+            pilots.append(over)
         return pilots
 
     def _pilot_photons(self, receivers: list[int]) -> JoinedPhotons | None:
@@ -226,7 +242,7 @@ class ForcedDetection:
 
     def _requests(self, pilots: list[choice.Pilot]) -> list[Request]:
         """Return the chains of each source and order, allotted by the pilots."""
-        link, kept = self.arrays, np.array([m == "chains" for m in self.method])
+        link, kept = self.arrays, np.array([self.method[r] == "chains" for r in self._piloted])
         photons, emitters = self.photons, len(link.emitters)
         # a common factor of the gain does not matter for one receiver
         together = len(kept) > 1 and not link.down
@@ -234,16 +250,18 @@ class ForcedDetection:
         share = photons if link.down else max(photons // emitters, SHIFTS)
         requests = []
         for s, found in enumerate(pilots):
+            number = self._number[kept]
             if not link.down:
                 found, seen = found.of(kept), light[kept]
             elif kept[s]:
-                found, seen = found.joined(link.power), light[s : s + 1]
+                found, seen, number = found.joined(link.power), light[s : s + 1], np.ones(1, int)
             else:
                 continue
             if len(self.ratios) > 1 and self._light is not None:
                 lit = self._light[s : s + 1] if link.down else self._light[kept]
                 found, seen = found.at_wavelengths(self.ratios, lit)
-            counts = choice.allotment(share, self.drawer.nominals[s].expected, found, seen)
+                number = np.tile(number, len(self.ratios))
+            counts = choice.allotment(share, self.drawer.nominals[s].expected, found, seen, number)
             key = self._seed(s)
             requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
         return requests
@@ -253,12 +271,14 @@ class ForcedDetection:
         return self.seed, 0 if self.arrays.down else emitter
 
     def _still_gain(self, pilots: list[choice.Pilot]) -> Floats:
-        """Return the gain of each receiver over still water."""
+        """Return the gain of each receiver with a pilot over still water."""
         gain = np.array([found.mean.sum(axis=1) for found in pilots])
+        targets = np.unique(self.arrays.stands_for).tolist()
         for s, row in enumerate(gain):
-            unscattered = self.drawer.draw(Request(s, 0, _STILL_CHAINS, (*self._seed(s), 0, 3)))
-            for t in range(len(row)):
-                row[t] += self.drawer.aim(s, t, unscattered).score.mean()
+            request = Request(s, 0, _STILL_CHAINS, (*self._seed(s), 0, 3))
+            unscattered = self.drawer.draw(request, targets)
+            for i, t in enumerate(targets):
+                row[i] += self.drawer.aim(s, t, unscattered).score.mean()
         return self.arrays.by_receiver(gain)
 
     @property
@@ -283,21 +303,30 @@ class ForcedDetection:
 
     def _joined_photons(self) -> JoinedPhotons | None:
         """Return the joined photons of the light that chains omit, or None if it is negligible."""
-        rows = [r for r, method in enumerate(self.method) if method == "joined"]
+        every = range(len(self.method))
+        rows = [r for r in every if self.method[r] == "joined"]
         self.reflects = self.wanted != "chains" and self.link.physics.reflected == "trace"
-        if self.reflects and not rows and self._light is not None:
+        self._served = list(every) if self.reflects else rows
+        if self.reflects and len(rows) < len(every) and self._light is not None:
             # light that the surface reflects first may be too little to be measured
-            self.reflects = not choice.is_little(choice.returned_gain(self.link), self._light)
+            some = tuple(self.link.receivers[r] for r in self._piloted)
+            returned = choice.returned_gain(self.link.model_copy(update={"receiver": some}))
+            lit = set(self._piloted[choice.counts(returned, self._light)].tolist())
+            first = self.arrays.stands_for_receivers.tolist()
+            self._served = [r for r in every if first[r] in lit or self.method[r] == "joined"]
+        self.reflects = self.reflects and bool(self._served)
         photons = (_PER_CHAIN if rows else _REFLECTED_PER_CHAIN) * self.photons
         try:
-            if self.reflects:
-                return self._photons(photons, range(len(self.method)), first=2)
-            return self._photons(photons, rows) if rows else None
+            return self._photons(photons, self._served, first=2) if self._served else None
         except Refused:  # forms as published, which chains follow
             if rows:
                 raise
             self.reflects = False
             return None
+
+    def _by_receiver(self, photons: JoinedParts) -> JoinedParts:
+        """Return the light of joined photons to all receivers, of those without photons none."""
+        return photons.among(len(self.method), self._served)
 
     def over(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> AimedChains:
         """Return the chains aimed over a mesh.
@@ -339,7 +368,9 @@ class ForcedDetection:
         aimed = self.over(mesh, intersector)
         sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets)
         self._add_light(sums, aimed, aimed.direct_gains, np.sum, aimed.aim)
-        photons = None if self._joined is None else self._joined.evaluate(mesh, intersector)
+        photons = None
+        if self._joined is not None:
+            photons = self._by_receiver(self._joined.evaluate(mesh, intersector))
         return sums.parts(aimed.counters, photons, self.reflects)
 
     def _add_light(
@@ -360,8 +391,9 @@ class ForcedDetection:
                 dark.append((s, r))
             else:
                 jobs.append(partial(self._from_source, aimed, s, partial(direct, s, r), total))
-        pairs = [pair for pair in self.arrays.pairs if pair not in dark]
-        jobs += [partial(self._summed, aim, job) for job in sums.jobs]
+        skipped = set(dark)
+        pairs = [pair for pair in self.arrays.pairs if pair not in skipped]
+        jobs += [partial(self._summed, aimed, aim, job) for job in sums.jobs]
         found = ordered_map(call, jobs, self.threads, ahead=len(jobs))
         for s, r in pairs:
             gain = next(found).mean(axis=1).T
@@ -374,16 +406,20 @@ class ForcedDetection:
             pace.add()
         if dark:
             rest = parts.chain_jobs(dark, [[one] for one in self.unscattered()])
-            found = ordered_map(partial(self._summed, aim), rest, self.threads)
+            found = ordered_map(partial(self._summed, aimed, aim), rest, self.threads)
             for job, rows in zip(rest, found, strict=True):
                 sums.add(job, rows)
 
-    def _summed(self, aim: Callable[..., Aimed], job: parts.ChainJob) -> list[parts.BlockSums]:
+    def _summed(
+        self, aimed: AimedChains, aim: Callable[..., Aimed], job: parts.ChainJob
+    ) -> list[parts.BlockSums]:
         """Return the sums over the chains of a block to each of its targets."""
-        chains, sums = self.drawer.drawn(job.block), list[parts.BlockSums]()
-        for target in job.targets:
-            sums.append(parts.BlockSums.of(aim(job.source, target, chains).score, job.block))
-        return sums
+        chains, found = self.drawer.drawn(job.block), dict[int, parts.BlockSums]()
+        for some in aimed.together(job.targets, chains):
+            score = aim(job.source, some, chains).score
+            for i, row in enumerate(np.split(score, len(some), axis=-1)):
+                found[some[i]] = parts.BlockSums.of(row, job.block)
+        return [found[target] for target in job.targets]
 
     def tinted(
         self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link]
@@ -400,7 +436,8 @@ class ForcedDetection:
         self._add_light(sums, aimed, direct, np.asarray, aim)
         photons: list[Any] = [None] * m
         if self._joined is not None:
-            photons = self._joined.at_wavelengths(mesh, tinting, links)
+            found = self._joined.at_wavelengths(mesh, tinting, links)
+            photons = [self._by_receiver(one) for one in found]
         return [sums.of(i).parts(aimed.counters, photons[i], self.reflects) for i in range(m)]
 
     def _farthest(
@@ -502,10 +539,9 @@ class ForcedDetection:
             for row, factor in zip(rows, tinting.factors(light.tint), strict=True):
                 row.append(np.column_stack([receiver, light.weight * factor, *path]))
         if self._joined is not None:
-            served = [r for r, m in enumerate(self.method) if self.reflects or m == "joined"]
             photons = self._joined.at_wavelengths(mesh, tinting, links, arrivals=True)
             for row, found in zip(rows, photons, strict=True):
-                for r, light_of in zip(served, found.arrivals or [], strict=True):
+                for r, light_of in zip(self._served, found.arrivals or [], strict=True):
                     angle = np.full((len(light_of), 1), np.nan)  # not known
                     receiver = np.full((len(light_of), 1), r)
                     row.append(np.concatenate([receiver, light_of, angle], axis=1))

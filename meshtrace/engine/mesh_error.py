@@ -133,9 +133,11 @@ def relative_mesh_error(
         arrays = arrays._replace(medium=clamped)
     slopes = _Slopes(mesh.unresolved, normals, link.physics.unresolved)
     found, gain = _compare(arrays, _patch(link, mesh, sheet), slopes)
-    for r in np.flatnonzero(np.isnan(found)):
+    for r in np.flatnonzero(
+        np.isnan(found) & (arrays.stands_for_receivers == np.arange(receivers))
+    ):
         found[r] = _compare(_facing(arrays, int(r)), sheet, slopes)[0][r if arrays.down else 0]
-    return found, gain
+    return found[arrays.stands_for_receivers], gain[arrays.stands_for_receivers]
 
 
 def _compare(arrays: ForcedLink, sheet: _Sheet, slopes: _Slopes) -> tuple[Floats, Floats]:
@@ -164,8 +166,9 @@ def _unscattered(link: ForcedLink, sheet: _Sheet, slopes: _Slopes) -> tuple[Floa
     aimed = AimedChains(link, mesh, None, slopes.normals, slopes.physics)
     gains = np.zeros((len(link.emitters), len(link.targets)))
     for e, t in link.pairs:
-        aimed.take_points(e, t)
-        gains[e, t] = aimed.direct_gains(e, t).sum()
+        if link.stands_for[t] == t:
+            aimed.take_points(e, t)
+            gains[e, t] = aimed.direct_gains(e, t).sum()
     return link.by_receiver(gains), aimed.blurred
 
 
@@ -202,7 +205,8 @@ def _facing(arrays: ForcedLink, receiver: int) -> ForcedLink:
         emitters = [_moved(e, forwards.targets[receiver]) for e in forwards.emitters]
         return arrays._replace(forwards=forwards._replace(emitters=emitters))
     target = arrays.targets[receiver]
-    return arrays._replace(emitters=[_moved(e, target) for e in arrays.emitters], targets=[target])
+    emitters = [_moved(e, target) for e in arrays.emitters]
+    return arrays._replace(emitters=emitters, targets=[target], stands_for=np.zeros(1, np.intp))
 
 
 def _moved(emitter: Emitter, target: Target) -> Emitter:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.choice import LITTLE, returned_gain
+from meshtrace.engine.choice import counts, returned_gain
 from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.parts import Parts
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
@@ -273,7 +273,7 @@ def _that_matter(
 def warn_of_omitted(link: Link, gain: Floats) -> None:
     """Warn where forced detection leaves out more than 0.1 % of a gain > 0."""
     returned = returned_gain(link)
-    for r in np.flatnonzero((returned > LITTLE * gain) & (gain > 0.0)):
+    for r in np.flatnonzero(counts(returned, gain)):
         percent = float(f"{100.0 * returned[r] / (gain[r] + returned[r]):.1g}")
         _warn(
             f"receiver {r}: about {percent:g} % of the light leaves the water after a reflection "

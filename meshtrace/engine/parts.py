@@ -184,7 +184,7 @@ class ChainSums:
     ) -> Parts:
         """Return the gain of one wavelength in parts, with the light of joined photons.
 
-        They are joined to all receivers if `reflects`, else to those that rest on them alone.
+        Light reflected first counts if `reflects`.
         `counters` are the outcomes of the search for crossings.
         """
         outcomes = {c.name.lower(): int(counters[c]) for c in Counter}
@@ -194,7 +194,7 @@ class ChainSums:
         effective = mean**2 / np.maximum(self._squares, 1e-300)
         rows = np.flatnonzero([m == "joined" for m in self._method])
         if found is not None and len(rows):
-            some = found.of(rows) if reflects else found
+            some = found.of(rows)
             scattered[rows] = some.groups[SCATTERED]
             seen = np.flatnonzero(some.orders.any(axis=0)).max(initial=0)
             wide = np.zeros((len(orders), max(orders.shape[1], seen)))

@@ -384,8 +384,9 @@ class Link(Model, frozen=True):
         apertures as seen from the sources, and 5 cm.
         """
         low, high = np.full(2, math.inf), np.full(2, -math.inf)
+        beside = 0.05 * min(_SMALL * self.unit, 1.0)
         for place, lever, seen in self.crossings():
-            reach = 4.5 * lever * slope + seen + 0.05 * min(_SMALL * self.unit, 1.0)
+            reach = 4.5 * lever * slope + seen + beside
             low, high = np.minimum(low, place - reach), np.maximum(high, place + reach)
         middle = 0.5 * (low + high)
         return (float(middle[0]), float(middle[1])), float(0.5 * (high - low).max())

@@ -107,7 +107,7 @@ class GainResult(Stored):
         Unscattered and scattered parts, where the estimator separates them.
     gain_reflected, gain_reflected_stderr : same as gain, or None
         Part of the gain that the surface first reflected back into the water, where the forced
-        estimator follows it.
+        estimator follows it; 0 for receivers of a list for which it is estimated as below 0.1 %.
     gain_order : ndarray, shape (receivers, orders), or None
         Forced only: gain by the number of scatterings, from 1.
     provenance : dict

@@ -283,7 +283,6 @@ def _client(workers: int | str | None, timeout: float) -> Iterator[distributed.C
                 processes=True,
                 host="127.0.0.1",
                 dashboard_address="127.0.0.1:0",
-                worker_dashboard_address="127.0.0.1:0",
                 local_directory=scratch,
                 silence_logs=logging.ERROR,
             ) as cluster,

@@ -96,7 +96,7 @@ CURVES: dict[str, tuple[Callable[[int], Callable[[], Any]], Sequence[int], str]]
     "facets": (_facets, [10**k for k in range(3, 8)], "facets, 1,024 chains"),
     "analog-facets": (_analog_facets, [10**k for k in range(3, 8)], "facets, 200,000 photons"),
     "waves": (_waves, [60, 600, 6_000, 100_000], "waves on 257 x 257 points"),
-    "receivers": (_receivers, [1, 4, 16, 64, 256, 1024], "receivers of a list, 1,024 chains"),
+    "receivers": (_receivers, [1, 4, 16, 64, 256, 1024, 4096], "receivers of a list, 1,024 chains"),
     "seas": (_seas, [4, 16, 64, 256], "seas of an ensemble, 608 chains"),
     "frames": (_frames, [4, 16, 64, 256, 1024], "frames of a series, 608 chains"),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from copy import copy
 from functools import cache, cached_property
 from typing import Literal
@@ -17,7 +18,7 @@ from meshtrace.engine.chains import unscattered as image
 from meshtrace.engine.chains.gain import Counter
 from meshtrace.engine.chains.sets import Aimed, ChainDrawer, ChainSet, Request
 from meshtrace.engine.chains.tinted import tint_chains, tint_straight
-from meshtrace.engine.crossing import ROOT, Search
+from meshtrace.engine.crossing import FLAT, ROOT, Search
 from meshtrace.engine.setup.arrays import locator, surface_arrays, with_raster
 from meshtrace.engine.setup.ends import ForcedLink, forced_link
 from meshtrace.engine.setup.tinting import Tinting
@@ -46,6 +47,9 @@ _KEPT = (  # of the medium over a surface
     "n_water", "n_air", "raster_x", "raster_y", "raster_step", "raster", "overhangs", "raster_low",
     "raster_split",
 )  # fmt: skip
+_TOGETHER = 2**15  # scores of chains to close receivers that are found at a time
+_IN_BLOCK = 128  # facets that are left out together where they send no light to a receiver
+_FEW_PAIRS = 8  # of a source and a receiver, for which blocks take longer than all facets
 _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
 
 
@@ -179,10 +183,27 @@ class AimedChains:
         thorough = self._search_mode == "thorough" and self.surface.max_slope > 0.0
         return extent._replace(audit=1.0) if thorough else extent
 
-    def aim(self, source: int, receiver: int, chains: ChainSet, keep: bool = False) -> Aimed:
-        """Return the score of each chain of a set and, if `keep`, its unblocked arrivals."""
-        emitter, target = self.link.emitters[source], self.link.targets[receiver]
-        n = len(chains.audit)
+    def together(self, receivers: Sequence[int], chains: ChainSet) -> Iterator[list[int]]:
+        """Yield receivers that a set of chains is aimed at together.
+
+        Over random slopes those for which one of them stands.
+        """
+        most = max(_TOGETHER // len(chains.audit), 1) if self.blurred else 1
+        groups: dict[int, list[int]] = {}
+        for r in receivers:
+            groups.setdefault(int(self.link.stands_for[r]), []).append(r)
+        for group in groups.values():
+            yield from (group[k : k + most] for k in range(0, len(group), most))
+
+    def aim(
+        self, source: int, receivers: int | Sequence[int], chains: ChainSet, keep: bool = False
+    ) -> Aimed:
+        """Return the score of each chain of a set and, if `keep`, its unblocked arrivals.
+
+        To one receiver, or to receivers `together`: then chains count from one to the next.
+        """
+        receivers = [receivers] if isinstance(receivers, int) else receivers
+        n = len(chains.audit) * len(receivers)
         most = 2 * n + 64
         out = kernel.Output(
             score=np.zeros(n),
@@ -192,11 +213,19 @@ class AimedChains:
             counters=np.zeros(len(Counter), np.int64),
             roots=np.zeros(ROOTS, ROOT),
         )
-        scene, flat = self.scene(emitter, target), chains.crossings(receiver)
+        emitter = self.link.emitters[source]
         if self.blurred:
-            found = microfacets.blurred_contributions(chains.chains, flat, self.spread, scene, out)
+            first = int(self.link.stands_for[receivers[0]])
+            scene, flat = self.scene(emitter, self.link.targets[first]), chains.crossings(first)
+            places = np.array([self.link.targets[r].center for r in receivers])
+            near = np.zeros(flat.shape[1], FLAT)
+            found = microfacets.blurred_contributions(
+                chains.chains, flat, places, near, self.spread, scene, out
+            )
         else:
-            search = self.search_of(target)
+            (receiver,) = receivers
+            target, flat = self.link.targets[receiver], chains.crossings(receiver)
+            scene, search = self.scene(emitter, target), self.search_of(target)
             found = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
         n_doubt, n_rays, n_arrivals = found
         arrivals = out.arrivals[:n_arrivals]
@@ -216,11 +245,16 @@ class AimedChains:
         self.counters += out.counters
         return Aimed(out.score, arrivals)
 
-    def tinted(self, source: int, receiver: int, chains: ChainSet, tinting: Tinting) -> Aimed:
-        """Return the scores (wavelengths, chains) of a set of chains."""
-        found = self.aim(source, receiver, chains, keep=True).arrivals
-        score = np.zeros((len(tinting.shares), len(chains.audit)))
-        light = tinting.factors(self.chain_tints(source, chains, found, tinting.tints))
+    def tinted(
+        self, source: int, receivers: Sequence[int], chains: ChainSet, tinting: Tinting
+    ) -> Aimed:
+        """Return the scores (wavelengths, chains) of a set of chains to receivers `together`."""
+        n = len(chains.audit)
+        found = self.aim(source, receivers, chains, keep=True).arrivals
+        score = np.zeros((len(tinting.shares), n * len(receivers)))
+        own = found.copy()
+        own["chain"] %= n
+        light = tinting.factors(self.chain_tints(source, chains, own, tinting.tints))
         light *= found["weight"]
         # crossings of one chain follow one another
         first = np.flatnonzero(np.diff(found["chain"], prepend=-1))
@@ -314,7 +348,7 @@ class AimedChains:
         if self.rough and self.blurred:
             nodes = self.nodes.setdefault((source, receiver), _disk_nodes(self._blur(scene)))
             rule = _slope_rule() if nodes is None else _disk_rule(nodes)
-            microfacets.blurred_gain(scene, rule, stack, gain, hidden)
+            microfacets.blurred_gain(scene, rule, self._blocks, stack, gain, hidden)
         else:
             stretch, lever, bend = self.bounds_of(scene)
             image.image_gain(scene, 1.5 * stretch, lever, bend, stack, gain, hidden)
@@ -328,6 +362,32 @@ class AimedChains:
             start = np.tile(np.asarray(end), (len(way), 1))
             gain[doubtful[self._cut(start, way / length[:, None], length)]] = 0.0
         return gain
+
+    @cached_property
+    def _blocks(self) -> microfacets.Blocks:
+        """The facets in blocks of some `_IN_BLOCK`, in one for few pairs of ends."""
+        n = len(self.facets)
+        if len(self.link.emitters) * len(self.link.targets) <= _FEW_PAIRS:
+            whole, wide = np.zeros((1, 3)), np.full(1, math.inf)
+            return microfacets.Blocks(np.array([0, n]), np.arange(n), whole, wide, wide)
+        side = math.ceil(math.sqrt(n / _IN_BLOCK))
+        place, centroids = np.zeros(n, np.int64), self.centroids
+        for axis in (0, 1):
+            ends = np.quantile(centroids[:, axis], np.arange(1, side) / side)
+            place = side * place + np.searchsorted(ends, centroids[:, axis])
+        order = np.argsort(place, kind="stable")
+        start = np.flatnonzero(np.diff(place[order], prepend=-1))
+        sorted_ends = centroids[order]
+        size = self.facets["radius"] * np.sqrt(
+            1.0 + self.facets["slope_x"] ** 2 + self.facets["slope_y"] ** 2
+        )
+        low, high = (f.reduceat(sorted_ends, start, axis=0) for f in (np.minimum, np.maximum))
+        middle = 0.5 * (low + high)
+        block = np.repeat(np.arange(len(start)), np.diff(start, append=n))
+        far = np.linalg.norm(sorted_ends - middle[block], axis=1) + size[order]
+        bend = 2.0 * size[order] * self.facets["curvature"][order]
+        radius, bend = (np.maximum.reduceat(x, start) for x in (far, bend))
+        return microfacets.Blocks(np.append(start, n), order, middle, radius, bend)
 
     def _blur(self, scene: Scene) -> float:
         """Return the radius of the aperture over the width of the light of one facet on it."""

@@ -24,7 +24,15 @@ from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
 from meshtrace.engine.chains import unscattered
-from meshtrace.engine.chains.gain import Counter, Crossing, is_steep, keep, shot_of, weight_of
+from meshtrace.engine.chains.gain import (
+    Counter,
+    Crossing,
+    Output,
+    is_steep,
+    keep,
+    shot_of,
+    weight_of,
+)
 from meshtrace.kernels.interface import (
     exposure,
     normal_at,
@@ -35,7 +43,7 @@ from meshtrace.kernels.interface import (
 )
 from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
-from meshtrace.kernels.scene import height_on, locate
+from meshtrace.kernels.scene import Scene, Target, height_on, locate
 from meshtrace.kernels.sources import (
     SourceKind,
     beam_width,
@@ -167,8 +175,30 @@ class Rule(NamedTuple):
     is_of_slopes: bool
 
 
+class Blocks(NamedTuple):
+    """Facets in blocks, so that most of them need no look of their own."""
+
+    start: NDArray[np.int64]  # (blocks + 1,) rows of `facet`
+    facet: NDArray[np.int64]
+    middle: NDArray[np.float64]  # (blocks, 3)
+    radius: NDArray[np.float64]  # of all points of the facets from the middle [m]
+    bend: NDArray[np.float64]  # largest change of slope over a facet
+
+
+@inlined
+def _block_is_lit(b, blocks, dark, scene):
+    """Return whether a facet of a block may send light to the aperture.
+
+    Array twin: `is_lit` of its facets.
+    """
+    p, h = row(blocks.middle, b), blocks.radius[b]
+    if scene.mirrored:
+        p = Vec3(p.x, p.y, -p.z)
+    return _is_reached(p, h, blocks.bend[b], scene) and not is_dark(p, h, dark, scene.emitter)
+
+
 @entry
-def blurred_gain(scene, rule, stack, gain, doubtful):
+def blurred_gain(scene, rule, blocks, stack, gain, doubtful):
     """Write the unscattered gain of each facet, with a flag for possible shadowing by waves.
 
     `stack` is room for (STACK, 3) integers.
@@ -179,12 +209,40 @@ def blurred_gain(scene, rule, stack, gain, doubtful):
     standard deviation, and light by a fraction of its own.
     """
     dark = dark_angle(scene.emitter)
-    for f in range(len(scene.surface.faces)):
-        facet = scene.facets[f]
-        p = Vec3(facet.x, facet.y, facet.z)
-        if is_lit(f, p, unscattered.spatial_radius(facet), dark, scene):
-            gain[f], steep = _facet_light(f, dark, rule, stack, scene)
-            doubtful[f] = gain[f] > 0.0 and not steep
+    for b in range(len(blocks.radius)):
+        if not _block_is_lit(b, blocks, dark, scene):
+            continue
+        for k in range(blocks.start[b], blocks.start[b + 1]):
+            f = blocks.facet[k]
+            facet = scene.facets[f]
+            p = Vec3(facet.x, facet.y, facet.z)
+            if is_lit(f, p, unscattered.spatial_radius(facet), dark, scene):
+                gain[f], steep = _facet_light(f, dark, rule, stack, scene)
+                doubtful[f] = gain[f] > 0.0 and not steep
+
+
+@inlined
+def _is_reached(p, h, bend, scene):
+    """Return whether the steepest facet within h of P may send light to the aperture, see `is_lit`.
+
+    Array twin: `is_lit` of facets there.
+    """
+    target = scene.target
+    way = minus(p, scene.emitter.position)
+    length = norm(way)
+    big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
+    wide = h + target.radius
+    if h >= length or wide >= flight:
+        return True
+    medium, rough = scene.medium, scene.surface.roughness
+    turn = medium.n_water * h / (length - h) + medium.n_air * wide / (flight - wide)
+    if big.z + turn <= 0.0:  # also where N is antiparallel to the normal
+        return False
+    narrow, broad = min(rough.along, rough.across), max(rough.along, rough.across)
+    steep = scene.surface.max_slope + bend
+    slack = turn * math.sqrt(1.0 + steep * steep) + bend * (abs(big.z) + turn)
+    missing = math.sqrt(big.x * big.x + big.y * big.y) - steep * abs(big.z)
+    return missing <= broad * (MOST_SLOPE * (big.z + turn) + slack / narrow)
 
 
 @inlined
@@ -196,6 +254,10 @@ def is_lit(f, p, h, dark, scene):
     most h / (D - h), D the distance of the source or of the aperture, so that the normal
     N = n_w d - n_a r which refracts to the aperture changes by at most `turn`.
     """
+    bend = 2.0 * h * scene.facets[f].curvature
+    # most facets lie where the steepest one is not steep enough
+    if not _is_reached(p, h, bend, scene):
+        return False
     target = scene.target
     way = minus(p, scene.emitter.position)
     length = norm(way)
@@ -204,16 +266,7 @@ def is_lit(f, p, h, dark, scene):
     if h < length and wide < flight:
         medium, rough = scene.medium, scene.surface.roughness
         turn = medium.n_water * h / (length - h) + medium.n_air * wide / (flight - wide)
-        if big.z + turn <= 0.0:  # also where N is antiparallel to the normal
-            return False
-        narrow, broad = min(rough.along, rough.across), max(rough.along, rough.across)
-        bend = 2.0 * h * scene.facets[f].curvature
-        # most facets lie where the steepest one is not steep enough
-        steep = scene.surface.max_slope + bend
-        slack = turn * math.sqrt(1.0 + steep * steep) + bend * (abs(big.z) + turn)
-        missing = math.sqrt(big.x * big.x + big.y * big.y) - steep * abs(big.z)
-        if missing > broad * (MOST_SLOPE * (big.z + turn) + slack / narrow):
-            return False
+        narrow = min(rough.along, rough.across)
         n = normal_at(p.x, p.y, f, scene.surface)
         u = whitened(rough, Vec2(n.x / n.z * big.z - big.x, n.y / n.z * big.z - big.y))
         steep = math.sqrt(n.x * n.x + n.y * n.y) / n.z + bend
@@ -478,29 +531,62 @@ def _part_gain(f, n, i, j, side, rule, number, scene):
 
 
 @entry
-def blurred_contributions(chains, flat, spread, scene, out):
-    """Write the contribution of each chain to the aperture.
+def blurred_contributions(chains, flat, places, near, spread, scene, out):
+    """Write the contribution of each chain to the aperture at each of some places.
 
-    Returns (doubtful crossings, rays, arrivals).
+    Returns (doubtful crossings, rays, arrivals); their rows, and those of the scores, count the
+    chains to the first place, to the second, and so on.
 
     Array twin: `gain.contributions`, which finds the crossings of a chosen slope.
     Here the crossing is chosen, as that of a flat sea moved by slopes of the law `spread`, and the
     slope follows: one evaluation a crossing. Crossings that several flat ones may lead to count
-    by the sum of their densities.
+    by the sum of their densities. They are unbiased about any point: `flat` are the crossings to
+    the aperture of the scene, moved to first order to its `places` (m, 3); `near` has room for
+    those of a chain.
     """
-    counts = ZERO, ZERO, ZERO
-    for i in range(len(chains.last)):
-        if flat[i, 0].branch == 0.0:
-            out.counters[Counter.NO_FLAT.value] += 1
-        for k in range(len(flat[i])):
-            if flat[i, k].branch == 0.0:
-                break
-            light = sloped_crossing(chains, i, flat[i], k, spread, scene)
-            if light.weight <= 0.0:
+    counts, n = (ZERO, ZERO, ZERO), len(chains.last)
+    for m in range(len(places)):
+        there = _aperture_at(row(places, m), scene)
+        x, y = places[m, 0] - scene.target.center.x, places[m, 1] - scene.target.center.y
+        own = Output(
+            out.score[m * n :], out.doubtful, out.rays, out.arrivals, out.counters, out.roots
+        )
+        for i in range(n):
+            if flat[i, 0].branch == 0.0:
+                out.counters[Counter.NO_FLAT.value] += 1
                 continue
-            out.counters[Counter.SOLVED.value] += 1
-            counts = keep(chains, i, light.weight, light, counts, scene, out)
+            _move_to(flat[i], x, y, near)
+            for k in range(len(near)):
+                if near[k].branch == 0.0:
+                    break
+                light = sloped_crossing(chains, i, near, k, spread, there)
+                if light.weight <= 0.0:
+                    continue
+                out.counters[Counter.SOLVED.value] += 1
+                doubt, _, arrival = counts
+                counts = keep(chains, i, light.weight, light, counts, there, own)
+                if counts[0] > doubt:
+                    out.doubtful[doubt].chain += m * n
+                if counts[2] > arrival:
+                    out.arrivals[arrival].chain += m * n
     return counts
+
+
+@inlined
+def _aperture_at(place, scene):
+    """Return a scene with the centre of its aperture at a place."""
+    return Scene(scene.emitter, Target(place, *scene.target[1:]), *scene[2:])
+
+
+@inlined
+def _move_to(flat, x, y, near):
+    """Write the crossings of a flat sea to an aperture moved by x and y, to first order."""
+    for k in range(len(flat)):
+        near[k] = flat[k]
+        if flat[k].branch == 0.0:
+            break
+        near[k].x += flat[k].c11 * x + flat[k].c12 * y
+        near[k].y += flat[k].c21 * x + flat[k].c22 * y
 
 
 @inlined

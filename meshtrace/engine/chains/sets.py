@@ -194,7 +194,7 @@ class ChainDrawer:
         The threads share their blocks.
         """
         drawings = [Drawing(request, None) for request in requests]
-        receivers = len(self.link.targets)
+        receivers = len(self._first())
         if sum(self._bytes(request, receivers) for request in requests) > _KEPT_BYTES:
             return drawings
         rows = [(drawing, self.empty(drawing.request)) for drawing in drawings]
@@ -211,9 +211,13 @@ class ChainDrawer:
         if block.kept is not None:
             return block.kept
         n = block.rows.stop - block.rows.start
-        chains = self._room(block.request, n, range(len(self.link.targets)))
+        chains = self._room(block.request, n, self._first())
         self._fill((block, chains))
         return chains
+
+    def _first(self) -> list[int]:
+        """Return the receivers that stand for all."""
+        return list(dict.fromkeys(self.link.stands_for.tolist()))
 
     def _bytes(self, request: Request, receivers: int) -> int:
         """Return the size of the chains of a request with their crossings to some receivers."""
@@ -222,7 +226,7 @@ class ChainDrawer:
 
     def empty(self, request: Request, receivers: Collection[int] | None = None) -> ChainSet:
         """Return an empty set of chains, with room for their crossings unless these are many."""
-        receivers = range(len(self.link.targets)) if receivers is None else receivers
+        receivers = self._first() if receivers is None else receivers
         few = self._bytes(request, len(receivers)) <= _KEPT_BYTES
         return self._room(request, request.number, receivers if few else ())
 

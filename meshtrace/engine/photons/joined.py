@@ -121,6 +121,15 @@ class JoinedParts:
         groups, orders = self.groups[:, receivers], self.orders[receivers]
         return JoinedParts(self.photons, groups, orders, *counts, rows)
 
+    def among(self, n: int, rows: Sequence[int]) -> JoinedParts:
+        """Return the parts as those of some of n receivers; the others have no light."""
+        groups = np.zeros((N_PARTS, n, self.groups.shape[2]))
+        orders, square = np.zeros((n, self.orders.shape[1])), np.zeros((N_PARTS, n))
+        scored = np.zeros((N_PARTS, n), np.int64)
+        groups[:, rows], orders[rows] = self.groups, self.orders
+        scored[:, rows], square[:, rows] = self.scored, self.square
+        return JoinedParts(self.photons, groups, orders, scored, square)
+
     @property
     def stderr(self) -> Floats:
         """Standard errors of the parts, shape (3, receivers)."""

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.engine.setup import arrays
+from meshtrace.engine.setup.crowds import representatives
 from meshtrace.engine.setup.options import Analog, Estimator
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import Interface
@@ -59,6 +62,7 @@ class ForcedLink(NamedTuple):
     interface: Interface
     forwards: Forwards | None  # of light that goes down
     sizes: tuple[float, ...]  # radius of each emitter, in the unit of the frame
+    stands_for: NDArray[np.intp]  # (targets,) the one that stands for each, see `representatives`
 
     @property
     def down(self) -> bool:
@@ -73,6 +77,11 @@ class ForcedLink(NamedTuple):
     def receiver(self, emitter: int, target: int) -> int:
         """Return the receiver of a pair."""
         return emitter if self.down else target
+
+    @property
+    def stands_for_receivers(self) -> NDArray[np.intp]:
+        """The receiver that stands for each, (receivers,)."""
+        return np.arange(len(self.emitters)) if self.down else self.stands_for
 
     def share(self, emitter: int, target: int) -> float:
         """Return the share of the power of the source of a pair."""
@@ -111,15 +120,17 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
             [_mirrored(target_of(r, frame), "center") for r in link.receivers],
             water._replace(n_water=water.n_air, n_air=water.n_water),
         )
+    emitters, targets = [emitter_of(end, frame) for end in low], _targets(link, frame)
     return ForcedLink(
         frame=frame,
-        emitters=[emitter_of(end, frame) for end in low],
+        emitters=emitters,
         power=power / power.sum(),
-        targets=_targets(link, frame),
+        targets=targets,
         medium=water,
         interface=arrays.interface_arrays(link),
         forwards=forwards,
         sizes=tuple(end.size / frame.unit if isinstance(end, Source) else 0.0 for end in low),
+        stands_for=representatives(emitters, targets),
     )
 
 
@@ -165,15 +176,16 @@ def _targets(link: Link, frame: arrays.Frame) -> list[Target]:
             t = lamp_target(lamp, link, frame)
             ways = [_way_of_light(lamp, end, a) for end in link.receivers]
             targets.append(t._replace(reach=min(t.reach, max(ways) / frame.unit)))
+    spots = [
+        (s.position, _lit_radius(s.depth, a) + 4.0 * s.size)
+        for s in link.transmitters
+        if isinstance(s, WaterSource)
+    ]
     for end in link.receivers:
         if isinstance(end, Receiver):
             t = target_of(end, frame)
-            lit = [
-                math.dist(s.position, end.position) + _lit_radius(s.depth, a) + 4.0 * s.size
-                for s in link.transmitters
-                if isinstance(s, WaterSource)
-            ]
-            targets.append(t._replace(reach=min(t.reach, max(lit) / frame.unit)))
+            lit = max(math.dist(middle, end.position) + wide for middle, wide in spots)
+            targets.append(t._replace(reach=min(t.reach, lit / frame.unit)))
     return targets
 
 
@@ -303,6 +315,11 @@ def emitter_of(end: Source | Aperture, frame: arrays.Frame = arrays.IDENTITY) ->
 
 def across(axis: Sequence[float] | Floats) -> tuple[Vec3, Vec3]:
     """Return two unit vectors across an axis."""
+    return _across(*map(float, axis))
+
+
+@lru_cache
+def _across(*axis: float) -> tuple[Vec3, Vec3]:
     e1 = np.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (1.0, 0.0, 0.0))
     e1 /= np.linalg.norm(e1)
     return Vec3(*e1.tolist()), Vec3(*np.cross(axis, e1).tolist())
