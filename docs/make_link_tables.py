@@ -14,7 +14,6 @@ import numpy as np
 
 import meshtrace as mt
 from meshtrace.comms.budget import required_gain
-from meshtrace.paper.ranges import over_winds
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea
 from meshtrace.uav.tilt import h_alpha
@@ -31,8 +30,14 @@ def ranges() -> Iterator[str]:
     yield "| sea | Mbit/s | printed | `physical` | `paper-ranges` |"
     yield "|---|---|---|---|---|"
     sweeps = [
-        over_winds(
-            depths=DEPTHS, bit_rate=RATES, realizations=REALIZATIONS, ook=name
+        mt.depth_sweep(
+            mt.Link(),
+            DEPTHS,
+            wind_speeds=tuple(PRINTED),
+            bit_rate=RATES,
+            realizations=REALIZATIONS,
+            mesh=mt.Meshing(waves="paper"),
+            ook=name,
         ).range_at_ber()
         for name in ("physical", "paper-ranges")
     ]

@@ -13,7 +13,6 @@ import typer
 from meshtrace.cli.app import app
 from meshtrace.cli.console import (
     COMPILING,
-    extra,
     finite,
     kernels_are_compiled,
     named_steps,
@@ -159,65 +158,6 @@ def explore(
 
     title = "the link of the paper" if link is None else link.name
     start(changes.scenario(link), host=host, port=port, open_browser=browser, title=title)
-
-
-@app.command()
-@described
-def figures(
-    *,
-    output: Path = Path("figures"),
-    only: list[str] | None = None,
-    quick: bool = False,
-    profiles: list[Path] | None = None,
-    list_: bool = False,
-    seed: Annotated[int, Span(0)] = 1,
-    threads: Annotated[int | None, Span(1, 1024)] = None,
-) -> None:
-    """Redraw the figures of the paper, with data, tables and an index page.
-
-    Finished figures are kept; an interrupted run resumes.
-
-    Parameters
-    ----------
-    output : FOLDER
-        Folder of the figures.
-    only : NAME
-        Draw this figure only; repeatable. Names: see --list.
-    quick
-        Fewer photons and seas: minutes for all figures.
-    profiles : A.NC
-        Temperature and salinity (AODN, Argo); repeatable.
-    list_
-        List the names of the figures.
-    seed : N
-        Seed of the random numbers.
-    threads : N
-        Number of threads; default: all cores.
-    """
-    from meshtrace.paper import FIGURES, Setting, make_figures
-    from meshtrace.paper.runner import INDEX
-
-    if list_:
-        typer.echo("\n".join(FIGURES))
-        return
-    if output.exists() and not output.is_dir():
-        raise Refused("--output", str(output), "a folder")
-    setting = Setting(seed=seed, threads=threads, profiles=tuple(profiles or ()))
-    try:
-        with extra("viz", "viz"):
-            made = make_figures(output, only, quick=quick, setting=setting, on_figure=_report)
-    except OSError as error:
-        raise Refused("--output", error, "a folder to write to") from error
-    kept = sum(record["kept"] for record in made)
-    typer.echo(f"{len(made) - kept} drawn, {kept} kept; read {output / INDEX}")
-
-
-def _report(name: str, record: dict[str, Any] | None) -> None:
-    """Report the progress on stderr."""
-    state = " ..."
-    if record is not None:
-        state = ": kept" if record["kept"] else f": {record['wall_s']:.1f} s"
-    typer.echo(f"{name}{state}", err=True)
 
 
 @app.command()

@@ -9,10 +9,10 @@ import meshtrace as mt
 from meshtrace import fading, surfaces
 from meshtrace.comms import budget, capacity, decisions, devices
 from meshtrace.errors import Refused
-from meshtrace.paper import water as profiles
 from meshtrace.results.gain import bound_where_dark
 from meshtrace.studies import swings
 from meshtrace.surfaces import FlatSea
+from paper import water as profiles
 
 CORNERS = [(-9.0, -9.0, 0.0), (9.0, -9.0, 0.0), (9.0, 9.0, 0.0)]
 LINK, SEA = mt.Link(), FlatSea()
