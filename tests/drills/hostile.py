@@ -482,7 +482,7 @@ def _sweep(path, gain):
     module.Cluster.map = fill
     try:
         link = {"bubbles": "none"}
-        return module.sweep(link, **SWEEP, store=path, photons=32, rtol=None, progress=False)
+        return module.sweep(link, **SWEEP, store=path, photons=32, rtol=None)
     finally:
         module.Cluster.map = original
 
@@ -528,7 +528,7 @@ def studies(random, folder):
     def call():
         original, module.Cluster.map = module.Cluster.map, lambda *rest: (one for one in ())
         try:
-            module.sweep_file(path, progress=False)
+            module.read_study(path)[0].run(None)
         finally:
             module.Cluster.map = original
 

@@ -42,7 +42,7 @@ def address():
 
 
 def swept(base, parameters, address, **options):
-    options = {"rtol": None, "photons": 256, "progress": False, **options}
+    options = {"rtol": None, "photons": 256, **options}
     return mt.sweep(base, parameters, workers=address, **options)
 
 
@@ -88,8 +88,8 @@ def test_a_sweep_over_lights_and_a_study_file(address, tmp_path):
 def _file(path, address):
     from meshtrace.studies import sweep_file
 
-    first = sweep_file(path, workers=address, progress=False)
-    again = sweep_file(path, workers=address, progress=False)  # from the store
+    first = sweep_file(path, workers=address)
+    again = sweep_file(path, workers=address)  # from the store
     np.testing.assert_array_equal(first["ber"], again["ber"])
     return again
 
