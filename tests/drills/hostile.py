@@ -442,7 +442,7 @@ def _datasets():
         mt.coverage_map(link, extent=1.0, step=0.5, photons=64, threads=1),
         mt.compare({"a": link, "b": link}, realizations=2, photons=64),
         mt.link_performance(link, bit_rate=5e6, realizations=2, photons=64),
-        mt.background(link, day=day, photons=64),
+        mt.background(link, daylight=day, photons=64),
     ]
     return [result.to_dataset() for result in made]
 

@@ -134,7 +134,7 @@ def _glint(scene: SeenSea, hit: Hit, view: Floats) -> Floats:
 def background(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
-    day: Daylight | None = None,
+    daylight: Daylight | None = None,
     *,
     wavelengths_nm: None = None,
     **options: Any,
@@ -145,7 +145,7 @@ def background(
 def background(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
-    day: Daylight | None = None,
+    daylight: Daylight | None = None,
     *,
     wavelengths_nm: ArrayLike,
     **options: Any,
@@ -155,7 +155,7 @@ def background(
 def background(  # type: ignore[misc]
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
-    day: Daylight | None = None,
+    daylight: Daylight | None = None,
     *,
     photons: int = 4096,
     seed: int = 1,
@@ -173,14 +173,14 @@ def background(  # type: ignore[misc]
         The link, with one receiver.
     surface : MeshSource or TriangleMesh, optional
         The sea, as in `simulate`.
-    day : Daylight, optional
+    daylight : Daylight, optional
         Light above the sea; by default that of a scenario.
     photons : int
         Rays from the receiver, 32 ... 10 000 000.
     seed : int
         Key of the random numbers.
     water : {"quasi-single", "walk", "none"}, optional
-        Light out of the water, by default `day.water`.
+        Light out of the water, by default `daylight.water`.
     wavelengths_nm : array_like, optional
         Wavelengths [nm], in place of that of the sources: a background for each, of the same rays
         from the receiver over one mesh, under the light of the same model
@@ -214,10 +214,10 @@ def background(  # type: ignore[misc]
     >>> f"{found.parts['sky']:.2e}"
     '2.08e-03'
     """
-    day = getattr(link, "daylight", None) if day is None else day
-    require_kind(day, Daylight | None, "day")
+    day = getattr(link, "daylight", None) if daylight is None else daylight
+    require_kind(day, Daylight | None, "daylight")
     if day is None:
-        raise Refused("day", None, "a Daylight")
+        raise Refused("daylight", None, "a Daylight")
     require_whole(photons, SHIFTS, 10_000_000, "photons")
     require_whole(seed, 0, 2**64 - 1, "seed")
     if water is not None:
