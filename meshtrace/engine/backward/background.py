@@ -1,7 +1,7 @@
 """Background light of a receiver: rays back to sky and sun, over the same mesh as the link.
 
 From a receiver in the air rays follow the mirror direction over up to eight reflections; at each of
-them the sun is connected by the density of the slopes that the mesh leaves out (`daylight.glint`),
+them the sun is connected by the density of the slopes that the mesh leaves out (`daylight.upward`),
 or, over a mesh that leaves none out, by the points of the mesh that mirror it exactly
 (`view.bent_sun`). For a receiver in the water see `submerged`.
 """
@@ -14,9 +14,8 @@ from typing import Any, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.daylight.glint import connected_glint
-from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight
-from meshtrace.daylight.patterns import sky_radiance
+from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, sky_radiance
+from meshtrace.daylight.upward import connected_glint
 from meshtrace.engine.backward.submerged import seen_from_water, walked
 from meshtrace.engine.backward.view import (
     FOAM,
