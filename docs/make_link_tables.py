@@ -119,9 +119,7 @@ def flight() -> Iterator[str]:
         "fixed, coupled": mt.Flight(coupled=True, time_step=step),
     }
     for name, flight in cases.items():
-        done = mt.link_performance(
-            link, wind_speed=13.0, bit_rate=1e6, realizations=frames, seed=1, flight=flight
-        )
+        done = mt.link_performance(link, bit_rate=1e6, realizations=frames, seed=1, flight=flight)
         f, coupled = done.at(), flight.coupled
         share = coupled_share if coupled else float(np.mean(done.fades[0].h_alpha == 0.0))
         yield (
