@@ -8,7 +8,6 @@ import logging
 import math
 import re
 import uuid
-from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -65,7 +64,7 @@ class Page:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._scene_due: asyncio.TimerHandle | None = None
         self._resync: asyncio.TimerHandle | None = None
-        self._unsure: set[str] = set()  # controls whose fields may not show the state
+        self._unsure: dict[str, bool] = {}  # refused controls, and whether a value followed
         self._scene_time = 0.0
         self._running: asyncio.Task[None] | None = None
         self._drawn = asyncio.Event()
@@ -279,8 +278,10 @@ class Page:
         page.update(  # all after a refusal, else values that follow from the moved ones
             {k: v for k, v in settings.items() if refused or (k not in moves and v != shown[k])}
         )
-        if refused or self._resync is not None:
-            self._resync_soon(refused if self._resync is None else moves)
+        unsure = refused.keys() | (moves.keys() & self._unsure.keys())
+        self._unsure |= {name: name not in refused for name in unsure}
+        if unsure:
+            self._resync_soon()
         self._refresh()
         self._scene_soon()
 
@@ -296,13 +297,12 @@ class Page:
                 refused |= self._refused({name: value})
         return refused
 
-    def _resync_soon(self, names: Iterable[str]) -> None:
-        """Send controls that were refused, or moved since, once all rest.
+    def _resync_soon(self) -> None:
+        """Send controls that were refused once they rest, and again after their next value.
 
-        A value that a field sends while that of a refusal is on its way would be overwritten; so
-        would one of any other control that is sent without need.
+        That value may be on its way while the one in place of the refused value is, which then
+        overwrites it in the field.
         """
-        self._unsure.update(names)
         if self._resync is not None:
             self._resync.cancel()
         if self._loop is not None:
@@ -311,7 +311,7 @@ class Page:
     def _send_controls(self) -> None:
         self._resync = None
         self.server.force_state_push(*self._unsure)
-        self._unsure.clear()
+        self._unsure = {name: sure for name, sure in self._unsure.items() if not sure}
 
     def _scene_soon(self) -> None:
         """Update the scene once for all moves of a short time."""
