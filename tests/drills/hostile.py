@@ -161,8 +161,8 @@ def _calls():
         (mt.time_series, {**many, "times": [0.0], "route": mt.Route(
             times=(0.0, 1.0), positions=((0.0, 0.0), (1.0, 0.0)))}),
         (mt.simulate, {**run, "link": down}),
-        *[(mt.background, {**run, "day": day, "water": "none"})] * 2,
-        (mt.background_series, {**many, "day": day, "times": [0.0, 1.0]}),
+        *[(mt.background, {**run, "daylight": day, "water": "none"})] * 2,
+        (mt.background_series, {**many, "daylight": day, "times": [0.0, 1.0]}),
         (mt.compare, {**many, "links": {"a": link, "b": link}, "realizations": 2}),
         (mt.duplex, {**many, "up": link, "down": down, "times": [0.0], "realizations": None}),
         (mt.light_pattern, {**flat, "extent": 1.0, "step": 0.1}),
