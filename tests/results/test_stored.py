@@ -82,7 +82,7 @@ def results(calm_design):
     moving = replace(series, along="time", coordinate=0.1 * np.arange(40))
     grid = np.linspace(0.0, 1.0, 3)
     coverage = mt.CoverageMap(grid, grid, np.ones((3, 3)), np.full((3, 3), 0.1), {"times": [0.0]})
-    shortcuts = {"wind_speed": 5.0, "realizations": 8, "photons": 64}
+    shortcuts = {"realizations": 8, "photons": 64}
     performance = mt.link_performance(mt.Link(), **shortcuts)
     steps = np.array([2.0, 1.0, 0.5, 0.25])
     ones = np.ones((1, 4))
