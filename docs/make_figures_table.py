@@ -1,16 +1,19 @@
 """Write the numbers of docs/extra/figures that the paper prints, too, into figures_table.md.
 
-The figures are drawn by `meshtrace figures -o docs/extra/figures`.
+The figures are drawn by `python examples/paper -o docs/extra/figures`.
 """
 
 from __future__ import annotations
 
 import html
 import json
+import sys
 from pathlib import Path
 
-from meshtrace.paper import FIGURES
-from meshtrace.paper.runner import number_text
+sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
+
+from paper import FIGURES
+from paper.runner import number_text
 
 HERE = Path(__file__).parent
 FOLDER = HERE / "extra" / "figures"

@@ -14,7 +14,6 @@ import numpy as np
 
 import meshtrace as mt
 from meshtrace.comms.budget import required_gain
-from meshtrace.paper.ranges import over_winds
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea
 from meshtrace.uav.tilt import h_alpha
@@ -31,8 +30,14 @@ def ranges() -> Iterator[str]:
     yield "| sea | Mbit/s | printed | `physical` | `paper-ranges` |"
     yield "|---|---|---|---|---|"
     sweeps = [
-        over_winds(
-            depths=DEPTHS, bit_rate=RATES, realizations=REALIZATIONS, ook=name
+        mt.depth_sweep(
+            mt.Link(),
+            DEPTHS,
+            wind_speeds=tuple(PRINTED),
+            bit_rate=RATES,
+            realizations=REALIZATIONS,
+            mesh=mt.Meshing(waves="paper"),
+            ook=name,
         ).range_at_ber()
         for name in ("physical", "paper-ranges")
     ]
@@ -114,9 +119,7 @@ def flight() -> Iterator[str]:
         "fixed, coupled": mt.Flight(coupled=True, time_step=step),
     }
     for name, flight in cases.items():
-        done = mt.link_performance(
-            link, wind_speed=13.0, bit_rate=1e6, realizations=frames, seed=1, flight=flight
-        )
+        done = mt.link_performance(link, bit_rate=1e6, realizations=frames, seed=1, flight=flight)
         f, coupled = done.at(), flight.coupled
         share = coupled_share if coupled else float(np.mean(done.fades[0].h_alpha == 0.0))
         yield (

@@ -4,7 +4,7 @@ python docs/redraw.py [--all] [NAME ...]     # names of scripts, or of figures o
 
 A picture is stale if the digest of its inputs is another than the one in pictures.json, or if the
 file is not the one that was drawn. Inputs are the drawing script, the functions, classes and
-constants of `meshtrace.viz` and `meshtrace.paper` that it uses, directly or through others, the
+constants of `meshtrace.viz` and `paper` that it uses, directly or through others, the
 names and units of variables in them; of a figure of the paper its function and its effort.
 Comments, docstrings, blank lines and imports do not count, nor does the encoding of a file. The
 engine and its tables are not among them: each edit would make all pictures stale, and tests
@@ -56,12 +56,12 @@ FIXED = {
 }
 """Scripts that write pictures into _static; tables named like a script come with its pictures."""
 
-_VIZ, _PAPER = ROOT / "viz", ROOT / "meshtrace" / "paper"
+_VIZ, _PAPER = ROOT / "viz", ROOT / "examples" / "paper"
 _ROWS = tomllib.loads((_PAPER / "rows.toml").read_text("utf-8"))["figures"]
 _FIELDS = tomllib.loads((ROOT / "meshtrace" / "fields.toml").read_text("utf-8"))
 _STUB = (_VIZ / "__init__.pyi").read_text("utf-8")
 _HOMES = {name: home for home, name in re.findall(r"from \.(\w+) import (\w+)", _STUB)}
-_ROOMS = {"meshtrace.viz": _VIZ, "meshtrace.paper": _PAPER}
+_ROOMS = {"meshtrace.viz": _VIZ, "paper": _PAPER}
 Part = tuple[Path, str]  # a file and a name defined in it, "" for all other statements
 
 
@@ -115,7 +115,7 @@ def jobs() -> list[Job]:
     scripts = [(path, KEPT) for path in sorted((DOCS / "gallery").glob("*.py"))]
     scripts += [(DOCS / f"{name}.py", STATIC) for name in FIXED]
     found = [Job(p.stem, (python, str(p)), folder, _sources(p)) for p, folder in scripts]
-    figures = (python, "-m", "meshtrace", "figures", "-o", str(PAPER), "--only")
+    figures = (python, str(_PAPER), "-o", str(PAPER), "--only")
     for name, row in _ROWS.items():
         about = json.dumps([row.get("full", {}), row.get("revision", 1)], sort_keys=True)
         found.append(Job(name, (*figures, name), PAPER, (_PAPER / f"{row['module']}.py",), about,

@@ -23,6 +23,13 @@ FIELDS: Mapping[str, Field] = MappingProxyType({name: Field(*row) for name, row 
 """Metadata by name of the variable, from `fields.toml`."""
 
 
+_ERRORS = {
+    "_stderr": ("standard error", r"\sigma({})"),
+    "_low": ("lower confidence limit", "{{{}}}_-"),
+    "_high": ("upper confidence limit", "{{{}}}_+"),
+}
+
+
 def field(name: str) -> Field:
     """Return the registered field of a variable.
 
@@ -47,9 +54,10 @@ def field(name: str) -> Field:
     'm s-1'
     """
     try:
-        if name not in FIELDS and name.endswith("_stderr"):
-            units, long_name, symbol = FIELDS[name.removesuffix("_stderr")]
-            return Field(units, f"standard error of the {long_name}", rf"\sigma({symbol})")
+        for ending, (what, wrap) in {} if name in FIELDS else _ERRORS.items():
+            if name.endswith(ending):
+                units, long_name, symbol = FIELDS[name.removesuffix(ending)]
+                return Field(units, f"{what} of the {long_name}", wrap.format(symbol))
         return FIELDS[name]
     except KeyError:
         close = difflib.get_close_matches(name, FIELDS)

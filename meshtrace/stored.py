@@ -15,10 +15,20 @@ import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import reduce
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    NamedTuple,
+    Self,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,18 +93,82 @@ class Variable(NamedTuple):
     name: str = ""
 
 
+class Rows(NamedTuple):
+    """Kind and dimensions of rows with named fields, or of one of them: columns are variables.
+
+    The name of a variable is that of its column behind the prefix: `ber_low` is `low` of `ber`, but
+    `ber` its `value`. A column with the name of a dimension, or `name`, is its coordinate.
+    """
+
+    kind: type
+    dims: str = ""
+    prefix: str = ""
+
+    def variables(self, rows: Sequence[Any], sizes: Mapping[str, int]) -> Variables:
+        """Return the columns of rows; `sizes` are those of all dimensions but the last."""
+        dims = tuple(self.dims.split())
+        shape = (*(sizes[name] for name in dims[:-1]), -1)[: len(dims)]
+        found: Variables = {}
+        for path, name in self._names():
+            column = [reduce(getattr, path, row) for row in rows]
+            kind = np.int8 if isinstance(column[0], bool | np.bool) else None
+            array = np.reshape(np.array(column, kind), shape)
+            if name in dims:  # varies along that alone
+                array = array[tuple(slice(None) if one == name else 0 for one in dims)]
+            found[name] = ((name,) if name in dims else dims, array, attrs(name))
+        return found
+
+    def read(self, data: xr.Dataset) -> list[Any]:
+        """Return the rows of a dataset, none if it lacks them."""
+        import xarray as xr
+
+        names = [name for _, name in self._names()]
+        if names[-1] not in data.variables:
+            return []
+        columns = xr.broadcast(*(data[name] for name in names))
+        flat = (one.transpose(*self.dims.split()).values.ravel().tolist() for one in columns)
+        return [_row(self.kind, iter(values)) for values in zip(*flat, strict=True)]
+
+    def _names(self) -> Iterator[tuple[tuple[str, ...], str]]:
+        """Yield the path of each column within a row, and its name in files."""
+        dims = self.dims.split()
+        for path in _paths(self.kind):
+            column = "_".join(path).removesuffix("_value")
+            name = dims[0] if column == "name" else f"{self.prefix}{column}".removesuffix("_value")
+            yield path, column if column in dims else name
+
+
+def _paths(kind: Any) -> Iterator[tuple[str, ...]]:
+    """Yield the names that lead to each number or text of a row."""
+    for name, hint in get_type_hints(kind).items():
+        inner = _paths(hint) if hasattr(hint, "_fields") else [()]
+        yield from ((name, *path) for path in inner)
+
+
+def _row(kind: Any, values: Iterator[Any]) -> Any:
+    """Return a row of the next values, in the order of `_paths`."""
+    found = []
+    for hint in get_type_hints(kind).values():
+        value = _row(hint, values) if hasattr(hint, "_fields") else next(values)
+        found.append(bool(value) if hint is bool else value)
+    return kind(*found)
+
+
 class WithArrays:
     """Base of the dataclasses with fields of type ``Annotated[array, Variable(...)]``.
 
-    Fields whose type is another such class, or None, have their arrays in the same dataset.
+    Fields of type ``Annotated[rows, Rows(...)]`` have a variable for each column. Fields whose type
+    is another such class, or None, have their arrays in the same dataset.
     """
 
     @classmethod
-    def _described(cls) -> Iterator[tuple[str, str, Variable]]:
-        """Yield attribute, name in files and description of each array."""
+    def _described(cls, kind: Any = Variable) -> Iterator[tuple[str, Any, Any]]:
+        """Yield attribute, type and description of each array, or of each table of rows."""
+        hints = get_type_hints(cls)
         for attribute, hint in get_type_hints(cls, include_extras=True).items():
-            for variable in getattr(hint, "__metadata__", ()):
-                yield attribute, variable.name or attribute, variable
+            for about in getattr(hint, "__metadata__", ()):
+                if isinstance(about, kind):
+                    yield attribute, hints[attribute], about
 
     @classmethod
     def _parts(cls) -> Iterator[tuple[str, Any]]:
@@ -107,12 +181,17 @@ class WithArrays:
     def to_variables(self) -> Variables:
         """Return the arrays by their names in files, with dimensions and attributes."""
         found: Variables = {}
-        for attribute, name, variable in self._described():
+        for attribute, _, variable in self._described():
             value, dims = getattr(self, attribute), variable.dims.format(**vars(self)).split()
-            name = name.format(**vars(self))
+            name = (variable.name or attribute).format(**vars(self))
             if value is not None:
                 array = np.atleast_1d(value) if dims else np.asarray(value)
                 found[name] = (tuple(dims[: array.ndim]), array, attrs(name))
+        sizes = {name: len(array) for name, (dims, array, _) in found.items() if dims == (name,)}
+        for attribute, _, rows in self._described(Rows):
+            given = getattr(self, attribute)
+            if given:
+                found |= rows.variables(given if rows.dims else [given], sizes)
         for attribute, _ in self._parts():
             part = getattr(self, attribute)
             found |= {} if part is None else part.to_variables()
@@ -122,45 +201,21 @@ class WithArrays:
     def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
         """Return the fields that a dataset holds: numbers, arrays, tuples of texts."""
         found: dict[str, Any] = {}
-        for attribute, written, _ in cls._described():
-            name = written.format(**data.attrs) if "{" in written else written
+        for attribute, hint, variable in cls._described():
+            name = variable.name or attribute
+            name = name.format(**data.attrs) if "{" in name else name
             if name in data.variables:
                 value = data[name].to_numpy()
-                texts = value.dtype.kind in "OUT"
-                found[attribute] = tuple(map(str, value)) if texts else value
+                found[attribute] = tuple(value.tolist()) if get_origin(hint) is tuple else value
                 if not value.ndim:
                     found[attribute] = value.item()
+        for attribute, hint, table in cls._described(Rows):
+            several, rows = get_origin(hint) or hint, table.read(data)
+            found[attribute] = several(rows) if table.dims else rows[0] if rows else None
         for attribute, kind in cls._parts():
             fields = kind.arrays(data)
             found[attribute] = kind(**fields) if fields else None
         return found
-
-
-def columns_of(rows: Sequence[Any]) -> dict[str, list[Any]]:
-    """Return the columns of rows with named fields, by name.
-
-    Those of rows within rows follow the name of their field: `gain_low` is `low` of `gain`, but
-    `gain` its `value`.
-    """
-    found: dict[str, list[Any]] = {}
-    for name in get_type_hints(type(rows[0])):
-        column = [getattr(row, name) for row in rows]
-        inner = columns_of(column) if hasattr(column[0], "_fields") else {"value": column}
-        found |= {f"{name}_{key}".removesuffix("_value"): inner[key] for key in inner}
-    return found
-
-
-def row_of(kind: Any, columns: Mapping[str, Sequence[Any]], i: int, prefix: str = "") -> Any:
-    """Return row i of the columns that `columns_of` made of rows of a kind."""
-    values = []
-    for name, hint in get_type_hints(kind).items():
-        key = f"{prefix}{name}"
-        if hasattr(hint, "_fields"):
-            values.append(row_of(hint, columns, i, f"{key}_"))
-        else:
-            value = columns[key.removesuffix("_value")][i]
-            values.append(bool(value) if hint is bool else value)
-    return kind(*values)
 
 
 class Stored(WithArrays, ABC):
@@ -212,13 +267,16 @@ class Stored(WithArrays, ABC):
         return [(field, name or field) for field, _, name in parts]
 
     @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> Self:
-        """Return the result of a dataset of this kind; attributes that it lacks have defaults."""
+    def _restored(cls, data: xr.Dataset, provenance: Any, **more: Any) -> Self:
+        """Return the result of a dataset of this kind; attributes that it lacks have defaults.
+
+        `more` are the fields that are neither in its variables nor in its attributes.
+        """
         fields, hints = cls.arrays(data), get_type_hints(cls)
         for field, name in cls._named():
             if name in data.attrs:
                 fields[field] = _typed(data.attrs[name], hints[field])
-        return cls(**{**fields, "provenance": provenance})
+        return cls(**{**fields, **more, "provenance": provenance})
 
     def _origin_lines(self) -> list[str]:
         """Return the texts that come from the provenance; a file is refused without them."""
@@ -289,6 +347,72 @@ class Stored(WithArrays, ABC):
             If the file is damaged, or of another kind or format.
         """
         return cls.from_dataset(read_dataset(path), str(path))
+
+
+class Stacked(Stored):
+    """Results of one kind along a dimension, each with its provenance.
+
+    Subclasses are dataclasses of two fields: labels along the dimension and the results. `_along`
+    is the dimension and the name of the labels.
+    """
+
+    _along: ClassVar[tuple[str, str]] = ("", "")
+
+    def _stack(self) -> tuple[Any, tuple[Any, ...]]:
+        """Return the labels and the results."""
+        labels, results = vars(self).values()
+        return labels, results
+
+    @classmethod
+    def _of_stack(cls, labels: Any, results: tuple[Any, ...]) -> Self:
+        """Return the stack of labels and results."""
+        return cls(labels, results)  # type: ignore[call-arg]
+
+    @property
+    def provenance(self) -> list[Any]:
+        """Provenance of each result."""
+        return [result.provenance for result in self._stack()[1]]
+
+    def _content(self) -> xr.Dataset:
+        import xarray as xr
+
+        (dim, name), (labels, results) = self._along, self._stack()
+        parts = [result._content() for result in results]
+        each = [json.dumps(part.attrs, default=lambda number: number.tolist()) for part in parts]
+        parts = [
+            part.drop_attrs(deep=False).drop_vars(name, errors="ignore") for part in _alike(parts)
+        ]
+        data = xr.concat(
+            parts, dim, data_vars="all", coords="minimal", compat="override",
+            join="outer", combine_attrs="override",
+        )  # fmt: skip
+        return data.assign_coords({name: (dim, np.asarray(labels), attrs(name))}).assign_attrs(
+            of=results[0].kind, each=each
+        )
+
+    @classmethod
+    def _restored(cls, data: xr.Dataset, provenance: Any, **more: Any) -> Self:
+        (dim, name), kind = cls._along, kind_of(data.attrs["of"])
+        results = []
+        abouts = np.atleast_1d(data.attrs["each"])
+        for i, (about, origin) in enumerate(zip(abouts, provenance, strict=True)):
+            one = data.isel({dim: i}).assign_attrs(**json.loads(about))
+            results.append(kind._restored(one, origin))
+        return cls._of_stack(data[name].to_numpy(), tuple(results))
+
+
+def _alike(parts: Sequence[xr.Dataset]) -> list[xr.Dataset]:
+    """Return datasets padded to common sizes along dimensions without coordinates."""
+    sizes: dict[Any, int] = {}
+    for part in parts:
+        for name, size in part.sizes.items():
+            sizes[name] = max(sizes.get(name, 0), size)
+    found = []
+    for part in parts:
+        free = {n: k for n, k in part.sizes.items() if n not in part.coords}
+        lack = {n: (0, sizes[n] - k) for n, k in free.items() if k < sizes[n]}
+        found.append(part.pad(lack, constant_values=0.0) if lack else part)
+    return found
 
 
 def _plain(result: Stored, name: str) -> Any:

@@ -37,12 +37,6 @@ BUBBLE_COLOR = EDGE_COLOR = "#FFFFFF"
 DEEP_COLORS = ("#2F7F9E", "#061726")
 """Colours of the block of water in a scene, at the surface and in the dark below."""
 
-WATER_COLORS = ("#7DBBD2", "#1F5A8A")
-"""Colours of the block of water of the explorer, at the surface and at the bottom."""
-
-NEAR_OPACITY = 0.35
-"""Opacity of the near sides of the water over the opacity of the far ones."""
-
 _AIRCRAFT_COLOR = "#9AA6B2"
 LIGHT_COLOR = "#BFF3FF"
 """Colour of a beam in the water."""

@@ -35,7 +35,6 @@ FATE_COLORS = {
 INK = "#1F2933"
 LED_COLOR = "#F0C419"
 RECEIVER_COLOR = PALETTE["vermilion"]
-UAV_COLOR = "#3C4650"
 NIGHT, DUSK = "#070D16", "#20384F"
 """Background of a scene, below and above."""
 

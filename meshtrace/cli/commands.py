@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from meshtrace.cli.console import COMPILING, extra, finite, kernels_are_compiled, progress
+from meshtrace.cli.console import extra, finite, progress
 from meshtrace.cli.made import StudyCommand, StudyRow, defaults, numbers
 from meshtrace.cli.options import (
     AllChanges,
@@ -295,23 +295,25 @@ def sweep(
     trust
         Run the modules that the link file names, as in module:Class.
     """
-    _, sweep_file, store_of = study.functions
+    _, read_study = study.functions
     written.check(file)
-    asked["store"] = asked.get("store") or store_of(file)
-    if not kernels_are_compiled("forced"):
-        typer.echo(COMPILING, err=True)
+    found, store = read_study(file, asked.pop("store", None), trust)
+    total = len(list(found.tasks()))
     try:
-        with extra("sweep", "batch"):
-            data = sweep_file(file, trust=trust, **asked)
+        with (
+            extra("sweep", "batch"),
+            progress(total, False, study.doing, study.kernels) as (_, advance),
+        ):
+            data = found.run(store, progress=advance, **asked)
     except KeyboardInterrupt:
-        typer.echo(f"finished points are in {asked['store']}; the same command resumes", err=True)
+        typer.echo(f"finished points are in {store}; the same command resumes", err=True)
         raise
     typer.echo("\n".join(_rows(data)))
     if written.output is not None:
         from meshtrace.stored import write_dataset
 
         write_dataset(data, written.output)
-    for path in (asked["store"], written.output):
+    for path in (store, written.output):
         if path is not None:
             typer.echo(f"\nwritten to {path}")
     errors = [text for text in data["error"].values.ravel().tolist() if text]

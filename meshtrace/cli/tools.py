@@ -13,7 +13,6 @@ import typer
 from meshtrace.cli.app import app
 from meshtrace.cli.console import (
     COMPILING,
-    extra,
     finite,
     kernels_are_compiled,
     named_steps,
@@ -30,7 +29,7 @@ from meshtrace.cli.options import (
     check_plot,
     draw,
 )
-from meshtrace.errors import Refused, require_word
+from meshtrace.errors import Described, Refused, require_word
 from meshtrace.files import atomic
 
 if TYPE_CHECKING:
@@ -159,65 +158,6 @@ def explore(
 
     title = "the link of the paper" if link is None else link.name
     start(changes.scenario(link), host=host, port=port, open_browser=browser, title=title)
-
-
-@app.command()
-@described
-def figures(
-    *,
-    output: Path = Path("figures"),
-    only: list[str] | None = None,
-    quick: bool = False,
-    profiles: list[Path] | None = None,
-    list_: bool = False,
-    seed: Annotated[int, Span(0)] = 1,
-    threads: Annotated[int | None, Span(1, 1024)] = None,
-) -> None:
-    """Redraw the figures of the paper, with data, tables and an index page.
-
-    Finished figures are kept; an interrupted run resumes.
-
-    Parameters
-    ----------
-    output : FOLDER
-        Folder of the figures.
-    only : NAME
-        Draw this figure only; repeatable. Names: see --list.
-    quick
-        Fewer photons and seas: minutes for all figures.
-    profiles : A.NC
-        Temperature and salinity (AODN, Argo); repeatable.
-    list_
-        List the names of the figures.
-    seed : N
-        Seed of the random numbers.
-    threads : N
-        Number of threads; default: all cores.
-    """
-    from meshtrace.paper import FIGURES, Setting, make_figures
-    from meshtrace.paper.runner import INDEX
-
-    if list_:
-        typer.echo("\n".join(FIGURES))
-        return
-    if output.exists() and not output.is_dir():
-        raise Refused("--output", str(output), "a folder")
-    setting = Setting(seed=seed, threads=threads, profiles=tuple(profiles or ()))
-    try:
-        with extra("viz", "viz"):
-            made = make_figures(output, only, quick=quick, setting=setting, on_figure=_report)
-    except OSError as error:
-        raise Refused("--output", error, "a folder to write to") from error
-    kept = sum(record["kept"] for record in made)
-    typer.echo(f"{len(made) - kept} drawn, {kept} kept; read {output / INDEX}")
-
-
-def _report(name: str, record: dict[str, Any] | None) -> None:
-    """Report the progress on stderr."""
-    state = " ..."
-    if record is not None:
-        state = ": kept" if record["kept"] else f": {record['wall_s']:.1f} s"
-    typer.echo(f"{name}{state}", err=True)
 
 
 @app.command()
@@ -418,3 +358,75 @@ def warm() -> None:
         coverage_map(Link(), sea, extent=1.0, step=0.5, rtol=0.5)
         advance(1)
     typer.echo(f"kernels in {folder()}, {time.perf_counter() - start:.1f} s")
+
+
+@app.command()
+@described
+def water(
+    *,
+    link: LinkFile = None,
+    type_: str | None = None,
+    chlorophyll: float | None = None,
+    cdom: float | None = None,
+    minerals: float | None = None,
+    temperature_c: float | None = None,
+    salinity: float | None = None,
+    file: Path | None = None,
+    wavelengths: str | None = None,
+    plot: Path | None = None,
+    changes: Changes,
+) -> None:
+    """Print absorption, scattering, attenuation and index of a water over the wavelength.
+
+    The water is that of a link file, or of the options, whose keys in a link file are in [water].
+
+    Parameters
+    ----------
+    type_ : NAME
+        Known water, such as coastal, jerlov-IB or pure-sea.
+    chlorophyll : C
+        Chlorophyll [mg m-3].
+    cdom : A
+        Absorption of dissolved matter at 440 nm [m-1].
+    minerals : M
+        Mineral particles [g m-3].
+    temperature_c : T
+        Temperature [degree Celsius].
+    salinity : S
+        Salinity [g/kg].
+    file : FILE
+        SeaBASS file, BGC-Argo profile or text table.
+    wavelengths : NM,NM,...
+        Wavelengths [nm], or start:stop:step; default: 400 to 700 nm.
+    plot : A.PNG
+        Draw the coefficients.
+    """
+    from meshtrace.optics.water import Water
+    from meshtrace.scenario.parts import spectrum_of
+    from meshtrace.tables import text_table
+
+    check_plot(plot, link)
+    keys = {"type": type_, "chlorophyll": chlorophyll, "cdom": cdom, "minerals": minerals,
+            "temperature_c": temperature_c, "salinity": salinity}  # fmt: skip
+    own = {key: value for key, value in keys.items() if value is not None}
+    if own or file is not None:
+        if link is not None or changes.set_:
+            given = Described(f"{link or changes.set_} beside options of a water")
+            raise Refused("link", given, "one of them")
+        spectrum = spectrum_of(own, None if file is None else str(file))
+        low, high = spectrum.limits_nm
+        found = Water(spectrum=spectrum, wavelength_nm=min(max(low, 470.0), high))
+    else:
+        lamp = changes.scenario(link).link
+        found = lamp.water
+        if found.spectrum is None and wavelengths is None and plot is None:
+            typer.echo(found.described(lamp.transmitters[0].wavelength_nm))
+            return
+    data = found.spectra(None if wavelengths is None else numbers("--wavelengths", wavelengths))
+    columns = [data[name].values for name in ("wavelength_nm", *"abcn")]
+    rows = [(f"{w:g}", *(f"{x:.4g}" for x in abc), f"{n:.4f}")
+            for w, *abc, n in zip(*columns, strict=True)]  # fmt: skip
+    headings = ("wavelength [nm]", "a [m-1]", "b [m-1]", "c [m-1]", "n")
+    where = ", at the surface" if found.layers else ""
+    typer.echo(f"{data.attrs['source']}{where}\n\n{text_table(rows, headings)}")
+    draw(data, plot)

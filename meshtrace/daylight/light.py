@@ -5,17 +5,129 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from meshtrace.daylight.patterns import PATTERNS, sky
 from meshtrace.errors import Described, Refused, require_between, require_whole, require_word
-from meshtrace.kernels.sources import Sky
+from meshtrace.kernels.sources import LEAST_COS, Sky
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.models import Finite, Floats, Model, NonNegative
 from meshtrace.optics.fresnel import unit_vector
+
+_GRADATION = ((4.0, -0.70), (1.1, -0.80), (0.0, -1.00), (-1.0, -0.55), (-1.0, -0.32), (-1.0, -0.15))
+_INDICATRIX = ((0.0, -1.0, 0.0), (2.0, -1.5, 0.15), (5.0, -2.5, 0.30), (10.0, -3.0, 0.45),
+               (16.0, -3.0, 0.30), (24.0, -2.8, 0.15))  # fmt: skip
+_TYPES = ((0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (2, 3), (3, 1), (3, 2), (3, 3),
+          (4, 3), (4, 4), (5, 4), (5, 5))  # fmt: skip
+_ALIASES = {"uniform": "cie-5", "overcast": "cie-1"}
+_NODES = 64  # of each panel of a quadrature
+
+
+PATTERNS = (*(f"cie-{i}" for i in range(1, 16)), "harrison-coombes", *_ALIASES)
+"""Names of the patterns."""
+
+
+def sky(pattern: str, diffuse: float, sun_zenith_deg: float, sun_azimuth_deg: float) -> Sky:
+    """Return a sky whose horizontal irradiance is given, for the kernels and for `sky_radiance`.
+
+    Parameters
+    ----------
+    pattern : str
+        "cie-1" ... "cie-15" of the CIE general sky (ISO 15469: 12 clear, 13 polluted, 5 uniform,
+        1 overcast), "uniform", "overcast", or "harrison-coombes".
+    diffuse : float
+        Horizontal irradiance of the sky [W m-2 nm-1].
+    sun_zenith_deg, sun_azimuth_deg : float
+        Position of the sun [deg].
+
+    Returns
+    -------
+    Sky
+        Coefficients scaled so that the integral of L cos z over the hemisphere is `diffuse`.
+
+    Raises
+    ------
+    Refused
+        If the pattern is unknown.
+
+    References
+    ----------
+    ISO 15469:2004 / CIE S 011, "Spatial distribution of daylight: CIE standard general sky".
+    Harrison and Coombes (1988), Solar Energy 41, 387, clear sky, coefficients as in the code of
+    HydroLight.
+    """
+    require_word(pattern, PATTERNS, "pattern")
+    zenith = round(float(sun_zenith_deg), 9)
+    scale = diffuse / _irradiance(pattern, zenith)
+    p, a, b, *indicatrix = _coefficients(pattern, zenith)
+    f, c, d, e = indicatrix
+    sun = Vec3(*unit_vector(sun_zenith_deg, sun_azimuth_deg))
+    return Sky(sun, scale * p, scale * a, b, f, c, d, e)
+
+
+def sky_radiance(sky: Sky, directions: Floats) -> Floats:
+    """Return the radiance of the sky, array twin of `kernels.sources.radiance`.
+
+    Parameters
+    ----------
+    sky : Sky
+        Of `sky`.
+    directions : ndarray, shape (..., 3)
+        Unit vectors from the sea to the sky; the horizon stands for directions below it.
+
+    Returns
+    -------
+    ndarray
+        L [W m-2 sr-1 nm-1].
+    """
+    cos_z = np.maximum(directions[..., 2], LEAST_COS)
+    cos_chi = np.clip(directions @ np.array(sky.sun), -1.0, 1.0)
+    gradation = sky.p + sky.a * np.exp(sky.b / cos_z)
+    glow = sky.f + sky.c * np.exp(sky.d * np.arccos(cos_chi)) + sky.e * cos_chi**2
+    return np.asarray(gradation * glow)
+
+
+def hemisphere(sun_zenith_deg: float) -> tuple[Floats, Floats]:
+    """Return directions (n, 3) and solid angles [sr] of a quadrature over the upper hemisphere.
+
+    The sun stands at azimuth 0. Panels end at the sun, where the radiance has a cusp, and their
+    nodes crowd there; the half of negative azimuths is the mirror image of the other.
+    """
+    x, w = np.polynomial.legendre.leggauss(_NODES)
+    x, w = 0.5 * (x + 1.0), 0.5 * w
+    crowded, weight = x * x, 2.0 * x * w
+    sun = math.radians(sun_zenith_deg)
+    zenith = np.concatenate([sun * (1.0 - crowded), sun + (0.5 * math.pi - sun) * crowded])
+    d_zenith = np.concatenate([sun * weight, (0.5 * math.pi - sun) * weight])
+    azimuth, d_azimuth = math.pi * crowded, math.pi * weight
+    z, phi = (v.ravel() for v in np.meshgrid(zenith, azimuth, indexing="ij"))
+    solid = np.outer(d_zenith * np.sin(zenith), d_azimuth).ravel()
+    directions = np.stack([np.sin(z) * np.cos(phi), np.sin(z) * np.sin(phi), np.cos(z)], axis=1)
+    return np.concatenate([directions, directions * (1.0, -1.0, 1.0)]), np.tile(solid, 2)
+
+
+@lru_cache(maxsize=256)
+def _irradiance(pattern: str, sun_zenith_deg: float) -> float:
+    """Return the horizontal irradiance of a pattern before scaling."""
+    p, a, b, f, c, d, e = _coefficients(pattern, sun_zenith_deg)
+    bare = Sky(Vec3(*unit_vector(sun_zenith_deg, 0.0)), p, a, b, f, c, d, e)
+    directions, solid = hemisphere(sun_zenith_deg)
+    return float(solid @ (sky_radiance(bare, directions) * directions[:, 2]))
+
+
+def _coefficients(pattern: str, sun_zenith_deg: float) -> tuple[float, ...]:
+    """Return p, a, b of the gradation and f, c, d, e of the indicatrix."""
+    if pattern == "harrison-coombes":
+        cos_sun = math.cos(math.radians(sun_zenith_deg))
+        return 1.0, -1.0, -0.19, 1.63, 53.7, -5.49, 2.04 * cos_sun
+    gradation, indicatrix = _TYPES[int(_ALIASES.get(pattern, pattern)[4:]) - 1]
+    a, b = _GRADATION[gradation]
+    c, d, e = _INDICATRIX[indicatrix]
+    return 1.0, a, b, 1.0 - c * math.exp(0.5 * math.pi * d), c, d, e
+
 
 # zenith angle [deg], direct normal and diffuse horizontal irradiance at 470 nm [W m-2 nm-1] of
 # `clear_irradiance` with its defaults, pvlib 0.16.1

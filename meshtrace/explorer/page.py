@@ -64,6 +64,7 @@ class Page:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._scene_due: asyncio.TimerHandle | None = None
         self._resync: asyncio.TimerHandle | None = None
+        self._unsure: dict[str, bool] = {}  # refused controls, and whether a value followed
         self._scene_time = 0.0
         self._running: asyncio.Task[None] | None = None
         self._drawn = asyncio.Event()
@@ -245,9 +246,9 @@ class Page:
         values = dict(values)
         time = _number(values.pop("time", self.session.state.given.meshing.time))
         self.session.forget()
-        refusals = self._refusals(values) if values else []
+        refused = self._refused(values) if values else {}
         page = self.server.state
-        page.refused = "; ".join(map(str, refusals))
+        page.refused = "; ".join(map(str, refused.values()))
         page.update(self.session.state.settings)
         self._refresh()
         self.seek(time if isinstance(time, float) and math.isfinite(time) else 0.0)
@@ -271,33 +272,36 @@ class Page:
         moves = {key: value for key, value in shown.items() if value != now[key]}
         if not moves:
             return
-        refusals = self._refusals(moves)
-        page.refused = "; ".join(map(str, refusals))
+        refused = self._refused(moves)
+        page.refused = "; ".join(map(str, refused.values()))
         settings = self.session.state.settings
         page.update(  # all after a refusal, else values that follow from the moved ones
-            {k: v for k, v in settings.items() if refusals or (k not in moves and v != shown[k])}
+            {k: v for k, v in settings.items() if refused or (k not in moves and v != shown[k])}
         )
-        if refusals or self._resync is not None:
+        unsure = refused.keys() | (moves.keys() & self._unsure.keys())
+        self._unsure |= {name: name not in refused for name in unsure}
+        if unsure:
             self._resync_soon()
         self._refresh()
         self._scene_soon()
 
-    def _refusals(self, moves: dict[str, Any]) -> list[Refused]:
+    def _refused(self, moves: dict[str, Any]) -> dict[str, Refused]:
         """Move all controls together, or else each that can; return the refusals of the others."""
-        refusals = []
+        refused: dict[str, Refused] = {}
         try:
             self.session.move(moves, answer=False)  # the scene is first: it is ready sooner
         except Refused as error:
             if len(moves) == 1:
-                return [error]
+                return dict.fromkeys(moves, error)
             for name, value in moves.items():
-                refusals += self._refusals({name: value})
-        return refusals
+                refused |= self._refused({name: value})
+        return refused
 
     def _resync_soon(self) -> None:
-        """Send all controls once they rest.
+        """Send controls that were refused once they rest, and again after their next value.
 
-        A value that a field sends while that of a refusal is on its way would be overwritten.
+        That value may be on its way while the one in place of the refused value is, which then
+        overwrites it in the field.
         """
         if self._resync is not None:
             self._resync.cancel()
@@ -306,7 +310,8 @@ class Page:
 
     def _send_controls(self) -> None:
         self._resync = None
-        self.server.force_state_push(*self.session.state.settings)
+        self.server.force_state_push(*self._unsure)
+        self._unsure = {name: sure for name, sure in self._unsure.items() if not sure}
 
     def _scene_soon(self) -> None:
         """Update the scene once for all moves of a short time."""

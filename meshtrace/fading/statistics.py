@@ -46,22 +46,14 @@ from meshtrace.fading.series import (
     mean_fade_duration,
 )
 from meshtrace.fields import attrs
-from meshtrace.stored import Stored, Variable, Variables
+from meshtrace.stored import Rows, Stored, Variable, Variables
 
 if TYPE_CHECKING:
     import xarray
 
 
-_ESTIMATES = (
-    "scintillation_index",
-    "outage",
-    "coherence_time",
-    "level_crossing_rate",
-    "mean_fade_duration",
-)
 _PDF = {"gain_bin_edge": "gain_bin_edge", "gain_pdf": "gain_bin", "gain_pdf_stderr": "gain_bin"}
 _CDF = ("gain", "gain_cdf", "gain_cdf_low", "gain_cdf_high")
-_LIMITS = {"": "", "_low": ", lower confidence limit", "_high": ", upper confidence limit"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,11 +105,11 @@ class FadingStatistics(Stored):
     mean: Annotated[float, Variable("", name="gain_mean")]
     mean_stderr: Annotated[float, Variable("", name="gain_mean_stderr")]
     median: Annotated[float, Variable("", name="gain_median")]
-    scintillation_index: Estimate
+    scintillation_index: Annotated[Estimate, Rows(Estimate, prefix="scintillation_index_")]
     noise_share: Annotated[float, Variable("")]
     thresholds: Annotated[tuple[float, ...], Variable("threshold", name="threshold")]
     relative_to: Reference
-    outage: tuple[Estimate, ...]
+    outage: Annotated[tuple[Estimate, ...], Rows(Estimate, "threshold", "outage_")]
     pdf: Histogram
     cdf: Distribution
     fits: tuple[DistributionFit, ...]
@@ -125,9 +117,13 @@ class FadingStatistics(Stored):
     notes: tuple[str, ...]
     lag: Annotated[FloatArray | None, Variable("lag")] = None
     autocorrelation: Annotated[FloatArray | None, Variable("lag")] = None
-    coherence_time: Estimate | None = None
-    level_crossing_rate: tuple[Estimate, ...] = ()
-    mean_fade_duration: tuple[Estimate, ...] = ()
+    coherence_time: Annotated[Estimate | None, Rows(Estimate, prefix="coherence_time_")] = None
+    level_crossing_rate: Annotated[
+        tuple[Estimate, ...], Rows(Estimate, "threshold", "level_crossing_rate_")
+    ] = ()
+    mean_fade_duration: Annotated[
+        tuple[Estimate, ...], Rows(Estimate, "threshold", "mean_fade_duration_")
+    ] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "fading"
@@ -194,33 +190,14 @@ class FadingStatistics(Stored):
             *(self._fit_variables() if self.fits else ()),
         ):
             found[name] = (dims, np.asarray(values), attrs(name))
-        for name in _ESTIMATES:
-            estimates = getattr(self, name)
-            dims = () if isinstance(estimates, Estimate) else ("threshold",)
-            columns = zip(_LIMITS, np.transpose(estimates), strict=True) if estimates else ()
-            for suffix, column in columns:
-                about = attrs(name)
-                about["long_name"] += _LIMITS[suffix]
-                found[name + suffix] = (dims, column, about)
         return found
 
     @classmethod
     def arrays(cls, data: xarray.Dataset) -> dict[str, Any]:
         """Return the fields that the variables of a dataset hold."""
-
-        def estimates(name: str) -> Any:
-            if name not in data:
-                return None if name == "coherence_time" else ()
-            columns = np.stack([data[name + suffix] for suffix in _LIMITS], axis=-1)
-            rows = tuple(Estimate(*row.tolist()) for row in np.atleast_2d(columns))
-            return rows if data[name].dims else rows[0]
-
-        found = super().arrays(data)
-        return found | {
-            "thresholds": tuple(found["thresholds"].tolist()),
+        return super().arrays(data) | {
             "pdf": Histogram(*(data[name].to_numpy() for name in _PDF)),
             "cdf": Distribution(*(data[name].to_numpy() for name in _CDF)),
-            **{name: estimates(name) for name in _ESTIMATES},
         }
 
     def _fit_variables(self) -> Iterator[tuple[str, tuple[str, ...], object]]:

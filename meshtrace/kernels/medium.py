@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.jit import inlined
 from meshtrace.kernels.phase import PhaseTables, sample_s
 from meshtrace.kernels.vectors import along, minus
 
@@ -42,7 +42,6 @@ class Absorption(IntEnum):
 
 
 _PIECES = 4  # of a path below a wavy surface
-_STEPS = 60  # of the inversion of an optical depth at most
 
 
 class Medium(NamedTuple):
@@ -312,41 +311,3 @@ def is_uniform(medium):
     Array twin: none.
     """
     return not medium.layered and medium.depth_mode == DepthMode.NONE
-
-
-@outlined
-def distance_at(medium, p, d, tau, most, scale):
-    """Return the distance along a path behind which the scattering depth is tau, or `most`.
-
-    Array twin: `scattering_depth`, of which it is the inverse.
-    Newton's method in halves: depths grow with distance and are exact in closed form. `scale` is
-    any length of the size of the link, from which a path without end is searched.
-    """
-    if is_uniform(medium):
-        return min(tau / medium.b, most) if medium.b > 0.0 else most
-    low, high = 0.0, most
-    if math.isinf(most):
-        high = scale
-        for _ in range(_STEPS):
-            if scattering_depth(medium, p, d, high) >= tau:
-                break
-            low, high = high, 4.0 * high
-        else:
-            return most
-    elif scattering_depth(medium, p, d, high) < tau:
-        return most
-    t = 0.5 * (low + high)
-    for _ in range(_STEPS):
-        miss = scattering_depth(medium, p, d, t) - tau
-        if miss > 0.0:
-            high = t
-        else:
-            low = t
-        b, bubbles = scattering_coefficients(medium, along(p, d, t))
-        step = miss / (b + bubbles) if b + bubbles > 0.0 else math.inf
-        if abs(step) <= 1e-12 * t:
-            break
-        t -= step
-        if not low < t < high:
-            t = 0.5 * (low + high)
-    return t

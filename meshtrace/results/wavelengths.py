@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
 from meshtrace.errors import Described, Refused, require_finite
-from meshtrace.fields import attrs
 from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
-from meshtrace.stored import Stored, kind_of
+from meshtrace.stored import Stacked, Stored
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,7 +20,7 @@ Result = TypeVar("Result", bound=Stored)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ByWavelength(Stored, Generic[Result]):
+class ByWavelength(Stacked, Generic[Result]):
     """Results of one link at several wavelengths, with common paths where that is possible.
 
     The standard errors of the wavelengths are correlated: their noise cancels in ratios.
@@ -49,11 +47,7 @@ class ByWavelength(Stored, Generic[Result]):
 
     kind: ClassVar[str] = "wavelengths"
     title: ClassVar[str] = "meshtrace results by wavelength"
-
-    @property
-    def provenance(self) -> list[Any]:
-        """Provenance of each wavelength."""
-        return [result.provenance for result in self.results]
+    _along: ClassVar[tuple[str, str]] = ("wavelength", "wavelength_nm")
 
     def at_wavelength(self, wavelength_nm: float) -> Result:
         """Return the result at a wavelength [nm].
@@ -111,45 +105,6 @@ class ByWavelength(Stored, Generic[Result]):
                 about = ", ".join([f"receiver {r}"] * (len(found.gains) > 1) + known)
                 lines.append(f"{nm:>8g}{gain:>13.4e}{stderr:>16.1e}{samples:>19}  {about}")
         return "\n".join(lines)
-
-    def _content(self) -> xr.Dataset:
-        import xarray as xr
-
-        parts = [result._content() for result in self.results]
-        each = [json.dumps(part.attrs, default=lambda number: number.tolist()) for part in parts]
-        parts = [
-            part.drop_attrs(deep=False).drop_vars("wavelength_nm", errors="ignore")
-            for part in _alike(parts)
-        ]
-        data = xr.concat(
-            parts, "wavelength", data_vars="all", coords="minimal", compat="override",
-            join="outer", combine_attrs="override",
-        )  # fmt: skip
-        nm = ("wavelength", self.wavelength_nm, attrs("wavelength_nm"))
-        return data.assign_coords(wavelength_nm=nm).assign_attrs(of=self.results[0].kind, each=each)
-
-    @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> ByWavelength[Any]:
-        kind, each = kind_of(data.attrs["of"]), np.atleast_1d(data.attrs["each"])
-        results: list[Any] = []
-        for i, (about, origin) in enumerate(zip(each, provenance, strict=True)):
-            one = data.isel(wavelength=i).assign_attrs(**json.loads(about))
-            results.append(kind._restored(one, origin))
-        return cls(data["wavelength_nm"].to_numpy(), tuple(results))
-
-
-def _alike(parts: Sequence[xr.Dataset]) -> list[xr.Dataset]:
-    """Return datasets padded to common sizes along dimensions without coordinates."""
-    sizes: dict[Any, int] = {}
-    for part in parts:
-        for name, size in part.sizes.items():
-            sizes[name] = max(sizes.get(name, 0), size)
-    found = []
-    for part in parts:
-        free = {n: k for n, k in part.sizes.items() if n not in part.coords}
-        lack = {n: (0, sizes[n] - k) for n, k in free.items() if k < sizes[n]}
-        found.append(part.pad(lack, constant_values=0.0) if lack else part)
-    return found
 
 
 def by_wavelength(data: xr.Dataset) -> xr.Dataset:

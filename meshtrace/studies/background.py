@@ -40,7 +40,7 @@ RAYS = 2048
 def background_series(
     link: Link | Scenario,
     surface: MeshSource | None = None,
-    day: Daylight | None = None,
+    daylight: Daylight | None = None,
     times: ArrayLike | None = None,
     *,
     photons: int = 1024,
@@ -56,7 +56,7 @@ def background_series(
         The link, with one receiver.
     surface : MeshSource, optional
         The sea, as in `time_series`.
-    day : Daylight, optional
+    daylight : Daylight, optional
         Light above the sea; by default that of a scenario.
     times : array_like, shape (n,)
         Times [s].
@@ -87,9 +87,9 @@ def background_series(
     require_whole(photons, SHIFTS, 10_000_000, "photons")
     require_options(run, RunOptions)
     campaign = campaign_of(link, surface, "background_series", fading=True, workers=workers, **run)
-    day = light_of(campaign, day)
+    day = light_of(campaign, daylight)
     if day is None:
-        raise Refused("day", None, "a Daylight")
+        raise Refused("daylight", None, "a Daylight")
     at = require_finite(() if times is None else times, "times", "at least one time [s]")
     require_kind(flight, Flight | None, "flight")
     origin = {**campaign.provenance(), "daylight": day.model_dump(mode="json")}

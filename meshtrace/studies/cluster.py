@@ -42,13 +42,10 @@ class Cluster(NamedTuple):
         than the start of others.
     timeout : float
         Seconds to wait for the scheduler, and for a worker.
-    on_start : callable, optional
-        Called with the address of the dashboard.
     """
 
     workers: int | str | None = None
     timeout: float = DEFAULT_TIMEOUT
-    on_start: Callable[[str], None] | None = None
 
     def checked(self) -> Cluster:
         """Return the cluster; refuse numbers out of range, and to go on without dask."""
@@ -113,8 +110,6 @@ class Cluster(NamedTuple):
 
         with _quiet(), _client(self.workers, self.timeout) as client:
             _require_equal_workers(client, self.timeout)
-            if self.on_start is not None:
-                self.on_start(client.dashboard_link)
             work = {"setup": cloudpickle.dumps(setup), "expected": _environment()()}
             futures = client.map(_portable_job(), jobs, **work, pure=False)
             number = {future.key: i for i, future in enumerate(futures)}
@@ -282,7 +277,7 @@ def _client(workers: int | str | None, timeout: float) -> Iterator[distributed.C
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
+                dashboard_address=None,
                 local_directory=scratch,
                 silence_logs=logging.ERROR,
             ) as cluster,

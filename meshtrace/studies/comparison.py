@@ -28,7 +28,7 @@ from meshtrace.mesh import MeshSource
 from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
 from meshtrace.scenario import Scenario
-from meshtrace.stored import Stored, Variable
+from meshtrace.stored import Stacked, Stored, Variable
 from meshtrace.studies.background import (
     background_over_seas,
     error_rate,
@@ -311,26 +311,28 @@ class JointOutage(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Duplex(Stored):
+class Duplex(Stacked):
     """Gains of an uplink and a downlink over the same surfaces.
 
     Attributes
     ----------
     up, down : GainSeries
         Gains of each direction, over the same times or realizations.
-    correlation : float
-        Pearson's correlation of the gains of both directions; nan if one of them is constant.
-    provenance : dict
-        Configuration of each direction.
     """
 
     up: GainSeries
     down: GainSeries
-    correlation: float
-    provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "duplex"
     title: ClassVar[str] = "meshtrace gains of both directions"
+    _along: ClassVar[tuple[str, str]] = ("direction", "direction")
+
+    @property
+    def correlation(self) -> float:
+        """Pearson's correlation of the gains of both directions; nan if one of them is constant."""
+        both = self.up.gain, self.down.gain
+        constant = len(both[0]) < 2 or min(map(np.ptp, both)) == 0.0
+        return math.nan if constant else float(np.corrcoef(*both)[0, 1])
 
     @property
     def correlation_stderr(self) -> float:
@@ -378,24 +380,12 @@ class Duplex(Stored):
         ]
         return "\n".join(lines)
 
-    def _content(self) -> xr.Dataset:
-        parts = []
-        for name, series in (("up", self.up), ("down", self.down)):
-            data = series._content()
-            data.attrs = {f"{name}_{key}": value for key, value in data.attrs.items()}
-            parts.append(data.rename({key: f"{name}_{key}" for key in data.data_vars}))
-        merged = xr.merge(parts, combine_attrs="no_conflicts")
-        return merged.assign_attrs(correlation=self.correlation)
+    def _stack(self) -> tuple[Any, tuple[GainSeries, GainSeries]]:
+        return ["up", "down"], (self.up, self.down)
 
     @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> Duplex:
-        series = []
-        for name in ("up", "down"):
-            columns = {key: f"{name}_{key}" for key in ("gain", "gain_stderr", "gain_ballistic")}
-            part = data[list(columns.values())].rename({new: old for old, new in columns.items()})
-            part.attrs = {key: data.attrs[f"{name}_{key}"] for key in GainSeries._attributes}
-            series.append(GainSeries._restored(part, provenance[name]))
-        return cls(series[0], series[1], float(data.attrs["correlation"]), provenance)
+    def _of_stack(cls, labels: Any, results: tuple[Any, ...]) -> Duplex:
+        return cls(*results)
 
 
 def duplex(
@@ -458,11 +448,7 @@ def duplex(
         require_whole(realizations, 1, 10_000_000, "realizations")
         steps = campaign.realizations(int(realizations or 0))
     gains = campaign.gains(steps, probed=1)
-    of_up, of_down = (gain_series(campaign, gains, name) for name in campaign.links)
-    first, second = of_up.gains[:, 0], of_down.gains[:, 0]
-    constant = len(first) < 2 or min(np.ptp(first), np.ptp(second)) == 0.0
-    correlation = math.nan if constant else float(np.corrcoef(first, second)[0, 1])
-    return Duplex(of_up, of_down, correlation, gains.attrs["provenance"])
+    return Duplex(*(gain_series(campaign, gains, name) for name in campaign.links))
 
 
 def both_directions(up: Campaign, down: Campaign) -> Campaign:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from meshtrace.fading import Estimate
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
-from meshtrace.stored import Stored, columns_of, row_of
+from meshtrace.stored import Rows, Stacked, Stored, Variable
 from meshtrace.studies.operating_point import FadingSamples, OperatingPoint
 
 if TYPE_CHECKING:
@@ -53,9 +54,9 @@ class LinkPerformance(Stored):
         Response of the channel at each depth; None without light.
     """
 
-    depths: tuple[float, ...]
+    depths: Annotated[tuple[float, ...], Variable("depth", name="depth")]
     ooks: tuple[OokLink, ...]
-    figures: tuple[OperatingPoint, ...]
+    figures: Annotated[tuple[OperatingPoint, ...], Rows(OperatingPoint, "depth bit_rate")]
     fades: tuple[FadingSamples, ...]
     limit: float
     confidence: float
@@ -66,6 +67,7 @@ class LinkPerformance(Stored):
 
     kind: ClassVar[str] = "performance"
     title: ClassVar[str] = "meshtrace link performance"
+    _attributes: ClassVar[tuple[str, ...]] = ("limit=ber_limit", "confidence", "status", "light")
 
     def _headline(self) -> str:
         first, count = self.figures[0], len(self.figures)
@@ -243,53 +245,27 @@ class LinkPerformance(Stored):
         return lines
 
     def _content(self) -> xr.Dataset:
-        import xarray as xr
-
-        table, shape = columns_of(self.figures), (len(self.depths), len(self.ooks))
-        found: dict[str, Any] = {
-            name: (("depth", "bit_rate"), np.reshape(column, shape), _attrs(name))
-            for name, column in table.items()
-        }
-        found["depth"] = ("depth", list(self.depths), _attrs("depth"))
-        for name in ("bit_rate", "required_power"):
-            found[name] = ("bit_rate", table[name][: len(self.ooks)], _attrs(name))
+        data = super()._content()
         if len(self.depths) > 1:
-            for end, ranges in zip(_ENDS, np.transpose(self.range_at_ber()), strict=True):
-                found[f"range{end}"] = ("bit_rate", ranges, _attrs("range"))
-        about = {"ber_limit": self.limit, "confidence": self.confidence, "status": self.status}
-        return xr.Dataset(found, attrs={**about, "light": self.light})
+            ends = ("range", "range_low", "range_high")
+            for name, ranges in zip(ends, np.transpose(self.range_at_ber()), strict=True):
+                data[name] = ("bit_rate", ranges, attrs(name))
+        return data
 
     @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> LinkPerformance:
-        about, points = data.attrs, data["depth"].size * data["bit_rate"].size
-        if len(provenance["ook"]) != data["bit_rate"].size:
+    def _restored(cls, data: xr.Dataset, provenance: Any, **more: Any) -> LinkPerformance:
+        ooks = tuple(OokLink.model_validate(ook) for ook in provenance["ook"])
+        if len(ooks) != data["bit_rate"].size:
             raise ValueError("other numbers of bit rates and transmissions")
-        table = data.to_dataframe(["depth", "bit_rate"]).reset_index().to_dict("list")
-        return cls(
-            depths=tuple(data["depth"].values.tolist()),
-            ooks=tuple(OokLink.model_validate(ook) for ook in provenance["ook"]),
-            figures=tuple(row_of(OperatingPoint, table, i) for i in range(points)),
-            fades=(),
-            limit=float(about["ber_limit"]),
-            confidence=float(about["confidence"]),
-            status=str(about["status"]),
-            provenance=provenance,
-            light=str(about["light"]),
-            responses=tuple(
-                None if one is None else ChannelResponse.model_validate(one)
-                for one in provenance["responses"]
-            ),
+        responses = tuple(
+            None if one is None else ChannelResponse.model_validate(one)
+            for one in provenance["responses"]
         )
+        given = {"ooks": ooks, "responses": responses, "fades": ()}
+        return super()._restored(data, provenance, **given)
 
 
 _FLOOR = 1e-15  # of bit error rates in texts
-_ENDS = ("", "_low", "_high")  # of the names of an estimate and of its limits
-
-
-def _attrs(name: str) -> dict[str, str]:
-    """Return the attributes of a figure or of a limit of it."""
-    base = name.removesuffix("_low").removesuffix("_high")
-    return attrs("gain_mean" if base == "gain" else base)
 
 
 def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
@@ -339,27 +315,23 @@ def _range(depths: tuple[float, ...], ber: Floats, target: float) -> float:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DepthSweep(Stored):
+class DepthSweep(Stacked):
     """Performance over depth, for several winds.
 
     Attributes
     ----------
-    wind_speeds : tuple of float
+    wind_speeds : sequence of float
         Winds at 10 m [m s-1].
     performances : tuple of LinkPerformance
         One for each wind.
     """
 
-    wind_speeds: tuple[float, ...]
+    wind_speeds: Sequence[float]
     performances: tuple[LinkPerformance, ...]
 
     kind: ClassVar[str] = "depth-sweep"
     title: ClassVar[str] = "meshtrace link performance over depth and wind"
-
-    @property
-    def provenance(self) -> list[dict[str, Any]]:
-        """Provenance of each wind."""
-        return [performance.provenance for performance in self.performances]
+    _along: ClassVar[tuple[str, str]] = ("wind_speed", "wind_speed")
 
     def _headline(self) -> str:
         winds = ", ".join(f"{speed:g}" for speed in self.wind_speeds)
@@ -391,18 +363,3 @@ class DepthSweep(Stored):
             light = [f"background light: {first.light}"]
         water = f"water: {water_of(first.provenance)}"
         return "\n".join([*lines, "", water, *light, first.status])
-
-    def _content(self) -> xr.Dataset:
-        import xarray as xr
-
-        parts = [p.to_dataset() for p in self.performances]
-        winds = xr.Variable("wind_speed", list(self.wind_speeds), _attrs("wind_speed"))
-        return xr.concat(parts, winds, data_vars="all", join="exact", combine_attrs="override")
-
-    @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any) -> DepthSweep:
-        performances = [
-            LinkPerformance._restored(data.isel(wind_speed=i), origin)
-            for i, origin in enumerate(provenance)
-        ]
-        return cls(tuple(data["wind_speed"].values.tolist()), tuple(performances))

@@ -72,7 +72,6 @@ def link_performance(  # type: ignore[misc]
     ook: OokLink | Preset | None = None,
     depths: Sequence[float] | None = None,
     realizations: int = 200,
-    wind_speed: float | None = None,
     flight: Flight | None = None,
     daylight: Daylight | None = None,
     limit: float = 1e-3,
@@ -101,8 +100,6 @@ def link_performance(  # type: ignore[misc]
         Depths of the transmitter [m], rising, needed for the range; by default that of the link.
     realizations : int
         Independent seas, or times of a coupled flight, >= 2.
-    wind_speed : float, optional
-        Wind of the default sea and of a flight without one [m s-1].
     flight : Flight, optional
         Aircraft that carries the receiver, or the lamp of a downlink; none for an end at rest.
     daylight : Daylight, optional
@@ -171,7 +168,7 @@ def link_performance(  # type: ignore[misc]
     """
     asked: dict[str, Any] = {
         "bit_rate": bit_rate, "ook": ook, "depths": depths, "realizations": realizations,
-        "wind_speed": wind_speed, "flight": flight, "limit": limit, "confidence": confidence, **run,
+        "flight": flight, "limit": limit, "confidence": confidence, **run,
     }  # fmt: skip
     if wavelengths_nm is None:
         return _performance(link, surface, daylight=daylight, **asked)
@@ -192,7 +189,6 @@ def _performance(
     ook: OokLink | Preset | None,
     depths: Sequence[float] | None,
     realizations: int,
-    wind_speed: float | None,
     flight: Flight | None,
     daylight: Daylight | None,
     limit: float,
@@ -202,12 +198,12 @@ def _performance(
 ) -> LinkPerformance:
     """Return the performance at one wavelength."""
     require_kind(flight, Flight | None, "flight")
-    campaign = _campaign(_shallowest(link, depths), surface, wind_speed, run)
+    campaign = _campaign(_shallowest(link, depths), surface, run)
     link, scenario = campaign.link, campaign.scenario
     if scenario is not None:
         ook = scenario.detector if ook is None else ook
         flight = flight or (Flight(scenario.uav) if scenario.uav else None)
-    flight = flight and _in_wind(flight, wind_speed, link)
+    flight = flight and flight.checked()
     require_between(limit, 0.0, 0.5, "limit")
     require_whole(realizations, 2, 10_000_000, "realizations")
     require_between(confidence, 0.0, 1.0, "confidence")
@@ -252,28 +248,11 @@ def _over_depths(
     )  # fmt: skip
 
 
-def _campaign(
-    link: Link | Scenario, surface: SurfaceModel | None, wind_speed: float | None, run: Any
-) -> Campaign:
-    """Return the campaign of a link over its sea, or over the sea of another wind."""
-    if surface is None and wind_speed is not None:
-        surface = sea_in_wind(wind_speed)
+def _campaign(link: Link | Scenario, surface: SurfaceModel | None, run: Any) -> Campaign:
+    """Return the campaign of a link over its sea, one of several winds in a store."""
     campaign = campaign_of(link, surface, "link_performance", fading=True, **run)
-    wind = wind_speed
-    if wind is None:
-        wind = getattr(campaign.scenario, "wind_speed", None)
-    if wind is None:
-        return campaign
-    return campaign.of(campaign.link, f"wind of {wind!r} m/s")  # one of several in a store
-
-
-def _in_wind(flight: Flight, wind_speed: float | None, link: Link) -> Flight:
-    """Return a flight, in the given wind unless it has its own."""
-    flight = flight.checked()
-    if flight.wind is None and wind_speed is not None:
-        wind_there = Dryden(wind_speed=wind_speed, height=link.air_end[1].height)
-        flight = flight._replace(wind=wind_there)
-    return flight
+    wind = getattr(campaign.scenario, "wind_speed", campaign.link.wind_speed)
+    return campaign if wind is None else campaign.of(campaign.link, f"wind of {wind!r} m/s")
 
 
 def _lit(
@@ -332,6 +311,7 @@ def depth_sweep(
     bit_rate: float | Sequence[float] = (1e6, 5e6, 1e7),
     wind_speeds: Sequence[float] = (0.0, 5.0, 13.0),
     realizations: int = 50,
+    flight: Flight | None = None,
     **options: Any,
 ) -> DepthSweep:
     """Return the curves of the bit error rate over depth, each with its confidence band.
@@ -348,8 +328,10 @@ def depth_sweep(
         Winds at 10 m [m s-1]; 0 is a flat sea.
     realizations : int
         Seas at each depth.
+    flight : Flight, optional
+        Aircraft that carries the end in the air, by default in each of the winds.
     **options
-        As in `link_performance`: `ook`, `limit`, `flight`, `confidence`, ...
+        As in `link_performance`: `ook`, `limit`, `confidence`, ...
 
     Returns
     -------
@@ -371,9 +353,14 @@ def depth_sweep(
             at = link.model_copy(update={"link": link.link.in_wind(speed), "wind_speed": speed})
         else:
             at = link.in_wind(speed)
+        flown = flight
+        if flight is not None and flight.wind is None:
+            one = link.link if isinstance(link, Scenario) else link
+            height = one.air_end[1].height
+            flown = flight._replace(wind=Dryden(wind_speed=speed, height=height))
         found = link_performance(
-            at, sea_in_wind(speed), wind_speed=speed, bit_rate=bit_rate, depths=depths,
-            realizations=realizations, **options,
+            at, sea_in_wind(speed), bit_rate=bit_rate, depths=depths, realizations=realizations,
+            flight=flown, **options,
         )  # fmt: skip
         performances.append(found)
     return DepthSweep(tuple(speeds), tuple(performances))

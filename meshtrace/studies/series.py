@@ -170,7 +170,6 @@ def ensemble(  # type: ignore[misc]
     realizations: int,
     surface: SurfaceModel | None = None,
     *,
-    wind_speed: float | None = None,
     wavelengths_nm: ArrayLike | None = None,
     **run: Unpack[StudyOptions],
 ) -> GainSeries | ByWavelength[GainSeries]:
@@ -183,9 +182,7 @@ def ensemble(  # type: ignore[misc]
     realizations : int
         Realizations, each with its own random phases.
     surface : SurfaceModel with seed, optional
-        The sea; by default that of `wind_speed`.
-    wind_speed : float, optional
-        Wind of the default sea [m s-1]: that of the link's bubbles or whitecaps, or 5.
+        The sea; by default that of the wind of the link's bubbles or whitecaps, or of 5 m/s.
     wavelengths_nm : array_like, optional
         Wavelengths in vacuum [nm], in place of that of the sources. See `simulate`.
     **run
@@ -205,12 +202,6 @@ def ensemble(  # type: ignore[misc]
     warning is issued if the band of waves omits more than a tenth of the fading.
     """
     require_whole(realizations, 1, 10_000_000, "realizations")
-    if wind_speed is not None:
-        if surface is not None:
-            raise Refused("wind_speed", wind_speed, "only without a surface")
-        from meshtrace.surfaces import sea_in_wind
-
-        surface = sea_in_wind(wind_speed)
     campaign = campaign_of(
         link, surface, "ensemble", fading=True, wavelengths_nm=wavelengths_nm, **run
     )

@@ -11,11 +11,10 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import sys
 import time
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -29,7 +28,14 @@ from meshtrace.comms.response import ChannelResponse
 from meshtrace.engine.backward.background import background
 from meshtrace.engine.setup.options import Arrivals, Forced
 from meshtrace.engine.simulate import simulate
-from meshtrace.errors import MISSING, Described, Refused, require_keys, require_whole
+from meshtrace.errors import (
+    MISSING,
+    Described,
+    Refused,
+    require_function,
+    require_keys,
+    require_whole,
+)
 from meshtrace.fields import FIELDS, attrs
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
@@ -221,6 +227,34 @@ class Sweep:
         """Number of receivers of every point."""
         return len(self.scenario({}).link.receivers)
 
+    def run(
+        self,
+        store: str | Path | None,
+        workers: int | str | None = None,
+        timeout: float = DEFAULT_TIMEOUT,
+        progress: Callable[[int], None] | None = None,
+    ) -> xr.Dataset:
+        """Return the results, from the store or computed; options as in `sweep`."""
+        cluster = Cluster(workers, timeout).checked()
+        require_function(progress, "progress")
+        advance = progress or (lambda done: None)
+        with Store(store, "sweep").loop("sweep", self.identity()) as kept:
+            tasks = list(self.tasks())
+            found = {task: kept[task.key] for task in tasks if task.key in kept}
+            waiting = [task for task in tasks if task not in found]
+            for _ in found:
+                advance(1)
+            with closing(cluster.map(lambda: self.compute, waiting)) as results:
+                for i, result in paced(results, len(waiting), f"{len(waiting):,} points"):
+                    task, n = waiting[i], waiting[i].last - waiting[i].first
+                    if isinstance(result, Exception):  # not kept: the next call tries again
+                        errors = json.dumps([error_text(result)] * n)
+                        found[task] = Item(np.full((n, 1), np.nan), errors)
+                    else:
+                        found[task] = kept.keep(task.key, *result)
+                    advance(1)
+        return dataset(self.identity(), found)
+
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies this sweep, as plain data."""
         return {
@@ -315,7 +349,7 @@ def sweep(
     store: str | Path | None = None,
     workers: int | str | None = None,
     timeout: float = DEFAULT_TIMEOUT,
-    progress: bool | Callable[[int], None] = True,
+    progress: Callable[[int], None] | None = None,
 ) -> xr.Dataset:
     """Return the gain at every combination of some parameters, computed in parallel.
 
@@ -353,9 +387,8 @@ def sweep(
         not depend on them.
     timeout : float
         Seconds to wait for the scheduler, and for a worker.
-    progress : bool or callable
-        True shows on stderr the address of the dashboard and a bar with the time left; a callable
-        is called with 1 after each task.
+    progress : callable, optional
+        Called with 1 after each task.
 
     Returns
     -------
@@ -393,7 +426,7 @@ def sweep(
     options: dict[str, Any] = {"rtol": rtol, "photons": photons, "seed": seed}
     options |= {"realizations": realizations, "wavelengths_nm": wavelengths_nm}
     study = _study(_base(link, surface), given, parameters, **options)
-    return _swept(study, store, workers, timeout, progress)
+    return study.run(store, workers, timeout, progress)
 
 
 def _study(
@@ -421,34 +454,6 @@ def _study(
     return replace(study, modules=tuple(modules_of(f"{text}{plain}")))
 
 
-def _swept(
-    study: Sweep,
-    store: str | Path | None,
-    workers: int | str | None = None,
-    timeout: float = DEFAULT_TIMEOUT,
-    progress: bool | Callable[[int], None] = True,
-) -> xr.Dataset:
-    """Return the results of a study, from its store or computed."""
-    cluster = Cluster(workers, timeout).checked()
-    with Store(store, "sweep").loop("sweep", study.identity()) as kept:
-        tasks = list(study.tasks())
-        found = {task: kept[task.key] for task in tasks if task.key in kept}
-        waiting = [task for task in tasks if task not in found]
-        if waiting:
-            with _bar(len(waiting), progress) as (show, advance):
-                results = cluster._replace(on_start=show).map(lambda: study.compute, waiting)
-                with closing(results):
-                    for i, result in paced(results, len(waiting), f"{len(waiting):,} points"):
-                        task, n = waiting[i], waiting[i].last - waiting[i].first
-                        if isinstance(result, Exception):  # not kept: the next call tries again
-                            errors = json.dumps([error_text(result)] * n)
-                            found[task] = Item(np.full((n, 1), np.nan), errors)
-                        else:
-                            found[task] = kept.keep(task.key, *result)
-                        advance(1)
-    return dataset(study.identity(), found)
-
-
 def read_store(path: Path) -> xr.Dataset:
     """Return the results in the store of a sweep, nan where points are not finished.
 
@@ -468,48 +473,15 @@ def read_store(path: Path) -> xr.Dataset:
     return dataset(identity, {task: items[task.key] for task in tasks if task.key in items})
 
 
-@contextmanager
-def _bar(
-    total: int, progress: bool | Callable[[int], None]
-) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
-    """Yield callbacks for the dashboard's address and finished tasks: a bar below the address."""
-    if not progress or callable(progress):
-        yield lambda link: None, progress or (lambda done: None)
-        return
-    from rich.console import Console
-    from rich.progress import MofNCompleteColumn, Progress
-
-    console = Console(file=sys.stderr)
-    columns = *Progress.get_default_columns(), MofNCompleteColumn()
-    with Progress(*columns, console=console) as bar:
-        row = bar.add_task("sweep", total=total)
-        yield (
-            lambda link: console.print(f"dashboard: {link}", highlight=False, soft_wrap=True),
-            lambda done: bar.advance(row, done),
-        )
-
-
-def sweep_file(
-    path: str | Path,
-    *,
-    store: str | Path | None = None,
-    trust: bool = False,
-    **options: Any,
-) -> xr.Dataset:
+def sweep_file(path: str | Path, **options: Any) -> xr.Dataset:
     """Run the sweep of a study file: a link file with a table [sweep].
 
     Parameters
     ----------
     path : path
-        TOML file. [sweep] takes realizations, rtol, photons, seed, wavelengths_nm and store, as in
-        `sweep` (rtol, photons and seed may stand in [run] too); [sweep.parameters] the lists of
-        values by their dotted keys.
-    store
-        As in `sweep`; a store in the file lies beside it.
-    trust : bool
-        Run the modules that the file names by import paths, see `Scenario.load`.
+        TOML file, see `read_study`.
     **options
-        workers, timeout, progress, as in `sweep`.
+        store and trust, as in `read_study`; workers, timeout and progress, as in `sweep`.
 
     Returns
     -------
@@ -534,6 +506,33 @@ def sweep_file(
         wind_speed = [5.0, 13.0]
         transmitter.depth = [5.0, 10.0, 20.0]
     """
+    of_file = {name: options.pop(name) for name in ("store", "trust") if name in options}
+    study, store = read_study(path, **of_file)
+    return study.run(store, **options)
+
+
+def read_study(
+    path: str | Path, store: str | Path | None = None, trust: bool = False
+) -> tuple[Sweep, Path]:
+    """Return the sweep of a study file, and its store.
+
+    Parameters
+    ----------
+    path : path
+        TOML file. [sweep] takes realizations, rtol, photons, seed, wavelengths_nm and store, as in
+        `sweep` (rtol, photons and seed may stand in [run] too); [sweep.parameters] the lists of
+        values by their dotted keys.
+    store : path, optional
+        By default that in the file, which lies beside it, or else the name of the file with the
+        ending .store.
+    trust : bool
+        Run the modules that the file names by import paths, see `Scenario.load`.
+
+    Raises
+    ------
+    Refused
+        If the file cannot be read or a value is not allowed.
+    """
     path = Path(path)
     config, table = _read(path)
     run = config.get("run", {})
@@ -543,33 +542,14 @@ def sweep_file(
         require_keys(table, known, "sweep")
     except Refused as error:
         raise error.of(str(path)) from None
-    given |= {key: value for key, value in table.items() if key not in ("parameters", "store")}
-    if store is None and "store" in table:
-        store = _stored(path, table)
-    parameters = dict(_dotted(table.get("parameters", {})))
+    beside = table.pop("store", path.with_suffix(".store").name)
+    if not isinstance(beside, str) or not beside:
+        raise Refused("sweep.store", beside, "a path", source=str(path))
+    parameters = dict(_dotted(table.pop("parameters", {})))
     with trusting(trust):
         base = _base(Scenario.from_config(config, folder=path.parent), None)
-        study = _study(base, config.get("daylight"), parameters, **given)
-    return _swept(study, store, **options)
-
-
-def store_of(path: str | Path) -> Path:
-    """Return the store named in a study file, or the default one beside the file.
-
-    Raises
-    ------
-    Refused
-        If the file cannot be read.
-    """
-    path = Path(path)
-    table = _read(path)[1]
-    return _stored(path, table) if "store" in table else path.with_suffix(".store")
-
-
-def _stored(path: Path, table: Mapping[str, Any]) -> Path:
-    if not isinstance(table["store"], str) or not table["store"]:
-        raise Refused("sweep.store", table["store"], "a path", source=str(path))
-    return path.parent / table["store"]
+        study = _study(base, config.get("daylight"), parameters, **{**given, **table})
+    return study, path.parent / beside if store is None else Path(store)
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:

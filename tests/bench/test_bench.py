@@ -20,7 +20,7 @@ from meshtrace.bench.engine import (
     realization,
     resolved_sea,
 )
-from meshtrace.bench.scaling import (
+from meshtrace.bench.suite import (
     counts_up_to,
     makespan,
     speedup_by_jobs,

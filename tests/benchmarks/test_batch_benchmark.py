@@ -28,7 +28,7 @@ PARAMETERS = {
 def seconds_of(workers: int, rtol: float) -> float:
     """Return the wall time of the sweep [s], from the start of the workers to the dataset."""
     start = perf_counter()
-    data = sweep(LINK, PARAMETERS, rtol=rtol, workers=workers, progress=False)
+    data = sweep(LINK, PARAMETERS, rtol=rtol, workers=workers)
     seconds = perf_counter() - start
     assert (data["error"] == "").all()
     return seconds

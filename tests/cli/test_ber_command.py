@@ -28,7 +28,6 @@ def test_ber_as_json_is_link_performance():
         expected = mt.link_performance(
             scenario.link,
             scenario.surface,
-            wind_speed=wind,
             bit_rate=5e6,
             realizations=3,
             photons=256,

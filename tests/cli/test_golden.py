@@ -26,7 +26,6 @@ OUTPUTS = {
     "ber": "ber --wind 0,13 -n 3 --bit-rates 1e6,5e6 --photons 256",
     "ber-ranges": "ber --preset paper-ranges --wind 0 --depths 45:55:5 --bit-rates 1e6 --photons 256",
     "converge": "converge --spacings 4,3,2,1 --normals vertex --photons 32 --placements 2",
-    "figures-list": "figures --list",
     "water-given": "water",
     "water-type": "water --type coastal",
     "water-constituents": "water --chlorophyll 0.5 --cdom 0.02 --minerals 1 --wavelengths 450:650:50",
@@ -99,7 +98,6 @@ view --html a.html --extent nan
 view --html a.html --spacing 1e-9
 view --html a.html --paths -1
 sweep none.toml
-figures --only nothing
 validate --fast
 bench none.toml
 """

@@ -55,7 +55,7 @@ WRITING = {
     "sweep": ("sweep", "sweep.toml", "--workers", "1"),
     "sweep by day": ("sweep", "day.toml", "--workers", "1"),
 }
-NO_RESULTS = {"bench", "explore", "figures", "new", "plot", "validate", "view", "warm", "water"}
+NO_RESULTS = {"bench", "explore", "new", "plot", "validate", "view", "warm", "water"}
 """Commands that print, open windows, draw pictures or write JSON."""
 
 

@@ -351,7 +351,7 @@ def test_counts_follow_filter_and_lens():
 
 
 def test_refusals():
-    with pytest.raises(Refused, match="day: "):
+    with pytest.raises(Refused, match="daylight: "):
         mt.background(mt.Link(), FlatSea())
     with pytest.raises(Refused, match="photons"):
         mt.background(mt.Link(), FlatSea(), SUN, photons=8)

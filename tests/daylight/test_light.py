@@ -10,7 +10,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.daylight import sky, sky_radiance
-from meshtrace.daylight.patterns import PATTERNS, hemisphere
+from meshtrace.daylight.light import PATTERNS, hemisphere
 from meshtrace.errors import Refused
 from meshtrace.optics.fresnel import unit_vector
 

@@ -161,8 +161,8 @@ def _calls():
         (mt.time_series, {**many, "times": [0.0], "route": mt.Route(
             times=(0.0, 1.0), positions=((0.0, 0.0), (1.0, 0.0)))}),
         (mt.simulate, {**run, "link": down}),
-        *[(mt.background, {**run, "day": day, "water": "none"})] * 2,
-        (mt.background_series, {**many, "day": day, "times": [0.0, 1.0]}),
+        *[(mt.background, {**run, "daylight": day, "water": "none"})] * 2,
+        (mt.background_series, {**many, "daylight": day, "times": [0.0, 1.0]}),
         (mt.compare, {**many, "links": {"a": link, "b": link}, "realizations": 2}),
         (mt.duplex, {**many, "up": link, "down": down, "times": [0.0], "realizations": None}),
         (mt.light_pattern, {**flat, "extent": 1.0, "step": 0.1}),
@@ -219,7 +219,6 @@ OPTIONS = {
     "ber": ["--wind", "--bit-rates", "--depths", "--limit", "--uav", "--preset", "-n", "--set"],
     "converge": ["--spacings", "--time-steps", "--omega-max", "--tolerance", "--set"],
     "view": ["--html", "--spacing", "--extent", "--time", "--color", "--paths", "--set"],
-    "figures": ["--only", "--seed", "--threads"],
     "compare": ["-n", "--photons", "--seed", "--plot", "--set", "-o"],
     "sensitivity": ["--wrt", "--of", "-n", "--limit", "--step", "--photons", "--set", "-o"],
     "optimize": ["--over", "--objective", "--hover", "-n", "--quantile", "--method", "--set"],
@@ -234,7 +233,6 @@ FEW = {
     "ber": ["--photons", "32", "-n", "2"],
     "converge": ["--photons", "32", "--placements", "1", "--spacings", "4,3,2,1"],
     "view": ["--html", "a.html", "--paths", "0"],
-    "figures": ["--list"],
     "compare": ["a.toml", "b.toml", "--photons", "32"],
     "sensitivity": ["a.toml", "--photons", "32", "--wrt", "water.a"],
     "optimize": ["a.toml", "--photons", "32", "-n", "2", "--over", "receiver.fov_deg=10,60"],
@@ -444,7 +442,7 @@ def _datasets():
         mt.coverage_map(link, extent=1.0, step=0.5, photons=64, threads=1),
         mt.compare({"a": link, "b": link}, realizations=2, photons=64),
         mt.link_performance(link, bit_rate=5e6, realizations=2, photons=64),
-        mt.background(link, day=day, photons=64),
+        mt.background(link, daylight=day, photons=64),
     ]
     return [result.to_dataset() for result in made]
 
@@ -484,7 +482,7 @@ def _sweep(path, gain):
     module.Cluster.map = fill
     try:
         link = {"bubbles": "none"}
-        return module.sweep(link, **SWEEP, store=path, photons=32, rtol=None, progress=False)
+        return module.sweep(link, **SWEEP, store=path, photons=32, rtol=None)
     finally:
         module.Cluster.map = original
 
@@ -530,7 +528,7 @@ def studies(random, folder):
     def call():
         original, module.Cluster.map = module.Cluster.map, lambda *rest: (one for one in ())
         try:
-            module.sweep_file(path, progress=False)
+            module.read_study(path)[0].run(None)
         finally:
             module.Cluster.map = original
 

@@ -19,9 +19,9 @@ from hostile import _damage
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.optics import mie
-from meshtrace.paper.runner import read_record, write_record
-from meshtrace.paper.water import WaterProfile, load_profiles
 from meshtrace.stored import load, read_dataset, write_dataset
+from paper.runner import read_record, write_record
+from paper.water import WaterProfile, load_profiles
 
 pytestmark = pytest.mark.drill
 

@@ -209,8 +209,8 @@ def test_killed_figures(kills, tmp_path):
     import pandas as pd
     import xarray as xr
 
-    from meshtrace.paper import Setting, runner
-    from meshtrace.paper.registry import load as load_figure
+    from paper import Setting, runner
+    from paper.registry import load as load_figure
 
     figure, setting = load_figure("snell"), Setting()
     output = figure.make(setting, **figure.effort(True))

@@ -9,10 +9,10 @@ import meshtrace as mt
 from meshtrace import fading, surfaces
 from meshtrace.comms import budget, capacity, decisions, devices
 from meshtrace.errors import Refused
-from meshtrace.paper import water as profiles
 from meshtrace.results.gain import bound_where_dark
 from meshtrace.studies import swings
 from meshtrace.surfaces import FlatSea
+from paper import water as profiles
 
 CORNERS = [(-9.0, -9.0, 0.0), (9.0, -9.0, 0.0), (9.0, 9.0, 0.0)]
 LINK, SEA = mt.Link(), FlatSea()
@@ -165,7 +165,7 @@ METHODS = [
     ("hover_std", lambda: mt.optimize(LINK, SEA, OVER, "gain", hover_std="ab")),
     ("step", lambda: mt.light_pattern(LINK, SEA, 1.0, "")),
     ("time", lambda: mt.light_pattern(LINK, SEA, 1.0, 0.1, time="x")),
-    ("up_gain", lambda: mt.Duplex(SERIES, SERIES, 1.0).outage("x", 1.0)),
+    ("up_gain", lambda: mt.Duplex(SERIES, SERIES).outage("x", 1.0)),
     ("transmittance", lambda: mt.Daylight.overcast(transmittance="x")),
     ("times", lambda: mt.Route(times=(0, 1), positions=((0, 0), (1, 0))).at({}, 5.0)),
     ("height", lambda: mt.Route(times=(0, 1), positions=((0, 0), (1, 0))).at(0.5, [5.0, 6.0])),

@@ -14,6 +14,7 @@ import pytest
 pytestmark = [pytest.mark.drill, pytest.mark.process]
 
 KILLS = 30
+PAPER = Path(__file__).parents[2] / "examples" / "paper"
 
 WRITERS = {
     "gain.nc": "run --photons 64 --set sea.spacing=0.5 -o {}",
@@ -223,11 +224,11 @@ def test_killed_sweeps_leave_a_store_that_goes_on(tmp_path):
 @pytest.mark.slow
 def test_killed_figures_are_drawn_by_the_next_run(tmp_path):
     random = Random("figures")
-    words = ["figures", "--quick", "--only", "snell", "-o"]
+    words = [str(PAPER), "--quick", "--only", "snell", "-o"]
     whole = tmp_path / "whole"
     started = time.monotonic()
     subprocess.run(
-        [sys.executable, "-m", "meshtrace", *words, str(whole)],
+        [sys.executable, *words, str(whole)],
         check=True,
         capture_output=True,
         timeout=500,
@@ -236,7 +237,7 @@ def test_killed_figures_are_drawn_by_the_next_run(tmp_path):
     names = {path.relative_to(whole) for path in whole.rglob("*") if path.is_file()}
     for i in range(KILLS // 3):
         folder = tmp_path / str(i)
-        line = [sys.executable, "-m", "meshtrace", *words, str(folder)]
+        line = [sys.executable, *words, str(folder)]
         process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             process.wait(duration * random.uniform(0.5, 1.05))

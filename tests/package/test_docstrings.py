@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 import meshtrace
+import paper
 
-ROOMS = (meshtrace, meshtrace.surfaces, meshtrace.viz)
+ROOMS = (meshtrace, meshtrace.surfaces, meshtrace.viz, paper)
 MODULES = sorted(
     {
         ".".join([room.__name__, *file.relative_to(folder).with_suffix("").parts])

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from meshtrace.paper import FIGURES
-from meshtrace.paper.registry import load
-from meshtrace.paper.runner import write_index
+from paper import FIGURES
+from paper.registry import load
+from paper.runner import write_index
 
 DOCS = Path(__file__).parents[2] / "docs"
 FOLDER = DOCS / "extra" / "figures"

@@ -7,11 +7,11 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.paper import Number, Setting, make_figures
-from meshtrace.paper.gains import signal_to_noise
-from meshtrace.paper.links import FORMS, bubble_factor, decibel, forced, mean_gain, ratio, scenario
-from meshtrace.paper.registry import load
 from meshtrace.surfaces import FlatSea
+from paper import Number, Setting, make_figures
+from paper.gains import signal_to_noise
+from paper.links import FORMS, bubble_factor, decibel, forced, mean_gain, ratio, scenario
+from paper.registry import load
 
 TINY = {"realizations": 3, "photons": 64, "analog": 2000}
 FLAT_GAIN = 5.9731e-5
@@ -135,10 +135,10 @@ def test_mean_gain_of_the_printed_forms_has_the_factor_of_the_bubbles(monkeypatc
         calls.append((wind, form, tables["receiver"]))
         return Number(2.0, 0.02)
 
-    monkeypatch.setattr("meshtrace.paper.links.bubble_factor", factor)
+    monkeypatch.setattr("paper.links.bubble_factor", factor)
     doubled = mean_gain(13.0, "paper", setting, **options)
     assert calls == [(13.0, "paper", {}), (13.0, "paper", {"height": 4.0})]
-    monkeypatch.setattr("meshtrace.paper.links.bubble_factor", lambda *a, **k: Number(1.0))
+    monkeypatch.setattr("paper.links.bubble_factor", lambda *a, **k: Number(1.0))
     for twice, once in zip(doubled, mean_gain(13.0, "paper", setting, **options), strict=True):
         assert twice.samples == pytest.approx(2.0 * once.samples)
         assert twice.chain_error == pytest.approx(

@@ -1,43 +1,54 @@
-"""The command that redraws the paper: files, page and kept figures."""
+"""The program that redraws the paper: files, page and kept figures."""
 
 import csv
 import json
+import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 from test_profiles import write_argo
-from typer.testing import CliRunner
 
-from meshtrace import cli
-from meshtrace.paper import FIGURES, Setting, make_figures
-from meshtrace.paper.registry import load
-from meshtrace.paper.runner import key, number_text
+from paper import FIGURES, Setting, make_figures
+from paper.__main__ import main
+from paper.registry import load
+from paper.runner import key, number_text
 
 CHEAP = ("ff-cdf", "bubble-density", "stations")
+PROGRAM = Path(__file__).parents[2] / "examples" / "paper"
 
 
-def figures(*arguments):
-    return CliRunner().invoke(cli.app, ["figures", *[str(a) for a in arguments]])
+@pytest.fixture
+def figures(capsys):
+    def run(*arguments):
+        main([str(argument) for argument in arguments])
+        return capsys.readouterr().out
+
+    return run
+
+
+@pytest.fixture
+def refusal(capsys):
+    def run(*arguments):
+        with pytest.raises(SystemExit, match="2"):
+            main([str(argument) for argument in arguments])
+        shown = capsys.readouterr()
+        assert shown.out == ""
+        assert shown.err.startswith("error: ")
+        assert shown.err.count("\n") == 1
+        return shown.err
+
+    return run
 
 
 def only(*names):
     return [word for name in names for word in ("--only", name)]
 
 
-def refusal(*arguments):
-    result = figures(*arguments)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.startswith("error: ")
-    assert result.stderr.count("\n") == 1
-    return result.stderr
-
-
-def test_cheap_figures_have_picture_data_table_and_a_page(tmp_path):
-    result = figures("-o", tmp_path, "--quick", *only(*CHEAP))
-    assert result.exit_code == 0, result.stderr
-    assert "3 drawn, 0 kept" in result.stdout
+def test_cheap_figures_have_picture_data_table_and_a_page(tmp_path, figures):
+    assert "3 drawn, 0 kept" in figures("-o", tmp_path, "--quick", *only(*CHEAP))
     page = (tmp_path / "index.html").read_text()
     for name in CHEAP:
         assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
@@ -71,7 +82,7 @@ def test_interrupted_run_goes_on_where_it_was(tmp_path, monkeypatch):
 
     load("bubble-density")
     with monkeypatch.context() as patch:
-        patch.setattr("meshtrace.paper.optics._bubbles", interrupted)
+        patch.setattr("paper.optics._bubbles", interrupted)
         with pytest.raises(KeyboardInterrupt):
             make_figures(tmp_path, CHEAP, quick=True)
     assert (tmp_path / "ff-cdf.json").is_file()
@@ -91,11 +102,10 @@ def test_key_follows_all_inputs_and_no_others(tmp_path):
     assert key(water, given, True) != key(water, Setting(), True)
 
 
-def test_profiles_are_read_and_drawn(tmp_path):
+def test_profiles_are_read_and_drawn(tmp_path, figures):
     write_argo(tmp_path / "cast.nc")
     name = "temperature-salinity"
-    result = figures("-o", tmp_path / "out", *only(name), "--profiles", tmp_path / "cast.nc")
-    assert result.exit_code == 0, result.stderr
+    figures("-o", tmp_path / "out", *only(name), "--profiles", tmp_path / "cast.nc")
     record = json.loads((tmp_path / "out" / f"{name}.json").read_text())
     assert "NOT the paper's data" not in record["caption"]
     with xr.open_dataset(tmp_path / "out" / f"{name}.nc", engine="h5netcdf") as data:
@@ -108,32 +118,21 @@ def test_stand_ins_say_that_they_are_not_the_papers_data(tmp_path):
     assert record["caption"].startswith("NOT the paper's data")
 
 
-def test_bad_input_is_one_line(tmp_path):
+def test_bad_input_is_one_line(tmp_path, refusal):
     (tmp_path / "file").write_text("")
     assert "--only: 'nope', allowed: link," in refusal("-o", tmp_path, "--only", "nope")
-    assert "allowed: a folder" in refusal("-o", tmp_path / "file", *only("ff-cdf"))
+    assert "File exists" in refusal("-o", tmp_path / "file", *only("ff-cdf"))
     for name in ("no.nc", "file"):
         text = refusal("-o", tmp_path, *only("stations"), "--profiles", tmp_path / name)
         assert f"{name}: " in text
         assert "allowed: an undamaged netCDF file" in text
 
 
-def test_without_the_viz_extra_one_line_says_how_to_install_it(tmp_path, monkeypatch):
-    for module in [m for m in sys.modules if m.startswith("meshtrace.paper")]:
-        monkeypatch.delitem(sys.modules, module)
-    for module in [m for m in sys.modules if m.split(".")[:2] == ["meshtrace", "viz"]]:
-        monkeypatch.delitem(sys.modules, module)
-    monkeypatch.delattr("meshtrace.viz", raising=False)
-    real = __import__("importlib.util", fromlist=["find_spec"]).find_spec
-    monkeypatch.setattr(
-        "importlib.util.find_spec", lambda name, *a: None if name == "pyvista" else real(name, *a)
-    )
-    assert 'pip install "meshtrace[viz]"' in refusal("-o", tmp_path, *only("ff-cdf"))
-
-
-def test_list_names_all_figures():
-    result = figures("--list")
-    assert result.stdout.split() == list(FIGURES)
+@pytest.mark.process
+def test_program_lists_all_figures():
+    line = [sys.executable, str(PROGRAM), "--list"]
+    shown = subprocess.run(line, capture_output=True, text=True, check=True)
+    assert shown.stdout.split() == list(FIGURES)
 
 
 def test_all_numbered_figures_of_the_paper_are_there():

@@ -6,8 +6,8 @@ import xarray as xr
 from matplotlib.colors import to_rgb
 
 import meshtrace as mt
-from meshtrace.paper import Setting, gains, optics
-from meshtrace.paper.links import WIND_COLORS, form_panels, wind_lines
+from paper import Setting, gains, optics
+from paper.links import WIND_COLORS, form_panels, wind_lines
 
 
 def test_maps_share_one_colour_bar_and_scale(monkeypatch):

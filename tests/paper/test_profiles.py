@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from meshtrace.optics.pure_water import quan_fry
-from meshtrace.paper.water import (
+from paper.water import (
     WaterProfile,
     depth_of_pressure,
     load_profiles,

@@ -20,10 +20,9 @@ from meshtrace.results.provenance import _git_commit, environment
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import (
     FORMAT_VERSION,
+    Rows,
     Stored,
-    columns_of,
     read_dataset,
-    row_of,
     write_dataset,
 )
 from meshtrace.studies import ConvergenceStudy, fading_study
@@ -83,7 +82,7 @@ def results(calm_design):
     moving = replace(series, along="time", coordinate=0.1 * np.arange(40))
     grid = np.linspace(0.0, 1.0, 3)
     coverage = mt.CoverageMap(grid, grid, np.ones((3, 3)), np.full((3, 3), 0.1), {"times": [0.0]})
-    shortcuts = {"wind_speed": 5.0, "realizations": 8, "photons": 64}
+    shortcuts = {"realizations": 8, "photons": 64}
     performance = mt.link_performance(mt.Link(), **shortcuts)
     steps = np.array([2.0, 1.0, 0.5, 0.25])
     ones = np.ones((1, 4))
@@ -372,16 +371,34 @@ class Interval(NamedTuple):
 class Point(NamedTuple):
     name: str
     gain: Interval
-    doubtful: bool
+    outage: bool
 
 
 def test_rows_within_rows_are_columns_and_come_back():
     rows = [Point("a", Interval(1.0, 0.5), True), Point("b", Interval(2.0, 1.5), False)]
-    table = columns_of(rows)
-    assert table == {
-        "name": ["a", "b"], "gain": [1.0, 2.0], "gain_low": [0.5, 1.5], "doubtful": [True, False],
+    table = Rows(Point, "link")
+    found = table.variables(rows, {})
+    assert {name: (dims, column.tolist()) for name, (dims, column, _) in found.items()} == {
+        "link": (("link",), ["a", "b"]), "gain": (("link",), [1.0, 2.0]),
+        "gain_low": (("link",), [0.5, 1.5]), "outage": (("link",), [1, 0]),
     }  # fmt: skip
-    assert [row_of(Point, {**table, "doubtful": [1, 0]}, i) for i in range(2)] == rows
+    assert table.read(xr.Dataset(found)) == rows
+    assert table.read(xr.Dataset()) == []
+
+
+class Place(NamedTuple):
+    depth: float
+    bit_rate: float
+    ber: Interval
+
+
+def test_rows_of_two_dimensions_have_their_coordinates():
+    rows = [Place(z, b, Interval(z + b, 0.0)) for z in (10.0, 20.0) for b in (1.0, 2.0, 3.0)]
+    table = Rows(Place, "depth bit_rate")
+    data = xr.Dataset(table.variables(rows, {"depth": 2}))
+    assert data["ber"].sel(depth=20.0, bit_rate=3.0) == 23.0
+    assert data["depth"].dims == ("depth",)
+    assert table.read(data.transpose()) == rows
 
 
 def test_a_result_has_a_line_of_text():

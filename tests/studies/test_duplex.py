@@ -122,6 +122,6 @@ def test_a_study_with_a_link_file_of_a_downlink():
     again = mt.Scenario.from_toml(scenario.to_toml())
     assert again.link == scenario.link
     points = mt.sweep(
-        scenario, {"receiver.depth": [6.0, 12.0]}, rtol=None, photons=64, workers=1, progress=False
+        scenario, {"receiver.depth": [6.0, 12.0]}, rtol=None, photons=64, workers=1
     )  # fmt: skip
     assert points.gain.squeeze()[0] > points.gain.squeeze()[1]

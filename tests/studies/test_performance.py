@@ -24,7 +24,7 @@ from meshtrace.studies.operating_point import (
     ber_of_samples,
     outage_of_samples,
 )
-from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.surfaces import FlatSea, JonswapSea, sea_in_wind
 
 RATES = (1e6, 5e6, 1e7)
 GRID = tuple(range(25, 95, 5))
@@ -174,7 +174,7 @@ def test_average_ber_equals_brute_force(ensemble_performance):
 def test_tilts_are_averaged_as_brute_force_does():
     found = mt.link_performance(
         at_depth(40.0),
-        wind_speed=13.0,
+        sea_in_wind(13.0),
         bit_rate=5e6,
         realizations=12,
         photons=256,
@@ -206,9 +206,9 @@ def test_tilt_outage_is_that_of_the_law():
 
 
 def test_gimbal_takes_the_tilt_away():
-    link, seas = at_depth(40.0), {"realizations": 4, "photons": 256, "wind_speed": 13.0}
-    level = mt.link_performance(link, **seas).at()
-    held = mt.link_performance(link, flight=mt.Flight(mt.Uav(gimbal=True)), **seas).at()
+    link, seas = (at_depth(40.0), sea_in_wind(13.0)), {"realizations": 4, "photons": 256}
+    level = mt.link_performance(*link, **seas).at()
+    held = mt.link_performance(*link, flight=mt.Flight(mt.Uav(gimbal=True)), **seas).at()
     assert held.ber.value == pytest.approx(level.ber.value, rel=1e-9)
 
 
@@ -307,7 +307,7 @@ def test_each_frame_has_its_own_tilt():
 def test_coupled_performance_counts_correlated_times():
     found = mt.link_performance(
         mt.Link(),
-        wind_speed=13.0,
+        sea_in_wind(13.0),
         flight=mt.Flight(coupled=True, time_step=0.25),
         realizations=8,
         photons=256,
@@ -489,7 +489,7 @@ def test_waves_of_5_metres_per_second_do_not_cost_what_the_paper_prints(band):
     (still,) = mt.link_performance(mt.Link(), FlatSea(), **options).range_at_ber()
     sea = JonswapSea(wind_speed=5.0, waves=band)
     with pytest.warns(UserWarning, match="all waves"):
-        found = mt.link_performance(windy_link, sea, wind_speed=5.0, **options)
+        found = mt.link_performance(windy_link, sea, **options)
     (windy,) = found.range_at_ber()
     assert windy[2] - windy[1] < 0.5
     assert abs(still[0] - windy[0]) < 0.5  # the paper prints a loss of 4 m

@@ -215,8 +215,6 @@ def test_ensemble_refuses_what_has_no_phases():
         mt.ensemble(mt.Link(), 3, FlatSea(), **OPTIONS)
     with pytest.raises(ValueError, match="realizations"):
         mt.ensemble(mt.Link(), 0, SEA, **OPTIONS)
-    with pytest.raises(ValueError, match=r"wind_speed: 5\.0, allowed: only without a surface"):
-        mt.ensemble(mt.Link(), 3, SEA, wind_speed=5.0, **OPTIONS)
 
 
 @pytest.mark.parametrize(

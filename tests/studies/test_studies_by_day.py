@@ -42,7 +42,7 @@ def address():
 
 
 def swept(base, parameters, address, **options):
-    options = {"rtol": None, "photons": 256, "progress": False, **options}
+    options = {"rtol": None, "photons": 256, **options}
     return mt.sweep(base, parameters, workers=address, **options)
 
 
@@ -88,8 +88,8 @@ def test_a_sweep_over_lights_and_a_study_file(address, tmp_path):
 def _file(path, address):
     from meshtrace.studies import sweep_file
 
-    first = sweep_file(path, workers=address, progress=False)
-    again = sweep_file(path, workers=address, progress=False)  # from the store
+    first = sweep_file(path, workers=address)
+    again = sweep_file(path, workers=address)  # from the store
     np.testing.assert_array_equal(first["ber"], again["ber"])
     return again
 
@@ -243,7 +243,7 @@ def test_the_background_of_a_flight_has_its_tilts():
 @pytest.mark.parametrize("coupled", [False, True])
 @pytest.mark.slow
 def test_error_rates_of_a_flight_by_day(coupled):
-    options = {"photons": 64, "realizations": 2, "wind_speed": 13.0}
+    options = {"photons": 64, "realizations": 2}
     flown = {"flight": mt.Flight(coupled=coupled)}
     sea = sea_in_wind(13.0)
     day = mt.link_performance(UP, sea, daylight=DAY, **flown, **options)
@@ -294,7 +294,7 @@ def test_error_rates_of_a_downlink_by_day():
 def test_a_downlink_by_day_from_an_aircraft():
     link = mt.Link(transmitter=mt.AirLed(), receiver=mt.WaterReceiver(fov_deg=20.0, depth=20.0))
     ook = mt.OokLink().replace("optics.filter_width_nm", 0.5)
-    options = {"photons": 64, "realizations": 2, "ook": ook, "daylight": DAY, "wind_speed": 5.0}
+    options = {"photons": 64, "realizations": 2, "ook": ook, "daylight": DAY}
     flown = mt.link_performance(link, sea_in_wind(5.0), flight=mt.Flight(coupled=True), **options)
     assert 0.0 < flown.at().ber.value < 0.5
     series = mt.background_series(link, WAVE, DAY, [0.0, 0.5], photons=64, flight=FLIGHT)

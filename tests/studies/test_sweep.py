@@ -18,7 +18,7 @@ from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
 from meshtrace.studies import sweep, sweep_file
 from meshtrace.studies.cluster import Cluster
-from meshtrace.studies.sweeps import BLOCK, Sweep, Task, read_store, store_of
+from meshtrace.studies.sweeps import BLOCK, Sweep, Task, read_store, read_study
 from meshtrace.surfaces import FlatSea, JonswapSea, MeshSequence, SinusoidalSea
 
 dask = pytest.importorskip("dask")
@@ -38,7 +38,7 @@ def address():
 
 def run(parameters, address, **options):
     options = {
-        "surface": FLAT, "rtol": None, "photons": 64, "progress": False, "workers": address,
+        "surface": FLAT, "rtol": None, "photons": 64, "workers": address,
         **options,
     }  # fmt: skip
     return sweep(options.pop("link", mt.Link()), parameters, **options)
@@ -264,11 +264,11 @@ def test_wrong_arguments_are_named(parameters, options, message):
         run(parameters, "tcp://127.0.0.1:1", **options)
 
 
-def test_progress_tells_where_the_dashboard_is(address, capsys):
-    run({"water.b": [0.0]}, address, progress=True)
-    text = capsys.readouterr().err
-    assert "dashboard: http://" in text
-    assert "1/1" in text
+def test_progress_counts_finished_and_kept_points(address, tmp_path):
+    for values, kept in (([0.0, 0.1], 0), ([0.0, 0.1], 2)):
+        told = []
+        run({"water.b": values}, address, store=tmp_path / "a.store", progress=told.append)
+        assert told == [1] * len(values), kept
 
 
 def test_missing_extra_is_named(monkeypatch):
@@ -301,7 +301,7 @@ def test_study_file_is_a_link_file_with_a_sweep(address, tmp_path):
         "receiver.height" = [4.0]
         """,
     )
-    data = sweep_file(path, workers=address, progress=False)
+    data = sweep_file(path, workers=address)
     assert data["gain"].dims == ("transmitter.depth", "receiver.height", "realization")
     identity = json.loads(data.attrs["identity"])
     assert (identity["seed"], identity["photons"], identity["rtol"]) == (7, 64, 1.0)
@@ -320,7 +320,7 @@ def test_study_file_is_a_link_file_with_a_sweep(address, tmp_path):
 )
 def test_wrong_study_files_are_reported_in_one_line(tmp_path, text, message):
     with pytest.raises(ValueError, match=message) as caught:
-        sweep_file(write_study(tmp_path, text), progress=False)
+        sweep_file(write_study(tmp_path, text))
     assert "\n" not in str(caught.value)
 
 
@@ -384,7 +384,7 @@ def test_point_without_light_ends(address):
 
 def test_study_of_the_examples_is_allowed():
     path = Path(__file__).parents[2] / "examples" / "study.toml"
-    assert store_of(path) == path.with_name("study.store")
+    assert read_study(path)[1] == path.with_name("study.store")
     config = tomllib.loads(path.read_text())
     table = config.pop("sweep")
     asked = Sweep(
@@ -443,7 +443,7 @@ def test_a_study_file_of_wavelengths_by_day(address, tmp_path):
     """
     path = tmp_path / "study.toml"
     path.write_text(text)
-    found = sweep_file(path, workers=address, progress=False)
+    found = sweep_file(path, workers=address)
     assert not found["error"].item()
     assert found["ber"].shape == (1, 1, 2)
     assert (found["background_radiance"] > 0.0).all()

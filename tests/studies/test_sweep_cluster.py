@@ -21,7 +21,7 @@ from meshtrace.studies.cluster import _checked, _environment, _portable_job
 distributed = pytest.importorskip("distributed")
 
 FLAT = {"spectrum": "flat"}
-FEW = {"rtol": None, "photons": 64, "progress": False, "surface": FLAT}
+FEW = {"rtol": None, "photons": 64, "surface": FLAT}
 
 
 @pytest.fixture

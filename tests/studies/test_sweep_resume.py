@@ -24,7 +24,7 @@ pytestmark = pytest.mark.process
 PHOTONS = 8192  # so many that a sweep lasts seconds, and can be interrupted
 LINK = {"sea": {"spectrum": "jonswap"}, "bubbles": "none", "run": {"photons": PHOTONS}}
 PARAMETERS = {"transmitter.depth": [4.0 + i for i in range(12)], "wind_speed": [5.0, 13.0]}
-OPTIONS = {"rtol": None, "photons": PHOTONS, "progress": False}
+OPTIONS = {"rtol": None, "photons": PHOTONS}
 SCRIPT = f"""
 import sys
 from meshtrace.studies.sweeps import sweep

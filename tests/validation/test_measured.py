@@ -8,7 +8,7 @@ import pytest
 from meshtrace.errors import Refused
 from meshtrace.stored import load
 from meshtrace.validation import measured
-from meshtrace.validation.measured import albedo, beams, daylight, flashes, suite
+from meshtrace.validation.measured import beams, daylight, flashes, suite
 
 EXPERIMENTS = measured.experiments()
 UNITS = {"1", "m", "deg", "mrad", "m s-1", "m-1", "%", "dB", "mW"}
@@ -106,8 +106,8 @@ def test_reflection_of_still_water_is_that_of_fresnel():
         return float(fresnel_reflectance(cosine, 1.0, 1.34))
 
     sky = quad(lambda mu: 2.0 * mu * rho(mu), 0.0, 1.0)[0]
-    assert albedo.reflected("sun", 30.0, 0.0, 1024)[0] == pytest.approx(rho(0.5), rel=1e-6)
-    found, stderr = albedo.reflected("isotropic", 0.0, 0.0, 4096)
+    assert daylight.reflected("sun", 30.0, 0.0, 1024)[0] == pytest.approx(rho(0.5), rel=1e-6)
+    found, stderr = daylight.reflected("isotropic", 0.0, 0.0, 4096)
     assert abs(found - sky) < 4.0 * stderr
     assert sky == pytest.approx(0.0675, abs=1e-4)
 

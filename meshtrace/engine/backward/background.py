@@ -1,7 +1,7 @@
 """Background light of a receiver: rays back to sky and sun, over the same mesh as the link.
 
 From a receiver in the air rays follow the mirror direction over up to eight reflections; at each of
-them the sun is connected by the density of the slopes that the mesh leaves out (`daylight.glint`),
+them the sun is connected by the density of the slopes that the mesh leaves out (`daylight.upward`),
 or, over a mesh that leaves none out, by the points of the mesh that mirror it exactly
 (`view.bent_sun`). For a receiver in the water see `submerged`.
 """
@@ -14,9 +14,8 @@ from typing import Any, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.daylight.glint import connected_glint
-from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight
-from meshtrace.daylight.patterns import sky_radiance
+from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, sky_radiance
+from meshtrace.daylight.upward import connected_glint
 from meshtrace.engine.backward.submerged import seen_from_water, walked
 from meshtrace.engine.backward.view import (
     FOAM,
@@ -134,7 +133,7 @@ def _glint(scene: SeenSea, hit: Hit, view: Floats) -> Floats:
 def background(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
-    day: Daylight | None = None,
+    daylight: Daylight | None = None,
     *,
     wavelengths_nm: None = None,
     **options: Any,
@@ -145,7 +144,7 @@ def background(
 def background(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
-    day: Daylight | None = None,
+    daylight: Daylight | None = None,
     *,
     wavelengths_nm: ArrayLike,
     **options: Any,
@@ -155,7 +154,7 @@ def background(
 def background(  # type: ignore[misc]
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
-    day: Daylight | None = None,
+    daylight: Daylight | None = None,
     *,
     photons: int = 4096,
     seed: int = 1,
@@ -173,14 +172,14 @@ def background(  # type: ignore[misc]
         The link, with one receiver.
     surface : MeshSource or TriangleMesh, optional
         The sea, as in `simulate`.
-    day : Daylight, optional
+    daylight : Daylight, optional
         Light above the sea; by default that of a scenario.
     photons : int
         Rays from the receiver, 32 ... 10 000 000.
     seed : int
         Key of the random numbers.
     water : {"quasi-single", "walk", "none"}, optional
-        Light out of the water, by default `day.water`.
+        Light out of the water, by default `daylight.water`.
     wavelengths_nm : array_like, optional
         Wavelengths [nm], in place of that of the sources: a background for each, of the same rays
         from the receiver over one mesh, under the light of the same model
@@ -214,10 +213,10 @@ def background(  # type: ignore[misc]
     >>> f"{found.parts['sky']:.2e}"
     '2.08e-03'
     """
-    day = getattr(link, "daylight", None) if day is None else day
-    require_kind(day, Daylight | None, "day")
+    day = getattr(link, "daylight", None) if daylight is None else daylight
+    require_kind(day, Daylight | None, "daylight")
     if day is None:
-        raise Refused("day", None, "a Daylight")
+        raise Refused("daylight", None, "a Daylight")
     require_whole(photons, SHIFTS, 10_000_000, "photons")
     require_whole(seed, 0, 2**64 - 1, "seed")
     if water is not None:

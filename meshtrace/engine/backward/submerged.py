@@ -18,8 +18,8 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from meshtrace.daylight.glint import slope_density, slopes_of
 from meshtrace.daylight.light import Daylight
+from meshtrace.daylight.upward import slope_density, slopes_of
 from meshtrace.engine.backward.view import (
     SKY,
     SUN,

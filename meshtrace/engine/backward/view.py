@@ -20,9 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.daylight.glint import slopes_of
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight
-from meshtrace.daylight.water_leaving import QuasiSingle
+from meshtrace.daylight.upward import QuasiSingle, slopes_of
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.sets import shifted, shifted_points
 from meshtrace.engine.setup.arrays import frame_of, surface_arrays

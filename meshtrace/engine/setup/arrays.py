@@ -369,7 +369,7 @@ _bins_kept: deque[Any] = deque(maxlen=2)  # for both directions
 
 @lru_cache(maxsize=32)
 def angle_table(phase: PhaseFunction) -> AngleTable:
-    """Tabulate a phase function and its integral over the scattering angle.
+    """Tabulate a phase function over the scattering angle.
 
     Parameters
     ----------
@@ -390,9 +390,7 @@ def angle_table(phase: PhaseFunction) -> AngleTable:
     theta = edge[:-1, None] + half * (1.0 + node)
     solid = weight * np.sin(theta)
     beta = (phase.pdf(theta) * solid).sum(axis=1) / solid.sum(axis=1)
-    parts = beta * np.diff(edge)
-    tail = np.append(np.cumsum(parts[::-1])[::-1], 0.0)
-    return AngleTable(log_first, per_log, edge, beta, tail)
+    return AngleTable(log_first, per_log, edge, beta)
 
 
 def grid_arrays(mesh: TriangleMesh) -> Grid:

@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, get_type_hints, overload
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, overload
 
 import numpy as np
 
 from meshtrace.errors import Refused, require_keys, require_real
-from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import Stored, Variable, columns_of, row_of
+from meshtrace.stored import Rows, Stored, Variable
 from meshtrace.tables import text_table
 
 if TYPE_CHECKING:
-    import xarray as xr
+    pass
 
 DECIBELS = 10.0 / math.log(10.0)
 """Decibels of a factor e."""
@@ -128,7 +127,7 @@ class Sensitivities(Stored):
     value: Annotated[float, Variable("", name="quantity")]
     stderr: Annotated[float, Variable("", name="quantity_stderr")]
     unit: str
-    table: Table
+    table: Annotated[Table, Rows(Row, "parameter", "sensitivity_")]
     logs: Annotated[Floats, Variable("parameter parameter_too", name="sensitivity_covariance")]
     provenance: dict[str, Any] = field(default_factory=dict)
     light: str = ""
@@ -211,24 +210,6 @@ class Sensitivities(Stored):
             return Value(self.value * (1.0 + change), math.hypot(self.stderr, self.value * spread))
         value = self.value * math.exp(change)
         return Value(value, value * math.hypot(self.stderr / self.value, spread))
-
-    def _content(self) -> xr.Dataset:
-        table: dict[str, Any] = dict(columns_of(self.table))
-        table["suspicious"] = np.array(table["suspicious"], np.int8)
-        named = ((_stored(name), column) for name, column in table.items())
-        return super()._content().assign({k: ("parameter", v, attrs(k)) for k, v in named})
-
-    @classmethod
-    def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
-        """Return the fields that a dataset holds."""
-        table = {name: data[_stored(name)].values.tolist() for name in get_type_hints(Row)}
-        rows = (row_of(Row, table, i) for i in range(data.sizes["parameter"]))
-        return super().arrays(data) | {"table": Table(rows)}
-
-
-def _stored(column: str) -> str:
-    """Return the name of a column of the table in files."""
-    return "parameter" if column == "name" else f"sensitivity_{column}"
 
 
 def _step(row: Row, value: float) -> tuple[float, float]:

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.errors import Refused
-from meshtrace.paper.registry import Entry, Floats, Number, Setting, row
 from meshtrace.uav import UAVS
+from paper.registry import Entry, Floats, Number, Setting, row
 
 WIND_COLORS = {
     0.0: viz.style.PALETTE["black"],

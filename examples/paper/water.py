@@ -20,9 +20,9 @@ from meshtrace import viz
 from meshtrace.errors import Described, Refused, one_line, require_array, require_kind, require_real
 from meshtrace.fields import attrs
 from meshtrace.optics.pure_water import quan_fry
-from meshtrace.paper.links import panels
-from meshtrace.paper.registry import Entry, FigureOutput, Floats, Setting, row
 from meshtrace.stored import read_dataset
+from paper.links import panels
+from paper.registry import Entry, FigureOutput, Floats, Setting, row
 
 STEEPEST = math.radians(80.0)
 """Largest angle from the vertical that `ray_deflection` follows."""

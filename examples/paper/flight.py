@@ -11,11 +11,11 @@ import xarray as xr
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.paper.links import FORM_NAMES, FORMS, ROUGH, UAV, Form, gusts, panels, wind_name
-from meshtrace.paper.registry import Entry, FigureOutput, Number, Setting, row
 from meshtrace.surfaces import JonswapSea
 from meshtrace.surfaces.statistics import components_hs
 from meshtrace.uav.tilt import compare_laws
+from paper.links import FORM_NAMES, FORMS, ROUGH, UAV, Form, gusts, panels, wind_name
+from paper.registry import Entry, FigureOutput, Number, Setting, row
 
 KNOT = 1852.0 / 3600.0
 """One knot [m s-1]."""

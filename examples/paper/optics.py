@@ -13,8 +13,8 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.fields import attrs
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
-from meshtrace.paper.links import ROUGH, WIND_COLORS, panels, wind_name
-from meshtrace.paper.registry import FigureOutput, Floats, Setting, row
+from paper.links import ROUGH, WIND_COLORS, panels, wind_name
+from paper.registry import FigureOutput, Floats, Setting, row
 
 NODES = 500
 """Even grid of angles from 0 to 180 degrees on which the distances of two CDFs are taken."""

@@ -5,7 +5,7 @@ physics and of the forms as published. `make_figures` draws them into a folder w
 page. Texts and printed numbers are in rows.toml. Needs the `viz` extra.
 """
 
-from meshtrace.paper.registry import FIGURES, Figure, FigureOutput, Number, Setting, TableRow
-from meshtrace.paper.runner import make_figures
+from paper.registry import FIGURES, Figure, FigureOutput, Number, Setting, TableRow
+from paper.runner import make_figures
 
 __all__ = ["FIGURES", "Figure", "FigureOutput", "Number", "Setting", "TableRow", "make_figures"]

@@ -14,7 +14,9 @@ from scipy.ndimage import gaussian_filter
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.fields import attrs
-from meshtrace.paper.links import (
+from meshtrace.results.gain import FATE_MEANING
+from meshtrace.uav.tilt import h_alpha
+from paper.links import (
     FORM_NAMES,
     FORMS,
     RADIUS,
@@ -38,9 +40,7 @@ from meshtrace.paper.links import (
     wind_name,
     wind_rows,
 )
-from meshtrace.paper.registry import PRINTED, Entry, FigureOutput, Floats, Number, Setting, row
-from meshtrace.results.gain import FATE_MEANING
-from meshtrace.uav.tilt import h_alpha
+from paper.registry import PRINTED, Entry, FigureOutput, Floats, Number, Setting, row
 
 EXTENT = 5.0
 """Half-width of the maps [m]."""
@@ -438,7 +438,7 @@ def signal_to_noise(setting: Setting, realizations: int, photons: int, analog: i
     setting : Setting
         Seed and threads.
     realizations, photons, analog : int
-        Effort, as in `meshtrace.paper.links.mean_gain`.
+        Effort, as in `paper.links.mean_gain`.
 
     Returns
     -------

@@ -17,8 +17,8 @@ from typing import Any
 import pandas as pd
 
 from meshtrace.files import atomic
-from meshtrace.paper.registry import FIGURES, Figure, FigureOutput, Setting, TableRow, load
 from meshtrace.stored import write_dataset
+from paper.registry import FIGURES, Figure, FigureOutput, Setting, TableRow, load
 
 INDEX = "index.html"
 
@@ -161,7 +161,7 @@ def make_figures(
     profiles. A figure whose record has the same key and whose files are all present is kept, so
     that an interrupted run resumes.
     """
-    from meshtrace.paper.water import profiles_of
+    from paper.water import profiles_of
 
     setting, folder = setting or Setting(), Path(folder)
     report = on_figure or (lambda name, record: None)
