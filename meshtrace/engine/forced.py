@@ -152,10 +152,9 @@ class ForcedDetection:
         self.method: list[choice.Method] = ["joined"] * len(link.receivers)
         self._light: Floats | None = None  # gain of each receiver over still water
         orders, pilots = self._orders_of_chains(), list[choice.Pilot]()
-        if orders is not None:
+        if orders is not None and scattered != "joined":
             pilots = self.pilots_over(self.drawer, orders)
             self._light = self._still_gain(pilots)
-        if orders is not None and scattered != "joined":
             joined, still, compared = None, self.flat(), pilots
             if scattered == "auto" and any(orders):
                 # chains and joined photons are compared over still water with random slopes

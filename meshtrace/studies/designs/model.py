@@ -23,6 +23,7 @@ from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.optics.water import Water
 from meshtrace.results.background import Background
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import Lights, background_over_seas, checked_daylight, described
 from meshtrace.studies.campaign import Campaign
@@ -43,7 +44,7 @@ LENS, VIEW, WIDTH = "receiver.radius", "receiver.fov_deg", "detector.optics.filt
 RATE, COLOUR = "detector.bit_rate", "transmitter.wavelength_nm"
 _RUN_SEAS = 16  # of a link that is run by itself
 _NIGHT_SEAS = 2  # of its background, which is less than the dark counts
-_VIEWS = 2.0, 3.2, 5.0, 8.5, 14.4, 24.5, 41.6, 70.7, 120.0  # [deg] of which backgrounds are found
+_VIEWS = 2.0, 5.0, 12.0, 30.0, 60.0, 120.0  # [deg] of which backgrounds are found
 _DB = 10.0 / math.log(10.0)
 _CLOSED = 46.0  # 200 dB stand for an eye that no power opens
 _NIGHTS = ("moonless night", "moonlight")
@@ -232,18 +233,19 @@ class LinkModel:
     @cached_property
     def quantile_stderr(self) -> float:
         """Standard error of ln q: a jackknife over the seas, and the common chains."""
-        return self._quantile_error(self.fades, self.fades.h_alpha)
+        fades = self.fades
+        return self._quantile_error(fades.series.gain, fades.h_alpha, fades.chain_error)
 
-    def _quantile_error(self, fades: FadingSamples, tilt: Floats) -> float:
-        gains, n = fades.series.gain, len(fades.series.gain)
+    def _quantile_error(self, gains: Floats, tilt: Floats, chain_error: float) -> float:
+        n = len(gains)
         if n < 3:
-            return fades.chain_error
+            return chain_error
         left = [
             log_quantile(np.delete(gains, i), np.delete(tilt, i, axis=0), self.outage)
             for i in range(n)
         ]
         spread = (n - 1) * float(np.var(left)) if np.isfinite(left).all() else math.nan
-        return math.hypot(math.sqrt(spread), fades.chain_error)
+        return math.hypot(math.sqrt(spread), chain_error)
 
     # ---- lights -----------------------------------------------------------------------------
 
@@ -357,12 +359,24 @@ class LinkModel:
 
     @cache  # noqa: B019
     def apart(self, link: Link) -> tuple[float, float]:
-        """Return ln q of another link, from a separate run, and its standard error."""
-        campaign = self.campaign._replace(progress=None)
-        ensemble = Ensemble(campaign, max(min(self.seas, _RUN_SEAS), 2), self.flight)
-        fades = ensemble.samples(link)
-        value = log_quantile(fades.series.gain, fades.h_alpha, self.outage)
-        return value, self._quantile_error(fades, fades.h_alpha)
+        """Return ln q of another link, from a separate run, and its standard error.
+
+        Of another receiver along with that of the link, whose photons are spread more evenly.
+        """
+        ends = tuple(dict.fromkeys((*self.link.receivers, *link.receivers)))
+        whole = link.replace("receiver", ends if len(ends) > 1 else ends[0])
+        name = f"link and {ends[-1].radius!r} m, {ends[-1].fov_deg!r} deg at {link.depth!r} m"
+        campaign = self.campaign.of(whole, name)._replace(progress=None)
+        steps = campaign.in_time(np.array([campaign.meshing.time]))
+        if isinstance(campaign.surface, SeededSurface):
+            steps = campaign.realizations(max(min(self.seas, _RUN_SEAS), 2))
+        gains = campaign.gains(steps).gain.values[0, :, -1]  # (seas, shifts)
+        means, total = gains.mean(axis=1), float(gains.mean())
+        if not total > 0.0:
+            return -math.inf, math.nan
+        error = float(error_of_groups(gains.mean(axis=0))) / total
+        tilt = self._tilt(link.receivers[0].fov_deg)[: len(means)]
+        return log_quantile(means, tilt, self.outage), self._quantile_error(means, tilt, error)
 
     @cache  # noqa: B019
     def run(self, light: str, link: Link, width: float) -> tuple[float, float]:
