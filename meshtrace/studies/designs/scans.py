@@ -24,7 +24,7 @@ _FLAT_DB = 0.5
 _POINTS = 49  # of a scan
 _NODES, _VIEWS = 4, 13  # links of a scan over a key that changes the light, and over the view
 _FEW_COUNTS = 100.0  # in a one
-_WINDOWS = 8  # intervals of bit rates between those whose averaging windows are sought
+_WINDOWS = 6  # intervals of bit rates between those whose averaging windows are sought
 _COLOURS = 9  # wavelengths with common paths
 _COLOURS_NM = 400.0, 650.0
 _DB = 10.0 / math.log(10.0)
@@ -108,13 +108,14 @@ class Scans(LinkModel):
             return dict.fromkeys(LIGHTS, np.zeros(len(values))), np.zeros(len(values))
         straight = key.endswith("position.0")
         at = values if straight else np.log(values)
-        chosen, step = _nodes(key), 2 if key == VIEW else 1
-        links, places = self._at(key, values), at[chosen]
+        step, links, places = 2 if key == VIEW else 1, self._at(key, values), at[_nodes(key)]
         logs, errors = np.array([self.means.ratio(link) for link in links]).T
-        found = {}
+        found = dict.fromkeys(LIGHTS, _through(places, logs, at))
+        if key == LENS:  # which changes no delays
+            return found, np.interp(at, places, errors)
         for light in LIGHTS:
             losses = np.array([self.pulse_loss(light, link) for link in links[::step]])
-            found[light] = _through(places, logs, at) - _through(places[::step], losses, at)
+            found[light] = found[light] - _through(places[::step], losses, at)
         return found, np.interp(at, places, errors)
 
     def _at(self, key: str, values: Floats) -> list[Link]:
@@ -132,12 +133,14 @@ class Scans(LinkModel):
         """Return the reserves over bit rates; the best has the largest rate of hard decisions."""
         error = self.quantile_stderr
         gain = self.quantile(self.link.only_receiver.fov_deg)
-        rows, carried, errors = [], [], []
         nodes = values[:: len(values) // _WINDOWS]
         shares = [self.at_rate(light, v).averaging_window * v for v in nodes.tolist()]
         windows = np.interp(np.log(values), np.log(nodes), shares) / values
-        for ook in map(partial(self.at_rate, light), values.tolist(), windows.tolist()):
-            rows.append(self.above(gain, ook, ook.required_power(self.limit)))
+        ooks = list(map(partial(self.at_rate, light), values.tolist(), windows.tolist()))
+        some = [self.above(gain, ook, ook.required_power(self.limit)) for ook in ooks[::2]]
+        rows = np.interp(np.log(values), np.log(values[::2]), some)
+        carried, errors = [], []
+        for ook in ooks:
             powers = ook.received_power(np.exp(gain + error * np.array([0.0, -1.0, 1.0])))
             hard, *ends = hard_information(ook.ber(powers)).tolist()
             if ook.levels(powers[0])[1] * ook.bit_time < _FEW_COUNTS:  # bounded by full counts
@@ -146,7 +149,7 @@ class Scans(LinkModel):
             errors.append(ends)
         low, high = 5.0 * np.log10(np.maximum(np.array(errors), 1e-9)).T
         merit = 10.0 * np.log10(np.maximum(carried, 1e-3))
-        return self._scan(light, RATE, values, np.array(rows), np.abs(high - low), merit)
+        return self._scan(light, RATE, values, rows, np.abs(high - low), merit)
 
     def _colours(self, values: Floats) -> list[Scan]:
         """Return the reserves over wavelengths from common paths, by night and by day."""
