@@ -335,6 +335,8 @@ class ForcedDetection:
         higher = self._reaching(mesh)
         if higher is not self:
             return higher.evaluate(mesh, intersector)
+        if intersector is None and self._joined is not None:
+            intersector = EmbreeIntersector(mesh, 1)  # of chains and photons
         aimed = self.over(mesh, intersector)
         sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets)
         self._add_light(sums, aimed, aimed.direct_gains, np.sum, aimed.aim)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +40,10 @@ class Scan(NamedTuple):
 
 class Scans(LinkModel):
     """Reserves over the values of each key, and the best of them."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.windows: dict[str, tuple[Floats, Floats]] = {}  # shares of a bit over ln(bit rate)
 
     def bounds(self, over: Bounds | None) -> dict[str, tuple[float, float]]:
         """Return the bounds of each key that is scanned."""
@@ -135,8 +138,8 @@ class Scans(LinkModel):
         gain = self.quantile(self.link.only_receiver.fov_deg)
         nodes = values[:: len(values) // _WINDOWS]
         shares = [self.at_rate(light, v).averaging_window * v for v in nodes.tolist()]
-        windows = np.interp(np.log(values), np.log(nodes), shares) / values
-        ooks = list(map(partial(self.at_rate, light), values.tolist(), windows.tolist()))
+        self.windows[light] = np.log(nodes), np.array(shares)
+        ooks = [self.at_rate(light, v, self.window_at(light, v)) for v in values.tolist()]
         some = [self.above(gain, ook, ook.required_power(self.limit)) for ook in ooks[::2]]
         rows = np.interp(np.log(values), np.log(values[::2]), some)
         carried, errors = [], []
@@ -150,6 +153,10 @@ class Scans(LinkModel):
         low, high = 5.0 * np.log10(np.maximum(np.array(errors), 1e-9)).T
         merit = 10.0 * np.log10(np.maximum(carried, 1e-3))
         return self._scan(light, RATE, values, rows, np.abs(high - low), merit)
+
+    def window_at(self, light: str, bit_rate: float) -> float:
+        """Return the averaging window at a bit rate, between those of the scan [s]."""
+        return float(np.interp(math.log(bit_rate), *self.windows[light])) / bit_rate
 
     def _colours(self, values: Floats) -> list[Scan]:
         """Return the reserves over wavelengths from common paths, by night and by day."""

@@ -149,7 +149,8 @@ class _Study(Scans):
         gain = self.quantile(self.link.only_receiver.fov_deg)
 
         def closes(log_rate: float) -> bool:
-            ook = self.at_rate(light, math.exp(log_rate))
+            rate = math.exp(log_rate)
+            ook = self.at_rate(light, rate, self.window_at(light, rate))
             return self.above(gain, ook, ook.required_power(self.limit)) >= 0.0
 
         if not closes(low):
