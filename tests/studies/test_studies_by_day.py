@@ -12,7 +12,6 @@ from meshtrace.errors import Refused
 from meshtrace.scenario.daylight import daylight_recipe
 from meshtrace.studies.background import Lights, background_over_seas, error_rate, mean_sea
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.keys import Variant
 from meshtrace.surfaces import FlatSea, SinusoidalSea, sea_in_wind
 
 pytestmark = pytest.mark.filterwarnings(
@@ -232,7 +231,7 @@ def test_the_light_of_a_narrow_view_is_the_mean_over_many_seas():
     found = []
     for k in range(3):
         campaign = campaign_of(link, sea_in_wind(5.0).with_seed(k), photons=64)
-        seen = Lights(campaign).background(Variant(link, None, daylight=day))
+        seen = Lights(campaign).background(mt.studies.Variant(link, None, daylight=day))
         found.append(seen.radiance)
         assert z_test(np.mean(rows), stderr, seen.radiance) > ALPHA
     assert np.std(found, ddof=1) < 0.03 * np.mean(found)  # of one resolved sea some 100 %
