@@ -117,7 +117,7 @@ def test_mean_gains_are_those_of_many_resolved_seas():
         ratio, stderr = means.ratio(one)
         off = row - logs[0]
         assert z_test(float(off[0]), math.hypot(error_of(off), stderr), ratio) > ALPHA
-        assert stderr < 0.1 * error_of(off)
+        assert stderr < 0.5 * error_of(off)  # by 2 seas in place of 64
 
 
 ECHO = """
