@@ -193,7 +193,7 @@ def _error_free(n0: float, n1: float, branching: float) -> bool:
 
 def _distance(n0: float, n1: float, branching: float) -> float:
     """Return the distance of the means of huge counts, in standard deviations."""
-    return (n1 - n0) * math.sqrt((1.0 - branching) / n1)
+    return (n1 - n0) * math.sqrt((1.0 - branching) / n1) if n1 > 0.0 else 0.0
 
 
 def _decision_laws(n0: float, n1: float, branching: float) -> tuple[Floats, Floats, Floats]:
@@ -256,6 +256,9 @@ def _count_decision(n0: float, n1: float, branching: float) -> tuple[float, floa
     return ber, float(k[np.argmax(read_one)])
 
 
+_CERTAIN = 20.0  # distance of the means, beyond which less than exp(-50) bit is lost
+
+
 def soft_information(n0: float, n1: float, branching: float) -> float:
     """Return the mutual information of equally likely bits and the full count [bit per use].
 
@@ -275,7 +278,7 @@ def soft_information(n0: float, n1: float, branching: float) -> float:
     n0, n1, branching = (require_real(x, name, "a number") for name, x in given.items())
     if not (0.0 <= n0 <= n1 < math.inf and 0.0 <= branching < 1.0):
         raise Refused("n0, n1, branching", (n0, n1, branching), f"n0 <= n1, {_BRANCHING}")
-    if _error_free(n0, n1, branching):
+    if _distance(n0, n1, branching) > _CERTAIN:
         return 1.0
     if n0 > _NORMAL:
         # the logarithm of the likelihood ratio is normal, with mean d^2 / 2 and variance d^2

@@ -156,7 +156,7 @@ class ForcedDetection:
         )
         self._light: Floats | None = None  # of each receiver with a pilot, over still water
         orders, pilots = self._orders_of_chains(), list[choice.Pilot]()
-        if orders is not None:
+        if orders is not None and scattered != "joined":
             still, surfaces = self.flat(), list[ChainDrawer | AimedChains]([self.drawer])
             compares = scattered == "auto" and any(orders)
             if compares and sea.unresolved is not None and link.physics.unresolved == "tilt":
@@ -166,7 +166,6 @@ class ForcedDetection:
             found = self.pilots_over(surfaces, orders)
             pilots, compared = found[0], found[-1]
             self._light = self._still_gain(pilots)
-        if orders is not None and scattered != "joined":
             joined = None
             if compares:
                 chains = choice.chain_pilot(compared, self.arrays)
@@ -365,6 +364,8 @@ class ForcedDetection:
         higher = self._reaching(mesh)
         if higher is not self:
             return higher.evaluate(mesh, intersector)
+        if intersector is None and self._joined is not None:
+            intersector = EmbreeIntersector(mesh, 1)  # of chains and photons
         aimed = self.over(mesh, intersector)
         sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets)
         self._add_light(sums, aimed, aimed.direct_gains, np.sum, aimed.aim)

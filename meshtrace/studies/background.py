@@ -1,4 +1,4 @@
-"""Background light over many seas and over time."""
+"""Background light over time, and its mean over the seas of an ensemble."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,7 @@ from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import Case, RunOptions, require_options
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
+from meshtrace.fading import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface
 from meshtrace.models import Floats
@@ -33,6 +34,8 @@ from meshtrace.studies.store import digest_of
 from meshtrace.uav.airframe import Flight
 
 _MOST_SEAS = 16  # of the mean background of an ensemble
+_MEAN_SEAS = 4  # the same where each sea has the mean
+_LONGEST = 1.1  # highest frequency of the waves of a mean sea over the lowest
 RAYS = 2048
 """Rays of the background over each sea of an ensemble."""
 
@@ -121,15 +124,42 @@ def checked_daylight(day: Daylight | None, link: Link) -> Daylight | None:
     return day
 
 
+def mean_sea(link: Link, surface: Any) -> Any:
+    """Return a surface whose background is the mean over the realizations of a sea.
+
+    All waves but the longest are random slopes there. Over resolved waves a narrow view sees glint
+    or none, and a mean takes hundreds of seas: the radiance of a view of 2 deg over a wind of 5 m/s
+    scatters by a factor of about 1 from sea to sea, here by 1 %. Surfaces without a spectrum, and
+    links without random slopes, keep theirs.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    surface : Surface or TriangleMesh
+        The surface.
+    """
+    parts = getattr(surface, "parts", [surface])
+    lowest = [part.band.omega_min for part in parts if hasattr(part, "band")]
+    if not lowest or link.physics.unresolved == "none":
+        return surface
+    return resolve_band(link, surface, _LONGEST * max(lowest))
+
+
 def background_over_seas(
     campaign: Campaign, day: Daylight, seas: int, flight: Flight | None = None
 ) -> Background:
-    """Return the mean background over the surfaces of an ensemble, of up to 16 of them.
+    """Return the mean background over the surfaces of an ensemble, by `mean_sea` where it can.
 
-    An aircraft tilts the receiver over each: along a coupled flight, else by independent gusts.
-    The standard errors hold the spread of the surfaces, and that of the rays they have in common.
+    Over up to 4 of them, else over up to 16. An aircraft tilts the receiver over each of 16: along
+    a coupled flight, else by independent gusts. The standard errors hold the spread of the
+    surfaces, and that of the rays they have in common.
     """
-    found = backgrounds(campaign._replace(progress=None), _steps(campaign, seas, flight), day, RAYS)
+    sea = mean_sea(campaign.link, campaign.surface)
+    held = flight is None or flight.uav.gimbal or campaign.link.direction == "down"
+    most = _MEAN_SEAS if held and sea is not campaign.surface else _MOST_SEAS
+    campaign = campaign._replace(surface=sea, progress=None)
+    found = backgrounds(campaign, _steps(campaign, seas, flight, most), day, RAYS)
     if len(found) == 1:
         return found[0]
     parts = np.array([f.part_radiance for f in found])
@@ -144,10 +174,10 @@ def background_over_seas(
     )
 
 
-def _steps(campaign: Campaign, seas: int, flight: Flight | None) -> Steps:
-    """Return surfaces and links of the mean background over an ensemble."""
+def _steps(campaign: Campaign, seas: int, flight: Flight | None, most: int) -> Steps:
+    """Return surfaces and links of the mean background over an ensemble, up to a number."""
     link, sea, time = campaign.link, campaign.surface, campaign.meshing.time
-    most = min(seas, _MOST_SEAS)
+    most = min(seas, most)
     if flight is not None and flight.coupled:
         times = flight.time_step * np.arange(seas, dtype=np.float64)
         links = in_flight(campaign, times, flight).links or ()
@@ -216,7 +246,8 @@ class Lights:
     Notes
     -----
     Keys of the detector change the counts of a background, all others of its link but the lamp
-    its radiance, too: it is computed once for each receiver, water and daylight.
+    its radiance, too: it is computed once for each receiver, water and daylight. The surface is the
+    `mean_sea` of a variant: one sea stands for all.
     """
 
     def __init__(self, campaign: Campaign, seed: int | None = None) -> None:
@@ -231,6 +262,7 @@ class Lights:
             return None
         link = variant.link.model_copy(update={"transmitter": self._lamp})
         surface = self._campaign.surface if variant.sea is None else variant.sea
+        surface = mean_sea(link, surface)
         parts = [part.model_dump(mode="json") for part in (link, day)]
         key = digest_of([*parts, surface_config(surface)])
         if key not in self._kept:

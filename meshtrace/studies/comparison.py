@@ -207,7 +207,7 @@ def compare(
     the chains, for several from the scatter over the seas.
 
     Bit error rates are those of the receiver of each scenario ("physical" without one), averaged
-    over the seas, with the mean background over up to 16 of them. For several seas the mesh then
+    over the seas, with the mean background of them. For several seas the mesh then
     holds all waves that make the light of each link fade, unless `waves` of the meshing says
     otherwise.
     """

@@ -238,7 +238,8 @@ def optimize(
     that the cost is a deterministic, nearly smooth function. The optimum of a sample is optimistic:
     `validation` compares it with the start on fresh ones. Fields of view come from the angles of
     arrival of one run, and half angles from its directions of emission. Under the daylight of a
-    scenario each candidate has its own background, with common rays. Keys of the detector need no
+    scenario each candidate has its own background, with common rays, over a sea of random slopes
+    that has the mean of all seas. Keys of the detector need no
     new light. Each candidate has the response of the channel from its own chains, over up to four
     seas with their places and tilts, unless the rms delay spread of the start is less than a
     ten-thousandth of a bit. Unless `waves` of the meshing says otherwise, meshes hold all waves

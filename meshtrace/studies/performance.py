@@ -296,7 +296,7 @@ def _figures_line(f: OperatingPoint) -> str:
 def _cost(f: OperatingPoint) -> str:
     """Return the penalty of the channel's response, as text."""
     if f.rms_delay_spread.value * f.bit_rate < SHORT:
-        return "none: instantaneous"
+        return f"below {SHORT:g} bit: taken as instantaneous"
     if math.isinf(f.dispersion_db):
         return "no power reaches the limit"
     if math.isnan(f.dispersion_db):

@@ -152,9 +152,9 @@ def link_performance(  # type: ignore[misc]
     these seas, which weighs the light on the detector; unless the optical thickness of the water
     changes by less than 0.001 over them.
 
-    With daylight the background is the mean over up to 16 of the seas (`background`), with the
-    tilts of a flight, whose error widens the intervals of the bit error rate; the flicker of glint
-    within a sea does not.
+    With daylight the background is the mean over the seas, of random slopes where the link has them
+    (`background`), with up to 16 tilts of a flight, whose error widens the intervals of the bit
+    error rate; the flicker of glint within a sea does not.
 
     All depths use the same phases and random numbers, so that curves are smooth. Unless `waves` of
     the meshing says otherwise, meshes hold all waves that make the light fade at the first depth.

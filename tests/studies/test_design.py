@@ -12,7 +12,9 @@ import meshtrace as mt
 from meshtrace.comms.budget import required_gain
 from meshtrace.errors import Refused
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.designs.model import LinkModel, log_quantile
+from meshtrace.studies.designs.means import MeanGains
+from meshtrace.studies.designs.model import log_quantile
+from meshtrace.studies.neighbours import error_of, without_each
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore::meshtrace.DaylightWarning",
@@ -99,17 +101,23 @@ def test_scans_are_those_of_runs_of_their_own(calm, key, values):
 
 @pytest.mark.statistical
 @pytest.mark.thorough
-def test_radiance_of_a_narrow_view_is_the_mean_over_many_seas():
-    """Over one resolved sea it is wrong by factors: glint is seen or is not."""
+def test_mean_gains_are_those_of_many_resolved_seas():
+    """Ratios by random slopes against 64 seas with all waves that make the light fade."""
     scenario = mt.Scenario.from_toml("")
-    campaign = campaign_of(scenario, None, "design", True, several=False, photons=64)
-    link, day = scenario.link.replace("receiver.fov_deg", 2.0), mt.Daylight.clear_sky(30.0)
-    found = LinkModel(campaign, 0.01, 1e-3, 8).radiance("day", link)
-    seas = (mt.surfaces.JonswapSea(wind_speed=5.0, seed=k) for k in range(32))
-    rows = [mt.background(link, sea, day, photons=256, seed=1).radiance for sea in seas]
-    stderr = np.std(rows, ddof=1) / math.sqrt(len(rows))
-    assert z_test(np.mean(rows), stderr, found) > ALPHA
-    assert stderr < 0.25 * found  # a factor of two would show
+    campaign = campaign_of(scenario, None, "design", True, several=False, photons=512)
+    link = campaign.link
+    narrow, low = link.replace("receiver.fov_deg", 4.0), link.replace("receiver.height", 2.5)
+    means = MeanGains(campaign, 64)
+    means.find([narrow, low])
+    whole = link.replace("receiver", tuple(one.only_receiver for one in (link, narrow, low)))
+    resolved = campaign.of(whole)
+    found = resolved.gains(resolved.realizations(64)).gain.values[0].swapaxes(0, 1)
+    logs = np.log([[part.mean() for part in without_each(one)] for one in found])
+    for row, one in zip(logs[1:], (narrow, low), strict=True):
+        ratio, stderr = means.ratio(one)
+        off = row - logs[0]
+        assert z_test(float(off[0]), math.hypot(error_of(off), stderr), ratio) > ALPHA
+        assert stderr < 0.5 * error_of(off)  # by 2 seas in place of 64
 
 
 ECHO = """

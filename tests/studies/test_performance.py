@@ -423,7 +423,7 @@ def test_the_text_says_when_the_response_matters():
     ook = OokLink(led=LedDriver(bandwidth=1e8), sipm=SiPM(bandwidth=1e8))
     found = mt.link_performance(link, FlatSea(), ook=ook, bit_rate=(1e4, 5e7), photons=512)
     (line,) = (text for text in found.summary().splitlines() if "rms delay spread" in text)
-    assert re.search(r"\de-05 bit at 0.01 Mbit/s \(none: instantaneous\)", line)
+    assert re.search(r"\de-05 bit at 0.01 Mbit/s \(below 0.001 bit: taken as instantaneous\)", line)
     assert re.search(r"0\.\d+ bit at 50 Mbit/s \(0\.\d+ dB optical\)", line)
     own = ook.replace(response=ChannelResponse(delay=(0.0, 4e-9), share=(0.5, 0.5)))
     given = mt.link_performance(link, FlatSea(), ook=own, bit_rate=5e7, photons=512)

@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from mc_statistics import ALPHA, z_test
 
 import meshtrace as mt
 from meshtrace.comms.background import with_background
 from meshtrace.errors import Refused
 from meshtrace.scenario.daylight import daylight_recipe
-from meshtrace.studies.background import error_rate
+from meshtrace.studies.background import Lights, background_over_seas, error_rate, mean_sea
+from meshtrace.studies.campaign import campaign_of
 from meshtrace.surfaces import FlatSea, SinusoidalSea, sea_in_wind
 
 pytestmark = pytest.mark.filterwarnings(
@@ -214,6 +216,39 @@ def test_each_depth_of_a_range_has_its_own_background():
         link.at_depth(found.value), FlatSea(), daylight=DAY, photons=64, realizations=2
     )
     assert at.at().ber.value == pytest.approx(1e-3, rel=0.2)
+
+
+@pytest.mark.statistical
+@pytest.mark.thorough
+def test_the_light_of_a_narrow_view_is_the_mean_over_many_seas():
+    """Over one resolved sea it is wrong by factors: glint is seen or is not."""
+    link, day = mt.Link(receiver=mt.Receiver(fov_deg=3.0)), mt.Daylight.clear_sky(30.0)
+    rows = [
+        mt.background(link, sea_in_wind(5.0).with_seed(k), day, photons=256).radiance
+        for k in range(32)
+    ]
+    stderr = np.std(rows, ddof=1) / math.sqrt(len(rows))
+    found = []
+    for k in range(3):
+        campaign = campaign_of(link, sea_in_wind(5.0).with_seed(k), photons=64)
+        seen = Lights(campaign).background(mt.studies.Variant(link, None, daylight=day))
+        found.append(seen.radiance)
+        assert z_test(np.mean(rows), stderr, seen.radiance) > ALPHA
+    assert np.std(found, ddof=1) < 0.03 * np.mean(found)  # of one resolved sea some 100 %
+    over = background_over_seas(campaign, day, 16)
+    assert over.radiance == pytest.approx(np.mean(found), rel=0.03)
+    assert over.radiance_stderr < 0.03 * over.radiance
+    assert stderr < 0.25 * over.radiance  # a factor of two would show
+
+
+def test_a_sea_has_its_mean_where_slopes_are_random():
+    sea, swell = sea_in_wind(5.0), sea_in_wind(13.0)
+    longest = mean_sea(mt.Link(), sea).band
+    assert longest.omega_max == pytest.approx(1.1 * sea.band.omega_min)
+    resolved = mt.Link(physics=mt.Physics(unresolved="none"))
+    assert mean_sea(resolved, sea) is sea
+    assert mean_sea(mt.Link(), WAVE) is WAVE
+    assert mean_sea(mt.Link(), swell).mss == swell.mss
 
 
 # Flights

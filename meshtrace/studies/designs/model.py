@@ -17,16 +17,18 @@ from meshtrace.comms.background import with_background
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.daylight.light import Daylight
-from meshtrace.fading import Estimate, resolve_band
+from meshtrace.fading import Estimate
 from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.optics.water import Water
 from meshtrace.results.background import Background
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import Lights, background_over_seas, checked_daylight, described
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.candidates import Sample
+from meshtrace.studies.designs.means import MeanGains
 from meshtrace.studies.designs.page import DAY, NIGHT, Figures
 from meshtrace.studies.keys import Variant
 from meshtrace.studies.neighbours import error_of, without_each
@@ -40,11 +42,8 @@ DEFAULT_CHAINS = 512
 
 LENS, VIEW, WIDTH = "receiver.radius", "receiver.fov_deg", "detector.optics.filter_width_nm"
 RATE, COLOUR = "detector.bit_rate", "transmitter.wavelength_nm"
-_DEPTH_SEAS = 16  # of the search for the greatest depth
+_RUN_SEAS = 16  # of a link that is run by itself
 _NIGHT_SEAS = 2  # of its background, which is less than the dark counts
-_SEAS = 6  # of the scans, of those of the figures
-_COLOUR_SEAS = 4  # of wavelengths, whose noise is common
-_LONGEST = 1.1  # highest frequency in the sea of radiances over the lowest, other waves are slopes
 _VIEWS = 2.0, 3.2, 5.0, 8.5, 14.4, 24.5, 41.6, 70.7, 120.0  # [deg] of which backgrounds are found
 _DB = 10.0 / math.log(10.0)
 _CLOSED = 46.0  # 200 dB stand for an eye that no power opens
@@ -105,6 +104,7 @@ class LinkModel:
         given = OokLink.of_link(campaign.link, scenario.detector or "physical")
         self.link = given.channel(campaign.link)
         self.campaign = campaign.of(self.link)
+        self.means = MeanGains(self.campaign, seas)
         self.dark = through_channel(given, self.campaign._replace(progress=None), seas)
         self._measured = given.response is None and self.dark.response is not None
         uav = scenario.uav if self.link.direction == "up" else None
@@ -126,7 +126,7 @@ class LinkModel:
 
     def notes(self) -> tuple[str, ...]:
         """Return remarks about the basis of the page."""
-        error, few = 100.0 * self.fades.chain_error, min(self.seas, _SEAS)
+        error, few = 100.0 * self.fades.chain_error, self.means.seas
         found = [f"surfaces {self.seas}, of the scans {few}; error by the chains {error:.2g} %"]
         if self.assumed:
             found.append(
@@ -145,41 +145,25 @@ class LinkModel:
 
     @cached_property
     def sample(self) -> Sample:
-        """Common seas and chains of the scans."""
-        campaign = self.campaign._replace(progress=None)
+        """Chains of the responses, over the seas of the mean gains."""
+        campaign = self.means.campaign
         turned: tuple[str, ...] = ()
         if self.turns:
             turned = (VIEW,)
             widest = max(90.0, self.link.only_receiver.fov_deg)
             campaign = campaign.of(self.link.replace(VIEW, widest))
-        return Sample(campaign, min(self.seas, _SEAS), (0.0, 0.0), None, turned)
+        return Sample(campaign, self.means.seas, (0.0, 0.0), None, turned)
 
     @property
     def turns(self) -> bool:
         """Whether a field of view only cuts the light of a wider one."""
         return self.link.physics.fov == "angle" and len(self.link.transmitters) == 1
 
-    def gains(self, link: Link) -> Floats:
-        """Return the mean gain of a link over the seas of the scans: of all, and of groups."""
-        groups = self.sample.groups(Variant(link, None))
-        return np.array([gains @ weights / weights.sum() for gains, weights in groups])
-
-    def ratio(self, link: Link, over: Link | None = None) -> tuple[float, float]:
-        """Return the logarithm of the ratio of two mean gains, and its standard error."""
-        logs = np.log(np.maximum(self.gains(link), 1e-300))
-        logs = logs - np.log(self.gains(over or self.link))
-        return float(logs[0]), error_of(logs)
-
     def colours(self, links: list[Link], own: int) -> tuple[Floats, Floats]:
         """Return `ratio` of links at several wavelengths with common paths, over one of them."""
-        campaign = self.campaign._replace(
-            links={f"{i}": link for i, link in enumerate(links)}, spectral=True, progress=None
-        )
-        if isinstance(campaign.surface, SeededSurface):
-            steps = campaign.realizations(min(self.seas, _COLOUR_SEAS))
-        else:
-            steps = campaign.in_time(np.array([campaign.meshing.time]))
-        gains = campaign.gains(steps).gain.values[:, :, 0]  # (wavelengths, seas, shifts)
+        named = {f"{i}": link for i, link in enumerate(links)}
+        campaign = self.means.campaign._replace(links=named, spectral=True)
+        gains = campaign.gains(self.means.steps).gain.values[:, :, 0]  # (wavelengths, seas, shifts)
         means = np.array([[part.mean() for part in without_each(one)] for one in gains])
         logs = np.log(np.maximum(means, 1e-300))
         logs -= logs[own]
@@ -249,28 +233,31 @@ class LinkModel:
     @cached_property
     def quantile_stderr(self) -> float:
         """Standard error of ln q: a jackknife over the seas, and the common chains."""
-        return self._quantile_error(self.fades, self.fades.h_alpha)
+        fades = self.fades
+        return self._quantile_error(fades.series.gain, fades.h_alpha, fades.chain_error)
 
-    def _quantile_error(self, fades: FadingSamples, tilt: Floats) -> float:
-        gains, n = fades.series.gain, len(fades.series.gain)
+    def _quantile_error(self, gains: Floats, tilt: Floats, chain_error: float) -> float:
+        n = len(gains)
         if n < 3:
-            return fades.chain_error
+            return chain_error
         left = [
             log_quantile(np.delete(gains, i), np.delete(tilt, i, axis=0), self.outage)
             for i in range(n)
         ]
         spread = (n - 1) * float(np.var(left)) if np.isfinite(left).all() else math.nan
-        return math.hypot(math.sqrt(spread), fades.chain_error)
+        return math.hypot(math.sqrt(spread), chain_error)
 
     # ---- lights -----------------------------------------------------------------------------
 
     @cache  # noqa: B019
     def found(self, light: str) -> Background:
         """Return the background of the given link, by day as in `link_performance`."""
+        return self._seen(light, self.link)
+
+    def _seen(self, light: str, link: Link) -> Background:
+        """Return the background of a link over the seas."""
         seas = self.ensemble.n if light == DAY else min(self.ensemble.n, _NIGHT_SEAS)
-        return background_over_seas(
-            self.ensemble.at(self.link), self.days[light], seas, self.flight
-        )
+        return background_over_seas(self.ensemble.at(link), self.days[light], seas, self.flight)
 
     @cache  # noqa: B019
     def need(self, light: str) -> Need:
@@ -288,22 +275,9 @@ class LinkModel:
         logs -= logs[views == own]
         return lambda fov: math.exp(float(np.interp(math.log(fov), np.log(views), logs)))
 
-    @cached_property
-    def _mean_sea(self) -> Any:
-        """Surface of the radiances of other links: all waves but the longest are random slopes.
-
-        Over resolved waves a narrow view sees glint or none, and a mean takes hundreds of seas.
-        """
-        surface = self.campaign.surface
-        parts = getattr(surface, "parts", [surface])
-        lowest = [part.band.omega_min for part in parts if hasattr(part, "band")]
-        if not lowest or self.link.physics.unresolved == "none":
-            return surface
-        return resolve_band(self.link, surface, _LONGEST * max(lowest))
-
     def radiance(self, light: str, link: Link, day: Daylight | None = None) -> float:
         """Return the mean radiance of a link."""
-        variant = Variant(link, self._mean_sea, daylight=day or self.days[light])
+        variant = Variant(link, None, daylight=day or self.days[light])
         found = self._rays.background(variant)
         assert found is not None
         return max(found.radiance, 1e-300)
@@ -318,15 +292,20 @@ class LinkModel:
         """Return the reserve [dB] at a ratio of gains; `changes` are radius, fov_deg and width."""
         own = self.dark.optics
         fov = changes.get("fov_deg", own.fov_deg)
-        optics = {"radius": changes.get("radius", own.radius), "fov_deg": fov,
-                  "filter_width_nm": changes.get("width", own.filter_width_nm)}  # fmt: skip
-        ook = self.dark.replace(optics=own.replace(**optics))
-        if ook.response is not None and ook.response.angle_deg:
-            seen = tuple(a for a in ook.response.angle_deg if a <= 0.5 * fov)
-            ook = ook.replace("response.angle_deg", seen)
+        width = changes.get("width", own.filter_width_nm)
+        ook = self._behind(changes.get("radius", own.radius), fov, width)
         bright = self._brightness(light)(fov) if "fov_deg" in changes else 1.0
         need = float(self.need(light)(self.rate(light, ook, bright * changes.get("light", 1.0))))
         return self.above(log_ratio + self.quantile(fov), ook, need)
+
+    def _behind(self, radius: float, fov_deg: float, width: float) -> OokLink:
+        """Return the transmission in the dark behind other optics."""
+        optics = {"radius": radius, "fov_deg": fov_deg, "filter_width_nm": width}
+        ook = self.dark.replace(optics=self.dark.optics.replace(**optics))
+        if ook.response is not None and ook.response.angle_deg:
+            seen = tuple(a for a in ook.response.angle_deg if a <= 0.5 * fov_deg)
+            ook = ook.replace("response.angle_deg", seen)
+        return ook
 
     def above(self, log_gain: float, ook: OokLink, need: float) -> float:
         """Return a gain over the required one [dB]."""
@@ -379,13 +358,41 @@ class LinkModel:
         )  # fmt: skip
 
     @cache  # noqa: B019
-    def there(self, depth: float) -> tuple[float, float]:
-        """Return ln q at a depth, from a separate run, and its standard error."""
-        campaign = self.campaign._replace(progress=None)
-        ensemble = Ensemble(campaign, max(min(self.seas, _DEPTH_SEAS), 2), self.flight)
-        fades = ensemble.samples(self.link.at_depth(depth))
-        value = log_quantile(fades.series.gain, fades.h_alpha, self.outage)
-        return value, self._quantile_error(fades, fades.h_alpha)
+    def apart(self, link: Link) -> tuple[float, float]:
+        """Return ln q of another link, from a separate run, and its standard error.
+
+        Of another receiver along with that of the link, whose photons are spread more evenly.
+        """
+        ends = tuple(dict.fromkeys((*self.link.receivers, *link.receivers)))
+        whole = link.replace("receiver", ends if len(ends) > 1 else ends[0])
+        name = f"link and {ends[-1].radius!r} m, {ends[-1].fov_deg!r} deg at {link.depth!r} m"
+        campaign = self.campaign.of(whole, name)._replace(progress=None)
+        steps = campaign.in_time(np.array([campaign.meshing.time]))
+        if isinstance(campaign.surface, SeededSurface):
+            steps = campaign.realizations(max(min(self.seas, _RUN_SEAS), 2))
+        gains = campaign.gains(steps).gain.values[0, :, -1]  # (seas, shifts)
+        means, total = gains.mean(axis=1), float(gains.mean())
+        if not total > 0.0:
+            return -math.inf, math.nan
+        error = float(error_of_groups(gains.mean(axis=0))) / total
+        tilt = self._tilt(link.receivers[0].fov_deg)[: len(means)]
+        return log_quantile(means, tilt, self.outage), self._quantile_error(means, tilt, error)
+
+    @cache  # noqa: B019
+    def run(self, light: str, link: Link, width: float) -> tuple[float, float]:
+        """Return the reserve of a link with other optics by a separate run, and its error [dB].
+
+        With its own background, averaging window and fading.
+        """
+        log, error = self.apart(link)
+        found = self._seen(light, link)
+        aperture = link.only_receiver
+        dark = self._behind(aperture.radius, aperture.fov_deg, width)
+        if self.spreads:
+            dark = dark.replace(response=self.response(link))
+        need = with_background(dark, found).required_power(self.limit)
+        spread = 0.5 * found.radiance_stderr / max(found.radiance, 1e-300)
+        return self.above(log, dark, need), _DB * math.hypot(error, spread)
 
 
 def _ends(one: Estimate) -> tuple[float, float, float]:

@@ -70,7 +70,8 @@ class BestValue(NamedTuple):
         Values of the link and of the most reserve; for a bit rate R, of the largest rate
         R (1 - H2(BER)) after hard decisions (`comms.capacity`) that all but the outage carries.
     gained, gained_stderr : float
-        Reserve, or that rate, at the best value over that of the link [dB], and its standard error.
+        Reserve, or that rate, at the best value over that of the link [dB], and its standard error;
+        of lens, view and filter together the error of the reserve with them.
     flat : (float, float)
         Values within 0.5 dB, or the error, of the best.
     note : str
@@ -235,10 +236,11 @@ class Design(Stored):
         left = self.reserve_together(light)
         if math.isnan(left):
             return ""
+        error = best[0].gained_stderr
         parts = ", ".join(
             f"{_NAMES[one.key.rpartition('.')[2]]} {_quantity(one.best, one.unit)}" for one in best
         )
-        text = f"Best optics together: {parts}, which leave it {abs(left):.1f} dB"
+        text = f"Best optics together: {parts}, which leave it {abs(left):.1f} +- {error:.1f} dB"
         if left >= 0.0:
             return f"{text} to spare."
         more = f"{10.0 ** (-0.1 * left):.3g} times the power of the lamp"
@@ -314,12 +316,12 @@ class Design(Stored):
             )
         ]
         gains = (
-            f"by {one.light} {one.gained:+.1f} +- {one.gained_stderr:.2f} dB, "
-            f"reserve {self.reserve_together(one.light):+.1f} dB"
+            f"by {one.light} {one.gained:+.1f} dB, reserve {self.reserve_together(one.light):+.1f} "
+            f"+- {one.gained_stderr:.2f} dB {one.note}"
             for one in self.together[:: len(rows) or 1]
         )
         heads = ("key", "given", *(head for light in LIGHTS for head in (light, "flat")))
-        return [text_table(rows, heads), "; ".join(gains)]
+        return [text_table(rows, heads), *gains]
 
     def _reach_lines(self) -> list[str]:
         """Return the table of the values that just close, and remarks about the depth."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from meshtrace.comms.background import filter_shift_nm
@@ -21,9 +21,10 @@ from meshtrace.studies.keys import Variant
 
 _FLAT_DB = 0.5
 _POINTS = 49  # of a scan
-_NODES, _VIEWS = 4, 7  # runs of a scan over a key that changes the light, and over the view
-_WINDOWS = 8  # intervals of bit rates between those whose averaging windows are sought
-_COLOURS = 13  # wavelengths with common paths
+_NODES, _VIEWS = 4, 13  # links of a scan over a key that changes the light, and over the view
+_FEW_COUNTS = 100.0  # in a one
+_WINDOWS = 6  # intervals of bit rates between those whose averaging windows are sought
+_COLOURS = 9  # wavelengths with common paths
 _COLOURS_NM = 400.0, 650.0
 _DB = 10.0 / math.log(10.0)
 Bounds = Mapping[str, tuple[float, float]]
@@ -39,6 +40,10 @@ class Scan(NamedTuple):
 
 class Scans(LinkModel):
     """Reserves over the values of each key, and the best of them."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.windows: dict[str, tuple[Floats, Floats]] = {}  # shares of a bit over ln(bit rate)
 
     def bounds(self, over: Bounds | None) -> dict[str, tuple[float, float]]:
         """Return the bounds of each key that is scanned."""
@@ -106,43 +111,52 @@ class Scans(LinkModel):
             return dict.fromkeys(LIGHTS, np.zeros(len(values))), np.zeros(len(values))
         straight = key.endswith("position.0")
         at = values if straight else np.log(values)
-        some, there = self._nodes(key, values, at, _VIEWS if key == VIEW else _NODES)
-        all_views = key == VIEW and self.turns
-        nodes, places = self._nodes(key, values, at, len(values)) if all_views else (some, there)
-        ratios = []
-        for link in nodes:
-            ratios.append(self.ratio(link))
-            if self.spreads and link in some:
-                self.response(link)  # while its light is kept
-        logs, errors = np.array(ratios).T
-        found = {}
+        step, links, places = 2 if key == VIEW else 1, self._at(key, values), at[_nodes(key)]
+        logs, errors = np.array([self.means.ratio(link) for link in links]).T
+        found = dict.fromkeys(LIGHTS, _through(places, logs, at))
+        if key == LENS:  # which changes no delays
+            return found, np.interp(at, places, errors)
         for light in LIGHTS:
-            losses = np.array([self.pulse_loss(light, link) for link in some])
-            found[light] = _through(places, logs, at) - _through(there, losses, at)
+            losses = np.array([self.pulse_loss(light, link) for link in links[::step]])
+            found[light] = found[light] - _through(places[::step], losses, at)
         return found, np.interp(at, places, errors)
 
-    def _nodes(self, key: str, values: Floats, at: Floats, count: int) -> tuple[list[Link], Floats]:
-        """Return links at some values of a key, and their places on the scale of the scan."""
-        chosen = np.linspace(0, len(values) - 1, count).round().astype(int)
-        links = [Variant(self.link, None).set(key, v).link for v in values[chosen].tolist()]
-        return links, at[chosen]
+    def _at(self, key: str, values: Floats) -> list[Link]:
+        """Return the links at the nodes of a scan."""
+        base = Variant(self.link, None)
+        return [base.set(key, value).link for value in values[_nodes(key)].tolist()]
+
+    def find(self, bounds: dict[str, tuple[float, float]]) -> None:
+        """Find the gains of the links of all scans, with common random numbers."""
+        keys = (key for key in bounds if key not in (WIDTH, RATE, COLOUR))
+        links = (self._at(key, self._values(key, bounds[key])) for key in keys)
+        self.means.find([link for some in links for link in some])
 
     def _bit_rates(self, light: str, values: Floats) -> Scan:
         """Return the reserves over bit rates; the best has the largest rate of hard decisions."""
         error = self.quantile_stderr
         gain = self.quantile(self.link.only_receiver.fov_deg)
-        rows, carried, errors = [], [], []
         nodes = values[:: len(values) // _WINDOWS]
         shares = [self.at_rate(light, v).averaging_window * v for v in nodes.tolist()]
-        windows = np.interp(np.log(values), np.log(nodes), shares) / values
-        for ook in map(partial(self.at_rate, light), values.tolist(), windows.tolist()):
-            rows.append(self.above(gain, ook, ook.required_power(self.limit)))
-            carried.append(capacity(ook, [math.exp(gain)]).hard)
-            powers = ook.received_power(np.exp(gain + error * np.array([-1.0, 1.0])))
-            errors.append(hard_information(ook.ber(powers)))
+        self.windows[light] = np.log(nodes), np.array(shares)
+        ooks = [self.at_rate(light, v, self.window_at(light, v)) for v in values.tolist()]
+        some = [self.above(gain, ook, ook.required_power(self.limit)) for ook in ooks[::2]]
+        rows = np.interp(np.log(values), np.log(values[::2]), some)
+        carried, errors = [], []
+        for ook in ooks:
+            powers = ook.received_power(np.exp(gain + error * np.array([0.0, -1.0, 1.0])))
+            hard, *ends = hard_information(ook.ber(powers)).tolist()
+            if ook.levels(powers[0])[1] * ook.bit_time < _FEW_COUNTS:  # bounded by full counts
+                hard = capacity(ook, [math.exp(gain)]).hard / ook.bit_rate
+            carried.append(hard * ook.bit_rate)
+            errors.append(ends)
         low, high = 5.0 * np.log10(np.maximum(np.array(errors), 1e-9)).T
         merit = 10.0 * np.log10(np.maximum(carried, 1e-3))
-        return self._scan(light, RATE, values, np.array(rows), np.abs(high - low), merit)
+        return self._scan(light, RATE, values, rows, np.abs(high - low), merit)
+
+    def window_at(self, light: str, bit_rate: float) -> float:
+        """Return the averaging window at a bit rate, between those of the scan [s]."""
+        return float(np.interp(math.log(bit_rate), *self.windows[light])) / bit_rate
 
     def _colours(self, values: Floats) -> list[Scan]:
         """Return the reserves over wavelengths from common paths, by night and by day."""
@@ -199,7 +213,7 @@ class Scans(LinkModel):
         return Scan(choice, values, rows)
 
     def together(self, light: str, bounds: dict[str, tuple[float, float]]) -> tuple[BestValue, ...]:
-        """Return the best lens, view and filter together, with the gain of a run."""
+        """Return the best lens, view and filter together, with their gain by a separate run."""
         radii, views = (self._values(key, bounds[key]) for key in (LENS, VIEW))
         by_radius, by_view = (
             self._logs(key, x)[0][light] for key, x in ((LENS, radii), (VIEW, views))
@@ -219,22 +233,27 @@ class Scans(LinkModel):
         best = {"radius": float(radii[i]), "fov_deg": float(views[j])}
         width = max(least, self._least_width(best["fov_deg"]))
         link = self.link.replace(LENS, best["radius"]).replace(VIEW, best["fov_deg"])
-        log, error = self.ratio(link)
-        log -= self.pulse_loss(light, link)
-        own = self.dark.optics
-        start = self.reserve(light)
-        gained = self.reserve(light, log, width=width, **best) - start
+        reserve, error = self.run(light, link, width)
+        gained = reserve - self.reserve(light)
+        note = f"by a separate run; {rows[i, j]:+.1f} dB by the scans"
         widths = [max(least, self._least_width(v)) for v in views[near.any(axis=0)].tolist()]
+        own = self.dark.optics
         table = (
             (LENS, "m", own.radius, best["radius"], radii[near.any(axis=1)]),
             (VIEW, "deg", own.fov_deg, best["fov_deg"], views[near.any(axis=0)]),
             (WIDTH, "nm", own.filter_width_nm, width, np.array(widths)),
         )
         return tuple(
-            BestValue(light, key, unit, given, value, gained, _DB * error,
-                   (float(flat.min()), float(flat.max())), "all three together")
+            BestValue(light, key, unit, given, value, gained, error,
+                   (float(flat.min()), float(flat.max())), note)
             for key, unit, given, value, flat in table
         )  # fmt: skip
+
+
+def _nodes(key: str) -> NDArray[np.intp]:
+    """Return the numbers of the values of a scan at which there are links."""
+    count = _VIEWS if key == VIEW else _NODES
+    return np.linspace(0, _POINTS - 1, count).round().astype(np.intp)
 
 
 def _through(places: Floats, rows: Floats, at: Floats) -> Floats:

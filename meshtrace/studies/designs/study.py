@@ -18,7 +18,8 @@ from meshtrace.studies.designs.model import COLOUR, DEFAULT_CHAINS, LENS, RATE
 from meshtrace.studies.designs.page import DAY, LIGHTS, BestValue, Design, Line, Reach
 from meshtrace.studies.designs.scans import Scan, Scans
 
-_DEPTHS = 4  # runs of the search for the greatest depth
+_DEPTHS, _SECANTS = 4, 6  # steps of the search for the greatest depth by runs, and by mean gains
+_LEAST_SLOPE = 1e-3  # of the reserve over the depth [dB m-1]
 _BIT_RATES = 1e3, 1e9  # of the search for the greatest one
 _NEAR_DB = 0.3  # reserve, or its error, of a depth that counts as the greatest
 _UNKNOWN_DB = 1.0  # error from which the loss by scattering has no line
@@ -51,7 +52,7 @@ def design(
     over : mapping of str to (low, high), optional
         Bounds of the best values by key, in place of the default ones.
     realizations : int
-        Seas of the figures; the scans take 6 of them, the search for the depth 16.
+        Seas of the figures; a link that is run by itself has 16 of them.
     **run
         Options of the run, see `StudyOptions`: 512 chains by default.
 
@@ -68,15 +69,17 @@ def design(
     -----
     Figures are those of `link_performance`. The quantile q follows from a lognormal law with the
     mean and the variance of the gains g over the seas, and from the tilt factors h_alpha of the
-    aircraft. Scans are over common seas and chains, those over the wavelength over common paths,
-    with the light of the same model at each; the shape of the law of g and, but for bit rates, the
-    averaging window are those of the given link. Responses of the channel follow the scans by
-    their chains: a narrower field of view or a shallower lamp has a shorter one. An interference
-    filter is no narrower than its shift at the edge of the field of view
-    (`comms.background.filter_shift_nm`). The best bit rate R carries most after hard decisions,
-    R (1 - H2(BER)) at the quantile q (`comms.capacity`); the wavelength is scanned in water with a
-    spectrum. Lines of the budget add up to the reserve: the water's part is that of the light that
-    reaches the receiver, by runs without scattering, with and without absorption.
+    aircraft. Scans are of mean gains with common random numbers over a sea of random slopes, those
+    over the wavelength over common paths, with the light of the same model at each; the shape of
+    the law of g and, but for bit rates, the averaging window are those of the given link. The best
+    lens, view and filter together are run by themselves, with laws and window of their own.
+    Responses of the channel follow the scans by their chains: a narrower field of view or a
+    shallower lamp has a shorter one. An interference filter is no narrower than its shift at the
+    edge of the field of view (`comms.background.filter_shift_nm`). The best bit rate R carries most
+    after hard decisions, R (1 - H2(BER)) at the quantile q (`comms.capacity`); the wavelength is
+    scanned in water with a spectrum. Lines of the budget add up to the reserve: the water's part is
+    that of the light that reaches the receiver, by runs without scattering, with and without
+    absorption.
 
     Examples
     --------
@@ -94,6 +97,7 @@ def design(
     campaign = campaign_of(scenario, None, "design", True, several=False, **options)
     study = _Study(campaign, outage, limit, realizations)
     bounds = study.bounds(over)
+    study.find(bounds)
     scans = [scan for key in bounds for scan in study.scans(key, bounds[key])]
     together = tuple(study.together(light, bounds) for light in LIGHTS)
     return Design(
@@ -147,7 +151,8 @@ class _Study(Scans):
         gain = self.quantile(self.link.only_receiver.fov_deg)
 
         def closes(log_rate: float) -> bool:
-            ook = self.at_rate(light, math.exp(log_rate))
+            rate = math.exp(log_rate)
+            ook = self.at_rate(light, rate, self.window_at(light, rate))
             return self.above(gain, ook, ook.required_power(self.limit)) >= 0.0
 
         if not closes(low):
@@ -159,35 +164,51 @@ class _Study(Scans):
 
     def _depth(self, light: str) -> tuple[float, str]:
         """Return the greatest depth that closes [m], and the reserve of a run there."""
-        depth, above = self.link.depth, self.reserve(light)
+        above = self.reserve(light)
         if math.isinf(above):
             return math.nan, "no power closes it"
-        known = tried = [(depth, above)]
-        for share in (0.9,) if above >= 0.0 else (0.8, 0.6, 0.4):  # chains need fewer runs
-            there = self.link.at_depth(share * depth)
-            change = self.ratio(there)[0] - self.pulse_loss(light, there)
-            tried = [*tried, (share * depth, above + _DB * change)]
-            if tried[-1][1] >= 0.0:
-                break
-        (d0, a0), (depth, above) = tried[-2:]
-        slope = (a0 - above) / (d0 - depth)
-        if above - slope * depth < -_FAR_DB:
+        try:
+            depth = self._depth_by_means(light)
+        except Refused:  # in the troughs of the waves
+            depth = math.nan
+        if math.isnan(depth):
             return math.nan, "none below the waves"
+        known = [(self.link.depth, above)]
         for _ in range(_DEPTHS):
-            step = -above / min(slope, -1e-3)
-            depth = float(np.clip(depth + step, 0.3 * depth, 3.0 * depth))
             try:
-                log, error = self.there(depth)
-            except Refused:  # in the troughs of the waves
+                log, error = self.apart(self.link.at_depth(depth))
+            except Refused:
                 return math.nan, "none below the waves"
             above = self._at_depth(light, depth, log)
             if abs(above) < max(_NEAR_DB, _DB * error):
                 return depth, f"a run there: {above:+.1f} +- {_DB * error:.1f} dB"
             d0, a0 = known[-1]
-            if depth != d0 and (above - a0) / (depth - d0) < 0.0:
-                slope = (above - a0) / (depth - d0)
+            slope = _LEAST_SLOPE
+            if depth != d0:
+                slope = max((a0 - above) / (depth - d0), slope)
             known.append((depth, above))
+            depth = float(np.clip(depth + above / slope, 0.3 * depth, 3.0 * depth))
         return math.nan, "no depth found"
+
+    def _depth_by_means(self, light: str) -> float:
+        """Return the depth that closes if the law of the fading stays [m]; nan for none.
+
+        The secant method in the depth, as the reserve falls about as it.
+        """
+        own = self.link.depth, self.reserve(light)
+        (d0, a0), depth = own, own[0] * (0.9 if own[1] >= 0.0 else 0.7)
+        for _ in range(_SECANTS):
+            there = self.link.at_depth(depth)
+            log = self.quantile(self.link.only_receiver.fov_deg) + self.means.ratio(there)[0]
+            above = self._at_depth(light, depth, log)
+            if abs(above) < _NEAR_DB:
+                break
+            slope = max((a0 - above) / (depth - d0), _LEAST_SLOPE)
+            if above + slope * depth < -_FAR_DB:
+                return math.nan
+            d0, a0 = depth, above
+            depth = float(np.clip(depth + above / slope, 0.3 * depth, 3.0 * depth))
+        return depth
 
     def _at_depth(self, light: str, depth: float, log_quantile: float) -> float:
         """Return the reserve at a depth [dB]; a receiver in the water has its light there."""
@@ -239,8 +260,9 @@ class _Study(Scans):
             return [_same("geometry, surface and water", gain_db, chain)]
         straight = link.replace("water.b", 0.0)
         empty = straight.replace("water.a", 0.0)
-        absorbed, error_a = self.ratio(straight, empty)
-        scattered, error_b = self.ratio(link, straight)
+        self.means.find([straight, empty])
+        absorbed, error_a = self.means.ratio(straight, empty)
+        scattered, error_b = self.means.ratio(link, straight)
         if _DB * error_b > _UNKNOWN_DB:
             rest, error = gain_db - _DB * absorbed, math.hypot(chain, _DB * error_a)
             return [

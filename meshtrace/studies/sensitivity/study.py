@@ -132,7 +132,8 @@ def sensitivities(
     stretched with the depth. Over seas without random slopes the crossings of neighbours are
     searched on facets near those of the base, with the digits of the search of every facet. Light
     that the surface reflects back is not included. Under the daylight of a scenario each link has
-    its own background, with common rays; where it changes, other rays give its error. The aircraft
+    its own background, with common rays, over a sea of random slopes that has the mean of all seas;
+    where it changes, other rays give its error. The aircraft
     of a scenario tilts the receiver as in `link_performance`, for all but the gain. Unless
     `waves` of the meshing says otherwise, meshes hold all waves that make the light fade for the
     error rate, the outage, the range and the capacity over several seas; gain and margin are means
