@@ -180,14 +180,15 @@ def common_paths(links: Sequence[Link], base: int, waiting: Sequence[int]) -> Co
     """Return the waiting links that can share the paths of a base, all if possible."""
     first, frame = links[base], frame_of(links[base])
     rows = [i for i in waiting if i == base or _is_alike(first, links[i])]
-    if len(rows) > 1 and tinting(first, [links[i] for i in rows], frame) is None:
+    found = tinting(first, [links[i] for i in rows], frame) if len(rows) > 1 else None
+    if found is None:
         rows = [i for i in rows if tinting(first, [links[i]], frame) is not None]
+        found = tinting(first, [links[i] for i in rows], frame)
     if len(rows) == 1:
         return CommonPaths(rows, [first], None, np.zeros(1))
     index = np.array([links[i].water.n for i in rows])
     low, high = index.min(), index.max()
     bases = [first.replace("water.n", float(n)) for n in dict.fromkeys((low, high))]
-    found = tinting(first, [links[i] for i in rows], frame)
     return CommonPaths(rows, bases, found, (index - low) / (high - low or 1.0))
 
 

@@ -36,7 +36,9 @@ class Tinting(NamedTuple):
 
     def factors(self, sums: Floats) -> Floats:
         """Return the factors (wavelengths, paths) on the weights of paths with sums (paths, >=)."""
-        found: Floats = self.shares @ sums[:, : self.shares.shape[1]].T
+        found = np.zeros((len(self.shares), len(sums)))
+        for share, row in zip(self.shares.T, sums.T, strict=False):
+            found += share[:, None] * row
         return np.exp(found, out=found)
 
     @property
@@ -129,11 +131,21 @@ def _logs(rows: Floats) -> Floats | None:
 def _common(rows: Floats) -> tuple[Floats, Floats]:
     """Return coefficients (rows, k) and common functions (k, nodes) of rows.
 
-    As few as the largest error of an element allows.
+    As few as the largest error of an element allows: singular vectors, of the coefficients of an
+    orthogonal basis by pivoted Gram-Schmidt. Threads of a linear algebra library would cost more.
     """
-    u, s, v = np.linalg.svd(rows, full_matrices=False)
-    for k in range(1, len(s) + 1):
-        shares = u[:, :k] * s[:k]
-        if np.abs(rows - shares @ v[:k]).max() <= _EXACT:
+    rest, basis, parts = rows.copy(), list[Floats](), list[Floats]()
+    while len(basis) < len(rows) and np.abs(rest).max() > 1e-3 * _EXACT:
+        first = rest[np.argmax(np.einsum("ij,ij->i", rest, rest))]
+        basis.append(first / math.sqrt(float(np.einsum("j,j", first, first))))
+        parts.append(np.einsum("ij,j->i", rest, basis[-1]))
+        rest -= parts[-1][:, None] * basis[-1]
+    if not basis:
+        return np.zeros((len(rows), 1)), np.zeros((1, rows.shape[1]))
+    u, s, v = np.linalg.svd(np.transpose(parts), full_matrices=False)
+    functions, rest = np.einsum("ik,kj->ij", v, np.array(basis)), rows.copy()
+    for k in range(len(s)):
+        rest -= (u[:, k] * s[k])[:, None] * functions[k]
+        if np.abs(rest).max() <= _EXACT:
             break
-    return shares, v[:k]
+    return u[:, : k + 1] * s[: k + 1], functions[: k + 1]
