@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -41,7 +42,7 @@ from meshtrace.engine.chains.sets import (
 from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import Case
-from meshtrace.engine.setup.tinting import UNTINTED, Tinting
+from meshtrace.engine.setup.tinting import UNTINTED, Common, Tinting
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.tints import Tints
@@ -113,9 +114,8 @@ class ForcedDetection:
         Estimator of the scattered light; "auto" compares pilots over still water, with random
         slopes, for each receiver, see `meshtrace.engine.choice`. With "chains" light that the
         surface reflects first is omitted.
-    ratios : sequence of float
-        Scattering coefficients, over that of the link, of the wavelengths for all of which chains
-        are allotted to the orders.
+    common : Common, optional
+        The wavelengths for all of which chains are allotted to the orders, and estimators chosen.
 
     Raises
     ------
@@ -133,7 +133,7 @@ class ForcedDetection:
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
         search: SearchMode = "usual",
         scattered: Scattered = "auto",
-        ratios: Sequence[float] = (1.0,),
+        common: Common | None = None,
     ) -> None:
         if not SHIFTS <= photons <= _MOST_CHAINS:
             allowed = f"an integer {SHIFTS} <= photons <= {_MOST_CHAINS} for forced detection"
@@ -142,7 +142,7 @@ class ForcedDetection:
         self.arrays = ends.forced_link(link)
         self.photons, self.seed, self.normals, self.threads = photons, seed, normals, threads
         self.sea, self.search, self.wanted = sea, search, scattered
-        self.ratios = np.asarray(ratios, np.float64)
+        self.common = common
         unit = self.arrays.frame.unit
         top = max(sea.crest, 0.0) / unit
         lowest = min(t.center[2] for t in self.arrays.targets)
@@ -174,6 +174,24 @@ class ForcedDetection:
         self.scattered_sets = self._drawn(pilots)
         self._unscattered: list[Drawing] = []  # drawn on demand
         self._joined = self._joined_photons()
+
+    def at_index(self, n: float, share: float) -> ForcedDetection:
+        """Return a share of the chains and photons, the same ones, in water of another index."""
+        found = copy(self)
+        found.link = self.link.replace("water.n", n)
+        found.arrays = ends.forced_link(found.link)
+        found.drawer = self.drawer.of_link(found.arrays)
+        found.photons = max(round(share * self.photons), SHIFTS)
+        found._unscattered = []
+        found.scattered_sets = []
+        for row in self.scattered_sets:
+            requests = [drawing.request for drawing in row]
+            few = [one._replace(per_shift=max(round(share * one.per_shift), 2)) for one in requests]
+            found.scattered_sets.append(found.drawer.draw_all(few, self.threads))
+        if self._joined is not None:
+            photons = max(round(share * self._joined.photons), SHIFTS)
+            found._joined = self._joined.at_index(n, photons)
+        return found
 
     def _orders_of_chains(self) -> list[int] | None:
         """Return the orders of the chains from each source, None if photons alone follow the link.
@@ -240,9 +258,9 @@ class ForcedDetection:
                 found, seen = found.joined(link.power), light[s : s + 1]
             else:
                 continue
-            if len(self.ratios) > 1 and self._light is not None:
+            if self.common is not None and self._light is not None:
                 lit = self._light[s : s + 1] if link.down else self._light[kept]
-                found, seen = found.at_wavelengths(self.ratios, lit)
+                found, seen = found.at_wavelengths(np.array(self.common.ratios), lit)
             counts = choice.allotment(share, self.drawer.nominals[s].expected, found, seen)
             key = self._seed(s)
             requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
@@ -470,7 +488,7 @@ class ForcedDetection:
         sea = self.sea._replace(crest=top)
         return ForcedDetection(
             self.link, self.photons, self.seed, self.normals, self.threads, sea,
-            self.search, self.wanted, self.ratios.tolist(),
+            self.search, self.wanted, self.common,
         )  # fmt: skip
 
     def flat(self) -> TriangleMesh:

@@ -229,7 +229,7 @@ def _followed(
                 if records:
                     light = forced.tinted_arrivals(mesh, UNTINTED, links)
             else:
-                spectral = SpectralDetection(links, run.photons, **case.how, sea=sea, mesh=mesh)
+                spectral = SpectralDetection(links, run.photons, **case.how, sea=sea)
                 gains = spectral.evaluate(mesh)
                 if records:
                     light = spectral.arrivals(mesh)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
+from copy import copy
 from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -152,6 +153,12 @@ class ChainDrawer:
         self.link = link
         self.crest, self.ceiling = crest, ceiling
         self.nominals = [nominal(link.medium, e, link.targets, crest) for e in link.emitters]
+
+    def of_link(self, link: ForcedLink) -> ChainDrawer:
+        """Return a sampler of the same chains, which end at the receivers of another link."""
+        found = copy(self)
+        found.link = link
+        return found
 
     def last_order(self, source: int) -> int:
         """Return the highest order of the chains from a source; refuse too dense water.

@@ -20,6 +20,9 @@ _NONE = -700.0  # logarithm of no scattering
 _EXACT = 1e-6  # error of a logarithm: of a scattering, and of the way through the water
 
 
+_ALONE = np.zeros((1, 0))
+
+
 class Tinting(NamedTuple):
     """Weights of paths at several wavelengths from the weights at one.
 
@@ -29,10 +32,16 @@ class Tinting(NamedTuple):
         Common functions, in the frame of the link; None at one wavelength.
     shares : ndarray, shape (wavelengths, tints)
         Their coefficients.
+    bases : list of int
+        Wavelengths whose photons are followed in turn, in place of those of the one link.
+    density : ndarray, shape (bases, tints)
+        Coefficients of the densities with which these draw a path.
     """
 
     tints: Tints | None
     shares: Floats
+    bases: tuple[int, ...] = ()
+    density: Floats = _ALONE
 
     def factors(self, sums: Floats) -> Floats:
         """Return the factors (wavelengths, paths) on the weights of paths with sums (paths, >=)."""
@@ -41,17 +50,41 @@ class Tinting(NamedTuple):
             found += share[:, None] * row
         return np.exp(found, out=found)
 
+    def mixed(self, sums: Floats, base: int, parts: Floats) -> Floats:
+        """Return the factors on the weights of paths of one base.
+
+        `parts` (bases,) are the shares of the photons. The balance heuristic counts a path with the
+        density of the mixture: no wavelength between the bases lacks paths.
+        """
+        if not self.bases:
+            return self.factors(sums)
+        drawn = self._replace(shares=self.density).factors(sums)
+        own = self._replace(shares=self.shares - self.shares[self.bases[base]])
+        found: Floats = own.factors(sums)
+        found *= drawn[base] / np.einsum("i,ij->j", parts, drawn)
+        return found
+
     @property
     def follows(self) -> bool:
         """Whether photons can sum up all functions."""
         return self.tints is None or len(self.tints.c) <= TINTS
 
 
+class Common(NamedTuple):
+    """Links at several wavelengths whose light the paths of a base bring."""
+
+    tinting: Tinting
+    links: Sequence[Link]
+    ratios: Sequence[float]  # of the scattering coefficients, over that of the base
+
+
 UNTINTED = Tinting(NO_TINTS, np.zeros((1, 0)))
 """Weights at one wavelength, that of the paths."""
 
 
-def tinting(base: Link, links: Sequence[Link], frame: Frame) -> Tinting | None:
+def tinting(
+    base: Link, links: Sequence[Link], frame: Frame, bases: Sequence[int] = ()
+) -> Tinting | None:
     """Return the factors of links over a base that differs in water and bubbles alone.
 
     Parameters
@@ -60,6 +93,8 @@ def tinting(base: Link, links: Sequence[Link], frame: Frame) -> Tinting | None:
         The link whose paths are followed, and those whose weights they get.
     frame : Frame
         Frame of the paths.
+    bases : sequence of int
+        Links whose photons are followed in turn.
 
     Returns
     -------
@@ -87,7 +122,10 @@ def tinting(base: Link, links: Sequence[Link], frame: Frame) -> Tinting | None:
     c = waters.sum(axis=0)
     parts = [deep * (c[1:] - c[0]), b, phase, bubble, extra]
     whole = np.concatenate(parts, axis=1)
-    shares, functions = _common(whole)
+    drawn = whole[list(bases)]  # absorption is a weight: it does not change what is drawn
+    drawn[:, : c.shape[1]] = deep * (waters[1, 1:][list(bases)] - waters[1, 0])
+    shares, functions = _common(np.concatenate([whole, drawn]))
+    shares, density = shares[: len(whole)], shares[len(whole) :]
     cuts = np.cumsum([part.shape[1] for part in parts])[:-1]
     c, b, phase, bubble, extra = np.split(functions, cuts, axis=1)
     size = max(phase.shape[1], bubble.shape[1])
@@ -99,7 +137,7 @@ def tinting(base: Link, links: Sequence[Link], frame: Frame) -> Tinting | None:
     path[:, 1:] = np.cumsum(0.5 * step * (c[:, 1:] + c[:, :-1]), axis=1)
     found = Tints(step, c, path, b, phase, extra[:, 0].copy(), bubble,
                   math.log(SMALLEST_ANGLE), _PER_LOG)  # fmt: skip
-    return Tinting(found._replace(c=c.copy(), b=b.copy()), shares)
+    return Tinting(found._replace(c=c.copy(), b=b.copy()), shares, tuple(bases), density)
 
 
 def _bubbles(base: Link, links: Sequence[Link], angle: Floats) -> tuple[Floats, Floats]:
