@@ -10,14 +10,14 @@ surface reflects first is worth photons of its own.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.chains.aimed import AimedChains
-from meshtrace.engine.chains.sets import TURBID, ChainDrawer, Request, poisson_law
+from meshtrace.engine.chains.sets import TURBID, Aimed, ChainDrawer, Request, poisson_law
 from meshtrace.engine.photons.joined import JoinedParts
 from meshtrace.engine.photons.targets import SCATTERED
 from meshtrace.engine.setup.ends import ForcedLink, across, emitter_of
@@ -37,6 +37,9 @@ Method = Literal["chains", "joined"]
 
 PILOT_PHOTONS = 8192
 """Joined photons of a pilot."""
+
+PER_CHAIN, REFLECTED_PER_CHAIN = 8.0, 2.0
+"""Joined photons in place of a chain, and for light that the surface reflects first alone."""
 
 _EFFICIENT = 4.0  # relative variance of a chain up to which no other estimator is tried
 _COST = 3.0  # time of a chain over that of a joined photon
@@ -92,22 +95,26 @@ class Pilot(NamedTuple):
 
 
 def pilot_statistics(
-    drawer: ChainDrawer, over: ChainDrawer | AimedChains, request: Request
+    drawer: ChainDrawer, aim: Callable[..., Aimed], lead: tuple[int, ...], request: Request
 ) -> Floats:
-    """Return number, mean, deviation and hits (4, receivers) of pilot chains of one order.
+    """Return number, mean, deviation and hits (..., 4, receivers) of pilot chains of one order.
 
-    Over still water or a surface; receivers that few chains reach get more of them.
+    Of scores (..., chains) of one wavelength or of several (`lead`); receivers that few chains
+    reach get more of them.
     """
     receivers = len(drawer.link.targets)
-    found, few = np.zeros((4, receivers)), list(range(receivers))
+    found, few = np.zeros((*lead, 4, receivers)), list(range(receivers))
     for step in range(_PILOT_STEPS):
         per_shift = request.per_shift * _PILOT_GROWTH**step
         wanted = request._replace(per_shift=per_shift, key=(*request.key, 2 + step))
         chains = drawer.draw(wanted, few)
         for receiver in few:
-            score = over.aim(request.source, receiver, chains).score
-            found[:, receiver] = len(score), score.mean(), score.std(), np.count_nonzero(score)
-        few = [receiver for receiver in few if found[3, receiver] < _PILOT_HITS]
+            score = aim(request.source, receiver, chains).score
+            found[..., 0, receiver] = score.shape[-1]
+            found[..., 1, receiver] = score.mean(axis=-1)
+            found[..., 2, receiver] = score.std(axis=-1)
+            found[..., 3, receiver] = np.count_nonzero(score, axis=-1)
+        few = [receiver for receiver in few if found[..., 3, receiver].max() < _PILOT_HITS]
         if not few:
             break
     return found
@@ -208,6 +215,39 @@ def choose(chains: ScatteredPilot, photons: ScatteredPilot, expected: float = 0.
     surer = photons.stderr * chains.mean < chains.stderr * photons.mean
     better = (photons.mean > 0.0) & (missed | slower | (few & surer) | (chains.mean <= 0.0))
     return ["joined" if b else "chains" for b in better]
+
+
+class CommonChoice(NamedTuple):
+    """Estimator of the scattered light of several wavelengths by receiver, see `choose_common`."""
+
+    method: list[Method]
+    per_chain: float  # joined photons in place of a chain
+
+
+def choose_common(
+    chains: list[ScatteredPilot], photons: list[ScatteredPilot], expected: Floats
+) -> CommonChoice:
+    """Choose one estimator for all wavelengths, given a pilot of each and the scatterings expected.
+
+    The one with the smaller sum of relative variances; chains that are not trusted at a wavelength
+    are left for it. Photons are as many as the sum of those of runs of the wavelengths takes.
+    """
+    receivers = len(chains[0].mean)
+    chosen, missed = np.zeros(receivers, bool), np.zeros(receivers, bool)
+    total, alone = np.zeros((2, receivers)), np.zeros(receivers)
+    for chained, seen, number in zip(chains, photons, expected.tolist(), strict=True):
+        vote = np.array([m == "joined" for m in choose(chained, seen, number)])
+        chosen |= vote
+        missed |= vote & (chained.variance * chain_cost(number) <= seen.variance)
+        with np.errstate(all="ignore"):
+            rows = [chained.variance / chained.mean**2, seen.variance / seen.mean**2 / PER_CHAIN]
+        spread = np.nan_to_num(rows, nan=1e300, posinf=1e300)
+        total += spread
+        alone += np.where(vote, spread[1], spread[0])
+    joined = chosen & (missed | (total[1] < total[0]))
+    number = np.clip(PER_CHAIN * total[1] / alone, REFLECTED_PER_CHAIN, PER_CHAIN)
+    method: list[Method] = ["joined" if b else "chains" for b in joined]
+    return CommonChoice(method, float(number[joined].max(initial=REFLECTED_PER_CHAIN)))
 
 
 _RINGS, _AZIMUTHS = 48, 12

@@ -27,6 +27,7 @@ from operator import call
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.engine import choice, parts
 from meshtrace.engine.bvh import EmbreeIntersector
@@ -59,7 +60,6 @@ Scattered = Literal["auto", "chains", "joined"]
 MANY_SEAS = 1.5
 """Margin of a typical sea for those that are not known yet: they may be higher."""
 
-_PER_CHAIN, _REFLECTED_PER_CHAIN = 8, 2  # joined photons; light reflected first alone
 _STILL_CHAINS = 8  # unscattered, of each shift, over still water
 _MOST_CHAINS = 2**22  # some 10 s of a thread for each receiver
 _CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is summed
@@ -99,7 +99,8 @@ class ForcedDetection:
         The link; sources on the other side of the surface than the receivers.
     photons : int
         Chains in all. Joined photons are eight times as many where scattered light rests on
-        them, else twice: they take a tenth of the time.
+        them, else twice: they take a tenth of the time. Common ones of several wavelengths are
+        between, see `choice.choose_common`.
     seed : int
         Seed of the points and their shifts.
     normals : {"vertex", "facet"}
@@ -149,6 +150,7 @@ class ForcedDetection:
         # a chain that ends higher is not looked for; the level must stay below the receivers
         ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
         self.drawer = ChainDrawer(self.arrays, top, ceiling)
+        self._per_chain = choice.PER_CHAIN
         self.method: list[choice.Method] = ["joined"] * len(link.receivers)
         self._light: Floats | None = None  # gain of each receiver over still water
         orders, pilots = self._orders_of_chains(), list[choice.Pilot]()
@@ -167,8 +169,7 @@ class ForcedDetection:
                 joined = self._pilot_photons(np.flatnonzero(doubtful).tolist())
             self.method = ["chains"] * len(link.receivers)
             if joined is not None:
-                seen = choice.ScatteredPilot.of_photons(joined.evaluate(still))
-                better = choice.choose(chains.of(doubtful), seen, self.expected)
+                better = self._better(compared, orders, doubtful, joined, still)
                 for r, method in zip(np.flatnonzero(doubtful), better, strict=True):
                     self.method[r] = method
         self.scattered_sets = self._drawn(pilots)
@@ -215,16 +216,25 @@ class ForcedDetection:
 
     def pilots_over(self, over: ChainDrawer | AimedChains, orders: list[int]) -> list[choice.Pilot]:
         """Return the pilot of each source up to its order, over still water or a surface."""
+        return self._pilots(over.aim, orders)[0]
+
+    def _pilots(
+        self, aim: Callable[..., Aimed], orders: list[int], lead: tuple[int, ...] = (1,)
+    ) -> list[list[choice.Pilot]]:
+        """Return the pilots of the sources at each wavelength."""
         requests = [
             choice.Pilot.request(s, k, self._seed(s))
             for s, last in enumerate(orders)
             for k in range(1, last + 1)
         ]
-        job = partial(choice.pilot_statistics, self.drawer, over)
-        rows, receivers = ordered_map(job, requests, self.threads), len(self.arrays.targets)
-        pilots = []
-        for last in orders:
-            pilots.append(choice.Pilot.of_orders(list(islice(rows, last)), receivers))
+        job = partial(choice.pilot_statistics, self.drawer, aim, lead)
+        rows = list(ordered_map(job, requests, self.threads))
+        receivers, pilots = len(self.arrays.targets), list[list[choice.Pilot]]()
+        for j in range(lead[0]):
+            each = iter(row[j] for row in rows)
+            pilots.append(
+                [choice.Pilot.of_orders(list(islice(each, n)), receivers) for n in orders]
+            )
         return pilots
 
     def _pilot_photons(self, receivers: list[int]) -> JoinedPhotons | None:
@@ -233,6 +243,30 @@ class ForcedDetection:
             return self._photons(choice.PILOT_PHOTONS, receivers) if receivers else None
         except Refused:
             return None
+
+    def _better(
+        self,
+        pilots: list[choice.Pilot],
+        orders: list[int],
+        doubtful: NDArray[np.bool_],
+        joined: JoinedPhotons,
+        still: TriangleMesh,
+    ) -> list[choice.Method]:
+        """Return the better estimators of some receivers, of all wavelengths where these are."""
+        common, of_photons = self.common, choice.ScatteredPilot.of_photons
+        if common is None or self.link.bubbles is not None or not common.tinting.follows:
+            seen = of_photons(joined.evaluate(still))
+            chains = choice.chain_pilot(pilots, self.arrays).of(doubtful)
+            return choice.choose(chains, seen, self.expected)
+        photons = [of_photons(p) for p in joined.at_wavelengths(still, *common[:2])]
+        aim = partial(self.over(still).tinted, tinting=common.tinting)
+        chained = [
+            choice.chain_pilot(row, self.arrays).of(doubtful)
+            for row in self._pilots(aim, orders, (len(photons),))
+        ]
+        chosen = choice.choose_common(chained, photons, self.expected * np.array(common.ratios))
+        self._per_chain = chosen.per_chain
+        return chosen.method
 
     def _drawn(self, pilots: list[choice.Pilot]) -> list[list[Drawing]]:
         """Return the scattered chains by source, allotted to the orders by the pilots."""
@@ -306,7 +340,7 @@ class ForcedDetection:
         if self.reflects and not rows and self._light is not None:
             # light that the surface reflects first may be too little to be measured
             self.reflects = not choice.is_little(choice.returned_gain(self.link), self._light)
-        photons = (_PER_CHAIN if rows else _REFLECTED_PER_CHAIN) * self.photons
+        photons = round((self._per_chain if rows else choice.REFLECTED_PER_CHAIN) * self.photons)
         try:
             if self.reflects:
                 return self._photons(photons, range(len(self.method)), first=2)

@@ -230,10 +230,10 @@ def _moved(parts: Parts, low: Parts, high: Parts, share: float) -> Parts:
     photons = parts.photons
     if photons is not None and low.photons is not None and high.photons is not None:
         groups = photons.groups + share * (high.photons.groups - low.photons.groups)
-        orders = moved("orders", photons, (low.photons, high.photons))
-        photons = replace(photons, groups=groups, orders=orders)
-    known = {name: moved(name) for name in ("direct", "scattered", "orders")}
-    return replace(parts, **known, photons=photons)
+        by_order = moved("orders", photons, (low.photons, high.photons))
+        photons = replace(photons, groups=groups, orders=by_order)
+    direct, scattered, orders = map(moved, ("direct", "scattered", "orders"))
+    return replace(parts, direct=direct, scattered=scattered, orders=orders, photons=photons)
 
 
 def analog_sums(
