@@ -149,7 +149,8 @@ class ForcedDetection:
         lowest = min(t.center[2] for t in self.arrays.targets)
         # a chain that ends higher is not looked for; the level must stay below the receivers
         ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
-        self.drawer = ChainDrawer(self.arrays, top, ceiling)
+        ratios = (1.0,) if common is None else common.ratios
+        self.drawer = ChainDrawer(self.arrays, top, ceiling, ratios)
         self._per_chain = choice.PER_CHAIN
         self.method: list[choice.Method] = ["joined"] * len(link.receivers)
         self._light: Floats | None = None  # gain of each receiver over still water
@@ -169,7 +170,7 @@ class ForcedDetection:
                 joined = self._pilot_photons(np.flatnonzero(doubtful).tolist())
             self.method = ["chains"] * len(link.receivers)
             if joined is not None:
-                better = self._better(compared, orders, doubtful, joined, still)
+                better = self._better(chains.of(doubtful), orders, doubtful, joined, still)
                 for r, method in zip(np.flatnonzero(doubtful), better, strict=True):
                     self.method[r] = method
         self.scattered_sets = self._drawn(pilots)
@@ -246,7 +247,7 @@ class ForcedDetection:
 
     def _better(
         self,
-        pilots: list[choice.Pilot],
+        chains: choice.ScatteredPilot,
         orders: list[int],
         doubtful: NDArray[np.bool_],
         joined: JoinedPhotons,
@@ -255,9 +256,7 @@ class ForcedDetection:
         """Return the better estimators of some receivers, of all wavelengths where these are."""
         common, of_photons = self.common, choice.ScatteredPilot.of_photons
         if common is None or self.link.bubbles is not None or not common.tinting.follows:
-            seen = of_photons(joined.evaluate(still))
-            chains = choice.chain_pilot(pilots, self.arrays).of(doubtful)
-            return choice.choose(chains, seen, self.expected)
+            return choice.choose(chains, of_photons(joined.evaluate(still)), self.expected)
         photons = [of_photons(p) for p in joined.at_wavelengths(still, *common[:2])]
         aim = partial(self.over(still).tinted, tinting=common.tinting)
         chained = [

@@ -67,8 +67,7 @@ _CLEAR_HIGHEST = 1.5
 _AIMED_HIGHEST = 2.0
 _BENT = 0.3  # fall of the importance with the bend of light over random slopes
 _BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
-_ROOM = 8  # arrivals of a photon at each target, else a block is followed again
-_SPARE = 1.3  # room for more than those of a block before
+_ROOM = 32  # arrivals of a photon at each target, else a block is followed again
 _EVENTS = 10_000_000  # of a photon and its copies
 _OPAQUE = 1e4  # largest optical depth: diffuse photons collide up to its square times (1 - g)
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
@@ -401,7 +400,6 @@ class JoinedPhotons:
             numbers[k % len(worlds)] += last - first
         runs = [_Run.of(n) for _ in range(m)]
         kept = arrivals or tinting is not None
-        each = [float(_ROOM)] * len(worlds)  # arrivals of a photon: what blocks before have had
 
         def follow(span: tuple[int, int]) -> list[_Run]:
             first, last = span
@@ -409,7 +407,7 @@ class JoinedPhotons:
             world = worlds[base]
             if tinting is not None:
                 world = world._replace(tints=tinting.tints)
-            room = int(each[base] * (last - first) * n) if kept else 0
+            room = _ROOM * (last - first) * n if kept else 0
             while True:
                 with intersector.function() as bvh:
                     block = world._replace(
@@ -426,7 +424,6 @@ class JoinedPhotons:
                 if not kept or block.n_arrivals[0] <= room:
                     break
                 room = int(block.n_arrivals[0])
-                each[base] = max(each[base], _SPARE * room / ((last - first) * n))
             light = block.arrivals[: block.n_arrivals[0]]
             if tinting is None:
                 return [_Run.of_scores(block.score, block.order, light)]
