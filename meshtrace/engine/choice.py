@@ -95,15 +95,14 @@ class Pilot(NamedTuple):
 
 
 def pilot_statistics(
-    drawer: ChainDrawer, aim: Callable[..., Aimed], lead: tuple[int, ...], request: Request
+    drawer: ChainDrawer, aim: Callable[..., Aimed], wavelengths: int, request: Request
 ) -> Floats:
-    """Return number, mean, deviation and hits (..., 4, receivers) of pilot chains of one order.
+    """Return number, mean, deviation and hits of pilot chains of one order.
 
-    Of scores (..., chains) of one wavelength or of several (`lead`); receivers that few chains
-    reach get more of them.
+    Of shape (wavelengths, 4, receivers); receivers that few chains reach get more of them.
     """
     receivers = len(drawer.link.targets)
-    found, few = np.zeros((*lead, 4, receivers)), list(range(receivers))
+    found, few = np.zeros((wavelengths, 4, receivers)), list(range(receivers))
     for step in range(_PILOT_STEPS):
         per_shift = request.per_shift * _PILOT_GROWTH**step
         wanted = request._replace(per_shift=per_shift, key=(*request.key, 2 + step))

@@ -159,18 +159,19 @@ class ForcedDetection:
             pilots = self.pilots_over(self.drawer, orders)
             self._light = self._still_gain(pilots)
         if orders is not None and scattered != "joined":
-            joined, still, compared = None, self.flat(), pilots
+            joined, still, compared = None, self.flat(), [pilots]
             if scattered == "auto" and any(orders):
                 # chains and joined photons are compared over still water with random slopes
                 if sea.unresolved is not None and link.physics.unresolved == "tilt":
                     still = replace(still, unresolved=sea.unresolved)
-                    compared = self.pilots_over(self.over(still), orders)
-                chains = choice.chain_pilot(compared, self.arrays)
+                    compared = self._pilots(still, orders)
+                base = 0 if len(compared) == 1 or common is None else np.argmax(common.ratios)
+                chains = choice.chain_pilot(compared[base], self.arrays)
                 doubtful = ~choice.is_clear(chains)
                 joined = self._pilot_photons(np.flatnonzero(doubtful).tolist())
             self.method = ["chains"] * len(link.receivers)
             if joined is not None:
-                better = self._better(chains.of(doubtful), orders, doubtful, joined, still)
+                better = self._better(compared, orders, doubtful, joined, still)
                 for r, method in zip(np.flatnonzero(doubtful), better, strict=True):
                     self.method[r] = method
         self.scattered_sets = self._drawn(pilots)
@@ -217,10 +218,18 @@ class ForcedDetection:
 
     def pilots_over(self, over: ChainDrawer | AimedChains, orders: list[int]) -> list[choice.Pilot]:
         """Return the pilot of each source up to its order, over still water or a surface."""
-        return self._pilots(over.aim, orders)[0]
+        return self._pilots_by(over.aim, orders, 1)[0]
 
-    def _pilots(
-        self, aim: Callable[..., Aimed], orders: list[int], lead: tuple[int, ...] = (1,)
+    def _pilots(self, still: TriangleMesh, orders: list[int]) -> list[list[choice.Pilot]]:
+        """Return the pilots of the sources over a mesh, at all wavelengths with common photons."""
+        over, common = self.over(still), self._with_photons
+        if common is None:
+            return [self.pilots_over(over, orders)]
+        aim = partial(over.tinted, tinting=common.tinting)
+        return self._pilots_by(aim, orders, len(common.links))
+
+    def _pilots_by(
+        self, aim: Callable[..., Aimed], orders: list[int], wavelengths: int
     ) -> list[list[choice.Pilot]]:
         """Return the pilots of the sources at each wavelength."""
         requests = [
@@ -228,14 +237,13 @@ class ForcedDetection:
             for s, last in enumerate(orders)
             for k in range(1, last + 1)
         ]
-        job = partial(choice.pilot_statistics, self.drawer, aim, lead)
+        job = partial(choice.pilot_statistics, self.drawer, aim, wavelengths)
         rows = list(ordered_map(job, requests, self.threads))
         receivers, pilots = len(self.arrays.targets), list[list[choice.Pilot]]()
-        for j in range(lead[0]):
+        for j in range(wavelengths):
             each = iter(row[j] for row in rows)
-            pilots.append(
-                [choice.Pilot.of_orders(list(islice(each, n)), receivers) for n in orders]
-            )
+            parts = [list(islice(each, n)) for n in orders]
+            pilots.append([choice.Pilot.of_orders(part, receivers) for part in parts])
         return pilots
 
     def _pilot_photons(self, receivers: list[int]) -> JoinedPhotons | None:
@@ -247,25 +255,31 @@ class ForcedDetection:
 
     def _better(
         self,
-        chains: choice.ScatteredPilot,
+        pilots: list[list[choice.Pilot]],
         orders: list[int],
         doubtful: NDArray[np.bool_],
         joined: JoinedPhotons,
         still: TriangleMesh,
     ) -> list[choice.Method]:
         """Return the better estimators of some receivers, of all wavelengths where these are."""
-        common, of_photons = self.common, choice.ScatteredPilot.of_photons
-        if common is None or self.link.bubbles is not None or not common.tinting.follows:
-            return choice.choose(chains, of_photons(joined.evaluate(still)), self.expected)
+        common, of_photons = self._with_photons, choice.ScatteredPilot.of_photons
+        if common is not None and len(pilots) < len(common.links):
+            pilots = self._pilots(still, orders)
+        chains = [choice.chain_pilot(row, self.arrays).of(doubtful) for row in pilots]
+        if common is None:
+            return choice.choose(chains[0], of_photons(joined.evaluate(still)), self.expected)
         photons = [of_photons(p) for p in joined.at_wavelengths(still, *common[:2])]
-        aim = partial(self.over(still).tinted, tinting=common.tinting)
-        chained = [
-            choice.chain_pilot(row, self.arrays).of(doubtful)
-            for row in self._pilots(aim, orders, (len(photons),))
-        ]
-        chosen = choice.choose_common(chained, photons, self.expected * np.array(common.ratios))
+        chosen = choice.choose_common(chains, photons, self.expected * np.array(common.ratios))
         self._per_chain = chosen.per_chain
         return chosen.method
+
+    @property
+    def _with_photons(self) -> Common | None:
+        """The wavelengths that have common joined photons."""
+        common = self.common
+        if common is None or self.link.bubbles is not None or not common.tinting.follows:
+            return None
+        return common
 
     def _drawn(self, pilots: list[choice.Pilot]) -> list[list[Drawing]]:
         """Return the scattered chains by source, allotted to the orders by the pilots."""
@@ -437,13 +451,16 @@ class ForcedDetection:
         return sums
 
     def tinted(
-        self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link]
+        self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link], over: AimedChains
     ) -> list[parts.Parts]:
-        """Return the gains of links over a mesh, at the wavelengths of a tinting."""
+        """Return the gains of links over a mesh, at the wavelengths of a tinting.
+
+        `over` is the mesh with the receivers of a link that differs in the water alone.
+        """
         higher = self._reaching(mesh)
         if higher is not self:
-            return higher.tinted(mesh, tinting, links)
-        aimed, m = self.over(mesh), len(links)
+            return higher.tinted(mesh, tinting, links, over)
+        aimed, m = over.of_link(self.arrays), len(links)
         far = self._farthest(aimed, tinting, links)
         sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets, (m,))
         direct = partial(aimed.tinted_gains, tinting=tinting, other=far)

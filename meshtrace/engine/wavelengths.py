@@ -49,8 +49,8 @@ class _Group(NamedTuple):
     def evaluate(self, mesh: TriangleMesh) -> list[Parts]:
         if self.tinting is None:
             return [self.detection.evaluate(mesh)]
-        every = [self.detection, *self.ends]
-        found = [one.tinted(mesh, self.tinting, self.links) for one in every]
+        aimed, every = self.detection.over(mesh), [self.detection, *self.ends]
+        found = [one.tinted(mesh, self.tinting, self.links, aimed) for one in every]
         if len(found) == 1:
             return found[0]
         rows = zip(*found, self.shares.tolist(), strict=True)
@@ -222,10 +222,10 @@ def _moved(parts: Parts, low: Parts, high: Parts, share: float) -> Parts:
     """Return parts with a share of the difference between two, of fewer paths."""
 
     def moved(name: str, of: Any = parts, ends: tuple[Any, Any] = (low, high)) -> Floats:
-        first, a, b = (getattr(one, name) for one in (of, *ends))
-        width = max(one.shape[1] for one in (first, a, b))
-        rows = [np.pad(x, ((0, 0), (0, width - x.shape[1]))) for x in (first, a, b)]
-        return np.asarray(rows[0] + share * (rows[2] - rows[1]))
+        rows = [getattr(one, name) for one in (of, *ends)]
+        width = max(row.shape[1] for row in rows)
+        wide = [row if row.shape[1] == width else _widened(row, width) for row in rows]
+        return np.asarray(wide[0] + share * (wide[2] - wide[1]))
 
     photons = parts.photons
     if photons is not None and low.photons is not None and high.photons is not None:
@@ -234,6 +234,11 @@ def _moved(parts: Parts, low: Parts, high: Parts, share: float) -> Parts:
         photons = replace(photons, groups=groups, orders=by_order)
     direct, scattered, orders = map(moved, ("direct", "scattered", "orders"))
     return replace(parts, direct=direct, scattered=scattered, orders=orders, photons=photons)
+
+
+def _widened(row: Floats, width: int) -> Floats:
+    """Return an array with more columns, of zeros."""
+    return np.pad(row, ((0, 0), (0, width - row.shape[1])))
 
 
 def analog_sums(

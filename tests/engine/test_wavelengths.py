@@ -51,7 +51,7 @@ def compare(found, direct, tests):
 
 def forced(links, mesh, photons=4096, seed=1):
     sea = TypicalSea.of([mesh])
-    parts = SpectralDetection(links, photons, seed, sea=sea, mesh=mesh).evaluate(mesh)
+    parts = SpectralDetection(links, photons, seed, sea=sea).evaluate(mesh)
     return [(p.gain[0], p.stderr[0]) for p in parts]
 
 
@@ -76,7 +76,7 @@ def test_unscattered_light_has_no_noise():
     links = links_of(waters)
     for sea in SEAS.values():
         mesh = mesh_of(links[0], sea)
-        parts = SpectralDetection(links, 64, 1, mesh=mesh).evaluate(mesh)
+        parts = SpectralDetection(links, 64, 1).evaluate(mesh)
         direct = [ForcedDetection(link, 64, 1).evaluate(mesh) for link in links]
         found = [p.ballistic[0] / d.ballistic[0] for p, d in zip(parts, direct, strict=True)]
         assert found == pytest.approx(np.ones(3), abs=1e-5)
@@ -198,7 +198,7 @@ def test_gains_follow_the_index_of_the_water():
     links = links_of(waters)
     mesh = mesh_of(links[1], SEAS["flat"])
     compare(forced(links, mesh), one_by_one(links, mesh), 3)
-    parts = SpectralDetection(links, 64, 1, mesh=mesh).evaluate(mesh)
+    parts = SpectralDetection(links, 64, 1).evaluate(mesh)
     for part, link in zip(parts, links, strict=True):
         direct = ForcedDetection(link, 64, 1).evaluate(mesh)
         assert part.ballistic == pytest.approx(direct.ballistic, rel=2e-4)
@@ -209,7 +209,7 @@ def test_a_wavelength_far_from_the_base_has_paths_of_its_own():
     links = links_of([{"a": 0.1, "b": 1.2}, {"a": 0.1, "b": 1.15}, {"a": 0.5, "b": 0.15}])
     mesh = mesh_of(links[0], SEAS["flat"])
     sea = TypicalSea.of([mesh])
-    found = SpectralDetection(links, 1024, 1, sea=sea, mesh=mesh)
+    found = SpectralDetection(links, 1024, 1, sea=sea)
     assert [group.rows for group in found._groups] == [[0, 1], [2]]
     alone = ForcedDetection(links[2], 1024, 1, sea=sea).evaluate(mesh)
     assert found.evaluate(mesh)[2].gain == alone.gain
@@ -269,7 +269,7 @@ def test_errors_of_a_far_wavelength_are_true():
     links = links_of([{"a": 0.05, "b": 0.4}, {"a": 0.5, "b": 0.15}])
     mesh = mesh_of(links[0], SEAS["wavy"])
     sea = TypicalSea.of([mesh])
-    found = [SpectralDetection(links, 1024, s, sea=sea, mesh=mesh) for s in range(64)]
+    found = [SpectralDetection(links, 1024, s, sea=sea) for s in range(64)]
     assert [group.rows for group in found[0]._groups] == [[0, 1]]
     parts = [one.evaluate(mesh)[1] for one in found]
     gain, error = (np.array([getattr(p, name)[0] for p in parts]) for name in ("gain", "stderr"))

@@ -147,10 +147,11 @@ def tinted(
     light = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
     n, found = len(sums.score), []
     place, cell = np.unique((light["photon"] - first) * n + light["receiver"], return_inverse=True)
-    for factor in factors(light["tint"]):
-        weight = factor * light["weight"]
+    aperture = place % n
+    for weight in factors(light["tint"]) * light["weight"]:
         score = np.bincount(cell, weight, len(place))
-        total, square = np.array([np.bincount(place % n, score**k, n) for k in (1, 2)], float)
+        total: Floats = np.bincount(aperture, score, n).astype(float)
+        square: Floats = np.bincount(aperture, score * score, n).astype(float)
         rows = light[: len(light) * arrivals].copy()
         rows["weight"] = weight[: len(rows)]
         found.append(replace(sums, score=total, score_squared=square, arrivals=[rows]))

@@ -428,7 +428,7 @@ class JoinedPhotons:
             if tinting is None:
                 return [_Run.of_scores(block.score, block.order, light)]
             factors = tinting.mixed(light["tint"], base, numbers / self.photons)
-            return [_tinted(block, light, row, arrivals) for row in factors]
+            return _tinted(block, light, factors, arrivals)
 
         for found in ordered_map(follow, spans, self._threads):
             for run, part in zip(runs, found, strict=True):
@@ -499,21 +499,24 @@ class _Run(NamedTuple):
         self.arrivals.extend(part.arrivals)
 
 
-def _tinted(block: JoinedWorld, light: NDArray[np.void], factor: Floats, arrivals: bool) -> _Run:
-    """Return the sums over the photons of a block with factors on their light."""
-    weight, row = factor * light["weight"], light["receiver"]
-    place = ((light["photon"] - block.first) * block.score.shape[1] + row) * N_PARTS
-    score = np.bincount(place + light["part"], weight, block.score.size)
-    once = light["part"] != REFLECTED
+def _tinted(
+    block: JoinedWorld, light: NDArray[np.void], factors: Floats, arrivals: bool
+) -> list[_Run]:
+    """Return the sums over the photons of a block with factors (wavelengths, arrivals)."""
+    row, found = np.ascontiguousarray(light["receiver"]), list[_Run]()
+    place = ((light["photon"] - block.first) * block.score.shape[1] + row) * N_PARTS + light["part"]
     cell = row * _ORDERS + np.minimum(light["order"], _ORDERS - 1)
-    orders = np.bincount(cell[once], weight[once], block.order.size)
-    shaped: Any = score.reshape(block.score.shape)
-    by_order: Any = orders.reshape(block.order.shape)
-    kept = light[:0]
-    if arrivals:
-        kept = light.copy()
-        kept["weight"] = weight
-    return _Run.of_scores(shaped, by_order, kept)
+    once = light["part"] != REFLECTED
+    factors *= light["weight"]
+    for weight in factors:
+        score: Any = np.bincount(place, weight, block.score.size).reshape(block.score.shape)
+        orders: Any = np.bincount(cell, weight * once, block.order.size).reshape(block.order.shape)
+        kept = light[:0]
+        if arrivals:
+            kept = light.copy()
+            kept["weight"] = weight
+        found.append(_Run.of_scores(score, orders, kept))
+    return found
 
 
 def is_flat(surface: MeshArrays) -> bool:

@@ -17,6 +17,7 @@ from meshtrace.models import Floats
 _NODES = 2049  # of layered water
 _PER_LOG = 50.0  # cells over the logarithm of the scattering angle
 _NONE = -700.0  # logarithm of no scattering
+_CACHED = 512  # paths whose factors are formed together
 _EXACT = 1e-6  # error of a logarithm: of a scattering, and of the way through the water
 
 
@@ -46,9 +47,12 @@ class Tinting(NamedTuple):
     def factors(self, sums: Floats) -> Floats:
         """Return the factors (wavelengths, paths) on the weights of paths with sums (paths, >=)."""
         found = np.zeros((len(self.shares), len(sums)))
-        for share, row in zip(self.shares.T, sums.T, strict=False):
-            found += share[:, None] * row
-        return np.exp(found, out=found)
+        for i in range(0, len(sums), _CACHED):
+            part, rows = found[:, i : i + _CACHED], np.array(sums[i : i + _CACHED].T, order="C")
+            for share, row in zip(self.shares.T, rows, strict=False):
+                part += share[:, None] * row
+            np.exp(part, out=part)
+        return found
 
     def mixed(self, sums: Floats, base: int, parts: Floats) -> Floats:
         """Return the factors on the weights of paths of one base.
