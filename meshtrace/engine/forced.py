@@ -40,7 +40,7 @@ from meshtrace.engine.chains.sets import (
     flat_mesh,
     points_of,
 )
-from meshtrace.engine.photons.joined import JoinedPhotons
+from meshtrace.engine.photons.joined import JoinedParts, JoinedPhotons
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import Case
 from meshtrace.engine.setup.tinting import UNTINTED, Common, Tinting
@@ -156,7 +156,7 @@ class ForcedDetection:
         self._light: Floats | None = None  # gain of each receiver over still water
         orders, pilots = self._orders_of_chains(), list[choice.Pilot]()
         if orders is not None:
-            pilots = self.pilots_over(self.drawer, orders)
+            pilots = self._pilots(orders)[0]
             self._light = self._still_gain(pilots)
         if orders is not None and scattered != "joined":
             joined, still, compared = None, self.flat(), [pilots]
@@ -164,14 +164,21 @@ class ForcedDetection:
                 # chains and joined photons are compared over still water with random slopes
                 if sea.unresolved is not None and link.physics.unresolved == "tilt":
                     still = replace(still, unresolved=sea.unresolved)
-                    compared = self._pilots(still, orders)
+                    compared = self._pilots(orders, still)
                 base = 0 if len(compared) == 1 or common is None else np.argmax(common.ratios)
                 chains = choice.chain_pilot(compared[base], self.arrays)
                 doubtful = ~choice.is_clear(chains)
                 joined = self._pilot_photons(np.flatnonzero(doubtful).tolist())
             self.method = ["chains"] * len(link.receivers)
             if joined is not None:
-                better = self._better(compared, orders, doubtful, joined, still)
+                both = self._with_photons
+                if both is None:
+                    light = [joined.evaluate(still)]
+                else:
+                    light = joined.at_wavelengths(still, both.tinting, both.links)
+                    if len(compared) < len(light):
+                        compared = self._pilots(orders, still)
+                better = self._better(compared, light, doubtful)
                 for r, method in zip(np.flatnonzero(doubtful), better, strict=True):
                     self.method[r] = method
         self.scattered_sets = self._drawn(pilots)
@@ -216,22 +223,20 @@ class ForcedDetection:
                 raise refused from None
         return None
 
-    def pilots_over(self, over: ChainDrawer | AimedChains, orders: list[int]) -> list[choice.Pilot]:
-        """Return the pilot of each source up to its order, over still water or a surface."""
-        return self._pilots_by(over.aim, orders, 1)[0]
-
-    def _pilots(self, still: TriangleMesh, orders: list[int]) -> list[list[choice.Pilot]]:
-        """Return the pilots of the sources over a mesh, at all wavelengths with common photons."""
-        over, common = self.over(still), self._with_photons
-        if common is None:
-            return [self.pilots_over(over, orders)]
-        aim = partial(over.tinted, tinting=common.tinting)
-        return self._pilots_by(aim, orders, len(common.links))
-
-    def _pilots_by(
-        self, aim: Callable[..., Aimed], orders: list[int], wavelengths: int
+    def _pilots(
+        self, orders: list[int], still: TriangleMesh | None = None
     ) -> list[list[choice.Pilot]]:
-        """Return the pilots of the sources at each wavelength."""
+        """Return the pilots of the sources up to their orders, at one wavelength over still water.
+
+        Over a mesh of still water, with its random slopes, at all that have common photons.
+        """
+        aim: Callable[..., Aimed] = self.drawer.aim
+        common, wavelengths = self._with_photons, 1
+        if still is not None:
+            aim = self.over(still).aim
+            if common is not None:
+                aim = partial(self.over(still).tinted, tinting=common.tinting)
+                wavelengths = len(common.links)
         requests = [
             choice.Pilot.request(s, k, self._seed(s))
             for s, last in enumerate(orders)
@@ -256,20 +261,16 @@ class ForcedDetection:
     def _better(
         self,
         pilots: list[list[choice.Pilot]],
-        orders: list[int],
+        light: list[JoinedParts],
         doubtful: NDArray[np.bool_],
-        joined: JoinedPhotons,
-        still: TriangleMesh,
     ) -> list[choice.Method]:
-        """Return the better estimators of some receivers, of all wavelengths where these are."""
-        common, of_photons = self._with_photons, choice.ScatteredPilot.of_photons
-        if common is not None and len(pilots) < len(common.links):
-            pilots = self._pilots(still, orders)
+        """Return the better estimators of some receivers, for all wavelengths of the pilots."""
         chains = [choice.chain_pilot(row, self.arrays).of(doubtful) for row in pilots]
-        if common is None:
-            return choice.choose(chains[0], of_photons(joined.evaluate(still)), self.expected)
-        photons = [of_photons(p) for p in joined.at_wavelengths(still, *common[:2])]
-        chosen = choice.choose_common(chains, photons, self.expected * np.array(common.ratios))
+        photons = [choice.ScatteredPilot.of_photons(one) for one in light]
+        if self._with_photons is None:
+            return choice.choose(chains[0], photons[0], self.expected)
+        number = self.expected * np.array(self._with_photons.ratios)
+        chosen = choice.choose_common(chains, photons, number)
         self._per_chain = chosen.per_chain
         return chosen.method
 

@@ -267,7 +267,9 @@ class JoinedPhotons:
             order = sorted(range(len(link.receivers)), key=lambda i: repr(link.receivers[i]))
             targets = [ends.target_of(link.receivers[i], frame) for i in order]
             to = _Ends(targets, np.ones(len(order)), [self._first[i] for i in order])
-            worlds = [one._world(frame, intersector, None, to) for one in bases or [self]]
+            worlds = list[JoinedWorld]()
+            for one in bases or [self]:
+                worlds.append(one._world(frame, intersector, None, to))
             found = self._follow(worlds, intersector, arrivals, tinting)
             rows = np.argsort(order)
             return [self._parts([run], frame, arrivals).of(rows) for run in found]
@@ -279,7 +281,9 @@ class JoinedPhotons:
         for end, scored in zip(link.receivers, self._first, strict=True):
             emitter = ends.emitter_of(end, frame)
             to = _Ends(lamps, emitter.power * power / power.sum(), [scored] * len(lamps))
-            worlds = [one._world(frame, intersector, emitter, to) for one in bases or [self]]
+            worlds = []
+            for one in bases or [self]:
+                worlds.append(one._world(frame, intersector, emitter, to))
             runs.append(self._follow(worlds, intersector, arrivals, tinting))
         return [self._parts(list(each), frame, arrivals) for each in zip(*runs, strict=True)]
 
@@ -398,6 +402,11 @@ class JoinedPhotons:
         numbers = np.zeros(len(worlds))
         for k, (first, last) in enumerate(spans):
             numbers[k % len(worlds)] += last - first
+        kappa = np.array([world.joins.window.kappa for world in worlds])
+        depth = (
+            max(-item.center[2] for _, item in self.link.items()) / arrays.frame_of(self.link).unit
+        )
+        importance = np.exp((kappa[0] - kappa) * depth)
         runs = [_Run.of(n) for _ in range(m)]
         kept = arrivals or tinting is not None
 
@@ -427,7 +436,7 @@ class JoinedPhotons:
             light = block.arrivals[: block.n_arrivals[0]]
             if tinting is None:
                 return [_Run.of_scores(block.score, block.order, light)]
-            factors = tinting.mixed(light["tint"], base, numbers / self.photons)
+            factors = tinting.mixed(light["tint"], base, numbers / self.photons, importance)
             return _tinted(block, light, factors, arrivals)
 
         for found in ordered_map(follow, spans, self._threads):

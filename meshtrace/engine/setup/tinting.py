@@ -54,18 +54,24 @@ class Tinting(NamedTuple):
             np.exp(part, out=part)
         return found
 
-    def mixed(self, sums: Floats, base: int, parts: Floats) -> Floats:
+    def mixed(
+        self, sums: Floats, base: int, parts: Floats, importance: Floats | None = None
+    ) -> Floats:
         """Return the factors on the weights of paths of one base.
 
         `parts` (bases,) are the shares of the photons. The balance heuristic counts a path with the
-        density of the mixture: no wavelength between the bases lacks paths.
+        density of the mixture: no wavelength between the bases lacks paths. Photons of a weight
+        window are as dense as their light over its importance (bases,) at the start.
         """
         if not self.bases:
             return self.factors(sums)
-        drawn = self._replace(shares=self.density).factors(sums)
+        rows = self.density if importance is None else self.shares[list(self.bases)]
+        drawn = self._replace(shares=rows).factors(sums)
+        if importance is not None:
+            drawn /= importance[:, None]
         own = self._replace(shares=self.shares - self.shares[self.bases[base]])
         found: Floats = own.factors(sums)
-        found *= drawn[base] / np.einsum("i,ij->j", parts, drawn)
+        found *= drawn[base] / np.maximum(np.einsum("i,ij->j", parts, drawn), 1e-300)
         return found
 
     @property
