@@ -164,7 +164,7 @@ class ForcedDetection:
                 # chains and joined photons are compared over still water with random slopes
                 if sea.unresolved is not None and link.physics.unresolved == "tilt":
                     still = replace(still, unresolved=sea.unresolved)
-                    compared = self._pilots(orders, still)
+                    compared = self._pilots(orders, self.over(still))
                 base = 0 if len(compared) == 1 or common is None else np.argmax(common.ratios)
                 chains = choice.chain_pilot(compared[base], self.arrays)
                 doubtful = ~choice.is_clear(chains)
@@ -177,7 +177,7 @@ class ForcedDetection:
                 else:
                     light = joined.at_wavelengths(still, both.tinting, both.links)
                     if len(compared) < len(light):
-                        compared = self._pilots(orders, still)
+                        compared = self._pilots(orders, self.over(still))
                 better = self._better(compared, light, doubtful)
                 for r, method in zip(np.flatnonzero(doubtful), better, strict=True):
                     self.method[r] = method
@@ -224,18 +224,18 @@ class ForcedDetection:
         return None
 
     def _pilots(
-        self, orders: list[int], still: TriangleMesh | None = None
+        self, orders: list[int], still: AimedChains | None = None
     ) -> list[list[choice.Pilot]]:
         """Return the pilots of the sources up to their orders, at one wavelength over still water.
 
-        Over a mesh of still water, with its random slopes, at all that have common photons.
+        Over a mesh of it, with random slopes, at all wavelengths that have common photons.
         """
         aim: Callable[..., Aimed] = self.drawer.aim
         common, wavelengths = self._with_photons, 1
         if still is not None:
-            aim = self.over(still).aim
+            aim = still.aim
             if common is not None:
-                aim = partial(self.over(still).tinted, tinting=common.tinting)
+                aim = partial(still.tinted, tinting=common.tinting)
                 wavelengths = len(common.links)
         requests = [
             choice.Pilot.request(s, k, self._seed(s))

@@ -29,7 +29,7 @@ from meshtrace.results.tallies import ArrivalTally
 _OWN_PATHS = {"absorption": "paper", "free_path": "local_c"}  # forms whose weights are no products
 
 
-_INDEX_SHARE = 0.125
+_INDEX_SHARE = 0.0625
 """Share of the paths that are refracted again by the extreme indices: their noise cancels."""
 
 _APART = 2.5  # of twice the square roots of the scatterings expected, between bases in turn
@@ -211,7 +211,9 @@ def clearest(links: Sequence[Link]) -> Link:
 
 def scattering(link: Link) -> tuple[float, float]:
     """Return the mean scattering coefficient above the deepest end, and less absorption."""
-    depth = np.linspace(0.0, max(-item.center[2] for _, item in link.items()), 257)
+    uniform = link.water.layers is None and link.bubbles is None
+    deepest = max(-item.center[2] for _, item in link.items())
+    depth = np.linspace(0.0, deepest, 1 if uniform else 257)
     a, b = (float(np.mean(x)) for x in link.water.profile(depth))
     if link.bubbles is not None:
         b += float(np.mean(link.bubbles.b(depth)))
