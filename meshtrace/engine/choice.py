@@ -10,15 +10,14 @@ surface reflects first is worth photons of its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.chains.aimed import AimedChains
-from meshtrace.engine.chains.sets import TURBID, ChainDrawer, Request, poisson_law
+from meshtrace.engine.chains.sets import TURBID, Aimed, ChainDrawer, Request, poisson_law
 from meshtrace.engine.photons.joined import JoinedParts
 from meshtrace.engine.photons.targets import SCATTERED
 from meshtrace.engine.setup.ends import ForcedLink, across, emitter_of
@@ -38,6 +37,10 @@ Method = Literal["chains", "joined"]
 
 PILOT_PHOTONS = 8192
 """Joined photons of a pilot."""
+
+PER_CHAIN, REFLECTED_PER_CHAIN = 8.0, 2.0
+"""Joined photons in place of a chain, and for light that the surface reflects first alone."""
+_SHARED_PER_CHAIN = 3.0  # in place of a chain that would serve other wavelengths
 
 _EFFICIENT = 4.0  # relative variance of a chain up to which no other estimator is tried
 _COST = 3.0  # time of a chain over that of a joined photon
@@ -92,17 +95,24 @@ class Pilot(NamedTuple):
         return Pilot(*rows), (direct + mean.sum(axis=2)).ravel()
 
 
+class PilotSurface(NamedTuple):
+    """A surface over which pilot chains are aimed."""
+
+    aim: Callable[..., Aimed]  # of a source, a target and chains
+    wavelengths: int = 1  # of its scores
+
+
 def pilot_statistics(
     drawer: ChainDrawer,
-    surfaces: Sequence[ChainDrawer | AimedChains],
+    surfaces: Sequence[PilotSurface],
     targets: Sequence[int],
     request: Request,
-) -> Floats:
-    """Return number, mean, deviation and hits of pilot chains (surfaces, 4, targets) of one order.
+) -> list[Floats]:
+    """Return number, mean, deviation and hits of pilot chains of one order, over each surface.
 
-    Surfaces are still water and others; targets that few chains reach get more of them.
+    Of shape (wavelengths, 4, targets); targets that few chains reach get more of them.
     """
-    found = np.zeros((len(surfaces), 4, len(targets)))
+    found = [np.zeros((over.wavelengths, 4, len(targets))) for over in surfaces]
     few = [list(range(len(targets))) for _ in surfaces]
     for step in range(_PILOT_STEPS):
         per_shift = request.per_shift * _PILOT_GROWTH**step
@@ -111,9 +121,12 @@ def pilot_statistics(
         for over, rows, some in zip(surfaces, found, few, strict=True):
             for i in some:
                 score = over.aim(request.source, targets[i], chains).score
-                rows[:, i] = len(score), score.mean(), score.std(), np.count_nonzero(score)
+                rows[:, 0, i] = score.shape[-1]
+                rows[:, 1, i] = score.mean(axis=-1)
+                rows[:, 2, i] = score.std(axis=-1)
+                rows[:, 3, i] = np.count_nonzero(score, axis=-1)
         few = [
-            [i for i in some if rows[3, i] < _PILOT_HITS]
+            [i for i in some if rows[:, 3, i].max() < _PILOT_HITS]
             for rows, some in zip(found, few, strict=True)
         ]
         if not any(few):
@@ -221,6 +234,37 @@ def choose(chains: ScatteredPilot, photons: ScatteredPilot, expected: float = 0.
     surer = photons.stderr * chains.mean < chains.stderr * photons.mean
     better = (photons.mean > 0.0) & (missed | slower | (few & surer) | (chains.mean <= 0.0))
     return ["joined" if b else "chains" for b in better]
+
+
+class CommonChoice(NamedTuple):
+    """Estimator of the scattered light of several wavelengths by receiver, see `choose_common`."""
+
+    method: list[Method]
+    per_chain: float  # joined photons in place of a chain
+
+
+def choose_common(
+    chains: list[ScatteredPilot], photons: list[ScatteredPilot], expected: Floats
+) -> CommonChoice:
+    """Choose one estimator for all wavelengths, given a pilot of each and the scatterings expected.
+
+    The one with the smaller sum of relative variances; chains that are not trusted at a wavelength
+    are left for it. Where chains would serve some wavelengths photons are fewer, for about twice
+    the time of a run of these.
+    """
+    receivers = len(chains[0].mean)
+    chosen, missed = np.zeros(receivers, bool), np.zeros(receivers, bool)
+    total, every = np.zeros((2, receivers)), np.ones(receivers, bool)
+    for chained, seen, number in zip(chains, photons, expected.tolist(), strict=True):
+        vote = np.array([m == "joined" for m in choose(chained, seen, number)])
+        chosen, every = chosen | vote, every & vote
+        missed |= vote & (chained.variance * chain_cost(number) <= seen.variance)
+        with np.errstate(all="ignore"):
+            rows = [chained.variance / chained.mean**2, seen.variance / seen.mean**2 / PER_CHAIN]
+        total += np.nan_to_num(rows, nan=1e300, posinf=1e300)
+    joined = chosen & (missed | (total[1] < total[0]))
+    method: list[Method] = ["joined" if b else "chains" for b in joined]
+    return CommonChoice(method, PER_CHAIN if every[joined].all() else _SHARED_PER_CHAIN)
 
 
 _RINGS, _AZIMUTHS = 48, 12

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -26,6 +27,7 @@ from operator import call
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.engine import choice, parts
 from meshtrace.engine.bvh import EmbreeIntersector
@@ -41,7 +43,7 @@ from meshtrace.engine.chains.sets import (
 from meshtrace.engine.photons.joined import JoinedParts, JoinedPhotons
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import Case
-from meshtrace.engine.setup.tinting import UNTINTED, Tinting
+from meshtrace.engine.setup.tinting import UNTINTED, Common, Tinting
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.tints import Tints
@@ -58,7 +60,6 @@ Scattered = Literal["auto", "chains", "joined"]
 MANY_SEAS = 1.5
 """Margin of a typical sea for those that are not known yet: they may be higher."""
 
-_PER_CHAIN, _REFLECTED_PER_CHAIN = 8, 2  # joined photons; light reflected first alone
 _STILL_CHAINS = 8  # unscattered, of each shift, over still water
 _MOST_CHAINS = 2**22  # some 10 s of a thread for each receiver
 _CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is summed
@@ -98,7 +99,8 @@ class ForcedDetection:
         The link; sources on the other side of the surface than the receivers.
     photons : int
         Chains in all. Joined photons are eight times as many where scattered light rests on
-        them, else twice: they take a tenth of the time.
+        them, else twice: they take a tenth of the time. Common ones of several wavelengths are
+        between, see `choice.choose_common`.
     seed : int
         Seed of the points and their shifts.
     normals : {"vertex", "facet"}
@@ -113,9 +115,8 @@ class ForcedDetection:
         Estimator of the scattered light; "auto" compares pilots over still water, with random
         slopes, for each receiver, see `meshtrace.engine.choice`. With "chains" light that the
         surface reflects first is omitted.
-    ratios : sequence of float
-        Scattering coefficients, over that of the link, of the wavelengths for all of which chains
-        are allotted to the orders.
+    common : Common, optional
+        The wavelengths for all of which chains are allotted to the orders, and estimators chosen.
 
     Raises
     ------
@@ -133,7 +134,7 @@ class ForcedDetection:
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
         search: SearchMode = "usual",
         scattered: Scattered = "auto",
-        ratios: Sequence[float] = (1.0,),
+        common: Common | None = None,
     ) -> None:
         if not SHIFTS <= photons <= _MOST_CHAINS:
             allowed = f"an integer {SHIFTS} <= photons <= {_MOST_CHAINS} for forced detection"
@@ -142,13 +143,15 @@ class ForcedDetection:
         self.arrays = ends.forced_link(link)
         self.photons, self.seed, self.normals, self.threads = photons, seed, normals, threads
         self.sea, self.search, self.wanted = sea, search, scattered
-        self.ratios = np.asarray(ratios, np.float64)
+        self.common = common
         unit = self.arrays.frame.unit
         top = max(sea.crest, 0.0) / unit
         lowest = min(t.center[2] for t in self.arrays.targets)
         # a chain that ends higher is not looked for; the level must stay below the receivers
         ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
-        self.drawer = ChainDrawer(self.arrays, top, ceiling)
+        ratios = (1.0,) if common is None else common.ratios
+        self.drawer = ChainDrawer(self.arrays, top, ceiling, ratios)
+        self._per_chain = choice.PER_CHAIN
         self.method: list[choice.Method] = ["joined"] * len(link.receivers)
         # receivers with pilots, and the number of those that each stands for
         self._piloted, self._number = np.unique(
@@ -157,24 +160,31 @@ class ForcedDetection:
         self._light: Floats | None = None  # of each receiver with a pilot, over still water
         orders, pilots = self._orders_of_chains(), list[choice.Pilot]()
         if orders is not None and scattered != "joined":
-            still, surfaces = self.flat(), list[ChainDrawer | AimedChains]([self.drawer])
+            still, surfaces = self.flat(), [choice.PilotSurface(self.drawer.aim)]
             compares = scattered == "auto" and any(orders)
             if compares and sea.unresolved is not None and link.physics.unresolved == "tilt":
                 # chains and joined photons are compared over still water with random slopes
                 still = replace(still, unresolved=sea.unresolved)
-                surfaces.append(self.over(still))
-            found = self.pilots_over(surfaces, orders)
-            pilots, compared = found[0], found[-1]
+                surfaces.append(self._pilot_surface(still))
+            found = self._pilots(surfaces, orders)
+            pilots, compared = found[0][0], found[-1]
             self._light = self._still_gain(pilots)
             joined = None
             if compares:
-                chains = choice.chain_pilot(compared, self.arrays)
+                base = 0 if len(compared) == 1 or common is None else np.argmax(common.ratios)
+                chains = choice.chain_pilot(compared[base], self.arrays)
                 doubtful = ~choice.is_clear(chains)
                 joined = self._pilot_photons(self._piloted[doubtful].tolist())
             self.method = ["chains"] * len(link.receivers)
             if joined is not None:
-                seen = choice.ScatteredPilot.of_photons(joined.evaluate(still))
-                better = choice.choose(chains.of(doubtful), seen, self.expected)
+                both = self._with_photons
+                if both is None:
+                    light = [joined.evaluate(still)]
+                else:
+                    light = joined.at_wavelengths(still, both.tinting, both.links)
+                    if len(compared) < len(light):
+                        (compared,) = self._pilots([self._pilot_surface(still)], orders)
+                better = self._better(compared, light, doubtful)
                 self._rest_on(dict(zip(self._piloted[doubtful].tolist(), better, strict=True)))
         self.scattered_sets = self._drawn(pilots)
         self._unscattered: list[Drawing] = []  # drawn on demand
@@ -184,6 +194,24 @@ class ForcedDetection:
         """Set the estimators of some receivers, and of those that they stand for."""
         for r, first in enumerate(self.arrays.stands_for_receivers.tolist()):
             self.method[r] = found.get(first, self.method[r])
+
+    def at_index(self, n: float, share: float) -> ForcedDetection:
+        """Return a share of the chains and photons, the same ones, in water of another index."""
+        found = copy(self)
+        found.link = self.link.replace("water.n", n)
+        found.arrays = ends.forced_link(found.link)
+        found.drawer = self.drawer.of_link(found.arrays)
+        found.photons = max(round(share * self.photons), SHIFTS)
+        found._unscattered = []
+        found.scattered_sets = []
+        for row in self.scattered_sets:
+            requests = [drawing.request for drawing in row]
+            few = [one._replace(per_shift=max(round(share * one.per_shift), 2)) for one in requests]
+            found.scattered_sets.append(found.drawer.draw_all(few, self.threads))
+        if self._joined is not None:
+            photons = max(round(share * self._joined.photons), SHIFTS)
+            found._joined = self._joined.at_index(n, photons)
+        return found
 
     def _orders_of_chains(self) -> list[int] | None:
         """Return the orders of the chains from each source, None if photons alone follow the link.
@@ -205,10 +233,17 @@ class ForcedDetection:
                 raise refused from None
         return None
 
-    def pilots_over(
-        self, surfaces: Sequence[ChainDrawer | AimedChains], orders: list[int]
-    ) -> list[list[choice.Pilot]]:
-        """Return the pilots of each source up to its order, over still water and other surfaces."""
+    def _pilot_surface(self, still: TriangleMesh) -> choice.PilotSurface:
+        """Return a mesh of still water for pilots, at all wavelengths that have common photons."""
+        aimed, common = self.over(still), self._with_photons
+        if common is None:
+            return choice.PilotSurface(aimed.aim)
+        return choice.PilotSurface(partial(aimed.tinted, tinting=common.tinting), len(common.links))
+
+    def _pilots(
+        self, surfaces: Sequence[choice.PilotSurface], orders: list[int]
+    ) -> list[list[list[choice.Pilot]]]:
+        """Return the pilots of the sources up to their orders, by surface and wavelength."""
         requests = [
             choice.Pilot.request(s, k, self._seed(s))
             for s, last in enumerate(orders)
@@ -216,12 +251,14 @@ class ForcedDetection:
         ]
         targets = np.unique(self.arrays.stands_for).tolist()
         job = partial(choice.pilot_statistics, self.drawer, surfaces, targets)
-        found = list(ordered_map(job, requests, self.threads))
-        pilots = []
-        for k in range(len(surfaces)):
-            rows = (one[k] for one in found)
-            over = [choice.Pilot.of_orders(list(islice(rows, n)), len(targets)) for n in orders]
-            pilots.append(over)
+        rows = list(ordered_map(job, requests, self.threads))
+        pilots: list[list[list[choice.Pilot]]] = []
+        for k, over in enumerate(surfaces):
+            pilots.append([])
+            for j in range(over.wavelengths):
+                each = iter(row[k][j] for row in rows)
+                found = [list(islice(each, n)) for n in orders]
+                pilots[k].append([choice.Pilot.of_orders(part, len(targets)) for part in found])
         return pilots
 
     def _pilot_photons(self, receivers: list[int]) -> JoinedPhotons | None:
@@ -230,6 +267,30 @@ class ForcedDetection:
             return self._photons(choice.PILOT_PHOTONS, receivers) if receivers else None
         except Refused:
             return None
+
+    def _better(
+        self,
+        pilots: list[list[choice.Pilot]],
+        light: list[JoinedParts],
+        doubtful: NDArray[np.bool_],
+    ) -> list[choice.Method]:
+        """Return the better estimators of some receivers, for all wavelengths of the pilots."""
+        chains = [choice.chain_pilot(row, self.arrays).of(doubtful) for row in pilots]
+        photons = [choice.ScatteredPilot.of_photons(one) for one in light]
+        if self._with_photons is None:
+            return choice.choose(chains[0], photons[0], self.expected)
+        number = self.expected * np.array(self._with_photons.ratios)
+        chosen = choice.choose_common(chains, photons, number)
+        self._per_chain = chosen.per_chain
+        return chosen.method
+
+    @property
+    def _with_photons(self) -> Common | None:
+        """The wavelengths that have common joined photons."""
+        common = self.common
+        if common is None or self.link.bubbles is not None or not common.tinting.follows:
+            return None
+        return common
 
     def _drawn(self, pilots: list[choice.Pilot]) -> list[list[Drawing]]:
         """Return the scattered chains by source, allotted to the orders by the pilots."""
@@ -256,10 +317,10 @@ class ForcedDetection:
                 found, seen, number = found.joined(link.power), light[s : s + 1], np.ones(1, int)
             else:
                 continue
-            if len(self.ratios) > 1 and self._light is not None:
+            if self.common is not None and self._light is not None:
                 lit = self._light[s : s + 1] if link.down else self._light[kept]
-                found, seen = found.at_wavelengths(self.ratios, lit)
-                number = np.tile(number, len(self.ratios))
+                found, seen = found.at_wavelengths(np.array(self.common.ratios), lit)
+                number = np.tile(number, len(self.common.ratios))
             counts = choice.allotment(share, self.drawer.nominals[s].expected, found, seen, number)
             key = self._seed(s)
             requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
@@ -314,7 +375,7 @@ class ForcedDetection:
             first = self.arrays.stands_for_receivers.tolist()
             self._served = [r for r in every if first[r] in lit or self.method[r] == "joined"]
         self.reflects = self.reflects and bool(self._served)
-        photons = (_PER_CHAIN if rows else _REFLECTED_PER_CHAIN) * self.photons
+        photons = round((self._per_chain if rows else choice.REFLECTED_PER_CHAIN) * self.photons)
         try:
             return self._photons(photons, self._served, first=2) if self._served else None
         except Refused:  # forms as published, which chains follow
@@ -423,13 +484,16 @@ class ForcedDetection:
         return [found[target] for target in job.targets]
 
     def tinted(
-        self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link]
+        self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link], over: AimedChains
     ) -> list[parts.Parts]:
-        """Return the gains of links over a mesh, at the wavelengths of a tinting."""
+        """Return the gains of links over a mesh, at the wavelengths of a tinting.
+
+        `over` is the mesh with the receivers of a link that differs in the water alone.
+        """
         higher = self._reaching(mesh)
         if higher is not self:
-            return higher.tinted(mesh, tinting, links)
-        aimed, m = self.over(mesh), len(links)
+            return higher.tinted(mesh, tinting, links, over)
+        aimed, m = over.of_link(self.arrays), len(links)
         far = self._farthest(aimed, tinting, links)
         sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets, (m,))
         direct = partial(aimed.tinted_gains, tinting=tinting, other=far)
@@ -508,7 +572,7 @@ class ForcedDetection:
         sea = self.sea._replace(crest=top)
         return ForcedDetection(
             self.link, self.photons, self.seed, self.normals, self.threads, sea,
-            self.search, self.wanted, self.ratios.tolist(),
+            self.search, self.wanted, self.common,
         )  # fmt: skip
 
     def flat(self) -> TriangleMesh:

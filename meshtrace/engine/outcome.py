@@ -232,13 +232,6 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
     warn_of_omitted(chains.link, parts.gain)
 
 
-def receivers_of_few(parts: Parts) -> set[int]:
-    """Return the receivers whose scattered light matters and rests on few effective samples."""
-    light = parts.scattered.mean(axis=1)
-    found = _that_matter(parts.samples_by_receiver(), light, parts.gain)
-    return {r for r, row, _ in found if _is_few(row)}
-
-
 def _warn_of_few(found: list[tuple[int, ScatteredSamples]], where: str = "") -> None:
     for r, row in found:
         if _is_few(row):

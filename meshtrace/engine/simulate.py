@@ -137,12 +137,12 @@ def simulate(  # type: ignore[misc]
 
     .. math:: w_j = w \prod_k \frac{b_j p_j}{b p}(z_k, \theta_k) e^{-\int (c_j - c) dl}
 
-    over their scatterings k and their ways through the water, from a base that scatters most.
-    Between the smallest and the largest index of the water, for each of which half of the paths
-    are refracted, gains are linear in the index. Wavelengths for which the base has too few
-    effective samples have paths of their own, as if run alone; so have all below bubbles with
-    photons in place of chains. The error of the mesh is that of one wavelength, relative to its
-    gain. Fates are those of photons of the base.
+    over their scatterings k and their ways through the water, from a base that scatters most, or
+    from photons of several bases that count with the density of their mixture. Between the smallest
+    and the largest index of the water gains are linear in the index, by some of the paths that are
+    refracted by both. All have photons of their own below bubbles with photons in place of chains.
+    The error of the mesh is that of one wavelength, relative to its gain. Fates are those of
+    photons of the bases.
 
     Examples
     --------
@@ -229,7 +229,7 @@ def _followed(
                 if records:
                     light = forced.tinted_arrivals(mesh, UNTINTED, links)
             else:
-                spectral = SpectralDetection(links, run.photons, **case.how, sea=sea, mesh=mesh)
+                spectral = SpectralDetection(links, run.photons, **case.how, sea=sea)
                 gains = spectral.evaluate(mesh)
                 if records:
                     light = spectral.arrivals(mesh)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -114,15 +114,11 @@ class ArrivalTally(Tally):
     group: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_group")]
     angle: Annotated[Floats, Variable("arrival", _joined, "arrival_angle")]
 
-    def weighted(self, factor: float) -> ArrivalTally:
-        """Return the arrivals with a factor on their weights."""
-        return replace(self, weight=factor * self.weight)
-
-    def plus(self, other: ArrivalTally) -> ArrivalTally:
-        """Return the arrivals together with others."""
-        names = [item.name for item in fields(self)]
-        pairs = ([getattr(one, name) for one in (self, other)] for name in names)
-        return ArrivalTally(*map(np.concatenate, pairs))
+    def with_gains(self, gains: Floats) -> ArrivalTally:
+        """Return the arrivals with weights that add up to the gain of each receiver."""
+        known = np.bincount(self.receiver, self.weight, len(gains))
+        factor = np.divide(gains, known, out=np.ones(len(gains)), where=known > 0.0)
+        return replace(self, weight=factor[self.receiver] * self.weight)
 
     @classmethod
     def of_rows(cls, rows: Floats) -> ArrivalTally:

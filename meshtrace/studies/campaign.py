@@ -345,8 +345,8 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     def chains(link: Link) -> ForcedDetection:
         return ForcedDetection(link, run.photons, run.seed, normals, sea=typical)
 
-    def spectral(over: Sequence[Link], made: TriangleMesh) -> SpectralDetection:
-        return SpectralDetection(over, run.photons, run.seed, normals, sea=typical, mesh=made)
+    def spectral(over: Sequence[Link]) -> SpectralDetection:
+        return SpectralDetection(over, run.photons, run.seed, normals, sea=typical)
 
     def evaluate(i: int) -> Floats:
         made = first.pop(i) if i in first else mesh(i)
@@ -354,7 +354,7 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
             pairs = zip(tilted, over(i), strict=True)
             return np.stack([one.parts(link, made) for one, link in pairs], axis=1)
         if campaign.spectral:
-            parts = (paths or spectral(over(i), made)).evaluate(made)
+            parts = (paths or spectral(over(i))).evaluate(made)
         else:
             parts = [one.evaluate(made) for one in common or map(chains, over(i))]
         return np.array([[one.shifts for one in parts], [one.direct for one in parts]])
@@ -367,7 +367,7 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     moving = steps.links is not None
     alone = campaign.spectral or (moving and not widest)
     common = [] if alone else [chains(link) for link in links]
-    paths = spectral(links, first[0]) if campaign.spectral and not moving else None
+    paths = spectral(links) if campaign.spectral and not moving else None
     tilted = []
     if moving and common and all(one.serves_neighbours for one in common):
         tilted = [

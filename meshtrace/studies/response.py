@@ -65,7 +65,7 @@ def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
     options = run.photons, run.seed, campaign.meshing.normals, campaign.threads, sea
     rows: list[list[ArrivalTally]]
     if campaign.spectral:
-        common = SpectralDetection(links, *options, mesh=meshes[0])
+        common = SpectralDetection(links, *options)
         rows = [common.arrivals(mesh) for mesh in meshes]
     else:
         chains = ForcedDetection(links[0], *options)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, sidak, z_test
+from scipy.stats import chi2
 
 import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
@@ -13,9 +14,10 @@ from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import resolve
 from meshtrace.engine.setup.tinting import tinting
-from meshtrace.engine.wavelengths import SpectralDetection, analog_sums
+from meshtrace.engine.wavelengths import SpectralDetection, analog_sums, common_paths
 from meshtrace.errors import Refused
 from meshtrace.results import load
+from meshtrace.results.tallies import standard_error
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 pytestmark = [
@@ -51,7 +53,7 @@ def compare(found, direct, tests):
 
 def forced(links, mesh, photons=4096, seed=1):
     sea = TypicalSea.of([mesh])
-    parts = SpectralDetection(links, photons, seed, sea=sea, mesh=mesh).evaluate(mesh)
+    parts = SpectralDetection(links, photons, seed, sea=sea).evaluate(mesh)
     return [(p.gain[0], p.stderr[0]) for p in parts]
 
 
@@ -76,7 +78,7 @@ def test_unscattered_light_has_no_noise():
     links = links_of(waters)
     for sea in SEAS.values():
         mesh = mesh_of(links[0], sea)
-        parts = SpectralDetection(links, 64, 1, mesh=mesh).evaluate(mesh)
+        parts = SpectralDetection(links, 64, 1).evaluate(mesh)
         direct = [ForcedDetection(link, 64, 1).evaluate(mesh) for link in links]
         found = [p.ballistic[0] / d.ballistic[0] for p, d in zip(parts, direct, strict=True)]
         assert found == pytest.approx(np.ones(3), abs=1e-5)
@@ -198,21 +200,40 @@ def test_gains_follow_the_index_of_the_water():
     links = links_of(waters)
     mesh = mesh_of(links[1], SEAS["flat"])
     compare(forced(links, mesh), one_by_one(links, mesh), 3)
-    parts = SpectralDetection(links, 64, 1, mesh=mesh).evaluate(mesh)
+    parts = SpectralDetection(links, 64, 1).evaluate(mesh)
     for part, link in zip(parts, links, strict=True):
         direct = ForcedDetection(link, 64, 1).evaluate(mesh)
         assert part.ballistic == pytest.approx(direct.ballistic, rel=2e-4)
 
 
-@pytest.mark.thorough
-def test_a_wavelength_far_from_the_base_has_paths_of_its_own():
+@pytest.mark.parametrize("sea", SEAS)
+@pytest.mark.slow
+def test_photons_of_several_bases(sea):
+    """Turbid water, in which paths of one wavelength are rare at another."""
+    links = links_of([{"a": 0.3, "b": 1.8}, {"a": 0.1, "b": 1.2}, {"a": 0.2, "b": 0.7}])
+    mesh = mesh_of(links[1], SEAS[sea])
+    common = common_paths(links, 0, range(3), mixed=True)
+    assert len(common.tinting.bases) > 1
+    assert common.tinting.follows
+    parts = JoinedPhotons(links[0], 2**15, 1).at_wavelengths(mesh, common.tinting, links)
+    alone = [JoinedPhotons(link, 2**15, 9 + k).evaluate(mesh) for k, link in enumerate(links)]
+    for part in (1, 2):  # scattered, and reflected first
+        rows = [[(p.parts[part, 0], p.stderr[part, 0]) for p in found] for found in (parts, alone)]
+        compare(*rows, 12)
+    errors = [[p.stderr[1, 0] / p.parts[1, 0] for p in found] for found in (parts, alone)]
+    assert (np.array(errors[0]) < 4.0 * np.array(errors[1])).all()
+
+
+def test_a_wavelength_far_from_the_base_has_its_paths():
+    """An eighth of the scattering: its error is no larger than that of the base."""
     links = links_of([{"a": 0.1, "b": 1.2}, {"a": 0.1, "b": 1.15}, {"a": 0.5, "b": 0.15}])
     mesh = mesh_of(links[0], SEAS["flat"])
     sea = TypicalSea.of([mesh])
-    found = SpectralDetection(links, 1024, 1, sea=sea, mesh=mesh)
-    assert [group.rows for group in found._groups] == [[0, 1], [2]]
-    alone = ForcedDetection(links[2], 1024, 1, sea=sea).evaluate(mesh)
-    assert found.evaluate(mesh)[2].gain == alone.gain
+    found = SpectralDetection(links, 8192, 1, sea=sea).evaluate(mesh)
+    alone = ForcedDetection(links[2], 8192, 7, sea=sea).evaluate(mesh)
+    error = [(p.stderr / p.gain)[0] for p in found]
+    assert error[2] < error[0]
+    compare([(found[2].gain[0], found[2].stderr[0])], [(alone.gain[0], alone.stderr[0])], 1)
 
 
 def test_one_wavelength_is_a_usual_run():
@@ -261,26 +282,45 @@ def test_refusals():
         found.at_wavelength(460.0)
 
 
+def scatter_of(runs):
+    """Return the p-value that (gain, error) of runs scatter by their errors, by chi-square."""
+    gain, error = np.transpose(runs)
+    n = len(gain) - 1.0
+    return chi2.sf(n * gain.var(ddof=1) / np.mean(error**2), n)
+
+
 @pytest.mark.slow
 def test_errors_of_a_far_wavelength_are_true():
-    """Scatter of 64 seeds over the stated error, chi-square of 63 degrees of freedom."""
-    from scipy.stats import chi2
+    """Scatter of 64 seeds over the stated error, chi-square of 63 degrees of freedom.
 
-    links = links_of([{"a": 0.05, "b": 0.4}, {"a": 0.5, "b": 0.15}])
+    Of chains, with a wide index; of joined photons of two bases; of analog photons of two bases
+    and indices that many reach.
+    """
+    far = [{"a": 0.05, "b": 0.4, "n": 1.345}, {"a": 0.5, "b": 0.15, "n": 1.33}]
+    turbid = [{"a": 0.3, "b": 1.8}, {"a": 0.2, "b": 0.7}]
+    links, opaque = links_of(far), links_of(turbid)
     mesh = mesh_of(links[0], SEAS["wavy"])
     sea = TypicalSea.of([mesh])
-    found = [SpectralDetection(links, 1024, s, sea=sea, mesh=mesh) for s in range(64)]
-    assert [group.rows for group in found[0]._groups] == [[0, 1]]
-    parts = [one.evaluate(mesh)[1] for one in found]
-    gain, error = (np.array([getattr(p, name)[0] for p in parts]) for name in ("gain", "stderr"))
-    square = 63.0 * gain.var(ddof=1) / np.mean(error**2)
-    assert ALPHA < chi2.sf(square, 63) < 1.0 - ALPHA
+    wide = links_of(far, mt.Link(receiver=mt.Receiver(radius=10.0)))
+    surface = mt.EmbreeIntersector(mesh_for(wide[1], SEAS["wavy"], mt.Meshing(spacing=0.4))[0], 1)
+    common = common_paths(opaque, 0, range(2), mixed=True).tinting
+    rows = [[], [], []]
+    for seed in range(64):
+        part = SpectralDetection(links, 1024, seed, sea=sea).evaluate(mesh)[1]
+        rows[0].append((part.gain[0], part.stderr[0]))
+        found = JoinedPhotons(opaque[0], 2**13, seed).at_wavelengths(mesh, common, opaque)[1]
+        rows[1].append((found.parts[1, 0], found.stderr[1, 0]))
+        sums = analog_sums(wide, surface, mt.Analog(), 2**13, None, seed=seed)[1]
+        n = sums.photons
+        rows[2].append((sums.score[0] / n, standard_error(sums.score, sums.score_squared, n)[0]))
+    for runs in rows:
+        assert sidak(ALPHA, 6) < scatter_of(runs) < 1.0 - sidak(ALPHA, 6)
 
 
 def test_few_samples_are_warned_of_at_the_worst_wavelength():
     """Once each wavelength had a warning of its own."""
     water = mt.Water(spectrum=mt.optics.Constituents(chlorophyll=1.0), wavelength_nm=500.0)
-    link = mt.Link(water=water, receiver=mt.Receiver(fov_deg=20.0)).at_depth(20.0)
+    link = mt.Link(water=water, receiver=mt.Receiver(fov_deg=20.0)).at_depth(30.0)
     sea = JonswapSea(wind_speed=5.0, seed=1)
     with pytest.warns(mt.FewSamplesWarning, match="400 nm, the wavelength of fewest") as found:
         mt.simulate(link, sea, photons=64, spacing=0.5, wavelengths_nm=[400.0, 500.0, 620.0])

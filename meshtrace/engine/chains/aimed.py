@@ -246,9 +246,10 @@ class AimedChains:
         return Aimed(out.score, arrivals)
 
     def tinted(
-        self, source: int, receivers: Sequence[int], chains: ChainSet, tinting: Tinting
+        self, source: int, receivers: int | Sequence[int], chains: ChainSet, tinting: Tinting
     ) -> Aimed:
-        """Return the scores (wavelengths, chains) of a set of chains to receivers `together`."""
+        """Return the scores (wavelengths, chains) of a set of chains, see `aim`."""
+        receivers = [receivers] if isinstance(receivers, int) else receivers
         n = len(chains.audit)
         found = self.aim(source, receivers, chains, keep=True).arrivals
         score = np.zeros((len(tinting.shares), n * len(receivers)))

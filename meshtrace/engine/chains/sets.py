@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
+from copy import copy
 from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -146,12 +147,24 @@ class ChainDrawer:
     crest, ceiling : float
         Height up to which collisions are expected, and above which chains do not end; in the
         unit of the link's frame.
+    ratios : sequence of float
+        Scattering coefficients, over that of the link, of the waters in which chains count.
     """
 
-    def __init__(self, link: ForcedLink, crest: float, ceiling: float) -> None:
+    def __init__(
+        self, link: ForcedLink, crest: float, ceiling: float, ratios: Sequence[float] = (1.0,)
+    ) -> None:
         self.link = link
         self.crest, self.ceiling = crest, ceiling
-        self.nominals = [nominal(link.medium, e, link.targets, crest) for e in link.emitters]
+        self.nominals = [
+            nominal(link.medium, e, link.targets, crest, ratios) for e in link.emitters
+        ]
+
+    def of_link(self, link: ForcedLink) -> ChainDrawer:
+        """Return a sampler of the same chains, which end at the receivers of another link."""
+        found = copy(self)
+        found.link = link
+        return found
 
     def last_order(self, source: int) -> int:
         """Return the highest order of the chains from a source; refuse too dense water.
@@ -319,10 +332,17 @@ def _still_surface() -> MeshArrays:
     return surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
 
 
-def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: float) -> Nominal:
+def nominal(
+    medium: Medium,
+    emitter: Emitter,
+    targets: list[Target],
+    crest: float,
+    ratios: Sequence[float] = (1.0,),
+) -> Nominal:
     """Return the expected collisions along the straight path to the highest crest.
 
-    The way is the shortest one to any of the targets.
+    The way is the shortest one to any of the targets. Chains are fitted for the turbid ones of the
+    waters with `ratios` of the scattering coefficient.
     """
     depth = crest - emitter.position[2]
     n = medium.n_water / medium.n_air
@@ -350,8 +370,8 @@ def nominal(medium: Medium, emitter: Emitter, targets: list[Target], crest: floa
     cumulative = np.concatenate([[0.0], np.cumsum(0.5 * step * (total[1:] + total[:-1]))])
     c = max(medium.a + float(b.mean()), 1e-3 / distance)
     uniform = not medium.layered and medium.depth_mode == DepthMode.NONE
-    turbid = uniform and float(cumulative[-1]) >= TURBID
-    fitted = _FITTED if turbid else 0.0
+    turbid = float(np.mean(np.asarray(ratios) * cumulative[-1] >= TURBID))
+    fitted = _FITTED * turbid if uniform else 0.0
     return Nominal(
         distance=distance,
         c=c,

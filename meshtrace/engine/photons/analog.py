@@ -7,7 +7,7 @@ thread. Chunks are independent and added in their order.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
@@ -97,6 +97,20 @@ class PhotonSums:
             ledger.join(one)
         return replace(self, **found, ledger=ledger, arrivals=self.arrivals + other.arrivals)
 
+    @classmethod
+    def of_strata(cls, strata: Sequence[PhotonSums]) -> PhotonSums:
+        """Return the sum of tallies of the apertures, each by a fixed number of photons.
+
+        Scores differ between the strata without any noise: their squares are those of photons
+        that all have the mean of the sum, and scatter as within the strata.
+        """
+        whole = strata[0]
+        for one in strata[1:]:
+            whole = whole.plus(one)
+        within = sum(one.score**2 / max(one.photons, 1) for one in strata)
+        square = whole.score_squared - within + whole.score**2 / max(whole.photons, 1)
+        return replace(whole, score_squared=square)
+
     def map_mean(self) -> tuple[Floats, Floats]:
         """Return the mean score of a photon in the cells (x, y, wavelengths), and its error."""
         n, total, squares = self.photons, self.map.value(), self.map_squared.value()
@@ -123,20 +137,21 @@ class PhotonSums:
 
 
 def tinted(
-    sums: PhotonSums, tinting: Tinting, first: int, scale: Floats, arrivals: bool
+    sums: PhotonSums, factors: Callable[[Floats], Floats], first: int, arrivals: bool
 ) -> list[PhotonSums]:
     """Return the tallies of the apertures at each wavelength, from arrivals with their sums.
 
-    `first` is the id of the first photon, `scale` a factor on the scores of each wavelength;
+    `factors` (wavelengths, arrivals) follow from these, `first` is the id of the first photon;
     `arrivals` are kept on demand.
     """
     light = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
     n, found = len(sums.score), []
     place, cell = np.unique((light["photon"] - first) * n + light["receiver"], return_inverse=True)
-    for by, factor in zip(scale, tinting.factors(light["tint"]), strict=True):
-        weight = by * factor * light["weight"]
+    aperture = place % n
+    for weight in factors(light["tint"]) * light["weight"]:
         score = np.bincount(cell, weight, len(place))
-        total, square = np.array([np.bincount(place % n, score**k, n) for k in (1, 2)], float)
+        total: Floats = np.bincount(aperture, score, n).astype(float)
+        square: Floats = np.bincount(aperture, score * score, n).astype(float)
         rows = light[: len(light) * arrivals].copy()
         rows["weight"] = weight[: len(rows)]
         found.append(replace(sums, score=total, score_squared=square, arrivals=[rows]))

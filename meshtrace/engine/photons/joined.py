@@ -67,7 +67,7 @@ _CLEAR_HIGHEST = 1.5
 _AIMED_HIGHEST = 2.0
 _BENT = 0.3  # fall of the importance with the bend of light over random slopes
 _BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
-_ROOM = 8  # arrivals of a photon at each target, else a block is followed again
+_ROOM = 32  # arrivals of a photon at each target, else a block is followed again
 _EVENTS = 10_000_000  # of a photon and its copies
 _OPAQUE = 1e4  # largest optical depth: diffuse photons collide up to its square times (1 - g)
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
@@ -233,16 +233,28 @@ class JoinedPhotons:
     ) -> list[JoinedParts]:
         """Return the gain of each link over a mesh, at the wavelengths of a tinting.
 
+        Photons are those of the bases of the tinting in turn, refracted by the index of this link.
         Below bubbles each wavelength has its own photons: which of water and bubbles scatters a
         photon towards a receiver is not drawn.
         """
         if self.link.bubbles is None and tinting.follows:
-            return self._evaluated(mesh, None, arrivals, tinting)
-        found = []
-        for link in links:
-            own = copy(self)
-            own.link = link.model_copy(update={"receiver": self.link.receiver})
-            found.append(own.evaluate(mesh, arrivals=arrivals))
+            bases = [self._in_water_of(links[i]) for i in tinting.bases]
+            return self._evaluated(mesh, None, arrivals, tinting, bases)
+        own = [self._in_water_of(link) for link in links]
+        return [one.evaluate(mesh, arrivals=arrivals) for one in own]
+
+    def _in_water_of(self, link: Link) -> JoinedPhotons:
+        """Return the same photons in the water of another link, but for its index."""
+        found, n = copy(self), self.link.water.n
+        found.link = link.model_copy(update={"receiver": self.link.receiver})
+        if link.water.n != n:
+            found.link = found.link.replace("water.n", n)
+        return found
+
+    def at_index(self, n: float, photons: int) -> JoinedPhotons:
+        """Return some photons with the same random numbers in water of another index."""
+        found = copy(self)
+        found.link, found.photons = self.link.replace("water.n", n), photons
         return found
 
     def _evaluated(
@@ -251,6 +263,7 @@ class JoinedPhotons:
         intersector: EmbreeIntersector | None,
         arrivals: bool,
         tinting: Tinting | None,
+        bases: Sequence[JoinedPhotons] = (),
     ) -> list[JoinedParts]:
         ends.require_height_field(mesh)
         frame = arrays.frame_of(self.link)
@@ -263,8 +276,10 @@ class JoinedPhotons:
             order = sorted(range(len(link.receivers)), key=lambda i: repr(link.receivers[i]))
             targets = [ends.target_of(link.receivers[i], frame) for i in order]
             to = _Ends(targets, np.ones(len(order)), [self._first[i] for i in order])
-            world = self._world(frame, intersector, None, to)
-            found = self._follow(world, intersector, arrivals, tinting)
+            worlds = list[JoinedWorld]()
+            for one in bases or [self]:
+                worlds.append(one._world(frame, intersector, None, to))
+            found = self._follow(worlds, intersector, arrivals, tinting)
             rows = np.argsort(order)
             return [self._parts([run], frame, arrivals).of(rows) for run in found]
         power = np.array([t.power_mw for t in link.transmitters])
@@ -275,8 +290,10 @@ class JoinedPhotons:
         for end, scored in zip(link.receivers, self._first, strict=True):
             emitter = ends.emitter_of(end, frame)
             to = _Ends(lamps, emitter.power * power / power.sum(), [scored] * len(lamps))
-            world = self._world(frame, intersector, emitter, to)
-            runs.append(self._follow(world, intersector, arrivals, tinting))
+            worlds = []
+            for one in bases or [self]:
+                worlds.append(one._world(frame, intersector, emitter, to))
+            runs.append(self._follow(worlds, intersector, arrivals, tinting))
         return [self._parts(list(each), frame, arrivals) for each in zip(*runs, strict=True)]
 
     def _world(
@@ -380,21 +397,34 @@ class JoinedPhotons:
 
     def _follow(
         self,
-        world: JoinedWorld,
+        worlds: Sequence[JoinedWorld],
         intersector: EmbreeIntersector,
         arrivals: bool,
         tinting: Tinting | None,
     ) -> list[_Run]:
-        """Return the sums over the photons of one run, at each wavelength of a tinting."""
-        n, m = len(world.joins.target), 1 if tinting is None else len(tinting.shares)
+        """Return the sums over the photons of one run, at each wavelength of a tinting.
+
+        Blocks of photons belong to the worlds of the bases in turn.
+        """
+        n, m = len(worlds[0].joins.target), 1 if tinting is None else len(tinting.shares)
         spans = [(i, min(i + BLOCK, self.photons)) for i in range(0, self.photons, BLOCK)]
+        numbers = np.zeros(len(worlds))
+        for k, (first, last) in enumerate(spans):
+            numbers[k % len(worlds)] += last - first
+        kappa = np.array([world.joins.window.kappa for world in worlds])
+        depth = (
+            max(-item.center[2] for _, item in self.link.items()) / arrays.frame_of(self.link).unit
+        )
+        importance = np.exp((kappa[0] - kappa) * depth)
         runs = [_Run.of(n) for _ in range(m)]
-        if tinting is not None:
-            world = world._replace(tints=tinting.tints)
         kept = arrivals or tinting is not None
 
         def follow(span: tuple[int, int]) -> list[_Run]:
             first, last = span
+            base = first // BLOCK % len(worlds)
+            world = worlds[base]
+            if tinting is not None:
+                world = world._replace(tints=tinting.tints)
             room = _ROOM * (last - first) * n if kept else 0
             while True:
                 with intersector.function() as bvh:
@@ -415,8 +445,8 @@ class JoinedPhotons:
             light = block.arrivals[: block.n_arrivals[0]]
             if tinting is None:
                 return [_Run.of_scores(block.score, block.order, light)]
-            factors = tinting.factors(light["tint"])
-            return [_tinted(block, light, row, arrivals) for row in factors]
+            factors = tinting.mixed(light["tint"], base, numbers / self.photons, importance)
+            return _tinted(block, light, factors, arrivals)
 
         for found in ordered_map(follow, spans, self._threads):
             for run, part in zip(runs, found, strict=True):
@@ -487,21 +517,24 @@ class _Run(NamedTuple):
         self.arrivals.extend(part.arrivals)
 
 
-def _tinted(block: JoinedWorld, light: NDArray[np.void], factor: Floats, arrivals: bool) -> _Run:
-    """Return the sums over the photons of a block with factors on their light."""
-    weight, row = factor * light["weight"], light["receiver"]
-    place = ((light["photon"] - block.first) * block.score.shape[1] + row) * N_PARTS
-    score = np.bincount(place + light["part"], weight, block.score.size)
-    once = light["part"] != REFLECTED
+def _tinted(
+    block: JoinedWorld, light: NDArray[np.void], factors: Floats, arrivals: bool
+) -> list[_Run]:
+    """Return the sums over the photons of a block with factors (wavelengths, arrivals)."""
+    row, found = np.ascontiguousarray(light["receiver"]), list[_Run]()
+    place = ((light["photon"] - block.first) * block.score.shape[1] + row) * N_PARTS + light["part"]
     cell = row * _ORDERS + np.minimum(light["order"], _ORDERS - 1)
-    orders = np.bincount(cell[once], weight[once], block.order.size)
-    shaped: Any = score.reshape(block.score.shape)
-    by_order: Any = orders.reshape(block.order.shape)
-    kept = light[:0]
-    if arrivals:
-        kept = light.copy()
-        kept["weight"] = weight
-    return _Run.of_scores(shaped, by_order, kept)
+    once = light["part"] != REFLECTED
+    factors *= light["weight"]
+    for weight in factors:
+        score: Any = np.bincount(place, weight, block.score.size).reshape(block.score.shape)
+        orders: Any = np.bincount(cell, weight * once, block.order.size).reshape(block.order.shape)
+        kept = light[:0]
+        if arrivals:
+            kept = light.copy()
+            kept["weight"] = weight
+        found.append(_Run.of_scores(score, orders, kept))
+    return found
 
 
 def is_flat(surface: MeshArrays) -> bool:

@@ -17,7 +17,11 @@ from meshtrace.models import Floats
 _NODES = 2049  # of layered water
 _PER_LOG = 50.0  # cells over the logarithm of the scattering angle
 _NONE = -700.0  # logarithm of no scattering
+_CACHED = 512  # paths whose factors are formed together
 _EXACT = 1e-6  # error of a logarithm: of a scattering, and of the way through the water
+
+
+_ALONE = np.zeros((1, 0))
 
 
 class Tinting(NamedTuple):
@@ -29,15 +33,46 @@ class Tinting(NamedTuple):
         Common functions, in the frame of the link; None at one wavelength.
     shares : ndarray, shape (wavelengths, tints)
         Their coefficients.
+    bases : list of int
+        Wavelengths whose photons are followed in turn, in place of those of the one link.
+    density : ndarray, shape (bases, tints)
+        Coefficients of the densities with which these draw a path.
     """
 
     tints: Tints | None
     shares: Floats
+    bases: tuple[int, ...] = ()
+    density: Floats = _ALONE
 
     def factors(self, sums: Floats) -> Floats:
         """Return the factors (wavelengths, paths) on the weights of paths with sums (paths, >=)."""
-        found: Floats = self.shares @ sums[:, : self.shares.shape[1]].T
-        return np.exp(found, out=found)
+        found = np.zeros((len(self.shares), len(sums)))
+        for i in range(0, len(sums), _CACHED):
+            part, rows = found[:, i : i + _CACHED], np.array(sums[i : i + _CACHED].T, order="C")
+            for share, row in zip(self.shares.T, rows, strict=False):
+                part += share[:, None] * row
+            np.exp(part, out=part)
+        return found
+
+    def mixed(
+        self, sums: Floats, base: int, parts: Floats, importance: Floats | None = None
+    ) -> Floats:
+        """Return the factors on the weights of paths of one base.
+
+        `parts` (bases,) are the shares of the photons. The balance heuristic counts a path with the
+        density of the mixture: no wavelength between the bases lacks paths. Photons of a weight
+        window are as dense as their light over its importance (bases,) at the start.
+        """
+        if not self.bases:
+            return self.factors(sums)
+        rows = self.density if importance is None else self.shares[list(self.bases)]
+        drawn = self._replace(shares=rows).factors(sums)
+        if importance is not None:
+            drawn /= importance[:, None]
+        own = self._replace(shares=self.shares - self.shares[self.bases[base]])
+        found: Floats = own.factors(sums)
+        found *= drawn[base] / np.maximum(np.einsum("i,ij->j", parts, drawn), 1e-300)
+        return found
 
     @property
     def follows(self) -> bool:
@@ -45,11 +80,21 @@ class Tinting(NamedTuple):
         return self.tints is None or len(self.tints.c) <= TINTS
 
 
+class Common(NamedTuple):
+    """Links at several wavelengths whose light the paths of a base bring."""
+
+    tinting: Tinting
+    links: Sequence[Link]
+    ratios: Sequence[float]  # of the scattering coefficients, over that of the base
+
+
 UNTINTED = Tinting(NO_TINTS, np.zeros((1, 0)))
 """Weights at one wavelength, that of the paths."""
 
 
-def tinting(base: Link, links: Sequence[Link], frame: Frame) -> Tinting | None:
+def tinting(
+    base: Link, links: Sequence[Link], frame: Frame, bases: Sequence[int] = ()
+) -> Tinting | None:
     """Return the factors of links over a base that differs in water and bubbles alone.
 
     Parameters
@@ -58,6 +103,8 @@ def tinting(base: Link, links: Sequence[Link], frame: Frame) -> Tinting | None:
         The link whose paths are followed, and those whose weights they get.
     frame : Frame
         Frame of the paths.
+    bases : sequence of int
+        Links whose photons are followed in turn.
 
     Returns
     -------
@@ -85,7 +132,10 @@ def tinting(base: Link, links: Sequence[Link], frame: Frame) -> Tinting | None:
     c = waters.sum(axis=0)
     parts = [deep * (c[1:] - c[0]), b, phase, bubble, extra]
     whole = np.concatenate(parts, axis=1)
-    shares, functions = _common(whole)
+    drawn = whole[list(bases)]  # absorption is a weight: it does not change what is drawn
+    drawn[:, : c.shape[1]] = deep * (waters[1, 1:][list(bases)] - waters[1, 0])
+    shares, functions = _common(np.concatenate([whole, drawn]))
+    shares, density = shares[: len(whole)], shares[len(whole) :]
     cuts = np.cumsum([part.shape[1] for part in parts])[:-1]
     c, b, phase, bubble, extra = np.split(functions, cuts, axis=1)
     size = max(phase.shape[1], bubble.shape[1])
@@ -97,7 +147,7 @@ def tinting(base: Link, links: Sequence[Link], frame: Frame) -> Tinting | None:
     path[:, 1:] = np.cumsum(0.5 * step * (c[:, 1:] + c[:, :-1]), axis=1)
     found = Tints(step, c, path, b, phase, extra[:, 0].copy(), bubble,
                   math.log(SMALLEST_ANGLE), _PER_LOG)  # fmt: skip
-    return Tinting(found._replace(c=c.copy(), b=b.copy()), shares)
+    return Tinting(found._replace(c=c.copy(), b=b.copy()), shares, tuple(bases), density)
 
 
 def _bubbles(base: Link, links: Sequence[Link], angle: Floats) -> tuple[Floats, Floats]:
@@ -129,11 +179,21 @@ def _logs(rows: Floats) -> Floats | None:
 def _common(rows: Floats) -> tuple[Floats, Floats]:
     """Return coefficients (rows, k) and common functions (k, nodes) of rows.
 
-    As few as the largest error of an element allows.
+    As few as the largest error of an element allows: singular vectors, of the coefficients of an
+    orthogonal basis by pivoted Gram-Schmidt. Threads of a linear algebra library would cost more.
     """
-    u, s, v = np.linalg.svd(rows, full_matrices=False)
-    for k in range(1, len(s) + 1):
-        shares = u[:, :k] * s[:k]
-        if np.abs(rows - shares @ v[:k]).max() <= _EXACT:
+    rest, basis, parts = rows.copy(), list[Floats](), list[Floats]()
+    while len(basis) < len(rows) and np.abs(rest).max() > 1e-3 * _EXACT:
+        first = rest[np.argmax(np.einsum("ij,ij->i", rest, rest))]
+        basis.append(first / math.sqrt(float(np.einsum("j,j", first, first))))
+        parts.append(np.einsum("ij,j->i", rest, basis[-1]))
+        rest -= parts[-1][:, None] * basis[-1]
+    if not basis:
+        return np.zeros((len(rows), 1)), np.zeros((1, rows.shape[1]))
+    u, s, v = np.linalg.svd(np.transpose(parts), full_matrices=False)
+    functions, rest = np.einsum("ik,kj->ij", v, np.array(basis)), rows.copy()
+    for k in range(len(s)):
+        rest -= (u[:, k] * s[k])[:, None] * functions[k]
+        if np.abs(rest).max() <= _EXACT:
             break
-    return shares, v[:k]
+    return u[:, : k + 1] * s[: k + 1], functions[: k + 1]

@@ -1,0 +1,68 @@
+"""CPU time of 31 wavelengths over that of one; run with `pytest tests/benchmarks --benchmark-only`.
+
+The bound is the project's own: twice the time of a run at 550 nm, with kernels warm and one thread.
+Where phase function and index change with the wavelength, their tables and the paths at two more
+indices are a fixed cost of 0.1 s, which runs as short as these feel.
+"""
+
+import time
+
+import numpy as np
+import pytest
+
+import meshtrace as mt
+from meshtrace.surfaces import FlatSea, JonswapSea
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning"),
+    pytest.mark.filterwarnings("ignore::meshtrace.FewSamplesWarning"),
+]
+
+MOST, FIXED = 2.0, 2.3
+COLOURS = np.linspace(400.0, 570.0, 31)
+
+
+def typed(name, **parts):
+    return mt.Link(water=mt.Water.from_type(name, 550.0), **parts)
+
+
+def chlorophyll(content, **parts):
+    spectrum = mt.optics.Constituents(chlorophyll=content)
+    return mt.Link(water=mt.Water(spectrum=spectrum, wavelength_nm=550.0), **parts)
+
+
+WAVY, WIDE = JonswapSea(wind_speed=5.0, seed=2), mt.Receiver(radius=10.0)
+PROFILE = chlorophyll([(0, 0.2), (5, 1.0), (20, 0.3)], bubbles=mt.HallNovarini(wind_speed=8.0))
+CASES = {
+    "clear-flat": (typed("jerlov-II"), FlatSea(), "forced"),
+    "clear-wavy": (typed("jerlov-II"), WAVY, "forced"),
+    "clear-down": (typed("jerlov-II").mirrored(), FlatSea(), "forced"),
+    "clear-analog": (typed("jerlov-II", receiver=WIDE), WAVY, "analog"),
+    "turbid-wavy": (typed("jerlov-3C"), WAVY, "forced"),
+    "turbid-analog": (typed("jerlov-3C", receiver=WIDE), WAVY, "analog"),
+    "chlorophyll-wavy": (chlorophyll(0.5), WAVY, "forced"),
+    "profile-bubbles": (PROFILE, JonswapSea(wind_speed=8.0, seed=2), "forced"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_all_colours_for_twice_the_time_of_one(benchmark, case):
+    link, sea, estimator = CASES[case]
+    photons = {"forced": 10_000, "analog": 200_000}[estimator]
+    spent = {"one": [], "all": []}
+
+    def run(name, colours):
+        start = time.process_time()
+        mt.simulate(
+            link, sea, estimator, photons=photons, wavelengths_nm=colours, threads=1, seed=1
+        )
+        spent[name].append(time.process_time() - start)
+
+    def both():
+        run("one", [550.0])
+        run("all", COLOURS)
+
+    benchmark.pedantic(both, rounds=4, warmup_rounds=1)
+    ratio = min(spent["all"]) / min(spent["one"])
+    benchmark.extra_info["ratio"] = ratio
+    assert ratio < (FIXED if case in ("chlorophyll-wavy", "profile-bubbles") else MOST)
