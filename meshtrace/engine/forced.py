@@ -165,7 +165,7 @@ class ForcedDetection:
             if compares and sea.unresolved is not None and link.physics.unresolved == "tilt":
                 # chains and joined photons are compared over still water with random slopes
                 still = replace(still, unresolved=sea.unresolved)
-                surfaces.append(self._pilot_surface(still))
+                surfaces.append(self._pilot_surface(self.over(still)))
             found = self._pilots(surfaces, orders)
             pilots, compared = found[0][0], found[-1]
             self._light = self._still_gain(pilots)
@@ -183,7 +183,7 @@ class ForcedDetection:
                 else:
                     light = joined.at_wavelengths(still, both.tinting, both.links)
                     if len(compared) < len(light):
-                        (compared,) = self._pilots([self._pilot_surface(still)], orders)
+                        (compared,) = self._pilots([self._pilot_surface(self.over(still))], orders)
                 better = self._better(compared, light, doubtful)
                 self._rest_on(dict(zip(self._piloted[doubtful].tolist(), better, strict=True)))
         self.scattered_sets = self._drawn(pilots)
@@ -233,12 +233,12 @@ class ForcedDetection:
                 raise refused from None
         return None
 
-    def _pilot_surface(self, still: TriangleMesh) -> choice.PilotSurface:
-        """Return a mesh of still water for pilots, at all wavelengths that have common photons."""
-        aimed, common = self.over(still), self._with_photons
+    def _pilot_surface(self, still: AimedChains) -> choice.PilotSurface:
+        """Return still water for pilots, at all wavelengths that have common photons."""
+        common = self._with_photons
         if common is None:
-            return choice.PilotSurface(aimed.aim)
-        return choice.PilotSurface(partial(aimed.tinted, tinting=common.tinting), len(common.links))
+            return choice.PilotSurface(still.aim)
+        return choice.PilotSurface(partial(still.tinted, tinting=common.tinting), len(common.links))
 
     def _pilots(
         self, surfaces: Sequence[choice.PilotSurface], orders: list[int]
