@@ -65,6 +65,7 @@ _MOST_CHAINS = 2**22  # some 10 s of a thread for each receiver
 _CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is summed
 _FEW_POINTS, _SMOOTH = 2, 5e-4  # of each shift, which suffice for this relative error
 _CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
+_UNLIT = 0.03  # chains of an order over those of the order with most: its light is some 0.1 %
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
 
@@ -196,7 +197,10 @@ class ForcedDetection:
             self.method[r] = found.get(first, self.method[r])
 
     def at_index(self, n: float, share: float) -> ForcedDetection:
-        """Return a share of the chains and photons, the same ones, in water of another index."""
+        """Return a share of the chains and photons, the same ones, in water of another index.
+
+        Orders of scattering without light, to which pilots allot few chains, are left out.
+        """
         found = copy(self)
         found.link = self.link.replace("water.n", n)
         found.arrays = ends.forced_link(found.link)
@@ -206,6 +210,8 @@ class ForcedDetection:
         found.scattered_sets = []
         for row in self.scattered_sets:
             requests = [drawing.request for drawing in row]
+            most = max((one.per_shift for one in requests), default=0)
+            requests = [one for one in requests if one.per_shift > _UNLIT * most]
             few = [one._replace(per_shift=max(round(share * one.per_shift), 2)) for one in requests]
             found.scattered_sets.append(found.drawer.draw_all(few, self.threads))
         if self._joined is not None:

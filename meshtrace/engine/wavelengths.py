@@ -189,19 +189,18 @@ def _in_turn(links: Sequence[Link]) -> list[int]:
 
 def _is_alike(first: Link, link: Link) -> bool:
     """Return whether two links differ in the wavelength, water and bubbles alone."""
-    bubbles = (first.bubbles is None) == (link.bubbles is None)
-    same = {"water": first.water, "bubbles": first.bubbles}
-    waves = [t.wavelength_nm for t in first.transmitters]
-    lamps = tuple(
-        t.model_copy(update={"wavelength_nm": nm})
-        for t, nm in zip(link.transmitters, waves, strict=False)
-    )
-    lamp = lamps if isinstance(link.transmitter, tuple) else lamps[0]
     floor = [(w.bottom_depth, w.bottom_albedo) for w in (first.water, link.water)]
+    bubbles = [one.bubbles is None for one in (first, link)]
     printed = any(getattr(link.physics, name) == form for name, form in _OWN_PATHS.items())
-    if printed or not bubbles or floor[0] != floor[1]:
+    if printed or bubbles[0] != bubbles[1] or floor[0] != floor[1]:
         return False
-    return link.model_copy(update={**same, "transmitter": lamp}) == first
+    if len(first.transmitters) != len(link.transmitters):
+        return False
+    for one, other in zip(first.transmitters, link.transmitters, strict=True):
+        if one.model_copy(update={"wavelength_nm": other.wavelength_nm}) != other:
+            return False
+    others = type(first).model_fields.keys() - {"water", "bubbles", "transmitter"}
+    return all(getattr(first, name) == getattr(link, name) for name in others)
 
 
 def clearest(links: Sequence[Link]) -> Link:
