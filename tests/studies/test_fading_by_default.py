@@ -221,7 +221,7 @@ def test_both_directions_share_the_wider_band():
     down = WIDE.mirrored()
     found = mt.duplex(WIDE, down, JonswapSea(), realizations=2, **FEW)
     widest = max(resolved().omega_max, resolved(link=down).omega_max)
-    for origin in found.provenance.values():
+    for origin in found.provenance:
         assert origin["surface"]["omega_max"] == widest
 
 

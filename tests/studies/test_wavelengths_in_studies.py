@@ -146,6 +146,7 @@ def test_maps_do_not_depend_on_threads_and_are_kept(tmp_path):
     assert again.brightest == one.brightest
 
 
+@pytest.mark.slow
 def test_far_wavelengths_have_photons_of_their_own(monkeypatch):
     """Few photons of 400 nm carry light of 700 nm: less than half as many as that of their own."""
     monkeypatch.setattr(coverage, "FEW_PHOTONS", np.inf)
