@@ -270,6 +270,8 @@ def choose_common(
 _RINGS, _AZIMUTHS = 48, 12
 LITTLE = 1e-3
 """Share of a gain below which light that is reflected first is left out."""
+MUCH = 0.02
+"""The same from which on it has all of its photons; below they are fewer in proportion."""
 
 
 def returned_gain(link: Link) -> Floats:

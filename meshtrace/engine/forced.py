@@ -100,7 +100,8 @@ class ForcedDetection:
         The link; sources on the other side of the surface than the receivers.
     photons : int
         Chains in all. Joined photons are eight times as many where scattered light rests on
-        them, else twice: they take a tenth of the time. Common ones of several wavelengths are
+        them, else twice, or fewer where the light that the surface reflects first is below 2 % of
+        the gain: they take a tenth of the time. Common ones of several wavelengths are
         between, see `choice.choose_common`.
     seed : int
         Seed of the points and their shifts.
@@ -373,15 +374,20 @@ class ForcedDetection:
         rows = [r for r in every if self.method[r] == "joined"]
         self.reflects = self.wanted != "chains" and self.link.physics.reflected == "trace"
         self._served = list(every) if self.reflects else rows
+        per_chain = self._per_chain if rows else choice.REFLECTED_PER_CHAIN
         if self.reflects and len(rows) < len(every) and self._light is not None:
             # light that the surface reflects first may be too little to be measured
             some = tuple(self.link.receivers[r] for r in self._piloted)
             returned = choice.returned_gain(self.link.model_copy(update={"receiver": some}))
-            lit = set(self._piloted[choice.counts(returned, self._light)].tolist())
+            counted = choice.counts(returned, self._light)
+            lit = set(self._piloted[counted].tolist())
             first = self.arrays.stands_for_receivers.tolist()
             self._served = [r for r in every if first[r] in lit or self.method[r] == "joined"]
+            if lit and not rows:
+                share = float((returned[counted] / self._light[counted]).max())
+                per_chain *= min(share / choice.MUCH, 1.0)
         self.reflects = self.reflects and bool(self._served)
-        photons = round((self._per_chain if rows else choice.REFLECTED_PER_CHAIN) * self.photons)
+        photons = max(round(per_chain * self.photons), SHIFTS)
         try:
             return self._photons(photons, self._served, first=2) if self._served else None
         except Refused:  # forms as published, which chains follow
