@@ -295,7 +295,7 @@ class ForcedDetection:
     def _with_photons(self) -> Common | None:
         """The wavelengths that have common joined photons."""
         common = self.common
-        if common is None or self.link.bubbles is not None or not common.tinting.follows:
+        if common is None or not common.tinting.follows:
             return None
         return common
 

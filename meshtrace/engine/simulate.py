@@ -140,9 +140,8 @@ def simulate(  # type: ignore[misc]
     over their scatterings k and their ways through the water, from a base that scatters most, or
     from photons of several bases that count with the density of their mixture. Between the smallest
     and the largest index of the water gains are linear in the index, by some of the paths that are
-    refracted by both. All have photons of their own below bubbles with photons in place of chains.
-    The error of the mesh is that of one wavelength, relative to its gain. Fates are those of
-    photons of the bases.
+    refracted by both. The error of the mesh is that of one wavelength, relative to its gain. Fates
+    are those of photons of the bases.
 
     Examples
     --------

@@ -249,8 +249,8 @@ def analog_sums(
     """Return the tallies of analog photons at each wavelength, of common photons where possible.
 
     Photons are those of several bases in turn, half of them with the smallest and half with the
-    largest index of the water; so are their fates. Below bubbles each wavelength has its own
-    photons, see `JoinedPhotons.at_wavelengths`.
+    largest index of the water; so are their fates. Below bubbles that differ in number each
+    wavelength has its own photons.
     """
     waiting, found = list(range(len(links))), dict[int, PhotonSums]()
     while waiting:
@@ -269,8 +269,7 @@ def photon_paths(
 ) -> tuple[int, CommonPaths]:
     """Return the base of the waiting links that scatters most, and those with its photons."""
     base = max(waiting, key=lambda i: scattering(links[i]))
-    own = links[base].bubbles is not None
-    common = common_paths(links, base, [base] if own else waiting, mixed)
+    common = common_paths(links, base, waiting, mixed)
     if common.tinting is not None and not common.tinting.follows:
         common = common_paths(links, base, [base])
     return base, common

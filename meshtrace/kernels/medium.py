@@ -238,7 +238,7 @@ def sample_free_path(medium, p, u):
 
 @inlined
 def collide(medium, p, weight, u_kind, u_theta):
-    """Return (s, weight) after a tentative collision; s < 0 for an unchanged direction.
+    """Return (s, weight, by_bubble) after a tentative collision; s < 0 for an unchanged direction.
 
     Array twin: `tests/statistical`, chi-square of the mixture.
     One uniform chooses null, water or bubble; weight 0 means absorbed (analog absorption).
@@ -255,17 +255,17 @@ def collide(medium, p, weight, u_kind, u_theta):
         majorant = total
     pick = u_kind * majorant
     if pick >= total:
-        return -1.0, weight
+        return -1.0, weight, False
     if mode == Absorption.IMPLICIT or mode == Absorption.PAPER:
         weight *= scatter / total
     if mode == Absorption.IMPLICIT:
         pick *= scatter / total
     elif pick >= scatter:
         # Algorithm 1 as published is weighted at every interaction, turned in few
-        return -1.0, 0.0 if mode == Absorption.ANALOG else weight
+        return -1.0, 0.0 if mode == Absorption.ANALOG else weight, False
     if pick < b:
-        return sample_s(medium.phase_water, u_theta), weight
-    return sample_s(medium.phase_bubble, u_theta), weight
+        return sample_s(medium.phase_water, u_theta), weight, False
+    return sample_s(medium.phase_bubble, u_theta), weight, True
 
 
 @inlined

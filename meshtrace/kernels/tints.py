@@ -103,29 +103,30 @@ def tint_cell(tints, theta):
 
 
 @inlined
-def tint_scattering(tints, tint, z, theta):
-    """Add a scattering by the water at height z.
+def tint_scattering(tints, tint, z, theta, by_bubble):
+    """Add a scattering by the water at height z, or by a bubble.
 
     Array twin: direct runs of the wavelengths.
     """
     if tints is not None:
-        _add_scattering(tints, tint, z, theta)
+        _add_scattering(tints, tint, z, theta, by_bubble)
 
 
 @outlined
-def _add_scattering(tints, tint, z, theta):
+def _add_scattering(tints, tint, z, theta, by_bubble):
     """Add a scattering, see `tint_scattering`."""
     j = tint_cell(tints, theta)
     for r in range(len(tints.c)):
-        tint[r] += lookup(tints.b[r], -z / tints.step) + tints.phase[r, j]
+        if by_bubble:
+            tint[r] += tints.bubble[r, j]
+        else:
+            tint[r] += lookup(tints.b[r], -z / tints.step) + tints.phase[r, j]
 
 
 @inlined
 def is_tinted(tints):
-    """Return whether weights at other wavelengths follow from scattering angles.
+    """Return whether paths sum up functions, which ask for scattering angles.
 
     Array twin: none.
     """
-    if tints is None:
-        return False
-    return tints.phase.shape[1] > 1
+    return tints is not None

@@ -188,6 +188,26 @@ def test_layers_and_bubbles():
     compare(forced(links, mesh, 8192), one_by_one(links, mesh, 8192), 3)
 
 
+def test_photons_below_bubbles():
+    """Which of water and bubbles scatters a joined photon is drawn for its factors."""
+    wide = mt.Link(
+        bubbles=mt.HallNovarini(wind_speed=12.0),
+        transmitter=mt.Led(depth=6.0, half_angle_deg=60.0),
+        receiver=mt.Receiver(radius=2.0, fov_deg=120.0, height=5.0),
+    )
+    links = links_of(WATERS["coastal"], wide)
+    mesh = mesh_of(links[0], SEAS["flat"])
+    surface, n = mt.EmbreeIntersector(mesh, 1), 2**17
+    sums = analog_sums(links, surface, mt.Analog(), n, None, seed=1)
+    compare(rows_of(sums, n), rows_of(analog_one_by_one(links, surface, n), n), 6)
+    base = links[1]  # scatters most
+    common = tinting(base, links, frame_of(base))
+    assert common.follows
+    parts = JoinedPhotons(base, 2**14, 1).at_wavelengths(mesh, common, links)
+    alone = [JoinedPhotons(link, 2**14, 9 + k).evaluate(mesh) for k, link in enumerate(links)]
+    compare(*([(p.parts[1, 0], p.stderr[1, 0]) for p in found] for found in (parts, alone)), 6)
+
+
 def test_a_downlink():
     link = mt.Link().mirrored()
     links = links_of(WATERS["coastal"], link)

@@ -61,7 +61,7 @@ def collisions(medium, z, n, seed):
     out = np.empty((n, 2))
     for i in range(n):
         u0, u1, _, _ = uniforms(seed, i, 1, 2)
-        s, w = kernel.collide(medium, Vec3(0.3, 0.4, z), 1.0, u0, u1)
+        s, w, _ = kernel.collide(medium, Vec3(0.3, 0.4, z), 1.0, u0, u1)
         out[i, 0], out[i, 1] = s, w
     return out
 

@@ -18,7 +18,7 @@ from meshtrace.kernels.tints import (
 def all_steps(tints, sums, out):
     reset_tint(tints, sums)
     tint_way(tints, sums, -2.0, -1.0, 1.0)
-    tint_scattering(tints, sums, -1.0, 0.1)
+    tint_scattering(tints, sums, -1.0, 0.1, False)
     copy_tint(tints, sums, out)
     return is_tinted(tints)
 

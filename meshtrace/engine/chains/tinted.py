@@ -12,7 +12,7 @@ from meshtrace.engine import crossing
 from meshtrace.engine.chains.gain import turned
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import Medium, scattering_path
-from meshtrace.kernels.tints import Tints, tint_cell, tint_scattering, tint_way
+from meshtrace.kernels.tints import Tints, tint_scattering, tint_way
 from meshtrace.kernels.vectors import Vec3, minus, norm, plus, row
 
 
@@ -76,12 +76,7 @@ def tint_chains(chains, arrivals, emitter, clear, tints, out):
             if k > 0:
                 s = 0.5 * norm(minus(_unit(way), _unit(last)))
                 theta = 2.0 * math.asin(min(s, 1.0))
-                if chains.kind[i, k - 1] == 1:
-                    j = tint_cell(tints, theta)
-                    for r in range(len(tint)):
-                        tint[r] += tints.bubble[r, j]
-                else:
-                    tint_scattering(tints, tint, before.z, theta)
+                tint_scattering(tints, tint, before.z, theta, chains.kind[i, k - 1] == 1)
             _add_way(before, at, clear, tints, tint)
             before, last = at, way
 

@@ -212,7 +212,7 @@ def scatter(q, world):
         light = sources.sunlight(world.back, world.medium, place(q), heading(q), q.weight)
         world.tallies.score[q.id - world.first, sources.SUN_SCORE] += light
     u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION.value)
-    s, weight = collide(world.medium, place(q), q.weight, u_kind, u_theta)
+    s, weight, by_bubble = collide(world.medium, place(q), q.weight, u_kind, u_theta)
     if weight != q.weight:
         set_weight(q, weight, Fate.ABSORBED.value, world)
         if weight == 0.0:
@@ -220,7 +220,7 @@ def scatter(q, world):
     if s >= 0.0:
         head(q, turn(heading(q), s, u_phi))
         theta = 2.0 * math.asin(math.sqrt(s)) if is_tinted(world.tints) else 0.0
-        tint_scattering(world.tints, q.tint, q.z, theta)
+        tint_scattering(world.tints, q.tint, q.z, theta, by_bubble)
         q.turned = 1
         record(world.recorder, q, Vertex.SCATTER)
     return _continue(q, u_path, world)

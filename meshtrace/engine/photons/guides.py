@@ -22,7 +22,7 @@ from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.phase import phase_at, sample_s
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.sources import SourceKind
-from meshtrace.kernels.tints import is_tinted, tint_scattering
+from meshtrace.kernels.tints import is_tinted
 from meshtrace.kernels.vectors import TWO_PI, Vec2, Vec3, dot, norm, row, scaled, turn
 
 _LOWEST = 0.3  # weight times importance, over that of the start
@@ -172,7 +172,7 @@ def redirect(q, s, u_phi, world):
     start, before, aimed = place(q), heading(q), q.aimed
     guide, n = guide_of(q, world), len(world.joins.target)
     q.aimed = 0
-    lot, u, _, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE.value)
+    lot, u, u_kind, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE.value)
     if aimed == 0:
         if lot < guide.lobe + guide.cone and q.copies + 1 < len(world.photon):
             i = min(int(lot / guide.lobe * n), n - 1) if lot < guide.lobe else n
@@ -190,7 +190,7 @@ def redirect(q, s, u_phi, world):
         d = turn(axis, u * edge, u_phi)
     own = targets.mixed_phase(before, d, start, world)
     theta = targets.angle_between(before, d) if is_tinted(world.tints) else 0.0
-    tint_scattering(world.tints, q.tint, start.z, theta)
+    targets.tint_mixed(q.tint, theta, u_kind, start, world)
     q.density = own
     if guide.lobe + guide.cone > 0.0:
         q.density = drawn_density(d, own, guide, q, start, world)

@@ -234,10 +234,9 @@ class JoinedPhotons:
         """Return the gain of each link over a mesh, at the wavelengths of a tinting.
 
         Photons are those of the bases of the tinting in turn, refracted by the index of this link.
-        Below bubbles each wavelength has its own photons: which of water and bubbles scatters a
-        photon towards a receiver is not drawn.
+        Below bubbles that differ in number each wavelength has its own photons.
         """
-        if self.link.bubbles is None and tinting.follows:
+        if tinting.follows:
             bases = [self._in_water_of(links[i]) for i in tinting.bases]
             return self._evaluated(mesh, None, arrivals, tinting, bases)
         own = [self._in_water_of(link) for link in links]

@@ -205,7 +205,7 @@ def _scatter(q, world):
     """Apply a collision; return whether the photon lives."""
     q.event += 1
     u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION.value)
-    s, q.weight = collide(world.medium, place(q), q.weight, u_kind, u_theta)
+    s, q.weight, _ = collide(world.medium, place(q), q.weight, u_kind, u_theta)
     if q.weight == 0.0:
         return False
     if s >= 0.0:

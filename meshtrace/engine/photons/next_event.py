@@ -37,7 +37,7 @@ from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
 from meshtrace.kernels.scene import FLAT_SEA, height_on
-from meshtrace.kernels.tints import copy_tint, is_tinted, tint_scattering, tint_way
+from meshtrace.kernels.tints import copy_tint, is_tinted, tint_way
 from meshtrace.kernels.vectors import (
     ORIGIN,
     UP,
@@ -142,7 +142,8 @@ def _score(q, i, light, way, world):
         copy_tint(world.tints, q.tint, a.tint)
         tint_way(world.tints, a.tint, q.z, way.z, way.water)
         if way.theta >= 0.0:
-            tint_scattering(world.tints, a.tint, q.z, way.theta)
+            _, _, _, u = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
+            targets.tint_mixed(a.tint, way.theta, u, place(q), world)
 
 
 @outlined

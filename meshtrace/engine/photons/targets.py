@@ -17,7 +17,7 @@ from meshtrace.kernels.phase import AngleTable, phase_at
 from meshtrace.kernels.rays import Bvh, Grid, facet_over
 from meshtrace.kernels.scene import Emitter, Locator, Scene, Target, height_on, locate
 from meshtrace.kernels.sources import Sources
-from meshtrace.kernels.tints import Tints
+from meshtrace.kernels.tints import Tints, is_tinted, tint_scattering
 from meshtrace.kernels.vectors import (
     ORIGIN,
     TWO_PI,
@@ -289,6 +289,23 @@ def mixed_phase(d, w, p, world):
     if bubbles > 0.0:
         density = (b * density + bubbles * phase_at(world.joins.bubble, theta)) / (b + bubbles)
     return density
+
+
+@inlined
+def tint_mixed(tint, theta, u, p, world):
+    """Add a scattering by an angle to the sums of a path, see `meshtrace.kernels.tints`.
+
+    Array twin: direct runs of the wavelengths.
+    Water and bubbles scatter as one, so that u draws by which of them: of these two paths the
+    factors at other wavelengths are products.
+    """
+    if is_tinted(world.tints):
+        b, bubbles = scattering_coefficients(world.medium, p)
+        by_bubble = False
+        if bubbles > 0.0:
+            water = b * phase_at(world.joins.water, theta)
+            by_bubble = u * (water + bubbles * phase_at(world.joins.bubble, theta)) >= water
+        tint_scattering(world.tints, tint, p.z, theta, by_bubble)
 
 
 @outlined

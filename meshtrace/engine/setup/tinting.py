@@ -76,8 +76,10 @@ class Tinting(NamedTuple):
 
     @property
     def follows(self) -> bool:
-        """Whether photons can sum up all functions."""
-        return self.tints is None or len(self.tints.c) <= TINTS
+        """Whether photons can sum up all functions: few, and of bubbles alike in number."""
+        if self.tints is None:
+            return True
+        return len(self.tints.c) <= TINTS and not self.tints.bubble_c.any()
 
 
 class Common(NamedTuple):

@@ -44,7 +44,7 @@ def _first_collisions(medium, z0, dz, n, seed):
             z += s * dz
             if not (-1e6 < z < 0.0):
                 break
-            turned, w = collide(medium, Vec3(0.0, 0.0, z), 1.0, u_kind, u_theta)
+            turned, w, _ = collide(medium, Vec3(0.0, 0.0, z), 1.0, u_kind, u_theta)
             if turned >= 0.0 or w != 1.0:
                 out[i, 0], out[i, 1] = -z, w
                 break
