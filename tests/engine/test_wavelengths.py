@@ -188,6 +188,7 @@ def test_layers_and_bubbles():
     compare(forced(links, mesh, 8192), one_by_one(links, mesh, 8192), 3)
 
 
+@pytest.mark.thorough
 def test_photons_below_bubbles():
     """Which of water and bubbles scatters a joined photon is drawn for its factors."""
     wide = mt.Link(
