@@ -193,7 +193,7 @@ class ForcedDetection:
         self._joined = self._joined_photons()
 
     def _rest_on(self, found: dict[int, choice.Method]) -> None:
-        """Set the estimators of some receivers, and of those that they stand for."""
+        """Set the estimators of representative receivers and of their neighbours."""
         for r, first in enumerate(self.arrays.stands_for_receivers.tolist()):
             self.method[r] = found.get(first, self.method[r])
 

@@ -229,7 +229,7 @@ class ChainDrawer:
         return chains
 
     def _first(self) -> list[int]:
-        """Return the receivers that stand for all."""
+        """Return the representative receivers."""
         return list(dict.fromkeys(self.link.stands_for.tolist()))
 
     def _bytes(self, request: Request, receivers: int) -> int:

@@ -122,7 +122,7 @@ class JoinedParts:
         return JoinedParts(self.photons, groups, orders, *counts, rows)
 
     def among(self, n: int, rows: Sequence[int]) -> JoinedParts:
-        """Return the parts as those of some of n receivers; the others have no light."""
+        """Return the parts of n receivers, with zeros for all but the given rows."""
         groups = np.zeros((N_PARTS, n, self.groups.shape[2]))
         orders, square = np.zeros((n, self.orders.shape[1])), np.zeros((N_PARTS, n))
         scored = np.zeros((N_PARTS, n), np.int64)
