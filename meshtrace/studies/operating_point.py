@@ -85,7 +85,7 @@ def independent(samples: Floats) -> Floats:
     return samples.mean(axis=1) if len(samples) > 1 else samples[0]
 
 
-class CommonPaths(NamedTuple):
+class SharedGains(NamedTuple):
     """Gains and responses of a link at several wavelengths with common paths, kept for all of them.
 
     Parameters
@@ -130,7 +130,7 @@ class Ensemble(NamedTuple):
     campaign: Campaign
     n: int
     flight: Flight | None
-    common: CommonPaths | None = None
+    common: SharedGains | None = None
 
     def provenance(self) -> dict[str, Any]:
         """Return the aircraft, its wind and the number of realizations."""

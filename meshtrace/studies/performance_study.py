@@ -33,7 +33,7 @@ from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import background_over_seas, described, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
-from meshtrace.studies.operating_point import CommonPaths, Ensemble, operating_point
+from meshtrace.studies.operating_point import Ensemble, SharedGains, operating_point
 from meshtrace.studies.performance import DepthSweep, LinkPerformance
 from meshtrace.studies.series import closed_form
 from meshtrace.surfaces import sea_in_wind
@@ -173,7 +173,7 @@ def link_performance(  # type: ignore[misc]
     if wavelengths_nm is None:
         return _performance(link, surface, daylight=daylight, **asked)
     at = checked_wavelengths(wavelengths_nm)
-    common, found = CommonPaths(tuple(at), {}, {}), []
+    common, found = SharedGains(tuple(at), {}, {}), []
     for nm in at:
         day = daylight and daylight.at_wavelength(nm)
         one = link.at_wavelength(nm)
@@ -193,7 +193,7 @@ def _performance(
     daylight: Daylight | None,
     limit: float,
     confidence: float,
-    common: CommonPaths | None = None,
+    common: SharedGains | None = None,
     **run: Any,
 ) -> LinkPerformance:
     """Return the performance at one wavelength."""

@@ -25,9 +25,9 @@ from meshtrace.stored import Stored, Variable
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.convergence.measure import (
     CommonChains,
+    MeshSamples,
     Normals,
     Reference,
-    Stacked,
     Unresolved,
     descending,
     multiple_of,
@@ -260,7 +260,7 @@ def time_step_study(
     frames = chains.over(cases, 1, recorded, photons=0)
     by_shift, ballistic = frames.samples[:, 0], frames.ballistic[:, 0]  # (kinds, frames, ...)
     each, shape = by_shift.mean(axis=2), (len(chains.kinds), len(values))
-    found = Stacked(
+    found = MeshSamples(
         np.stack([_time_mean(by_shift, s) for s in strides], axis=1)[:, :, None],
         np.stack([_time_mean(ballistic, s) for s in strides], axis=1)[:, :, None],
         np.broadcast_to(frames.slope_variance, shape),
@@ -275,7 +275,7 @@ def _study(
     parameter: str,
     values: list[float],
     chains: CommonChains,
-    found: Stacked,
+    found: MeshSamples,
     scatter: Floats,
     tolerance: float,
     recorded: dict[str, Any],

@@ -115,7 +115,7 @@ MakeMesh = Callable[[], TriangleMesh]
 ANALOG_PHOTONS = 16_384  # of the share of total reflection
 
 
-class Stacked(NamedTuple):
+class MeshSamples(NamedTuple):
     """Gains over all meshes of a study, by kind of normals, step and repeat."""
 
     samples: Floats  # (kinds, steps, repeats, shifts)
@@ -208,7 +208,7 @@ class CommonChains:
         steps: int,
         recorded: dict[str, Any],
         photons: int = ANALOG_PHOTONS,
-    ) -> Stacked:
+    ) -> MeshSamples:
         """Return the gains over the meshes of a study: as many repeats of each step, in order.
 
         `photons` are those of the share of total reflection, 0 for none; `recorded` are the
@@ -232,7 +232,7 @@ class CommonChains:
         if not samples.mean(axis=(2, 3)).all():
             raise Refused("gain", Described("no light received"), "light at every step")
         slopes, reflected, *seconds = (column.mean(axis=2) for column in means)
-        return Stacked(samples, ballistic, slopes, reflected, *seconds)
+        return MeshSamples(samples, ballistic, slopes, reflected, *seconds)
 
 
 def _slope_variance(intersector: EmbreeIntersector, kind: Normals, reach: float) -> float:
