@@ -24,6 +24,7 @@ from meshtrace.optics.spectra import WaterSpectrum, uniform_or_layers
 
 _RATIOS = (1e-3, 0.1)  # backscatter ratios of `fournier_forand_of`
 _MINERAL_RATIO = 0.0183
+_DISSOLVED = 0.0524 * np.exp(-0.018 * (440.0 - 412.0))  # a_g at C = 1 [m-1]
 
 Profile = float | tuple[tuple[float, float], ...]
 """A number, or rows (depth [m], number) from depth 0 downwards."""
@@ -38,7 +39,8 @@ class Constituents(WaterSpectrum, frozen=True):
         \frac{b_{bp}}{b_p} &= 0.002 + 0.01 (0.5 - 0.25 \log_{10} C) (\lambda / 550)^v, \quad
         v = \tfrac{1}{2} (\log_{10} C - 0.3)
 
-    with wavelengths in nm, v between -1 and 0, and by default a_g = 0.2 A(440) C^E(440).
+    with wavelengths in nm, v between -1 and 0, and by default
+    a_g = 0.0524 C^0.63 exp(-0.018 (440 - 412)).
 
     Parameters
     ----------
@@ -48,8 +50,8 @@ class Constituents(WaterSpectrum, frozen=True):
         Backscattering coefficient of the particles at 700 nm [m-1], which gives their scattering
         in place of chlorophyll.
     cdom : float or None
-        Absorption of dissolved matter a_g at 440 nm [m-1], 0 ... 20; None for the part that goes
-        with chlorophyll.
+        Absorption of dissolved matter a_g at 440 nm [m-1], 0 ... 20; None for the mean of oceans
+        with this chlorophyll.
     cdom_slope : float
         Its spectral slope S [nm-1], 0.005 ... 0.03.
     minerals : float
@@ -69,9 +71,12 @@ class Constituents(WaterSpectrum, frozen=True):
     -----
     Chlorophyll alone is Case-1 water, as the "new Case 1" of HydroLight: A and E of all particles
     by Bricaud and others (1998), here without ultraviolet; scattering of Loisel and Morel (1998)
-    with the exponent and the backscatter ratio of Morel and Maritorena (2001, eqs. 12 to 14), whose
-    S is 0.014 (eq. 16); a_g as a fifth of the absorption by particles (Ocean Optics Web Book).
-    These are means over oceans: single waters differ by a factor of 2.
+    with the exponent and the backscatter ratio of Morel and Maritorena (2001, eqs. 12 to 14).
+    Dissolved matter by Morel and Gentili (2009, eqs. 2 and 4a, as programmed in the water-leaving
+    supplement of VLIDORT), from ocean colour at 412 and 443 nm. HydroLight has a fifth of the
+    absorption by particles in its place, with which K_d at 440 nm is up to 26 % below the
+    regression of Morel and Maritorena for C >= 1. All are means over oceans: single waters differ
+    by a factor of 2.
     Minerals are coastal particles: b of Babin and others (2003a), who found little spectral
     variation; absorption of Babin and others (2003b); backscatter ratio 0.0183 of Petzold's average
     particle. Absorption a_w by `pure_water_absorption`, b_w by `zhang_hu_he`, n by `quan_fry`,
@@ -85,7 +90,8 @@ class Constituents(WaterSpectrum, frozen=True):
     ----------
     Bricaud, Morel, Babin, Allali and Claustre 1998, J. Geophys. Res. 103:31033,
     doi:10.1029/98JC02712; Loisel and Morel 1998, Limnol. Oceanogr. 43:847; Morel and Maritorena
-    2001, J. Geophys. Res. 106:7163, doi:10.1029/2000JC000319; Babin, Morel, Fournier-Sicre, Fell
+    2001, J. Geophys. Res. 106:7163, doi:10.1029/2000JC000319; Morel and Gentili 2009, Remote Sens.
+    Environ. 113:998, doi:10.1016/j.rse.2009.01.008; Babin, Morel, Fournier-Sicre, Fell
     and Stramski 2003, Limnol. Oceanogr. 48:843; Babin and others 2003, J. Geophys. Res. 108:3211,
     doi:10.1029/2001JC000882; Mobley, Ocean Optics Web Book, "A new IOP model for Case 1 water".
 
@@ -93,14 +99,14 @@ class Constituents(WaterSpectrum, frozen=True):
     --------
     >>> found = Constituents(chlorophyll=0.5).properties(470.0)
     >>> round(found["a"], 4), round(found["b"], 4), round(found["n"], 4)
-    (0.0422, 0.2598, 1.3446)
+    (0.0497, 0.2598, 1.3446)
     """
 
     kind: Literal["constituents"] = "constituents"
     chlorophyll: Profile = 0.0
     bbp700: Profile | None = None
     cdom: float | None = Field(default=None, ge=0.0, le=20.0, allow_inf_nan=False)
-    cdom_slope: float = Field(default=0.014, ge=0.005, le=0.03, allow_inf_nan=False)
+    cdom_slope: float = Field(default=0.018, ge=0.005, le=0.03, allow_inf_nan=False)
     minerals: float = Field(default=0.0, ge=0.0, le=100.0, allow_inf_nan=False)
     temperature_c: float = Field(default=20.0, ge=0.0, le=30.0, allow_inf_nan=False)
     salinity: float = Field(default=35.0, ge=0.0, le=40.0, allow_inf_nan=False)
@@ -138,6 +144,8 @@ class Constituents(WaterSpectrum, frozen=True):
         known = ["Zhang 2009, Pope and Fry 1997"]
         if self.chlorophyll or self.bbp700:
             known.append("Morel and Maritorena 2001, Bricaud 1998")
+        if self.chlorophyll and self.cdom is None:
+            known.append("Morel and Gentili 2009")
         known += ["Babin 2003"] if self.minerals else []
         return f"{', '.join(parts)} ({', '.join(known)})"
 
@@ -163,7 +171,7 @@ class Constituents(WaterSpectrum, frozen=True):
             particles = 0.416 * chlorophyll**0.766 * (w / 550.0) ** v
         else:
             particles = bbp / _backscatter_ratio(chlorophyll, 700.0) * (w / 700.0) ** v
-        cdom = 0.2 * _particle_absorption(chlorophyll, 440.0) if self.cdom is None else self.cdom
+        cdom = _DISSOLVED * chlorophyll**0.63 if self.cdom is None else self.cdom
         a = pure_water_absorption(w) + _particle_absorption(chlorophyll, float(w))
         a = a + cdom * np.exp(-self.cdom_slope * (w - 440.0))
         a = a + 0.041 * self.minerals * np.exp(-0.0123 * (w - 443.0))
