@@ -21,7 +21,7 @@ import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, cached_property
 from importlib import metadata
 from itertools import pairwise
 from typing import Any, NamedTuple, Protocol, Self
@@ -217,6 +217,9 @@ class Hits(NamedTuple):
     v: Floats
 
 
+_SCENES: weakref.WeakKeyDictionary[TriangleMesh, RayScene] = weakref.WeakKeyDictionary()
+
+
 class Intersector(ABC):
     """Acceleration structure over a triangle mesh, as the tracers use it.
 
@@ -301,7 +304,19 @@ class EmbreeIntersector(Intersector):
     def __init__(self, mesh: TriangleMesh, threads: int | None = None) -> None:
         super().__init__(mesh)
         self.threads = default_threads(threads)
-        self._scene = new_scene(mesh.vertices, mesh.faces)
+
+    def built(self) -> Self:
+        """Return the intersector with its scene, which is otherwise built by the first ray."""
+        _ = self._scene
+        return self
+
+    @cached_property
+    def _scene(self) -> RayScene:
+        """Scene of the mesh, which its intersectors have in common."""
+        found = _SCENES.get(self.mesh)
+        if found is None:
+            found = _SCENES[self.mesh] = new_scene(self.mesh.vertices, self.mesh.faces)
+        return found
 
     def over(self, mesh: TriangleMesh) -> Self:
         """Return an intersector of the same kind over another mesh."""

@@ -30,7 +30,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine import choice, parts
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.aimed import Aimed, AimedChains, SearchMode
 from meshtrace.engine.chains.sets import (
     ChainDrawer,
@@ -400,7 +399,7 @@ class ForcedDetection:
         """Return the light of joined photons to all receivers, of those without photons none."""
         return photons.among(len(self.method), self._served)
 
-    def over(self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None) -> AimedChains:
+    def over(self, mesh: TriangleMesh) -> AimedChains:
         """Return the chains aimed over a mesh.
 
         Raises
@@ -410,7 +409,7 @@ class ForcedDetection:
         """
         ends.require_height_field(mesh)
         normals, unresolved = self.normals, self.link.physics.unresolved
-        return AimedChains(self.arrays, mesh, intersector, normals, unresolved, self.search)
+        return AimedChains(self.arrays, mesh, normals, unresolved, self.search)
 
     def sets(self, unscattered: bool) -> list[list[ChainSet]]:
         """Return the chains by source, on demand with unscattered ones."""
@@ -430,21 +429,17 @@ class ForcedDetection:
         self._unscattered = self.drawer.draw_all(requests)
         return self._unscattered
 
-    def evaluate(
-        self, mesh: TriangleMesh, intersector: EmbreeIntersector | None = None
-    ) -> parts.Parts:
+    def evaluate(self, mesh: TriangleMesh) -> parts.Parts:
         """Return the gain over a mesh, in parts."""
         higher = self._reaching(mesh)
         if higher is not self:
-            return higher.evaluate(mesh, intersector)
-        if intersector is None and self._joined is not None:
-            intersector = EmbreeIntersector(mesh, 1)  # of chains and photons
-        aimed = self.over(mesh, intersector)
+            return higher.evaluate(mesh)
+        aimed = self.over(mesh)
         sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets)
         self._add_light(sums, aimed, aimed.direct_gains, np.sum, aimed.aim)
         photons = None
         if self._joined is not None:
-            photons = self._by_receiver(self._joined.evaluate(mesh, intersector))
+            photons = self._by_receiver(self._joined.evaluate(mesh))
         return sums.parts(aimed.counters, photons, self.reflects)
 
     def _add_light(

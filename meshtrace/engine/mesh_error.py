@@ -163,7 +163,7 @@ def _unscattered(link: ForcedLink, sheet: _Sheet, slopes: _Slopes) -> tuple[Floa
     From the centres of the sources. Random slopes too narrow to be integrated over are left out.
     """
     mesh = mesh_of_sheet(sheet.points, sheet.normals, slopes.unresolved)
-    aimed = AimedChains(link, mesh, None, slopes.normals, slopes.physics)
+    aimed = AimedChains(link, mesh, slopes.normals, slopes.physics)
     gains = np.zeros((len(link.emitters), len(link.targets)))
     for e, t in link.pairs:
         if link.stands_for[t] == t:

@@ -168,7 +168,7 @@ class FrozenForced:
         known = self._seas.get(key)
         if known is not None:
             return known[1].of_link(arrays)
-        made = AimedChains(arrays, mesh, None, self._normals, unresolved, self._search)
+        made = AimedChains(arrays, mesh, self._normals, unresolved, self._search)
         with self._lock:
             while len(self._seas) >= _KEPT_SEAS:
                 del self._seas[next(iter(self._seas))]

@@ -21,7 +21,7 @@ STEEP = SinusoidalSea(amplitude=0.1, wavelength=2.0)
 
 def unscattered(link, mesh):
     arrays = forced_link(link)
-    aimed = AimedChains(arrays, mesh, None, "vertex", link.physics.unresolved)
+    aimed = AimedChains(arrays, mesh, "vertex", link.physics.unresolved)
     return float(arrays.by_receiver(np.array([[aimed.direct_gains(0, 0).sum()]]))[0])
 
 

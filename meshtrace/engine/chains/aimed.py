@@ -62,8 +62,6 @@ class AimedChains:
         The link.
     mesh : TriangleMesh
         The surface [m].
-    intersector : EmbreeIntersector, optional
-        Its Embree scene, made when a path has to be checked.
     normals : {"vertex", "facet"}
         Normals interpolated from the corners, or those of the facets.
     unresolved : str
@@ -77,14 +75,13 @@ class AimedChains:
         self,
         link: ForcedLink,
         mesh: TriangleMesh,
-        intersector: EmbreeIntersector | None = None,
         normals: str = "vertex",
         unresolved: str = "none",
         search: SearchMode = "usual",
     ) -> None:
         self.link = link
         self._mesh = link.frame.mesh(mesh)
-        self._given = intersector if self._mesh is mesh else None
+        self._intersector = EmbreeIntersector(self._mesh, 1)
         self._normals = normals
         self._search_mode = search
         self.surface: MeshArrays = surface_arrays(self._mesh, normals, unresolved)
@@ -115,10 +112,6 @@ class AimedChains:
         found.__dict__.pop("_extent", None)
         found._serve(link)
         return found
-
-    @cached_property
-    def _intersector(self) -> EmbreeIntersector:
-        return self._given or EmbreeIntersector(self._mesh, 1)
 
     @property
     def sampled(self) -> bool:
@@ -518,6 +511,6 @@ def compile_evaluation(link: Link, mesh: TriangleMesh, normals: str = "vertex") 
     """
     arrays = forced_link(link)
     none = ChainDrawer(arrays, 0.0, 0.0).empty(Request(source=0, order=1, per_shift=0, key=()))
-    aimed = AimedChains(arrays, mesh, None, normals, link.physics.unresolved)
+    aimed = AimedChains(arrays, mesh, normals, link.physics.unresolved)
     aimed.direct_gains(0, 0)
     aimed.aim(0, 0, none)

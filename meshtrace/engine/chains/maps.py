@@ -56,7 +56,7 @@ def unscattered_map(
         arrays = forced_link(link)
     except Refused:
         return None
-    aimed = AimedChains(arrays, mesh, None, normals, link.physics.unresolved)
+    aimed = AimedChains(arrays, mesh, normals, link.physics.unresolved)
     target = arrays.targets[0]._replace(e1=Vec3(1.0, 0.0, 0.0), e2=Vec3(0.0, 1.0, 0.0))
     aimed.locator = locator(aimed.surface, [target._replace(reach=math.inf)])
     step = grid.step / arrays.frame.unit

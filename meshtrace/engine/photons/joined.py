@@ -203,20 +203,13 @@ class JoinedPhotons:
             found = Described(f"an optical depth of {most:.3g}, at its densest place")
             raise Refused("water", found, f"up to {_OPAQUE:g}; {ends.ANALOG}")
 
-    def evaluate(
-        self,
-        mesh: TriangleMesh,
-        intersector: EmbreeIntersector | None = None,
-        arrivals: bool = False,
-    ) -> JoinedParts:
+    def evaluate(self, mesh: TriangleMesh, arrivals: bool = False) -> JoinedParts:
         """Return the gain over a mesh in parts.
 
         Parameters
         ----------
         mesh : TriangleMesh
             The surface.
-        intersector : EmbreeIntersector, optional
-            Embree scene of the mesh, if there is one.
         arrivals : bool
             Keep every contribution to the gain with its path lengths.
 
@@ -225,7 +218,7 @@ class JoinedPhotons:
         Refused
             If the mesh overhangs.
         """
-        (found,) = self._evaluated(mesh, intersector, arrivals, None)
+        (found,) = self._evaluated(mesh, arrivals, None)
         return found
 
     def at_wavelengths(
@@ -238,7 +231,7 @@ class JoinedPhotons:
         """
         if tinting.follows:
             bases = [self._in_water_of(links[i]) for i in tinting.bases]
-            return self._evaluated(mesh, None, arrivals, tinting, bases)
+            return self._evaluated(mesh, arrivals, tinting, bases)
         own = [self._in_water_of(link) for link in links]
         return [one.evaluate(mesh, arrivals=arrivals) for one in own]
 
@@ -259,16 +252,13 @@ class JoinedPhotons:
     def _evaluated(
         self,
         mesh: TriangleMesh,
-        intersector: EmbreeIntersector | None,
         arrivals: bool,
         tinting: Tinting | None,
         bases: Sequence[JoinedPhotons] = (),
     ) -> list[JoinedParts]:
         ends.require_height_field(mesh)
         frame = arrays.frame_of(self.link)
-        local = frame.mesh(mesh)
-        given = intersector if local is mesh else None
-        intersector = given or EmbreeIntersector(local, 1)
+        intersector = EmbreeIntersector(frame.mesh(mesh), 1)
         link = self.link
         if link.direction == "up":
             # sorted, so that results do not depend on the order of the receivers

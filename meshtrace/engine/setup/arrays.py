@@ -14,6 +14,7 @@ from dataclasses import replace
 from enum import IntEnum
 from functools import lru_cache
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -56,6 +57,12 @@ class Frame(NamedTuple):
         """Return a mesh in local coordinates, with the same normals."""
         if self == IDENTITY:
             return mesh
+        of = _LOCAL.setdefault(mesh, {})
+        if self not in of:
+            of[self] = self._moved(mesh)
+        return of[self]
+
+    def _moved(self, mesh: TriangleMesh) -> TriangleMesh:
         local = self.points(mesh.vertices)
         largest = float(np.abs(local).max())
         if largest > FARTHEST:
@@ -85,6 +92,7 @@ class Frame(NamedTuple):
 
 
 IDENTITY = Frame(0.0, 0.0, 1.0)
+_LOCAL: WeakKeyDictionary[TriangleMesh, dict[Frame, TriangleMesh]] = WeakKeyDictionary()
 
 
 def frame_of(link: Link) -> Frame:

@@ -185,12 +185,12 @@ class CommonChains:
         began = clock.perf_counter()
         mesh = case()
         made = clock.perf_counter()
-        intersector = EmbreeIntersector(mesh, 1)
+        intersector = EmbreeIntersector(mesh, 1).built()
         times = made - began, clock.perf_counter() - made
         rows = []
         for kind, forced in self._forced.items():
             start = clock.perf_counter()
-            parts = forced.evaluate(mesh, intersector)
+            parts = forced.evaluate(mesh)
             seconds = *times, clock.perf_counter() - start
             slopes = _slope_variance(intersector, kind, self.reach)
             seed = self.campaign.run.seed
