@@ -238,6 +238,7 @@ def clear_irradiance(
     return Irradiance(direct, diffuse)
 
 
+@lru_cache(maxsize=64)
 def _clear_spectra(
     sun_zenith_deg: float,
     aerosol: float = 0.10,

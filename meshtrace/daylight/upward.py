@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.daylight.light import Daylight, sky_radiance
 from meshtrace.kernels.interface import Roughness, over_gaussian
+from meshtrace.kernels.sunlight import Beams, add_upwelling
+from meshtrace.kernels.tints import common_functions
 from meshtrace.models import Floats
 from meshtrace.optics.bubbles import BubblePopulation
 from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.optics.phase import PhaseFunction
 from meshtrace.optics.water import Water
 from meshtrace.surfaces.gram_charlier import GramCharlier
 
@@ -112,6 +118,10 @@ _ZENITHS, _AZIMUTHS = 14, 20  # directions that stand for the sky
 _DEPTHS = 6000
 _DEEPEST = 20.0  # optical depths of k
 _ANGLES = 2048
+_EXACT = 1e-7  # error of a phase function, over the first of several
+_LEAST_ANGLE = math.radians(30.0)  # of a refracted beam down and light up: 41 deg
+_EXTINCTION = np.geomspace(1.9, 60.0, 400)
+"""Values of m: 1 / mu of beam and view, each from 1 to the horizon under water."""
 
 
 class QuasiSingle:
@@ -126,14 +136,14 @@ class QuasiSingle:
 
     Parameters
     ----------
-    water : Water
-        Water.
-    bubbles : BubblePopulation or None
-        Bubbles.
-    n_air : float
-        Refractive index of the air.
-    day : Daylight
-        Light above the sea.
+    waters : sequence of Water
+        Water at each wavelength.
+    bubbles : sequence of BubblePopulation or None
+        Bubbles at each wavelength.
+    n : float
+        Index of all waters over that of the air.
+    days : sequence of Daylight
+        Light above the sea at each wavelength, of one pattern and sun.
 
     References
     ----------
@@ -141,69 +151,109 @@ class QuasiSingle:
     """
 
     def __init__(
-        self, water: Water, bubbles: BubblePopulation | None, n_air: float, day: Daylight
+        self,
+        waters: Sequence[Water],
+        bubbles: Sequence[BubblePopulation | None],
+        n: float,
+        days: Sequence[Daylight],
     ) -> None:
-        self.n = water.n / n_air
-        self._travel, self._irradiance = _beams(day, self.n)
-        fractions, phases = [water.phase.backscatter_fraction], [water.phase]
-        if bubbles is not None:
-            phases.append(bubbles.phase_function())
-            fractions.append(phases[-1].backscatter_fraction)
-        self._theta = np.linspace(0.0, math.pi, _ANGLES)[1:]
-        self._beta = [phase.pdf(self._theta) for phase in phases]
-        self._depth, a, b = _profile(water, bubbles)
-        k = a + np.array(fractions) @ b
-        steps = np.diff(self._depth)
-        path = np.concatenate([[0.0], np.cumsum(0.5 * steps * (k[1:] + k[:-1]))])
-        # extinction of beam and view: 1 / mu runs from 1 to the horizon under water
-        self._m = np.geomspace(1.9, 60.0, 400)
-        decay = np.exp(-np.outer(self._m, path))
-        self._depth_integral = [
-            np.sum(0.5 * steps * (decay[:, 1:] * bj[1:] + decay[:, :-1] * bj[:-1]), axis=1)
-            for bj in b
-        ]
-        self._bottom = None
-        if water.bottom_depth is not None:
-            self._bottom = water.bottom_albedo * decay[:, -1] / math.pi
+        self.n = n
+        travel, power, ring = _beams(days[0], n)
+        slant = -travel[np.unique(ring, return_index=True)[1], 2]
+        lit = np.empty((len(slant), len(days)))
+        lit[:-1], lit[-1] = [day.diffuse for day in days], [day.direct for day in days]
+        below = list(zip(waters, bubbles, strict=True))
+        scatterers = [_scatterers(*one) for one in below]
+        phases = list(dict.fromkeys(phase for row in scatterers for phase in row))
+        depths = [_over_depth(*one) for one in below]
+        phase, mix = _common_functions(phases)
+        self._beams = Beams(
+            travel, power, ring, slant, lit, phase, _EXTINCTION,
+            np.stack([integral for integral, _ in depths], axis=-1),
+np.stack([[mix[phases.index(one)] for one in row] for row in scatterers], axis=-1),
+            np.stack([floor for _, floor in depths], axis=-1),
+        )  # fmt: skip
 
     def upwelling(self, directions: Floats) -> Floats:
-        """Return the radiance L_u below the surface [W m-2 sr-1 nm-1].
+        """Return the radiance L_u below the surface (n, wavelengths) [W m-2 sr-1 nm-1].
 
         Parameters
         ----------
         directions : ndarray, shape (n, 3)
             Unit vectors along which the light travels up.
         """
-        mu_v = np.maximum(directions[:, 2], 1e-3)
-        total = np.zeros(len(directions))
-        for travel, irradiance in zip(self._travel, self._irradiance, strict=True):
-            theta = np.arccos(np.clip(directions @ travel, -1.0, 1.0))
-            m = 1.0 / -travel[2] + 1.0 / mu_v
-            for beta, integral in zip(self._beta, self._depth_integral, strict=True):
-                scattered = np.interp(theta, self._theta, beta) * np.interp(m, self._m, integral)
-                total += irradiance * scattered / mu_v
-            if self._bottom is not None:
-                total += irradiance * -travel[2] * np.interp(m, self._m, self._bottom)
-        return total
+        beams = self._beams
+        light = np.zeros((len(directions), beams.lit.shape[1]))
+        toward = np.empty((len(beams.slant), beams.phase.shape[1]))
+        add_upwelling(np.ascontiguousarray(directions), beams, toward, light[0].copy(), light)
+        return light
 
 
-def _beams(day: Daylight, n: float) -> tuple[Floats, Floats]:
-    """Return directions of travel under water, and irradiances across them, of sun and sky."""
+def _beams(day: Daylight, n: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Return directions of travel, powers and rings of beams under water, the sun last.
+
+    Powers are irradiances across the beams, for horizontal ones of 1 of the sky, and of 1 across
+    the light of the sun.
+    """
     x, w = np.polynomial.legendre.leggauss(_ZENITHS)
     sin2, weight = 0.5 * (x + 1.0), 0.5 * w  # cos dOmega = d(sin^2) d(azimuth) / 2
     azimuth = 2.0 * math.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
     s, phi = np.meshgrid(np.sqrt(sin2), azimuth, indexing="ij")
     towards = np.stack([s * np.cos(phi), s * np.sin(phi), np.sqrt(1.0 - s**2)], -1).reshape(-1, 3)
-    flux = sky_radiance(day.sky, towards) * np.repeat(weight, _AZIMUTHS)
-    if (total := flux.sum()) > 0.0:
-        flux *= day.diffuse / total
+    even = day.replace(diffuse=1.0)
+    flux = sky_radiance(even.sky, towards) * np.repeat(weight, _AZIMUTHS)
     towards = np.concatenate([towards, [day.sun]])
-    flux = np.append(flux, day.direct * day.sun[2])
+    flux = np.append(flux / flux.sum(), day.sun[2])
     flux = flux * (1.0 - fresnel_reflectance(np.clip(towards[:, 2], 0.0, 1.0), 1.0, n))
     travel = -towards / n
     travel[:, 2] = -np.sqrt(1.0 - travel[:, 0] ** 2 - travel[:, 1] ** 2)
-    lit = flux > 0.0
-    return travel[lit], flux[lit] / -travel[lit, 2]
+    return travel, flux / -travel[:, 2], np.arange(len(flux)) // _AZIMUTHS
+
+
+def _common_functions(phases: Sequence[PhaseFunction]) -> tuple[Floats, Floats]:
+    """Return few functions of the angle (angles, functions) and their mixtures (phases, functions).
+
+    From the angles on by which daylight can be scattered up.
+    """
+    theta = np.linspace(0.0, math.pi, _ANGLES)
+    wide = theta > _LEAST_ANGLE
+    tables = np.array([phase.pdf(theta[wide]) for phase in phases])
+    mix, functions = common_functions(tables / tables[0], _EXACT)
+    found = np.zeros((_ANGLES, len(functions)))
+    found[wide] = (functions * tables[0]).T
+    return found, mix
+
+
+def _scatterers(water: Water, bubbles: BubblePopulation | None) -> list[PhaseFunction]:
+    """Return the phase functions of water and bubbles."""
+    return [water.phase] if bubbles is None else [water.phase, bubbles.phase_function()]
+
+
+@lru_cache(maxsize=256)
+def _over_depth(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats, Floats]:
+    """Return the integrals over the depth of scattered light (scatterers, nodes), and the floor's.
+
+    int b_j exp(-m int k) dz, and its radiance over the irradiance (nodes,), empty without one.
+    """
+    depth, a, b = _profile(water, bubbles)
+    k = a + np.array([one.backscatter_fraction for one in _scatterers(water, bubbles)]) @ b
+    if np.ptp(k) == 0.0 and not np.ptp(b, axis=1).any():  # in closed form
+        last = np.exp(-_EXTINCTION * (k[0] * depth[-1]))
+        length = (
+            -np.expm1(-_EXTINCTION * (k[0] * depth[-1])) / (_EXTINCTION * k[0])
+            if k[0]
+            else depth[-1]
+        )
+        found = b[:, :1] * length
+    else:
+        steps = np.diff(depth)
+        path = np.concatenate([[0.0], np.cumsum(0.5 * steps * (k[1:] + k[:-1]))])
+        decay = np.exp(-np.outer(_EXTINCTION, path))
+        last = decay[:, -1]
+        found = 0.5 * (b[:, 1:] * steps @ decay[:, 1:].T + b[:, :-1] * steps @ decay[:, :-1].T)
+    if water.bottom_depth is None:
+        return found, np.zeros(0)
+    return found, water.bottom_albedo * last / math.pi
 
 
 def _profile(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats, Floats, Floats]:

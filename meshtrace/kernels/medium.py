@@ -166,17 +166,24 @@ def absorption_path(medium, z0, z1, length):
 
 
 @inlined
+def water_path(medium, z0, z1, length):
+    """Return the integral of b of the water along a straight path from height z0 to z1.
+
+    Array twin: see `absorption_path`.
+    """
+    if not medium.layered:
+        return medium.b * length
+    return length * mean_between(medium.layer_b, medium.layer_b_path, medium.layer_step, -z0, -z1)
+
+
+@inlined
 def scattering_path(medium, p, q, length):
     """Return the integral of b + b_bub along a straight path from p to q.
 
     Array twin: quadrature of `Water` and `HallNovarini.b` in the tests.
     Depths below a wavy surface are taken as linear over `_PIECES` parts of the path.
     """
-    tau = medium.b * length
-    if medium.layered:
-        tau = length * mean_between(
-            medium.layer_b, medium.layer_b_path, medium.layer_step, -p.z, -q.z
-        )
+    tau = water_path(medium, p.z, q.z, length)
     if medium.depth_mode == DepthMode.NONE:
         return tau
     table, path, step = medium.bubble_b, medium.bubble_path, medium.bubble_step

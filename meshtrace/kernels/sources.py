@@ -16,6 +16,7 @@ from meshtrace.kernels.medium import (
     lookup,
     scattering_coefficients,
     scattering_depth,
+    water_path,
 )
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.vectors import TWO_PI, UP, Vec3, along, dot, minus, norm, row, turn
@@ -226,21 +227,22 @@ class Backward(NamedTuple):
     sky: Sky
     sun: Vec3  # direction to the sun under water
     irradiance: float  # of the sun, across its direction below the surface [W m-2 nm-1]
-    kept: float  # share of the scattering that takes light out of the sun's beam
+    lost_water: float  # share of the scattering that takes light out of the sun's beam
+    lost_bubble: float
     phase_water: NDArray[np.float64]  # over the angle from 0 to pi, smoothed [sr-1]
     phase_bubble: NDArray[np.float64]
 
 
 NOWHERE = np.zeros((0, 3))
 FORWARD = Backward(
-    NOWHERE, NOWHERE, False, False, Sky(UP, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), UP, 0.0, 1.0,
+    NOWHERE, NOWHERE, False, False, Sky(UP, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), UP, 0.0, 1.0, 1.0,
     np.zeros(2), np.zeros(2),
 )  # fmt: skip
 """Photons that start at the sources."""
 
-SKY_SCORE, SUN_SCORE = 0, 1
-N_SCORES = 2
-"""Scores of a photon on its way back: sky on leaving, sun at its collisions."""
+SKY_SCORE, SUN_SCORE, BUBBLE_SCORE = 0, 1, 2
+N_SCORES = 3
+"""Scores of a photon on its way back: sky on leaving, sun at its collisions, by bubbles."""
 
 
 @inlined
@@ -266,18 +268,22 @@ def launch_back(back, seed, photon):
 def sunlight(back, medium: Medium, p, d, weight):
     """Return the expected sunlight that a tentative collision scatters into a path.
 
-    Array twin: single scattering by quadrature in `tests/daylight`.
+    By the water and by bubbles. Array twin: single scattering by quadrature in `tests/daylight`.
     The sun is refracted by still water; its disk of some degrees bounds the phase function.
     """
     angle = math.acos(min(max(dot(d, back.sun), -1.0), 1.0)) / math.pi
     water, bubbles = scattering_coefficients(medium, p)
-    scattered = water * lookup(back.phase_water, angle * (len(back.phase_water) - 1))
+    water *= lookup(back.phase_water, angle * (len(back.phase_water) - 1))
     if bubbles > 0.0:
-        scattered += bubbles * lookup(back.phase_bubble, angle * (len(back.phase_bubble) - 1))
+        bubbles *= lookup(back.phase_bubble, angle * (len(back.phase_bubble) - 1))
     t = max(-p.z, 0.0) / back.sun.z
-    tau = back.kept * scattering_depth(medium, p, back.sun, t)
-    tau += absorption_path(medium, p.z, p.z + t * back.sun.z, t)
-    return weight * scattered / medium.b_max * back.irradiance * math.exp(-tau)
+    top = p.z + t * back.sun.z
+    by_water = water_path(medium, p.z, top, t)
+    by_bubbles = scattering_depth(medium, p, back.sun, t) - by_water
+    tau = back.lost_water * by_water + back.lost_bubble * by_bubbles
+    tau += absorption_path(medium, p.z, top, t)
+    light = weight / medium.b_max * back.irradiance * math.exp(-tau)
+    return light * water, light * bubbles
 
 
 @inlined

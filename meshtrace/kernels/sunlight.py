@@ -1,10 +1,14 @@
-"""Sunlight that a sea surface refracts onto a horizontal plane."""
+"""Daylight below the sea: refracted onto a horizontal plane, and scattered up once."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from meshtrace.kernels.jit import entry
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.kernels.jit import entry, outlined
 
 
 @entry
@@ -61,3 +65,83 @@ def land_sunlight(z, zx, zy, corner, spacing, sun, n, c, depth, cells, cell, lig
             light[k + 1, m] += u * (1.0 - v) * power
             light[k, m + 1] += (1.0 - u) * v * power
             light[k + 1, m + 1] += u * v * power
+
+
+class Beams(NamedTuple):
+    """Beams of sun and sky under still water, and the light that the water scatters up once.
+
+    Beams of one slant, a ring, differ in azimuth alone.
+    """
+
+    travel: NDArray[np.float64]  # (beams, 3) unit vectors, downwards
+    power: NDArray[np.float64]  # (beams,)
+    ring: NDArray[np.int64]  # (beams,)
+    slant: NDArray[np.float64]  # (rings,) cosines, downwards
+    lit: NDArray[np.float64]  # (rings, wavelengths) irradiance for a power of 1
+    phase: NDArray[np.float64]  # (angles, functions), on a uniform grid from 0 to pi
+    m: NDArray[np.float64]  # (nodes,) extinction of beam and view, a geometric series
+    integral: NDArray[np.float64]  # (scatterers, nodes, wavelengths) over the depth
+    mix: NDArray[np.float64]  # (scatterers, functions, wavelengths) of the phase functions
+    floor: NDArray[np.float64]  # (nodes, wavelengths) radiance for an irradiance of 1, or (0, ...)
+
+
+@entry
+def add_upwelling(directions, beams, toward, scattered, light):
+    """Add the radiance that travels up along directions.
+
+    Array twin: `scattered_once` in `tests/daylight/test_background_air.py`.
+    Why so: 281 beams have 15 slants, and phase functions of all wavelengths few common functions.
+
+    Parameters
+    ----------
+    directions : ndarray, shape (n, 3)
+        Unit vectors.
+    beams : Beams
+        Beams and water.
+    toward, scattered : ndarray, shape (rings, functions), (wavelengths,)
+        Scratch: power of a ring times function, and phase function.
+    light : ndarray, shape (n, wavelengths)
+        Radiances.
+    """
+    nodes, per_angle = len(beams.m), (len(beams.phase) - 1) / math.pi
+    per_m = (nodes - 1) / math.log(beams.m[nodes - 1] / beams.m[0])
+    for i in range(len(directions)):
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        mu = max(z, 1e-3)
+        toward[:] = 0.0
+        for b in range(len(beams.power)):
+            cosine = x * beams.travel[b, 0] + y * beams.travel[b, 1] + z * beams.travel[b, 2]
+            at = math.acos(min(max(cosine, -1.0), 1.0)) * per_angle
+            j = min(int(at), len(beams.phase) - 2)
+            f, power, r = at - j, beams.power[b], beams.ring[b]
+            for q in range(beams.phase.shape[1]):
+                p = (1.0 - f) * beams.phase[j, q] + f * beams.phase[j + 1, q]
+                toward[r, q] += power * p
+        for r in range(len(beams.slant)):
+            m = 1.0 / beams.slant[r] + 1.0 / mu
+            j = min(max(int(math.log(m / beams.m[0]) * per_m), 0), nodes - 2)
+            f = min(max((m - beams.m[j]) / (beams.m[j + 1] - beams.m[j]), 0.0), 1.0)
+            for s in range(len(beams.integral)):
+                low, high = beams.integral[s, j], beams.integral[s, j + 1]
+                scattered[:] = 0.0
+                for q in range(beams.phase.shape[1]):
+                    for c in range(len(scattered)):
+                        scattered[c] += toward[r, q] * beams.mix[s, q, c]
+                for c in range(len(scattered)):
+                    depth = (1.0 - f) * low[c] + f * high[c]
+                    light[i, c] += beams.lit[r, c] / mu * scattered[c] * depth
+        if len(beams.floor) > 0:
+            _add_floor(beams, mu, per_m, light[i])
+
+
+@outlined
+def _add_floor(beams, mu, per_m, light):
+    """Add the light of the floor at one direction, see `add_upwelling`."""
+    for b in range(len(beams.power)):
+        r, nodes = beams.ring[b], len(beams.m)
+        m = 1.0 / beams.slant[r] + 1.0 / mu
+        j = min(max(int(math.log(m / beams.m[0]) * per_m), 0), nodes - 2)
+        f = min(max((m - beams.m[j]) / (beams.m[j + 1] - beams.m[j]), 0.0), 1.0)
+        for c in range(len(light)):
+            floor = (1.0 - f) * beams.floor[j, c] + f * beams.floor[j + 1, c]
+            light[c] += beams.lit[r, c] * beams.power[b] * beams.slant[r] * floor

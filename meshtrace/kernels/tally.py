@@ -189,18 +189,31 @@ def score_apertures(tallies, apertures, first, photon, in_water, flight, fov, me
             z = flight.origin.z
             w *= _transmission(medium, z, z + t * flight.direction.z, t)
         tallies.score[photon - first, i] += w
-        n = tallies.n_arrivals[0]
-        tallies.n_arrivals[0] = n + 1  # counts those without room, too: the chunk is run again
-        if n < len(tallies.arrivals):
+        n = keep_arrival(tallies, photon, i, w, tints, tint)
+        if n >= 0:
             a = tallies.arrivals[n]
-            a.photon, a.receiver, a.weight = photon, i, w
             a.water = flight.water + (t if in_water else 0.0)
             a.air = flight.air + (0.0 if in_water else t)
-            copy_tint(tints, tint, a.tint)
             if in_water:
                 z = flight.origin.z
                 tint_way(tints, a.tint, z, z + t * flight.direction.z, t)
     return received
+
+
+@inlined
+def keep_arrival(tallies, photon, receiver, weight, tints, tint):
+    """Keep the light of a path on demand; return its row, -1 without room.
+
+    Array twin: none.
+    """
+    n = tallies.n_arrivals[0]
+    tallies.n_arrivals[0] = n + 1  # counts those without room, too: the chunk is run again
+    if n >= len(tallies.arrivals):
+        return -1
+    a = tallies.arrivals[n]
+    a.photon, a.receiver, a.weight = photon, receiver, weight
+    copy_tint(tints, tint, a.tint)
+    return n
 
 
 @outlined

@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import lookup, mean_between
 from meshtrace.kernels.phase import SMALLEST_ANGLE
 
-TINTS = 8
+TINTS = 12
 """Common functions that a photon sums up at most."""
 
 
@@ -123,6 +123,67 @@ def _add_scattering(tints, tint, z, theta, by_bubble):
             tint[r] += lookup(tints.b[r], -z / tints.step) + tints.phase[r, j]
 
 
+class LastScattering(NamedTuple):
+    """Factors of the wavelengths on light that a last event brings to a path, over the base's.
+
+    Tables that are linear between nodes, in the depth and in the angle; the last two nodes of the
+    depth hold below them, too.
+    """
+
+    step: float  # of the depth [m]
+    log: NDArray[np.float64]  # (nodes, wavelengths)
+    phase: NDArray[np.float64]  # (angles, wavelengths) from 0 to pi
+
+
+@entry
+def add_tinted(light, score, group, shares, density, parts, base, last, out):
+    """Add kept light at all wavelengths to groups, by the balance heuristic over the bases.
+
+    Array twin: `Tinting.mixed`.
+
+    Parameters
+    ----------
+    light, score : ndarray of `ARRIVAL`, int
+        Kept light, and which of it counts; `air` is the height [m], `water` the angle [rad].
+    group : ndarray, shape (photons,)
+        Group of each photon.
+    shares, density : ndarray, shape (wavelengths, tints), (bases, tints)
+        Coefficients of the wavelengths over the base, and of the densities of the bases.
+    parts, base : ndarray, shape (bases,), int
+        Shares of the photons, and the base of these.
+    last : LastScattering
+        Factors of the last event.
+    out : ndarray, shape (groups, wavelengths)
+        Sums.
+    """
+    per_angle = (len(last.phase) - 1) / math.pi
+    for i in range(len(light)):
+        a = light[i]
+        if a.receiver != score:
+            continue
+        mixture, own = 0.0, 1.0
+        for k in range(len(density)):
+            exponent = 0.0
+            for r in range(density.shape[1]):
+                exponent += density[k, r] * a.tint[r]
+            drawn = math.exp(exponent)
+            mixture += parts[k] * drawn
+            if k == base:
+                own = drawn
+        weight = a.weight * own / mixture
+        at = max(-a.air, 0.0) / last.step
+        j = min(int(at), len(last.log) - 2)
+        f, angle = at - j, a.water * per_angle
+        m = min(max(int(angle), 0), len(last.phase) - 2)
+        g = angle - m
+        for c in range(len(shares)):
+            log = (1.0 - f) * last.log[j, c] + f * last.log[j + 1, c]
+            for r in range(shares.shape[1]):
+                log += shares[c, r] * a.tint[r]
+            phase = (1.0 - g) * last.phase[m, c] + g * last.phase[m + 1, c]
+            out[group[a.photon], c] += weight * math.exp(log) * phase
+
+
 @inlined
 def is_tinted(tints):
     """Return whether paths sum up functions, which ask for scattering angles.
@@ -130,3 +191,29 @@ def is_tinted(tints):
     Array twin: none.
     """
     return tints is not None
+
+
+def common_functions(
+    rows: NDArray[np.float64], exact: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return coefficients (rows, k) and common functions (k, nodes) of rows.
+
+    As few as `exact` allows, the largest error of an element: singular vectors, of the coefficients
+    of an orthogonal basis by pivoted Gram-Schmidt. Threads of a linear algebra library would cost
+    more.
+    """
+    rest, basis, parts = rows.copy(), list[NDArray[np.float64]](), list[NDArray[np.float64]]()
+    while len(basis) < len(rows) and np.abs(rest).max() > 1e-3 * exact:
+        first = rest[np.argmax(np.einsum("ij,ij->i", rest, rest))]
+        basis.append(first / math.sqrt(float(np.einsum("j,j", first, first))))
+        parts.append(np.einsum("ij,j->i", rest, basis[-1]))
+        rest -= parts[-1][:, None] * basis[-1]
+    if not basis:
+        return np.zeros((len(rows), 1)), np.zeros((1, rows.shape[1]))
+    u, s, v = np.linalg.svd(np.transpose(parts), full_matrices=False)
+    functions, rest = np.einsum("ik,kj->ij", v, np.array(basis)), rows.copy()
+    for k in range(len(s)):
+        rest -= (u[:, k] * s[k])[:, None] * functions[k]
+        if np.abs(rest).max() <= exact:
+            break
+    return u[:, : k + 1] * s[: k + 1], functions[: k + 1]

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from meshtrace.comms.background import DARK, occupancy, with_background
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight
-from meshtrace.engine.backward.background import background, background_over
-from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.backward.background import background, backgrounds_over
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import Case, RunOptions, require_options
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
@@ -349,8 +348,7 @@ def _seen(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> Call
         surface, time = steps.surface(i)
         case = Case(link, surface, campaign.run, campaign.meshing.replace(time=time))
         mesh, _ = mesh_for(link, surface, case.meshing)
-        sea = EmbreeIntersector(mesh, case.threads)
-        found = background_over(case, sea, day, photons, {})
+        (found,) = backgrounds_over(case, mesh, [link], [day], photons)
         numbers = found.radiance, found.radiance_stderr, found.acceptance, found.wavelength_nm
         return np.concatenate([found.part_radiance, found.part_radiance_stderr, numbers])
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.neighbours import FrozenForced
+from meshtrace.engine.setup.common_paths import clearest
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import (
     FADING_SPACING,
@@ -28,7 +29,7 @@ from meshtrace.engine.setup.options import (
     require_options,
     resolve,
 )
-from meshtrace.engine.wavelengths import SpectralDetection, clearest
+from meshtrace.engine.wavelengths import SpectralDetection
 from meshtrace.errors import Described, Refused, require_function
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link

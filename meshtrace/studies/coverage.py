@@ -23,6 +23,7 @@ from meshtrace.engine.outcome import (
     warn_of_lost,
 )
 from meshtrace.engine.photons.analog import FixedPointSum, PhotonSums, run_analog
+from meshtrace.engine.setup.common_paths import CommonPaths, clearest, photon_paths, scattering
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import (
     Analog,
@@ -33,7 +34,6 @@ from meshtrace.engine.setup.options import (
     resolve,
 )
 from meshtrace.engine.setup.tinting import UNTINTED
-from meshtrace.engine.wavelengths import CommonPaths, clearest, photon_paths, scattering
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import MeshSource, TriangleMesh

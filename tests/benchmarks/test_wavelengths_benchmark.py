@@ -43,6 +43,42 @@ CASES = {
 }
 
 
+DAY = mt.Daylight.clear_sky(30.0, wavelength_nm=550.0)
+SEEN = {
+    "clear-flat": (typed("jerlov-II"), FlatSea(), "quasi-single"),
+    "clear-wavy": (typed("jerlov-II"), WAVY, "quasi-single"),
+    "turbid-wavy": (typed("jerlov-3C"), WAVY, "quasi-single"),
+    "chlorophyll-flat": (chlorophyll(0.5), FlatSea(), "quasi-single"),
+    "chlorophyll-wavy": (chlorophyll(0.5), WAVY, "quasi-single"),
+    "profile-bubbles": (PROFILE, WAVY, "quasi-single"),
+    "turbid-walk": (typed("jerlov-3C"), WAVY, "walk"),
+    "chlorophyll-walk": (chlorophyll(0.5), WAVY, "walk"),
+    "clear-down": (typed("jerlov-II").mirrored(), FlatSea(), "walk"),
+    "turbid-down": (typed("jerlov-3C").mirrored(), WAVY, "walk"),
+}
+
+
+@pytest.mark.parametrize("case", SEEN)
+def test_backgrounds_of_all_colours(benchmark, case):
+    """Walks in the water keep the light of each collision at 31 wavelengths."""
+    link, sea, water = SEEN[case]
+    spent = {"one": [], "all": []}
+
+    def run(name, colours):
+        start = time.process_time()
+        mt.background(link, sea, DAY, water=water, wavelengths_nm=colours, threads=1)
+        spent[name].append(time.process_time() - start)
+
+    def both():
+        run("one", [550.0])
+        run("all", COLOURS)
+
+    benchmark.pedantic(both, rounds=4, warmup_rounds=1)
+    ratio = min(spent["all"]) / min(spent["one"])
+    benchmark.extra_info["ratio"] = ratio
+    assert ratio < (MOST if water == "quasi-single" else 1.5 * MOST)
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_all_colours_for_twice_the_time_of_one(benchmark, case):
     link, sea, estimator = CASES[case]

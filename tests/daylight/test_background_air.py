@@ -32,7 +32,46 @@ def rough_plane(variances):
 
 
 def _quasi_single(link, day):
-    return QuasiSingle(link.water, link.bubbles, link.n_air, day)
+    return QuasiSingle([link.water], [link.bubbles], link.water.n / link.n_air, [day])
+
+
+def scattered_once(link, day, n, up):
+    """Return the light of uniform water along one direction by the sum over sun and sky."""
+    x, w = np.polynomial.legendre.leggauss(14)
+    sines = np.sqrt(0.5 * (x + 1.0))
+    phi = 2.0 * math.pi * (np.arange(20) + 0.5) / 20
+    beams = [(np.array(day.sun), day.direct * day.sun[2])]
+    for sine, weight in zip(sines, 0.5 * w, strict=True):
+        for angle in phi:
+            way = np.array([sine * math.cos(angle), sine * math.sin(angle), math.sqrt(1 - sine**2)])
+            beams.append((way, weight * sky_radiance(day.sky, way)))
+    scale = day.diffuse / sum(flux for _, flux in beams[1:])
+    water, total = link.water, 0.0
+    k = water.a + water.b * water.phase.backscatter_fraction
+    for i, (way, flux) in enumerate(beams):
+        down = np.array([-way[0] / n, -way[1] / n, 0.0])
+        down[2] = -math.sqrt(1.0 - down @ down)
+        below = (
+            flux * (scale if i else 1.0) * (1.0 - fresnel_reflectance(way[2], 1.0, n)) / -down[2]
+        )
+        m = -1.0 / down[2] + 1.0 / up[2]
+        phase = float(water.phase.pdf(math.acos(down @ up)))
+        total += below * water.b * phase / (k * m) / up[2]
+    return total
+
+
+def test_light_out_of_the_water_is_the_sum_over_sun_and_sky():
+    day, way = mt.Daylight(direct=1.4, diffuse=0.3), np.array(unit_vector(35.0, 70.0))
+    links = [
+        mt.Link(),
+        mt.Link(water=mt.Water.from_type("coastal")),
+        mt.Link().replace("water.a", 0.3),
+    ]
+    days = [day, day.replace(direct=0.0), day.replace(diffuse=2.0)]
+    waters, n = [one.water for one in links], 1.34
+    found = QuasiSingle(waters, [None] * 3, n, days).upwelling(way[None])[0]
+    wanted = [scattered_once(one, lit, n, way) for one, lit in zip(links, days, strict=True)]
+    assert found == pytest.approx(wanted, rel=1e-4)  # tables of the angle and of the depth
 
 
 def link(psi, **receiver):
@@ -206,13 +245,13 @@ def test_reflectance_of_mobley_1999(pair):
      (UNIFORM, "Lw_over_Ed_uniform_nadir_quasi_single")],
 )  # fmt: skip
 def test_light_out_of_the_water(day, key):
-    upwelling = _quasi_single(mt.Link(), day).upwelling(np.array([[0.0, 0.0, 1.0]]))[0]
+    upwelling = _quasi_single(mt.Link(), day).upwelling(np.array([[0.0, 0.0, 1.0]]))[0, 0]
     leaving = upwelling * (1.0 - float(fresnel_reflectance(1.0, 1.0, 1.33))) / 1.33**2
     assert leaving / day.irradiance == pytest.approx(REFERENCE["water_leaving"][key], rel=1e-3)
 
 
 def test_light_out_of_the_water_of_forward_photons():
-    upwelling = _quasi_single(mt.Link(), SUN).upwelling(np.array([[0.0, 0.0, 1.0]]))[0]
+    upwelling = _quasi_single(mt.Link(), SUN).upwelling(np.array([[0.0, 0.0, 1.0]]))[0, 0]
     leaving = upwelling * (1.0 - float(fresnel_reflectance(1.0, 1.0, 1.33))) / 1.33**2
     wanted = REFERENCE["water_leaving"]["forward_photons_sun30"]
     assert abs(leaving / SUN.irradiance - wanted["value"]) < 4.0 * wanted["stderr"]
@@ -223,7 +262,7 @@ def test_reflectance_below_the_surface_against_walks_and_published_laws():
     leaving = REFERENCE["water_leaving"]
     through = 1.0 - float(fresnel_reflectance(SUN.sun[2], 1.0, 1.33))
     view = np.array([unit_vector(20.0, 180.0)])
-    r_rs = _quasi_single(mt.Link(), SUN).upwelling(view)[0] / (through * SUN.irradiance)
+    r_rs = _quasi_single(mt.Link(), SUN).upwelling(view)[0, 0] / (through * SUN.irradiance)
     assert r_rs == pytest.approx(leaving["r_rs_view20"]["value"], rel=0.015)
     # Gordon et al. (1988) and Lee et al. (2002), for water with much more scattering
     u = 0.005908
@@ -261,14 +300,14 @@ def test_layers_equal_to_the_water_change_nothing():
     nadir = np.array([[0.3, 0.0, math.sqrt(0.91)]])
     plain, water = mt.Link(), mt.Link().water
     layered = plain.replace(water=water.replace(layers=((0.0, 0.114, 0.037), (9.0, 0.114, 0.037))))
-    found = [_quasi_single(one, SUN).upwelling(nadir)[0] for one in (plain, layered)]
+    found = [_quasi_single(one, SUN).upwelling(nadir)[0, 0] for one in (plain, layered)]
     assert found[1] == pytest.approx(found[0], rel=1e-3)
 
 
 def test_bottom_of_clear_water_is_seen_through_it():
     clear = mt.Water(a=0.0, b=0.0, bottom_depth=20.0, bottom_albedo=0.5)
     nadir = np.array([[0.0, 0.0, 1.0]])
-    found = _quasi_single(mt.Link(water=clear), UNIFORM).upwelling(nadir)[0]
+    found = _quasi_single(mt.Link(water=clear), UNIFORM).upwelling(nadir)[0, 0]
     wanted = 0.5 * (1.0 - hemispheric_reflectance(1.0, 1.33))  # E / pi of radiance 1
     assert found == pytest.approx(wanted, rel=2e-3)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.daylight import sky, sky_radiance
+from meshtrace.daylight import light, sky, sky_radiance
 from meshtrace.daylight.light import PATTERNS, hemisphere
 from meshtrace.errors import Refused
 from meshtrace.optics.fresnel import unit_vector
@@ -249,6 +249,7 @@ def without_pvlib(monkeypatch):
         return found(name, *rest, **options)
 
     monkeypatch.setattr(builtins, "__import__", refuse)
+    light._clear_spectra.cache_clear()
 
 
 @pytest.mark.usefixtures("without_pvlib")

@@ -61,11 +61,82 @@ def test_the_background_has_the_light_of_each_wavelength():
     assert found["background_radiance"].dims == ("wavelength",)
     for nm, one in found:
         alone = mt.background(LINK.at_wavelength(nm), FlatSea(), day.at_wavelength(nm), photons=256)
-        assert one.radiance == alone.radiance
+        assert one.radiance == pytest.approx(alone.radiance, rel=1e-4)
         assert one.wavelength_nm == nm
     given = Daylight(direct=1.0, diffuse=0.1)
     with pytest.raises(Refused, match="a model of"):
         mt.background(LINK, FlatSea(), given, photons=256, wavelengths_nm=AT)
+
+
+def of_chlorophyll(content, **parts):
+    spectrum = mt.optics.Constituents(chlorophyll=content)
+    return mt.Link(water=mt.Water(spectrum=spectrum, wavelength_nm=550.0), **parts)
+
+
+LAYERS = of_chlorophyll([(0, 0.2), (5, 1.0), (20, 0.3)], bubbles=mt.HallNovarini(wind_speed=8.0))
+WATERS = {
+    "II": mt.Link(water=mt.Water.from_type("jerlov-II", 550.0)),
+    "3C": mt.Link(water=mt.Water.from_type("jerlov-3C", 550.0)),
+    "chlorophyll": of_chlorophyll(0.5),
+    "layers": LAYERS,
+}
+COLOURS = [400.0, 480.0, 570.0]
+
+
+@pytest.mark.parametrize("sea", [FlatSea(), SEA], ids=["smooth", "rough"])
+@pytest.mark.parametrize("water", WATERS)
+def test_rays_of_the_background_are_common_to_all_wavelengths(water, sea):
+    """The same rays as alone: no noise is left, but what is linear in the index."""
+    pytest.importorskip("pvlib")
+    link, day = WATERS[water], Daylight.clear_sky(30.0, wavelength_nm=550.0)
+    found = mt.background(link, sea, day, photons=1024, wavelengths_nm=COLOURS)
+    for nm, one in found:
+        alone = mt.background(link.at_wavelength(nm), sea, day.at_wavelength(nm), photons=1024)
+        assert one.part_radiance == pytest.approx(alone.part_radiance, rel=2e-4)
+        assert one.part_radiance_stderr == pytest.approx(alone.part_radiance_stderr, rel=1e-2)
+
+
+@pytest.mark.parametrize("way", ["walk", "down"])
+@pytest.mark.parametrize("water", WATERS)
+@pytest.mark.thorough
+@pytest.mark.slow_but("3C-walk", "layers-down")
+def test_walks_in_the_water_bring_the_light_of_all_wavelengths(water, way):
+    pytest.importorskip("pvlib")
+    link = WATERS[water] if way == "walk" else WATERS[water].mirrored()
+    kw = {"photons": 16_384, "water": "walk", "threads": 2}
+    day = Daylight.clear_sky(30.0, wavelength_nm=550.0)
+    found = mt.background(link, SEA, day, wavelengths_nm=COLOURS, **kw)
+    for nm, one in found:
+        alone = mt.background(link.at_wavelength(nm), SEA, day.at_wavelength(nm), seed=99, **kw)
+        a, b = ((x.radiance, x.radiance_stderr) for x in (one, alone))
+        assert z_test(*a, *b) > sidak(ALPHA, 24)
+        assert a[1] < 4.0 * b[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["walk", "down"])
+def test_errors_of_the_background_are_true_at_all_wavelengths(way):
+    """Scatter over 64 seeds against the stated errors, and the mean against that of own runs."""
+    pytest.importorskip("pvlib")
+    link = WATERS["3C"] if way == "walk" else WATERS["3C"].mirrored()
+    day = Daylight.clear_sky(30.0, wavelength_nm=550.0)
+    kw = {"photons": 2048, "water": "walk", "threads": 2}
+    runs = [
+        mt.background(link, SEA, day, wavelengths_nm=COLOURS, seed=seed, **kw) for seed in range(64)
+    ]
+    for nm in COLOURS:
+        lit = [run.at_wavelength(nm) for run in runs]
+        values, errors = (np.array([getattr(x, name) for x in lit]) for name in
+                          ("radiance", "radiance_stderr"))  # fmt: skip
+        chi2 = ((values - values.mean()) ** 2).sum() / (errors**2).mean()
+        assert 35.0 < chi2 < 105.0
+        alone = [
+            mt.background(link.at_wavelength(nm), SEA, day.at_wavelength(nm), seed=100 + s, **kw)
+            for s in range(64)
+        ]
+        other = np.array([x.radiance for x in alone])
+        means = [(v.mean(), v.std(ddof=1) / 8.0) for v in (values, other)]
+        assert z_test(*means[0], *means[1]) > sidak(ALPHA, 6)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,8 @@ or, over a mesh that leaves none out, by the points of the mesh that mirror it e
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Unpack, overload
 
 import numpy as np
@@ -32,7 +34,6 @@ from meshtrace.engine.backward.view import (
     only_aperture,
     scene_of,
 )
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Case, HasCase, Meshing, Shortcuts, resolve
 from meshtrace.errors import Refused, require_kind, require_whole, require_word
@@ -50,83 +51,106 @@ _BOUNCES = 8
 _OFFSET = 1e-5  # start of a ray above its facet, in units of the frame
 
 
-def seen_from_air(case: Case, sea: EmbreeIntersector, day: Daylight, photons: int) -> Floats:
-    """Return the radiances of the parts by shift (shifts, parts) for a receiver in the air."""
+def seen_from_air(
+    case: Case, mesh: TriangleMesh, links: Sequence[Link], days: Sequence[Daylight], photons: int
+) -> Floats:
+    """Return the radiances of the parts by shift for a receiver in the air.
+
+    At all wavelengths of links that are otherwise alike, (wavelengths, shifts, parts).
+    """
     seed = case.run.seed
-    view, scene = View.of(case.link, photons, seed), scene_of(case, sea, day)
+    view, scene = View.of(links[0], photons, seed), scene_of(case, mesh, links, days)
     parts = follow(scene, view.origins(), view.directions(), view.uniforms[:, 4:], seed)
-    parts = parts.reshape(SHIFTS, -1, len(PARTS)).mean(axis=1)
-    if day.direct > 0.0:
-        parts[:, SUN] += sun_in_view(scene, view)
+    parts = parts.reshape(len(links), SHIFTS, -1, len(PARTS)).mean(axis=2)
+    if scene.direct.any():
+        sun = scene.direct[:, None]
+        parts[..., SUN] += sun * sun_in_view(scene, view)
         if not scene.rough:
-            law = Reflection(np.array(day.sun), scene.n)
-            glint = bent_sun(scene, law, view)
-            parts[:, GLINT] += day.direct * (1.0 - scene.foam) * glint
-    if day.water == "walk":
-        light = walked(case, sea, day, view, in_water=False)
-        parts[:, WATER] += light.sum(axis=1)
+            law = Reflection(scene.sun, tuple(scene.indices.tolist()))
+            glint = scene.at_wavelengths(bent_sun(scene, law, view))
+            parts[..., GLINT] += sun * (1.0 - scene.foam) * glint
+    if days[0].water == "walk":
+        light = walked(case, mesh, links, days, view, in_water=False)
+        parts[..., WATER] += light.sum(axis=-1)
     return parts
 
 
 def sun_in_view(scene: SeenSea, view: View) -> float:
-    """Return the mean radiance of the part of the sun's disk within the field of view."""
-    sun = np.array(scene.day.sun)
+    """Return the mean radiance of the sun's disk within the field of view, over its irradiance."""
+    sun = scene.sun
     cosine = float(sun @ view.axis)
     share = view.share_of_disk(sun, math.radians(SUN_RADIUS_DEG))
     if cosine <= 0.0 or share == 0.0:
         return 0.0
     blocked = scene.intersector.intersect([view.center], [sun]).facet[0] >= 0
-    return 0.0 if blocked else share * scene.day.direct * cosine / (math.pi * view.sin2_psi)
+    return 0.0 if blocked else share * cosine / (math.pi * view.sin2_psi)
 
 
 def follow(scene: SeenSea, origin: Floats, direction: Floats, u: Floats, seed: int) -> Floats:
-    """Return the radiance of each part along rays (rays, parts), without the disk of the sun."""
-    out = np.zeros((len(origin), len(PARTS)))
-    weight, rays = np.ones(len(origin)), np.arange(len(origin))
+    """Return the radiance of each part along rays, without the disk of the sun.
+
+    At the wavelengths, (wavelengths, rays, parts).
+    """
+    out = np.zeros((len(scene.days), len(origin), len(PARTS)))
+    weight, rays = np.ones((len(scene.days), len(origin))), np.arange(len(origin))
     rng = np.random.default_rng((seed, 23))
-    sky = scene.day.sky
+    sky, diffuse = scene.days[0].replace(diffuse=1.0).sky, [[day.diffuse] for day in scene.days]
+    glow = np.array([[day.foam_reflectance * day.irradiance / math.pi] for day in scene.days])
     for bounce in range(_BOUNCES + 1):
         hit, at_sea = first_hits(scene, origin, direction)
         if bounce == _BOUNCES or (bounce > 0 and not scene.second_hits):
             at_sea[:] = False
         free = ~at_sea
-        out[rays[free], SKY] += weight[free] * sky_radiance(sky, direction[free])
+        out[:, rays[free], SKY] += weight[:, free] * diffuse * sky_radiance(sky, direction[free])
         if not at_sea.any():
             break
-        rays, weight = rays[at_sea], weight[at_sea]
+        rays, weight = rays[at_sea], weight[:, at_sea]
         hit, view = Hit(*(v[at_sea] for v in hit)), -direction[at_sea]
         if scene.foam > 0.0:
-            glow = scene.day.foam_reflectance * scene.day.irradiance / math.pi
-            out[rays, FOAM] += weight * scene.foam * glow
+            out[:, rays, FOAM] += weight * scene.foam * glow
             weight = weight * (1.0 - scene.foam)
-        if scene.day.direct > 0.0 and scene.rough:
-            out[rays, GLINT] += weight * _glint(scene, hit, view)
+        if scene.direct.any() and scene.rough:
+            out[:, rays, GLINT] += weight * _glint(scene, hit, view)
         draws = u[rays] if bounce == 0 else rng.random((len(u), 3))[rays]
-        rho, (mirrored, refracted) = np.empty(len(rays)), np.empty((2, len(rays), 3))
-        split_rays(
-            direction[at_sea], hit.normal, hit.facet_normal, draws, scene.surface.roughness,
-            scene.n, rho, mirrored, refracted,
-        )  # fmt: skip
-        if scene.water is not None:
-            light = scene.water.upwelling(-refracted) / scene.n**2
-            out[rays, WATER] += weight * (1.0 - rho) * light
+        rho, mirrored, water = _split(scene, direction[at_sea], hit, draws)
+        out[:, rays, WATER] += weight * water
         weight = weight * rho
         origin, direction = hit.point + _OFFSET * hit.facet_normal, mirrored
     return out
 
 
+def _split(
+    scene: SeenSea, direction: Floats, hit: Hit, draws: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return reflectances and light out of the water (wavelengths, rays), mirrored directions."""
+    rhos, lights, mirrored = list[Floats](), list[Floats](), np.empty((len(direction), 3))
+    for i, n in enumerate(scene.indices.tolist()):
+        rho, refracted = np.empty(len(direction)), np.empty((len(direction), 3))
+        split_rays(
+            direction, hit.normal, hit.facet_normal, draws, scene.surface.roughness, n, rho,
+            mirrored, refracted,
+        )  # fmt: skip
+        rhos.append(rho)
+        below = scene.water[i].upwelling(-refracted).T if scene.water else np.zeros(1)
+        lights.append(below * ((1.0 - rho) / n**2))
+    return scene.at_wavelengths(rhos), mirrored, scene.at_wavelengths(lights)
+
+
 def _glint(scene: SeenSea, hit: Hit, view: Floats) -> Floats:
-    """Return the radiance of the sun mirrored by unresolved slopes, shadows by one ray."""
-    sun = np.array(scene.day.sun)
-    glint = connected_glint(
-        view, sun, hit.normal, hit.facet_normal, scene.surface.roughness, scene.n
+    """Return the radiance of the sun mirrored by unresolved slopes (wavelengths, rays).
+
+    Shadows by one ray.
+    """
+    sun, rough = scene.sun, scene.surface.roughness
+    glint = scene.at_wavelengths(
+        [connected_glint(view, sun, hit.normal, hit.facet_normal, rough, n) for n in scene.indices]
     )
-    lit = np.flatnonzero((glint > 0.0) & (hit.facet_normal @ sun > 0.0))
+    lit = np.flatnonzero((glint[0] > 0.0) & (hit.facet_normal @ sun > 0.0))
     start = hit.point[lit] + _OFFSET * hit.facet_normal[lit]
     shadow = scene.intersector.intersect(start, np.broadcast_to(sun, start.shape)).facet >= 0
-    out = np.zeros(len(view))
-    out[lit[~shadow]] = glint[lit[~shadow]]
-    return scene.day.direct * out
+    seen = np.zeros(len(view), bool)
+    seen[lit[~shadow]] = True
+    return scene.direct[:, None] * glint * seen
 
 
 @overload
@@ -226,34 +250,40 @@ def background(  # type: ignore[misc]
     found, config = mesh_for(case.link, case.surface, case.meshing)
     run = {"photons": photons, "seed": seed, **case.meshing.model_dump()}
     case = case._replace(run=case.run.replace(seed=seed, threads=threads))
-    sea = EmbreeIntersector(found, case.threads)
-
-    def at(link: Link, day: Daylight) -> Background:
+    links, days, waves = [case.link], [day], np.zeros(0)
+    if wavelengths_nm is not None:
+        waves = np.array(checked_wavelengths(wavelengths_nm))
+        links = [case.link.at_wavelength(nm) for nm in waves.tolist()]
+        days = [day.at_wavelength(nm) for nm in waves.tolist()]
+    results = list[Background]()
+    for one in backgrounds_over(case, found, links, days, photons):
+        link, day = links[len(results)], days[len(results)]
         origin = {**provenance(link, config, run), "daylight": day.model_dump(mode="json")}
-        return background_over(case._replace(link=link), sea, day, photons, origin)
-
-    if wavelengths_nm is None:
-        return at(case.link, day)
-    waves = checked_wavelengths(wavelengths_nm)
-    results = [at(case.link.at_wavelength(nm), day.at_wavelength(nm)) for nm in waves]
-    return ByWavelength(np.array(waves), tuple(results))
+        results.append(replace(one, provenance=origin))
+    return results[0] if wavelengths_nm is None else ByWavelength(waves, tuple(results))
 
 
-def background_over(
-    case: Case, sea: EmbreeIntersector, day: Daylight, photons: int, origin: dict[str, Any]
-) -> Background:
-    """Return the background of the one receiver of a link over a mesh, of checked inputs."""
-    aperture = only_aperture(case.link)
+def backgrounds_over(
+    case: Case, mesh: TriangleMesh, links: Sequence[Link], days: Sequence[Daylight], photons: int
+) -> list[Background]:
+    """Return the backgrounds over a mesh at the wavelengths of links, of checked inputs.
+
+    The links have one receiver and are alike but for their waters and lamps.
+    """
+    aperture = only_aperture(links[0])
     seen = seen_from_air if aperture.center[2] > 0.0 else seen_from_water
-    by_shift = seen(case, sea, day, photons)
-    total = by_shift.sum(axis=1)
     sin2 = math.sin(math.radians(0.5 * aperture.fov_deg)) ** 2
-    return Background(
-        part_radiance=by_shift.mean(axis=0),
-        part_radiance_stderr=error_of_groups(by_shift),
-        radiance=float(total.mean()),
-        radiance_stderr=float(error_of_groups(total)),
-        acceptance=math.pi**2 * aperture.radius**2 * sin2,
-        wavelength_nm=day.wavelength_nm,
-        provenance=origin,
-    )
+    found = []
+    for by_shift, day in zip(seen(case, mesh, links, days, photons), days, strict=True):
+        total = by_shift.sum(axis=1)
+        found.append(
+            Background(
+                part_radiance=by_shift.mean(axis=0),
+                part_radiance_stderr=error_of_groups(by_shift),
+                radiance=float(total.mean()),
+                radiance_stderr=float(error_of_groups(total)),
+                acceptance=math.pi**2 * aperture.radius**2 * sin2,
+                wavelength_nm=day.wavelength_nm,
+            )
+        )
+    return found

@@ -14,7 +14,7 @@ takes its own point of the sun, neighbours opposite ones.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +30,7 @@ from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import MeshArrays
 from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
+from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.results.background import PARTS
@@ -118,11 +119,27 @@ class SeenSea(NamedTuple):
 
     intersector: EmbreeIntersector
     surface: MeshArrays
-    day: Daylight
-    n: float  # index of the water over that of the air
+    days: Sequence[Daylight]  # at each wavelength, of one pattern and sun
+    indices: Floats  # of the water over that of the air: one, or the smallest and the largest
+    share: Floats  # (wavelengths,) of the last index, between which light is linear
     foam: float  # share of the surface
-    water: QuasiSingle | None
+    water: Sequence[QuasiSingle]  # at the indices; empty where light out of the water is left out
     second_hits: bool
+
+    @property
+    def direct(self) -> Floats:
+        """Irradiance across the light of the sun at each wavelength."""
+        return np.array([day.direct for day in self.days])
+
+    @property
+    def sun(self) -> Floats:
+        """Unit vector to the sun."""
+        return np.array(self.days[0].sun)
+
+    def at_wavelengths(self, values: Sequence[Floats] | Floats) -> Floats:
+        """Return values (wavelengths, n) of those at the indices (n,) or (wavelengths, n)."""
+        first, last = values[0], values[-1]
+        return np.asarray(first + self.share[:, None] * (last - first))
 
     @property
     def rough(self) -> bool:
@@ -130,18 +147,23 @@ class SeenSea(NamedTuple):
         return self.surface.roughness.along > 0.0 or self.surface.roughness.across > 0.0
 
 
-def scene_of(case: Case, sea: EmbreeIntersector, day: Daylight) -> SeenSea:
-    """Return sea and light in the local coordinates of a link."""
-    link = case.link
-    local = frame_of(link).mesh(sea.mesh)
-    water = None
-    if day.water == "quasi-single":
-        water = QuasiSingle(link.water, link.bubbles, link.n_air, day)
+def scene_of(
+    case: Case, mesh: TriangleMesh, links: Sequence[Link], days: Sequence[Daylight]
+) -> SeenSea:
+    """Return sea and light at the wavelengths of links, in the local coordinates of these."""
+    link = links[0]
+    local = frame_of(link).mesh(mesh)
+    n = np.array([one.water.n / one.n_air for one in links])
+    indices, water = np.unique([n.min(), n.max()]), list[QuasiSingle]()
+    if days[0].water == "quasi-single" and only_aperture(link).center[2] > 0.0:
+        below = [one.water for one in links], [one.bubbles for one in links]
+        water = [QuasiSingle(*below, index, days) for index in indices.tolist()]
     return SeenSea(
-        intersector=sea if local is sea.mesh else sea.over(local),
+        intersector=EmbreeIntersector(local, case.threads),
         surface=surface_arrays(local, case.meshing.normals, link.physics.unresolved),
-        day=day,
-        n=link.water.n / link.n_air,
+        days=days,
+        indices=indices,
+        share=(n - indices[0]) / (np.ptp(indices) or 1.0),
         foam=1.0 - link.whitecaps.transmittance if link.whitecaps else 0.0,
         water=water,
         second_hits=link.physics.second_hit == "trace",
@@ -193,21 +215,22 @@ _STEP = 1e-4  # of the derivatives, in barycentrics
 
 
 class Reflection(NamedTuple):
-    """Reflection into the air."""
+    """Reflection into the air, at points that all indices have in common."""
 
     sun: Floats
-    n: float
+    n: tuple[float, ...]
 
     def normal(self, light: Floats) -> Floats:
         """Return light + sun."""
         return light + self.sun
 
     def strength(self, light: Floats) -> Floats:
-        """Return rho / (4 cos^4 b)."""
+        """Return rho / (4 cos^4 b) at the indices (indices, n)."""
         mirror = self.normal(light)
         mirror /= np.linalg.norm(mirror, axis=-1, keepdims=True)
         cos_i = np.clip(np.einsum("...i,...i", light, mirror), 0.0, 1.0)
-        return fresnel_reflectance(cos_i, 1.0, self.n) / (4.0 * mirror[..., 2] ** 4)
+        rho = np.array([fresnel_reflectance(cos_i, 1.0, n) for n in self.n])
+        return rho / (4.0 * mirror[..., 2] ** 4)
 
 
 class Refraction(NamedTuple):
@@ -233,22 +256,22 @@ class Refraction(NamedTuple):
 
 
 Bending = Reflection | Refraction
+Depth = Callable[[Floats], Floats]
 
 
-def bent_sun(
-    scene: SeenSea, law: Bending, view: View, depths: Callable[[Floats], Floats] | None = None
-) -> Floats:
-    """Return the mean radiance of bent sun over the irradiance of the sun, by shift (shifts,).
+def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] = ()) -> Floats:
+    """Return the mean radiance of bent sun over the irradiance of the sun (rows, shifts).
 
-    Shadows of the sun by other waves are left out, and so is light bent twice. Under water
-    `depths(points)` are vertical optical depths.
+    At the indices of a reflection, or at the wavelengths with `depths`, vertical optical depths of
+    points. Shadows of the sun by other waves are left out, and so is light bent twice.
     """
     surface, per_shift = scene.surface, len(view.uniforms) // SHIFTS
     chosen = (per_shift * np.arange(SHIFTS)[:, None] + np.arange(min(_POINTS, per_shift))).ravel()
     every = np.arange(len(surface.faces))
     nearest = np.linalg.norm(surface.vertices - view.center, axis=1).min()
     turns = view.radius / nearest + _SUN_RADIUS
-    slack = 2.0 * turns * law.n / (law.n - 1.0)  # s_r turns by less over both disks
+    n = float(np.min(law.n))
+    slack = 2.0 * turns * n / (n - 1.0)  # s_r turns by less over both disks
     near = np.flatnonzero(_may_vanish(_corner_gaps(surface, every, law, view.center), slack))
     points = view.origins()[chosen]
     # a point of the sun's disk for each; pairs are opposite
@@ -259,7 +282,8 @@ def bent_sun(
         _irradiance(scene, near, law._replace(sun=sun), view, point, depths)
         for sun, point in zip(suns, points, strict=True)
     ]
-    return np.array(found).reshape(SHIFTS, -1).mean(axis=1) / (math.pi * view.sin2_psi)
+    by_shift = np.transpose(found).reshape(-1, SHIFTS, len(points) // SHIFTS).mean(axis=2)
+    return by_shift / (math.pi * view.sin2_psi)
 
 
 def _corner_gaps(surface: MeshArrays, facets: Any, law: Bending, point: Floats) -> Floats:
@@ -292,9 +316,13 @@ def _may_vanish(gaps: Floats, slack: Floats | float) -> NDArray[np.bool_]:
 
 
 def _irradiance(
-    scene: SeenSea, facets: NDArray[np.int64], law: Bending, view: View, point: Floats, depths: Any
-) -> float:
-    """Return the irradiance by refracted sun at a point of the aperture, relative to the sun's."""
+    scene: SeenSea, facets: NDArray[np.int64], law: Bending, view: View, point: Floats,
+    depths: Sequence[Depth],
+) -> Floats:  # fmt: skip
+    """Return the irradiance by bent sun at a point of the aperture, relative to the sun's.
+
+    At the indices of a reflection, or at the wavelengths of the depths.
+    """
     surface = scene.surface
     facets = facets[_may_vanish(_corner_gaps(surface, facets, law, point), 0.0)]
     corner, normals = surface.vertices[surface.faces[facets]], _normals(surface, facets)
@@ -312,7 +340,7 @@ def _irradiance(
         inside &= np.abs(gap(u)).max(axis=1) < 1e-9
         det = np.abs(np.linalg.det(_jacobian(gap, u)[inside]))
     if not inside.any():
-        return 0.0
+        return np.zeros(len(depths) or np.size(law.n))
     edges = corner[inside][:, 1:, :2] - corner[inside][:, :1, :2]
     det = det / np.abs(np.linalg.det(edges))
     place = _blend(u, corner)[inside]
@@ -321,9 +349,8 @@ def _irradiance(
     first = scene.intersector.intersect(np.broadcast_to(point, light.shape), -light).distance
     seen = first > distance * (1.0 - 1e-3)
     light_in = law.strength(light) * view.accepted(-light) / (distance**2 * det)
-    if depths is not None:
-        light_in = light_in * np.exp(-depths(place) / np.abs(light[:, 2]))
-    return float(light_in[seen].sum())
+    tau = np.array([depth(place) for depth in depths] or [np.zeros(len(place))])
+    return np.asarray((light_in * np.exp(-tau / np.abs(light[:, 2])))[:, seen].sum(axis=1))
 
 
 def _blend(u: Floats, corners: Floats) -> Floats:

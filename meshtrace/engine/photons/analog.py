@@ -164,11 +164,11 @@ class Setup(NamedTuple):
     frame: arrays.Frame
     intersector: Intersector
     world: kernel.World
-    arrivals: bool
+    arrivals: int  # expected of a photon, 0 where none are kept
 
     @property
     def n_scores(self) -> int:
-        """Scores of a photon: one by aperture, four by plane; two of a backward photon."""
+        """Scores of a photon: one by aperture, four by plane; three of a backward photon."""
         world = self.world
         if len(world.back.origin):
             return N_SCORES
@@ -254,7 +254,7 @@ def run_analog(
 def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
     """Trace the photons first <= id < last; repeat with a larger buffer if arrivals overflow."""
     first, last = span
-    room = (last - first) * len(setup.world.apertures.radius) if setup.arrivals else 0
+    room = (last - first) * setup.arrivals
     while True:
         none = setup.world.tallies
         tallies = none._replace(
@@ -320,7 +320,7 @@ def setup_of(
         bvh=NO_BVH,
         photon=np.zeros(1, kernel.PHOTON),
     )
-    return Setup(frame, intersector, world, "arrivals" in records)
+    return Setup(frame, intersector, world, len(link.receivers) * ("arrivals" in records))
 
 
 def new_recorder(photons: int, vertices: int) -> kernel.Recorder:

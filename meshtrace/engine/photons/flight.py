@@ -32,7 +32,14 @@ from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import Absorption, absorption_path, collide, sample_free_path
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import UNKNOWN, first_facet, grid_facet
-from meshtrace.kernels.tally import Fate, Segment, deposit, score_map, score_planes
+from meshtrace.kernels.tally import (
+    Fate,
+    Segment,
+    deposit,
+    keep_arrival,
+    score_map,
+    score_planes,
+)
 from meshtrace.kernels.tints import is_tinted, reset_tint, tint_scattering, tint_way
 from meshtrace.kernels.vectors import Vec3, along, dot, plus, row, scaled, turn
 
@@ -54,6 +61,8 @@ def to_sky(q, d, weight, world):
     if sources.is_backward(world.back) and (q.water > 0.0 or not world.back.after_water):
         light = weight * sources.radiance(world.back.sky, d)
         world.tallies.score[q.id - world.first, sources.SKY_SCORE] += light
+        if is_tinted(world.tints):
+            keep_arrival(world.tallies, q.id, sources.SKY_SCORE, light, world.tints, q.tint)
     scored = world.limits.unscattered or q.turned == 1 or q.crossings > 1
     received = scored and score_on_apertures(q, False, flight, world)
     if scored:
@@ -205,12 +214,25 @@ def _continue(q, u_path, world):
 
 
 @inlined
+def _meet_sun(q, world):
+    """Score the sunlight that a collision scatters into a path."""
+    light = sources.sunlight(world.back, world.medium, place(q), heading(q), q.weight)
+    for i in range(2):
+        score = sources.SUN_SCORE + i
+        world.tallies.score[q.id - world.first, score] += light[i]
+        if is_tinted(world.tints) and light[i] > 0.0:
+            n = keep_arrival(world.tallies, q.id, score, light[i], world.tints, q.tint)
+            if n >= 0:  # where and by which angle, for the factors of the last scattering
+                a, cosine = world.tallies.arrivals[n], dot(heading(q), world.back.sun)
+                a.air, a.water = q.z, math.acos(min(max(cosine, -1.0), 1.0))
+
+
+@inlined
 def scatter(q, world):
     """Apply a collision at the position of a photon."""
     q.event += 1
     if world.back.irradiance > 0.0:
-        light = sources.sunlight(world.back, world.medium, place(q), heading(q), q.weight)
-        world.tallies.score[q.id - world.first, sources.SUN_SCORE] += light
+        _meet_sun(q, world)
     u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION.value)
     s, weight, by_bubble = collide(world.medium, place(q), q.weight, u_kind, u_theta)
     if weight != q.weight:

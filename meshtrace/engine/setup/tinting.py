@@ -10,7 +10,7 @@ import numpy as np
 
 from meshtrace.engine.setup.arrays import Frame
 from meshtrace.kernels.phase import SMALLEST_ANGLE
-from meshtrace.kernels.tints import NO_TINTS, TINTS, Tints
+from meshtrace.kernels.tints import NO_TINTS, TINTS, Tints, common_functions
 from meshtrace.link import Link
 from meshtrace.models import Floats
 
@@ -74,6 +74,12 @@ class Tinting(NamedTuple):
         found *= drawn[base] / np.maximum(np.einsum("i,ij->j", parts, drawn), 1e-300)
         return found
 
+    def over(self, base: int) -> tuple[Floats, Floats]:
+        """Return the coefficients of the wavelengths over a base, and of the densities of all."""
+        if not self.bases:
+            return self.shares, np.zeros((1, 0))
+        return self.shares - self.shares[self.bases[base]], self.density
+
     @property
     def follows(self) -> bool:
         """Whether photons can sum up all functions: few, and of bubbles alike in number."""
@@ -136,7 +142,7 @@ def tinting(
     whole = np.concatenate(parts, axis=1)
     drawn = whole[list(bases)]  # absorption is a weight: it does not change what is drawn
     drawn[:, : c.shape[1]] = deep * (waters[1, 1:][list(bases)] - waters[1, 0])
-    shares, functions = _common(np.concatenate([whole, drawn]))
+    shares, functions = common_functions(np.concatenate([whole, drawn]), _EXACT)
     shares, density = shares[: len(whole)], shares[len(whole) :]
     cuts = np.cumsum([part.shape[1] for part in parts])[:-1]
     c, b, phase, bubble, extra = np.split(functions, cuts, axis=1)
@@ -176,26 +182,3 @@ def _logs(rows: Floats) -> Floats | None:
         return None
     ratio = np.divide(others, base, out=np.ones_like(others), where=base > 0.0)
     return np.log(np.maximum(ratio, math.exp(_NONE)))
-
-
-def _common(rows: Floats) -> tuple[Floats, Floats]:
-    """Return coefficients (rows, k) and common functions (k, nodes) of rows.
-
-    As few as the largest error of an element allows: singular vectors, of the coefficients of an
-    orthogonal basis by pivoted Gram-Schmidt. Threads of a linear algebra library would cost more.
-    """
-    rest, basis, parts = rows.copy(), list[Floats](), list[Floats]()
-    while len(basis) < len(rows) and np.abs(rest).max() > 1e-3 * _EXACT:
-        first = rest[np.argmax(np.einsum("ij,ij->i", rest, rest))]
-        basis.append(first / math.sqrt(float(np.einsum("j,j", first, first))))
-        parts.append(np.einsum("ij,j->i", rest, basis[-1]))
-        rest -= parts[-1][:, None] * basis[-1]
-    if not basis:
-        return np.zeros((len(rows), 1)), np.zeros((1, rows.shape[1]))
-    u, s, v = np.linalg.svd(np.transpose(parts), full_matrices=False)
-    functions, rest = np.einsum("ik,kj->ij", v, np.array(basis)), rows.copy()
-    for k in range(len(s)):
-        rest -= (u[:, k] * s[k])[:, None] * functions[k]
-        if np.abs(rest).max() <= _EXACT:
-            break
-    return u[:, : k + 1] * s[: k + 1], functions[: k + 1]
