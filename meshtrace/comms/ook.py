@@ -500,7 +500,7 @@ class OokLink(Model, frozen=True):
         low = self.required_power(ber)
         if not self.saturation or self.sipm.recovery_time == 0.0 or math.isinf(low):
             return math.inf
-        return _crossing(lambda p: ber - float(self.ber(p)), 1.001 * low)
+        return _crossing(lambda p: math.log(ber / max(float(self.ber(p)), 1e-300)), 1.001 * low)
 
     def eye(self, power: float, points: int = 64) -> Eye:
         """Return the eye diagram and bathtub curve at one received power (Gaussian noise).
@@ -544,8 +544,8 @@ def _required_power(link: OokLink, ber: float) -> float:
     start = 1e-9 * link.bit_rate / per_watt
     likely = start * 4.0**11  # on the same steps: hundredths of a count in a bit rarely suffice
 
-    def excess(power: float) -> float:
-        return float(link.ber(power)) - ber
+    def excess(power: float) -> float:  # nearly straight over the logarithm of the power
+        return math.log(max(float(link.ber(power)), 1e-300) / ber)
 
     receiver = link.receiver
     if receiver.has_pulses and not receiver.exact_counts:  # a closed eye, at once
@@ -567,5 +567,5 @@ def _crossing(excess: Callable[[float], float], start: float) -> float:
             break
         if excess(4.0 * low) < 0.0:
             bracket = math.log(low), math.log(4.0 * low)
-            return math.exp(float(brentq(lambda x: excess(math.exp(x)), *bracket)))
+            return math.exp(float(brentq(lambda x: excess(math.exp(x)), *bracket, xtol=1e-8)))
     return math.inf

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, Unpack
@@ -260,16 +260,24 @@ class Lights:
         if day is None:
             return None
         link = variant.link.model_copy(update={"transmitter": self._lamp})
-        surface = self._campaign.surface if variant.sea is None else variant.sea
-        surface = mean_sea(link, surface)
+        surface = mean_sea(link, self._campaign.surface if variant.sea is None else variant.sea)
         parts = [part.model_dump(mode="json") for part in (link, day)]
         key = digest_of([*parts, surface_config(surface)])
         if key not in self._kept:
-            meshing, run = self._campaign.meshing, self._campaign.run
-            self._kept[key] = background(
-                link, surface, day, photons=RAYS, seed=self._seed, mesh=meshing, threads=run.threads
-            )
+            self._kept[key] = background(link, surface, day, **self._options())
         return self._kept[key]
+
+    def at_wavelengths(
+        self, link: Link, day: Daylight, wavelengths_nm: Sequence[float]
+    ) -> list[Background]:
+        """Return the backgrounds of a link at wavelengths [nm], by common rays."""
+        surface = mean_sea(link, self._campaign.surface)
+        found = background(link, surface, day, wavelengths_nm=wavelengths_nm, **self._options())
+        return [found.at_wavelength(nm) for nm in wavelengths_nm]
+
+    def _options(self) -> dict[str, Any]:
+        meshing, run = self._campaign.meshing, self._campaign.run
+        return {"photons": RAYS, "seed": self._seed, "mesh": meshing, "threads": run.threads}
 
     def lit(self, variant: Variant) -> OokLink | None:
         """Return the transmission of a variant with the counts of its background, if any."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, Scattered, TypicalSea
 from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface, TriangleMesh
 from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map
 from meshtrace.studies.background import mean_sea
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.neighbours import error_of, without_each
@@ -73,7 +76,7 @@ class MeanGains:
         """Return the logarithms of gains (links, 1 + groups) of links with one lamp."""
         receivers = tuple(link.receivers[0] for link in links)
         whole = links[0].replace("receiver", receivers if len(links) > 1 else receivers[0])
-        meshes = [self._mesh(whole, i) for i in range(self.seas)]
+        meshes = list(ordered_map(partial(self._mesh, whole), range(self.seas), self._options[-1]))
         sea = TypicalSea.of(meshes, MANY_SEAS)
         if self._scattered is None:
             alone = ForcedDetection(self._link, *self._options, sea)

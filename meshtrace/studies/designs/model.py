@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, cached_property
 from typing import Any
@@ -22,6 +22,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.optics.water import Water
+from meshtrace.parallel import ordered_map
 from meshtrace.results.background import Background
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
@@ -29,7 +30,7 @@ from meshtrace.studies.background import Lights, background_over_seas, checked_d
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.candidates import Sample
 from meshtrace.studies.designs.means import MeanGains
-from meshtrace.studies.designs.page import DAY, NIGHT, Figures
+from meshtrace.studies.designs.page import DAY, LIGHTS, NIGHT, Figures
 from meshtrace.studies.keys import Variant
 from meshtrace.studies.neighbours import error_of, without_each
 from meshtrace.studies.operating_point import Ensemble, FadingSamples, operating_point
@@ -275,9 +276,9 @@ class LinkModel:
         logs -= logs[views == own]
         return lambda fov: math.exp(float(np.interp(math.log(fov), np.log(views), logs)))
 
-    def radiance(self, light: str, link: Link, day: Daylight | None = None) -> float:
+    def radiance(self, light: str, link: Link) -> float:
         """Return the mean radiance of a link."""
-        variant = Variant(link, None, daylight=day or self.days[light])
+        variant = Variant(link, None, daylight=self.days[light])
         found = self._rays.background(variant)
         assert found is not None
         return max(found.radiance, 1e-300)
@@ -285,6 +286,11 @@ class LinkModel:
     def rate(self, light: str, ook: OokLink, brightness: float = 1.0) -> float:
         """Return the counts of the background in a transmission [s-1]."""
         return brightness * self.found(light).count_rate(ook)
+
+    def prepare(self) -> None:
+        """Find what all scans share, before threads ask for it at once."""
+        _ = self.fades, self.spreads
+        list(ordered_map(self.need, LIGHTS, self.campaign.threads))
 
     # ---- reserves ---------------------------------------------------------------------------
 
@@ -323,13 +329,22 @@ class LinkModel:
         dark = self.dark.replace(bit_rate=bit_rate, window=window)
         return with_background(dark, self.found(light))
 
-    def at_colour(self, light: str, link: Link, log_ratio: float) -> float:
-        """Return the reserve at another wavelength [dB], under its own background."""
-        nm, day, found = link.transmitters[0].wavelength_nm, self.days[light], self.found(light)
-        day = day.at_wavelength(nm)
-        bright = 1.0
-        if day.pattern != "uniform":
-            bright = self.radiance(light, link, day) / self.radiance(light, self.link)
+    def brightness(self, light: str, wavelengths_nm: Sequence[float]) -> Floats:
+        """Return the radiances at wavelengths [nm], that of the link among them, over its own."""
+        day, own = self.days[light], self.link.transmitters[0].wavelength_nm
+        if day.pattern == "uniform":
+            return np.ones(len(wavelengths_nm))
+        found = self._rays.at_wavelengths(self.link, day, wavelengths_nm)
+        radiance = np.maximum([one.radiance for one in found], 1e-300)
+        return np.asarray(radiance / radiance[list(wavelengths_nm).index(own)])
+
+    def at_colour(self, light: str, link: Link, log_ratio: float, bright: float) -> float:
+        """Return the reserve at another wavelength [dB], under a background of its own.
+
+        `bright` is its radiance relative to the given link.
+        """
+        nm, found = link.transmitters[0].wavelength_nm, self.found(light)
+        day = self.days[light].at_wavelength(nm)
         origin = {**found.provenance, "daylight": day.model_dump(mode="json")}
         seen = replace(found, radiance=bright * found.radiance, wavelength_nm=nm, provenance=origin)
         dark = OokLink.of_link(link, self.dark.replace(window=self.need(light).window))

@@ -167,7 +167,9 @@ class Scans(LinkModel):
         found = []
         for light in LIGHTS:
             try:
-                rows = [self.at_colour(light, *pair) for pair in zip(links, logs, strict=True)]
+                bright = self.brightness(light, nodes.tolist())
+                each = zip(links, logs, bright.tolist(), strict=True)
+                rows = [self.at_colour(light, *one) for one in each]
             except Refused:  # irradiances of one wavelength
                 continue
             curve = _through(nodes, np.array(rows), values)

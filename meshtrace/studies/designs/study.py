@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from itertools import pairwise
 from typing import Unpack
 
@@ -12,6 +13,7 @@ import numpy as np
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Described, Refused, require_between, require_whole
 from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.designs.model import COLOUR, DEFAULT_CHAINS, LENS, RATE
@@ -98,15 +100,18 @@ def design(
     study = _Study(campaign, outage, limit, realizations)
     bounds = study.bounds(over)
     study.find(bounds)
-    scans = [scan for key in bounds for scan in study.scans(key, bounds[key])]
+    study.prepare()
+    rows = ordered_map(lambda key: study.scans(key, bounds[key]), bounds, campaign.threads)
+    scans = [scan for row in rows for scan in row]
     together = tuple(study.together(light, bounds) for light in LIGHTS)
+    reach = ordered_map(partial(study.reach, scans=scans), LIGHTS, campaign.threads)
     return Design(
         outage=outage,
         limit=limit,
-        figures=tuple(study.figures(light) for light in LIGHTS),
+        figures=tuple(ordered_map(study.figures, LIGHTS, campaign.threads)),
         choices=tuple(scan.choice for scan in scans),
         together=tuple(row for rows in together for row in rows),
-        reach=tuple(row for light in LIGHTS for row in study.reach(light, scans)),
+        reach=tuple(row for rows in reach for row in rows),
         budget=study.budget(),
         scanned=np.array([scan.values for scan in scans]),
         reserves=np.array([scan.reserves for scan in scans]),
