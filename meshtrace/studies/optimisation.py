@@ -478,9 +478,9 @@ class _Search:
             goal.quantity(self.variant(v), float(c[0]), fresh)
             for v, c in ((best, new), (self._start, old))
         ]
-        for p, value, (low, high) in zip(self._variables, best, self._bounds, strict=True):
-            for end in (low, high):
-                if abs(value - end) < _AT_BOUND * (high - low):
+        for p, place, ends in zip(self._variables, self._place(best), self._bounds, strict=True):
+            for side, end in enumerate(ends):
+                if abs(place - side) < _AT_BOUND:
                     notes.append(f"{p.name} is at the bound {end:g}")
         if not improved:
             notes.append("no improvement found")

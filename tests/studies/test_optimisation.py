@@ -25,6 +25,17 @@ def test_the_gain_on_the_axis_is_best_at_the_bound():
     assert o.best == mt.Link().replace(ANGLE, 3.0)
 
 
+def test_a_bound_is_near_on_the_scale_of_the_search():
+    def cost(at, gains, weights):
+        return abs(math.log(at.link.only_receiver.radius / 2e-3))
+
+    o = mt.optimize(
+        mt.Link(), FlatSea(), {"receiver.radius": (1e-4, 10.0)}, cost, realizations=1, photons=32
+    )
+    assert o.values[0] == pytest.approx(2e-3, rel=0.05)
+    assert not any("bound" in note for note in o.notes)
+
+
 @pytest.mark.slow
 def test_half_angle_for_hover_errors_of_a_metre():
     o = mt.optimize(
