@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Absorption, absorption_path
-from meshtrace.kernels.tints import TINTS, copy_tint, tint_way
+from meshtrace.kernels.tints import TINTS, Mixture, balance, copy_tint, log_share, tint_way
 from meshtrace.kernels.vectors import TWO_PI, Vec3, along, dot, minus, norm, row, scaled
 
 SCALE = 2.0**44
@@ -97,7 +97,7 @@ class Tallies(NamedTuple):
     map_step: float
     map_axis: Vec3  # axis of the aperture that the map stands for
     map_cos: float  # cosine of half its field of view
-    map_shares: NDArray[np.float64]  # (wavelengths, tints), see `meshtrace.kernels.tints`
+    map_mixture: Mixture  # see `meshtrace.kernels.tints`
     map_scale: NDArray[np.float64]  # (wavelengths,) that keeps the digits of deep light
     map_tint: NDArray[np.float64]  # (tints,) of the path under way
     map: NDArray[np.int64]  # (nx, ny, wavelengths) scaled weights in units of 2^-44
@@ -272,10 +272,8 @@ def score_map(tallies, flight, medium, tints, tint):
             here[r] = tint[r]
         if tallies.map_z < 0.0:
             tint_way(tints, here, flight.origin.z, tallies.map_z, t)
+        w *= balance(tallies.map_mixture, here)
         for k in range(len(tallies.map_scale)):
-            log = 0.0
-            for r in range(len(here)):
-                log += tallies.map_shares[k, r] * here[r]
-            light = w * math.exp(log) * tallies.map_scale[k]
+            light = w * math.exp(log_share(tallies.map_mixture, k, here)) * tallies.map_scale[k]
             tallies.map[i, j, k] += units(light)
             tallies.map_squared[i, j, k] += units(light * light)

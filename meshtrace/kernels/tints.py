@@ -123,6 +123,53 @@ def _add_scattering(tints, tint, z, theta, by_bubble):
             tint[r] += lookup(tints.b[r], -z / tints.step) + tints.phase[r, j]
 
 
+class Mixture(NamedTuple):
+    """Weights of the paths of one of several bases in turn, by the balance heuristic.
+
+    A path of sums t counts at wavelength j exp(shares_j . t) d_k / sum_i parts_i d_i times its
+    weight, with the densities d_i = exp(density_i . t) of the bases, of which k drew it.
+    """
+
+    shares: NDArray[np.float64]  # (wavelengths, tints) over the base
+    density: NDArray[np.float64]  # (bases, tints)
+    parts: NDArray[np.float64]  # (bases,) of the photons
+    base: int
+
+
+ALONE = Mixture(np.zeros((1, 0)), np.zeros((1, 0)), np.ones(1), 0)
+"""Paths of one base at its own wavelength."""
+
+
+@inlined
+def balance(mixture, tint):
+    """Return the factor of the balance heuristic on a path.
+
+    Array twin: `Tinting.mixed`.
+    """
+    total, own = 0.0, 1.0
+    for k in range(len(mixture.density)):
+        log = 0.0
+        for r in range(mixture.density.shape[1]):
+            log += mixture.density[k, r] * tint[r]
+        drawn = math.exp(log)
+        total += mixture.parts[k] * drawn
+        if k == mixture.base:
+            own = drawn
+    return own / total
+
+
+@inlined
+def log_share(mixture, c, tint):
+    """Return the logarithm of the factor of a wavelength over the base.
+
+    Array twin: `Tinting.factors`.
+    """
+    log = 0.0
+    for r in range(mixture.shares.shape[1]):
+        log += mixture.shares[c, r] * tint[r]
+    return log
+
+
 class LastScattering(NamedTuple):
     """Factors of the wavelengths on light that a last event brings to a path, over the base's.
 
@@ -136,8 +183,8 @@ class LastScattering(NamedTuple):
 
 
 @entry
-def add_tinted(light, score, group, shares, density, parts, base, last, out):
-    """Add kept light at all wavelengths to groups, by the balance heuristic over the bases.
+def add_tinted(light, score, group, mixture, last, out):
+    """Add kept light at all wavelengths to groups.
 
     Array twin: `Tinting.mixed`.
 
@@ -147,10 +194,8 @@ def add_tinted(light, score, group, shares, density, parts, base, last, out):
         Kept light, and which of it counts; `air` is the height [m], `water` the angle [rad].
     group : ndarray, shape (photons,)
         Group of each photon.
-    shares, density : ndarray, shape (wavelengths, tints), (bases, tints)
-        Coefficients of the wavelengths over the base, and of the densities of the bases.
-    parts, base : ndarray, shape (bases,), int
-        Shares of the photons, and the base of these.
+    mixture : Mixture
+        Base of the photons, and wavelengths.
     last : LastScattering
         Factors of the last event.
     out : ndarray, shape (groups, wavelengths)
@@ -161,25 +206,15 @@ def add_tinted(light, score, group, shares, density, parts, base, last, out):
         a = light[i]
         if a.receiver != score:
             continue
-        mixture, own = 0.0, 1.0
-        for k in range(len(density)):
-            exponent = 0.0
-            for r in range(density.shape[1]):
-                exponent += density[k, r] * a.tint[r]
-            drawn = math.exp(exponent)
-            mixture += parts[k] * drawn
-            if k == base:
-                own = drawn
-        weight = a.weight * own / mixture
+        weight = a.weight * balance(mixture, a.tint)
         at = max(-a.air, 0.0) / last.step
         j = min(int(at), len(last.log) - 2)
         f, angle = at - j, a.water * per_angle
         m = min(max(int(angle), 0), len(last.phase) - 2)
         g = angle - m
-        for c in range(len(shares)):
+        for c in range(len(mixture.shares)):
             log = (1.0 - f) * last.log[j, c] + f * last.log[j + 1, c]
-            for r in range(shares.shape[1]):
-                log += shares[c, r] * a.tint[r]
+            log += log_share(mixture, c, a.tint)
             phase = (1.0 - g) * last.phase[m, c] + g * last.phase[m + 1, c]
             out[group[a.photon], c] += weight * math.exp(log) * phase
 

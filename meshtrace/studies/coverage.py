@@ -173,7 +173,7 @@ def coverage_map(  # type: ignore[misc]
     links = [case.link.at_wavelength(nm) for nm in waves] or [case.link]
     kept, found = Store(store, "coverage_map"), dict[int, CoverageMap]()
     while waiting := [i for i in range(len(links)) if i not in found]:
-        base, common = photon_paths(links, waiting)
+        base, common = photon_paths(links, waiting, mixed=True)
         mapped = _Mapped(case, links, common, *inputs)
         with kept.loop(f"photons of link {base}", mapped.identity()) as mapped.kept:
             found |= mapped.run(photons, rtol, base)
@@ -204,7 +204,15 @@ class _Mapped:
         self._links, self._common = [links[i] for i in common.rows], common
         self._tinting = common.tinting or UNTINTED
         shares = np.array([1.0 - common.shares, common.shares])
-        self._shares = shares[: len(common.bases)]  # of the photons of each base
+        self._ends = shares[: len(common.bases)]  # of the smallest and the largest index
+        several = [links[i] for i in self._tinting.bases] or [common.bases[0]]
+        self._runs = [
+            (base, link.replace("water.n", end.water.n))
+            for end in common.bases
+            for base, link in enumerate(several)
+        ]
+        self._parts = np.full(len(several), 1.0 / len(several))  # of the photons of an index
+        self._shares = np.repeat(self._ends, len(several), axis=0) / len(several)  # of the runs
         self._receiver, self._grid, self._times = receiver, grid, times
         self._progress = progress
         half = 0.5 * grid.n * grid.step
@@ -228,7 +236,7 @@ class _Mapped:
         """Return the unscattered gain of the cells, or None if photons have to carry it."""
         options = self._case.meshing.normals, self._case.threads, self._tinting
         total = np.zeros((self._grid.n, self._grid.n, len(self._links)))
-        for link, shares in zip(self._common.bases, self._shares, strict=True):
+        for link, shares in zip(self._common.bases, self._ends, strict=True):
             link = link.replace(receiver=self._receiver)
             for time in self._times:
                 found = unscattered_map(link, self._mesh(time), self._grid, *options)
@@ -307,7 +315,7 @@ class _Mapped:
         records = {"irradiance-map": self._grid}
         results = [
             analog_result(link, one, {}, records)
-            for link, one in zip(self._common.bases, sums, strict=True)
+            for (_, link), one in zip(self._runs, sums, strict=True)
         ]
         for result in results:
             warn_of_lost(result)
@@ -324,18 +332,24 @@ class _Mapped:
         )
 
     def _follow(self, done: int, photons: int, sums: list[PhotonSums]) -> list[PhotonSums]:
-        """Follow more photons at each time, and return their tallies with the sums, by base."""
-        found: list[Any] = list(sums) or [None] * len(self._common.bases)
+        """Follow more photons at each time, and return their tallies with the sums, by run."""
+        found: list[Any] = list(sums) or [None] * len(self._runs)
         n = len(found)
         for i, time in enumerate(self._times):
             first = self._options.first_photon + len(self._times) * done + i * photons
             cuts = [first + k * photons // n for k in range(n + 1)]
-            for k, link in enumerate(self._common.bases):
-                found[k] = self._more(link, time, cuts[k], cuts[k + 1] - cuts[k], found[k])
+            for k, run in enumerate(self._runs):
+                found[k] = self._more(*run, time, cuts[k], cuts[k + 1] - cuts[k], found[k])
         return found
 
     def _more(
-        self, link: Link, time: float, first: int, photons: int, sums: PhotonSums | None
+        self,
+        base: int,
+        link: Link,
+        time: float,
+        first: int,
+        photons: int,
+        sums: PhotonSums | None,
     ) -> PhotonSums:
         """Follow photons of a base, and add their tallies to the sums."""
         key = f"{photons} from {first}"
@@ -347,7 +361,7 @@ class _Mapped:
         sums = run_analog(
             link, EmbreeIntersector(self._mesh(time), case.threads), options,
             photons=photons, record=[self._grid], unscattered=self._image is None, sums=sums,
-            tinting=self._tinting, progress=self._progress, **case.how,
+            tinting=self._tinting, turn=(base, self._parts), progress=self._progress, **case.how,
         )  # fmt: skip
         self.kept.keep(key, *_packed(sums))
         return sums

@@ -79,6 +79,34 @@ def test_backgrounds_of_all_colours(benchmark, case):
     assert ratio < (MOST if water == "quasi-single" else 1.5 * MOST)
 
 
+MAPS = {
+    "clear-flat": (typed("jerlov-II"), FlatSea()),
+    "clear-wavy": (typed("jerlov-II"), WAVY),
+    "turbid-wavy": (typed("jerlov-3C"), WAVY),
+    "chlorophyll-wavy": (chlorophyll(0.5), WAVY),
+}
+
+
+@pytest.mark.parametrize("case", MAPS)
+def test_maps_of_all_colours(benchmark, case):
+    link, sea = MAPS[case]
+    spent = {"one": [], "all": []}
+
+    def run(name, colours):
+        start = time.process_time()
+        mt.coverage_map(link, sea, wavelengths_nm=colours, threads=1)
+        spent[name].append(time.process_time() - start)
+
+    def both():
+        run("one", [550.0])
+        run("all", COLOURS)
+
+    benchmark.pedantic(both, rounds=2, warmup_rounds=1)
+    ratio = min(spent["all"]) / min(spent["one"])
+    benchmark.extra_info["ratio"] = ratio
+    assert ratio < MOST
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_all_colours_for_twice_the_time_of_one(benchmark, case):
     link, sea, estimator = CASES[case]

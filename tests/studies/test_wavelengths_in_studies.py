@@ -219,9 +219,15 @@ def test_maps_do_not_depend_on_threads_and_are_kept(tmp_path):
 
 @pytest.mark.slow
 def test_far_wavelengths_have_photons_of_their_own(monkeypatch):
-    """Few photons of 400 nm carry light of 700 nm: less than half as many as that of their own."""
+    """Few photons of 400 nm carry light of 700 nm: less than half as many as that of their own.
+
+    Below bubbles, where photons are those of one base.
+    """
     monkeypatch.setattr(coverage, "FEW_PHOTONS", np.inf)
-    link = mt.Link(transmitter=mt.Led(depth=20.0), water=mt.Water.from_type("jerlov-II"))
+    link = mt.Link(
+        transmitter=mt.Led(depth=20.0), water=mt.Water.from_type("jerlov-II"),
+        bubbles=mt.HallNovarini(wind_speed=3.0),
+    )  # fmt: skip
     kw = {"extent": 1.0, "step": 1.0, "photons": 50_000}
     found = mt.coverage_map(link, FlatSea(), wavelengths_nm=[400.0, 700.0], **kw)
     alone = mt.coverage_map(link.at_wavelength(700.0), FlatSea(), **kw)

@@ -216,11 +216,11 @@ class _Walk(NamedTuple):
             scale = part * per_shift / numbers[:, end].sum() if len(common.bases) > 1 else 1.0
             sun, _ = refracted_sun(even, link.water.n / link.n_air)
             events = self._last_events(link, links, float(sun[2]))
-            run, over = np.zeros((3, SHIFTS, len(links))), tinting.over(base)
+            run, mixture = np.zeros((3, SHIFTS, len(links))), tinting.mixture(base, of_end.copy())
             for tallies in self._tallies(link, even, rays, tinting.tints):
                 rows = tallies.arrivals[: int(tallies.n_arrivals[0])]
                 for score, last in enumerate(events):
-                    add_tinted(rows, score, shifts, *over, of_end, base, last, run[score])
+                    add_tinted(rows, score, shifts, mixture, last, run[score])
             by_light = np.stack([run[SKY_SCORE], run[SUN_SCORE] + run[BUBBLE_SCORE]])
             run = by_light.transpose(2, 1, 0) / per_shift
             run *= self._squared_index(link)

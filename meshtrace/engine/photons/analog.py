@@ -25,7 +25,7 @@ from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.sources import FORWARD, N_SCORES
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, Tallies
-from meshtrace.kernels.tints import NO_TINTS
+from meshtrace.kernels.tints import ALONE, NO_TINTS, Tints
 from meshtrace.kernels.vectors import UP, Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -190,6 +190,7 @@ def run_analog(
     progress: Callable[[int], None] | None = None,
     sums: PhotonSums | None = None,
     tinting: Tinting = UNTINTED,
+    turn: tuple[int, Floats] = (0, ALONE.parts),
 ) -> PhotonSums:
     """Trace photons and return their tallies.
 
@@ -221,6 +222,8 @@ def run_analog(
         Tallies of other photons with the same records, to which these are added.
     tinting : Tinting
         Functions that arrivals sum up, and their coefficients at the wavelengths of a map.
+    turn : tuple of int and ndarray
+        Which of the bases of the tinting these photons belong to, and the shares of all.
 
     Returns
     -------
@@ -231,7 +234,7 @@ def run_analog(
     recorder = recorder or new_recorder(0, 0)
     setup = setup_of(link, intersector, options, seed, normals, unscattered, records, recorder)
     grid = records.get("irradiance-map")
-    none = _with_map(setup.world.tallies, link, setup.frame, grid, tinting)
+    none = _with_map(setup.world.tallies, link, setup.frame, grid, tinting, turn)
     setup = setup._replace(world=setup.world._replace(tints=tinting.tints, tallies=none))
     if sums is None:
         score = np.zeros(setup.n_scores)
@@ -351,7 +354,7 @@ def _no_tallies(link: Link, frame: arrays.Frame) -> Tallies:
         map_step=1.0,
         map_axis=UP,
         map_cos=0.0,
-        map_shares=np.zeros((1, 0)),
+        map_mixture=ALONE,
         map_scale=np.ones(1),
         map_tint=np.zeros(0),
         map=np.zeros((0, 0, 1), np.int64),
@@ -362,12 +365,13 @@ def _no_tallies(link: Link, frame: arrays.Frame) -> Tallies:
 
 
 def _with_map(
-    none: Tallies, link: Link, frame: arrays.Frame, grid: Record | None, tinting: Tinting
-) -> Tallies:
+    none: Tallies, link: Link, frame: arrays.Frame, grid: Record | None, tinting: Tinting,
+    turn: tuple[int, Floats],
+) -> Tallies:  # fmt: skip
     """Return tallies of no photons with a map at the wavelengths of a tinting."""
     if not isinstance(grid, IrradianceMap):
         return none
-    shape = (grid.n, grid.n, len(tinting.shares))
+    shape, mixture = (grid.n, grid.n, len(tinting.shares)), tinting.mixture(*turn)
     return none._replace(
         map_z=grid.height / frame.unit,
         map_x=(-grid.extent - frame.x) / frame.unit,
@@ -375,15 +379,17 @@ def _with_map(
         map_step=grid.step / frame.unit,
         map_axis=Vec3(*grid.axis),
         map_cos=max(math.cos(math.radians(grid.fov_deg) / 2.0), 1e-12),
-        map_shares=tinting.shares,
-        map_scale=_scale(link, frame, grid, tinting),
+        map_mixture=mixture,
+        map_scale=_scale(link, frame, grid, tinting.tints, mixture.shares),
         map_tint=np.zeros(tinting.shares.shape[1]),
         map=np.zeros(shape, np.int64),
         map_squared=np.zeros(shape, np.int64),
     )
 
 
-def _scale(link: Link, frame: arrays.Frame, grid: IrradianceMap, tinting: Tinting) -> Floats:
+def _scale(
+    link: Link, frame: arrays.Frame, grid: IrradianceMap, tints: Tints | None, shares: Floats
+) -> Floats:
     """Return powers of two with which squared weights of a map keep their digits.
 
     From the absorption of the shortest way down the water. Weights at other wavelengths may exceed
@@ -393,7 +399,7 @@ def _scale(link: Link, frame: arrays.Frame, grid: IrradianceMap, tinting: Tintin
     way = min(abs(min(z, 0.0) - min(grid.height, 0.0)) for z in levels)
     layers = link.water.layers
     a = link.water.a if layers is None else min(row[1] for row in layers)
-    logs = np.full(len(tinting.shares), -a * way)
-    if tinting.tints is not None:
-        logs -= tinting.shares @ tinting.tints.c.mean(axis=1) * way / frame.unit
+    logs = np.full(len(shares), -a * way)
+    if tints is not None:
+        logs -= shares @ tints.c.mean(axis=1) * way / frame.unit
     return np.exp2(np.floor(-np.clip(logs, -600.0, 0.0) / math.log(2.0)) - _HEADROOM)

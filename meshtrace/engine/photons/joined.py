@@ -352,7 +352,7 @@ class JoinedPhotons:
         blur *= (link.water.n / link.n_air - 1.0) ** 2
         rows["first"] = to.first
         for row, target, part in zip(rows, to.targets, to.share, strict=True):
-            _fill(row, target, part, 1.0 / (a + b))
+            _fill(row, target, part, 1.0 / max(a + b, 1e-300))
             if not target.is_lamp and rough > 0.0:
                 sloped = target.area / (target.area + blur * target.center.z**2)
                 row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from meshtrace.engine.setup.arrays import Frame
 from meshtrace.kernels.phase import SMALLEST_ANGLE
-from meshtrace.kernels.tints import NO_TINTS, TINTS, Tints, common_functions
+from meshtrace.kernels.tints import ALONE, NO_TINTS, TINTS, Mixture, Tints, common_functions
 from meshtrace.link import Link
 from meshtrace.models import Floats
 
@@ -74,11 +74,11 @@ class Tinting(NamedTuple):
         found *= drawn[base] / np.maximum(np.einsum("i,ij->j", parts, drawn), 1e-300)
         return found
 
-    def over(self, base: int) -> tuple[Floats, Floats]:
-        """Return the coefficients of the wavelengths over a base, and of the densities of all."""
+    def mixture(self, base: int, parts: Floats) -> Mixture:
+        """Return the weights of the photons of one base, for kernels."""
         if not self.bases:
-            return self.shares, np.zeros((1, 0))
-        return self.shares - self.shares[self.bases[base]], self.density
+            return ALONE._replace(shares=self.shares)
+        return Mixture(self.shares - self.shares[self.bases[base]], self.density, parts, base)
 
     @property
     def follows(self) -> bool:

@@ -199,6 +199,17 @@ def test_a_laser_over_low_waves():
     assert z_test(found.parts[:2].sum(), math.hypot(*found.stderr[:2, 0]), *once) > ALPHA
 
 
+@pytest.mark.parametrize("sea", [FLAT, WAVES], ids=["still", "waves"])
+def test_water_that_takes_and_turns_no_light(sea):
+    link = mt.Link(water=mt.Water(a=0.0, b=0.0), transmitter=LAMP, receiver=WIDE)
+    found = JoinedPhotons(link, 20_000, 1, direct=True).evaluate(mesh_of(link, sea))
+    assert found.parts[1, 0] == 0.0
+    if sea is FLAT:
+        return
+    exact = mt.simulate(link, sea, photons=64, normals="facet").gain_ballistic
+    assert found.parts[0, 0] == pytest.approx(exact, rel=0.1)
+
+
 @pytest.mark.thorough
 def test_the_mesh_of_a_beam_is_cut_to_its_patch():
     """The same photons over the mesh of a wide source: 0.03 % of the gain in the mean of seas."""
