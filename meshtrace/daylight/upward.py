@@ -235,16 +235,14 @@ def _over_depth(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats,
 
     int b_j exp(-m int k) dz, and its radiance over the irradiance (nodes,), empty without one.
     """
+    from scipy.special import exprel
+
     depth, a, b = _profile(water, bubbles)
     k = a + np.array([one.backscatter_fraction for one in _scatterers(water, bubbles)]) @ b
     if np.ptp(k) == 0.0 and not np.ptp(b, axis=1).any():  # in closed form
-        last = np.exp(-_EXTINCTION * (k[0] * depth[-1]))
-        length = (
-            -np.expm1(-_EXTINCTION * (k[0] * depth[-1])) / (_EXTINCTION * k[0])
-            if k[0]
-            else depth[-1]
-        )
-        found = b[:, :1] * length
+        tau = _EXTINCTION * (k[0] * depth[-1])
+        last = np.exp(-tau)
+        found = b[:, :1] * depth[-1] * exprel(-tau)
     else:
         steps = np.diff(depth)
         path = np.concatenate([[0.0], np.cumsum(0.5 * steps * (k[1:] + k[:-1]))])

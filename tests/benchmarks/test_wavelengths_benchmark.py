@@ -60,7 +60,7 @@ SEEN = {
 
 @pytest.mark.parametrize("case", SEEN)
 def test_backgrounds_of_all_colours(benchmark, case):
-    """Walks in the water keep the light of each collision at 31 wavelengths."""
+    """Bound 2.5 for two kinds of scatterers; walks keep the light of each collision, bound 3."""
     link, sea, water = SEEN[case]
     spent = {"one": [], "all": []}
 
@@ -76,7 +76,8 @@ def test_backgrounds_of_all_colours(benchmark, case):
     benchmark.pedantic(both, rounds=4, warmup_rounds=1)
     ratio = min(spent["all"]) / min(spent["one"])
     benchmark.extra_info["ratio"] = ratio
-    assert ratio < (MOST if water == "quasi-single" else 1.5 * MOST)
+    bound = {"profile-bubbles": 2.5}.get(case, MOST) if water == "quasi-single" else 3.0
+    assert ratio < bound
 
 
 MAPS = {
