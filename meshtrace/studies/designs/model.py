@@ -22,7 +22,6 @@ from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.optics.water import Water
-from meshtrace.parallel import ordered_map
 from meshtrace.results.background import Background
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
@@ -30,7 +29,7 @@ from meshtrace.studies.background import Lights, background_over_seas, checked_d
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.candidates import Sample
 from meshtrace.studies.designs.means import MeanGains
-from meshtrace.studies.designs.page import DAY, LIGHTS, NIGHT, Figures
+from meshtrace.studies.designs.page import DAY, NIGHT, Figures
 from meshtrace.studies.keys import Variant
 from meshtrace.studies.neighbours import error_of, without_each
 from meshtrace.studies.operating_point import Ensemble, FadingSamples, operating_point
@@ -286,11 +285,6 @@ class LinkModel:
     def rate(self, light: str, ook: OokLink, brightness: float = 1.0) -> float:
         """Return the counts of the background in a transmission [s-1]."""
         return brightness * self.found(light).count_rate(ook)
-
-    def prepare(self) -> None:
-        """Find what all scans share, before threads ask for it at once."""
-        _ = self.fades, self.spreads
-        list(ordered_map(self.need, LIGHTS, self.campaign.threads))
 
     # ---- reserves ---------------------------------------------------------------------------
 

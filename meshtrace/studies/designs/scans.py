@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,9 @@ _WINDOWS = 6  # intervals of bit rates between those whose averaging windows are
 _COLOURS = 9  # wavelengths with common paths
 _COLOURS_NM = 400.0, 650.0
 _DB = 10.0 / math.log(10.0)
+OPTICS = LENS, VIEW, WIDTH
+"""Keys of which the best values are also sought together."""
+
 Bounds = Mapping[str, tuple[float, float]]
 
 
@@ -126,11 +130,19 @@ class Scans(LinkModel):
         base = Variant(self.link, None)
         return [base.set(key, value).link for value in values[_nodes(key)].tolist()]
 
-    def find(self, bounds: dict[str, tuple[float, float]]) -> None:
-        """Find the gains of the links of all scans, with common random numbers."""
+    def prepare(self, bounds: dict[str, tuple[float, float]]) -> None:
+        """Find what all parts of the page share: gains, lights and needs, and the own response."""
         keys = (key for key in bounds if key not in (WIDTH, RATE, COLOUR))
-        links = (self._at(key, self._values(key, bounds[key])) for key in keys)
-        self.means.find([link for some in links for link in some])
+        links = [link for key in keys for link in self._at(key, self._values(key, bounds[key]))]
+        with ThreadPoolExecutor(self.campaign.threads) as pool:
+            shared: list[Future[Any]] = [
+                pool.submit(lambda: self.fades),
+                pool.submit(self.means.find, links),  # with common random numbers
+                *(pool.submit(self.need, light) for light in LIGHTS),
+                pool.submit(lambda: self.spreads and self.response(self.link)),
+            ]
+        for part in shared:
+            part.result()
 
     def _bit_rates(self, light: str, values: Floats) -> Scan:
         """Return the reserves over bit rates; the best has the largest rate of hard decisions."""
@@ -214,7 +226,16 @@ class Scans(LinkModel):
                            float(errors[best]), flat, "; ".join(notes))  # fmt: skip
         return Scan(choice, values, rows)
 
-    def together(self, light: str, bounds: dict[str, tuple[float, float]]) -> tuple[BestValue, ...]:
+    def optics(
+        self, bounds: dict[str, tuple[float, float]]
+    ) -> tuple[dict[str, list[Scan]], list[BestValue]]:
+        """Return the scans of lens, view and filter, each alone, and their best values together."""
+        alone = {key: self.scans(key, bounds[key]) for key in OPTICS}
+        return alone, [row for light in LIGHTS for row in self._together(light, bounds)]
+
+    def _together(
+        self, light: str, bounds: dict[str, tuple[float, float]]
+    ) -> tuple[BestValue, ...]:
         """Return the best lens, view and filter together, with their gain by a separate run."""
         radii, views = (self._values(key, bounds[key]) for key in (LENS, VIEW))
         by_radius, by_view = (

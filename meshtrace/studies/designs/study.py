@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Unpack
 
@@ -13,12 +13,11 @@ import numpy as np
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Described, Refused, require_between, require_whole
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.designs.model import COLOUR, DEFAULT_CHAINS, LENS, RATE
 from meshtrace.studies.designs.page import DAY, LIGHTS, BestValue, Design, Line, Reach
-from meshtrace.studies.designs.scans import Scan, Scans
+from meshtrace.studies.designs.scans import OPTICS, Scan, Scans
 
 _DEPTHS, _SECANTS = 4, 6  # steps of the search for the greatest depth by runs, and by mean gains
 _LEAST_SLOPE = 1e-3  # of the reserve over the depth [dB m-1]
@@ -99,20 +98,31 @@ def design(
     campaign = campaign_of(scenario, None, "design", True, several=False, **options)
     study = _Study(campaign, outage, limit, realizations)
     bounds = study.bounds(over)
-    study.find(bounds)
-    study.prepare()
-    rows = ordered_map(lambda key: study.scans(key, bounds[key]), bounds, campaign.threads)
-    scans = [scan for row in rows for scan in row]
-    together = tuple(study.together(light, bounds) for light in LIGHTS)
-    reach = ordered_map(partial(study.reach, scans=scans), LIGHTS, campaign.threads)
+    study.prepare(bounds)
+    with ThreadPoolExecutor(campaign.threads) as pool:  # the longest first
+        optics = pool.submit(study.optics, bounds)
+        depths = [pool.submit(study.greatest_depth, light) for light in LIGHTS]
+        alone = {
+            key: pool.submit(study.scans, key, bounds[key]) for key in bounds if key not in OPTICS
+        }
+        figures = [pool.submit(study.figures, light) for light in LIGHTS]
+        budget = pool.submit(study.budget)
+    by_key, together = optics.result()
+    by_key |= {key: rows.result() for key, rows in alone.items()}
+    scans = [scan for key in bounds for scan in by_key[key]]
+    reach = [
+        row
+        for light, depth in zip(LIGHTS, depths, strict=True)
+        for row in study.reach(light, depth.result(), scans)
+    ]
     return Design(
         outage=outage,
         limit=limit,
-        figures=tuple(ordered_map(study.figures, LIGHTS, campaign.threads)),
+        figures=tuple(row.result() for row in figures),
         choices=tuple(scan.choice for scan in scans),
-        together=tuple(row for rows in together for row in rows),
-        reach=tuple(row for rows in reach for row in rows),
-        budget=study.budget(),
+        together=tuple(together),
+        reach=tuple(reach),
+        budget=budget.result(),
         scanned=np.array([scan.values for scan in scans]),
         reserves=np.array([scan.reserves for scan in scans]),
         notes=study.notes(),
@@ -129,11 +139,11 @@ def design(
 class _Study(Scans):
     """Reach and budget of a link."""
 
-    def reach(self, light: str, scans: list[Scan]) -> list[Reach]:
+    def reach(self, light: str, greatest: tuple[float, str], scans: list[Scan]) -> list[Reach]:
         """Return the values of keys, each alone, at which the link just closes."""
         own = self.reserve(light)
         end = "receiver" if self.link.direction == "down" else "transmitter"
-        depth, note = self._depth(light)
+        depth, note = greatest
         power = 1e3 * self.dark.led.power
         rows = [
             Reach(light, f"{end}.depth", "m", self.link.depth, depth, "at most", note),
@@ -167,7 +177,7 @@ class _Study(Scans):
             low, high = (middle, high) if closes(middle) else (low, middle)
         return math.exp(low)
 
-    def _depth(self, light: str) -> tuple[float, str]:
+    def greatest_depth(self, light: str) -> tuple[float, str]:
         """Return the greatest depth that closes [m], and the reserve of a run there."""
         above = self.reserve(light)
         if math.isinf(above):
