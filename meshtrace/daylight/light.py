@@ -670,8 +670,14 @@ def _require_absent(fields: dict[str, Any], *names: str) -> None:
 
 def _recipe(model: Callable[..., Daylight], options: dict[str, Any]) -> dict[str, Any]:
     """Return the options of a model that differ from its defaults."""
-    known = inspect.signature(model).parameters
-    return {name: value for name, value in options.items() if value != known[name].default}
+    known = _defaults(model)
+    return {name: value for name, value in options.items() if value != known[name]}
+
+
+@lru_cache(maxsize=8)
+def _defaults(model: Callable[..., Daylight]) -> dict[str, Any]:
+    parameters = inspect.signature(model).parameters
+    return {name: one.default for name, one in parameters.items()}
 
 
 def moon_phase_factor(phase_deg: float) -> float:

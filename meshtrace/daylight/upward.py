@@ -164,13 +164,14 @@ class QuasiSingle:
         lit[:-1], lit[-1] = [day.diffuse for day in days], [day.direct for day in days]
         below = list(zip(waters, bubbles, strict=True))
         scatterers = [_scatterers(*one) for one in below]
-        phases = list(dict.fromkeys(phase for row in scatterers for phase in row))
+        place: dict[PhaseFunction, int] = {}
+        each = [[place.setdefault(phase, len(place)) for phase in row] for row in scatterers]
         depths = [_over_depth(*one) for one in below]
-        phase, mix = _common_functions(phases)
+        phase, mix = _common_functions(list(place))
         self._beams = Beams(
             travel, power, ring, slant, lit, phase, _EXTINCTION,
             np.stack([integral for integral, _ in depths], axis=-1),
-np.stack([[mix[phases.index(one)] for one in row] for row in scatterers], axis=-1),
+            np.stack([mix[row] for row in each], axis=-1),
             np.stack([floor for _, floor in depths], axis=-1),
         )  # fmt: skip
 

@@ -40,7 +40,7 @@ PILOT_PHOTONS = 8192
 
 PER_CHAIN, REFLECTED_PER_CHAIN = 8.0, 2.0
 """Joined photons in place of a chain, and for light that the surface reflects first alone."""
-_SHARED_PER_CHAIN = 3.0  # in place of a chain that would serve other wavelengths
+_SHARED_PER_CHAIN = 1.0  # in place of a chain that would serve other wavelengths
 
 _EFFICIENT = 4.0  # relative variance of a chain up to which no other estimator is tried
 _COST = 3.0  # time of a chain over that of a joined photon

@@ -122,14 +122,17 @@ def add_upwelling(directions, beams, toward, scattered, light):
             j = min(max(int(math.log(m / beams.m[0]) * per_m), 0), nodes - 2)
             f = min(max((m - beams.m[j]) / (beams.m[j + 1] - beams.m[j]), 0.0), 1.0)
             for s in range(len(beams.integral)):
-                low, high = beams.integral[s, j], beams.integral[s, j + 1]
                 scattered[:] = 0.0
                 for q in range(beams.phase.shape[1]):
-                    for c in range(len(scattered)):
-                        scattered[c] += toward[r, q] * beams.mix[s, q, c]
-                for c in range(len(scattered)):
-                    depth = (1.0 - f) * low[c] + f * high[c]
-                    light[i, c] += beams.lit[r, c] / mu * scattered[c] * depth
+                    share, row = toward[r, q], beams.mix[s, q]
+                    for c in range(len(row)):
+                        scattered[c] += share * row[c]
+                low, high = beams.integral[s, j], beams.integral[s, j + 1]
+                for c in range(len(low)):
+                    scattered[c] *= (1.0 - f) * low[c] + f * high[c]
+                row, lit = light[i], beams.lit[r]
+                for c in range(len(row)):
+                    row[c] += lit[c] / mu * scattered[c]
         if len(beams.floor) > 0:
             _add_floor(beams, mu, per_m, light[i])
 

@@ -17,7 +17,15 @@ from numpy.typing import NDArray
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Absorption, absorption_path
-from meshtrace.kernels.tints import TINTS, Mixture, balance, copy_tint, log_share, tint_way
+from meshtrace.kernels.tints import (
+    TINTS,
+    Factors,
+    Mixture,
+    balance,
+    copy_tint,
+    fill_factors,
+    tint_way,
+)
 from meshtrace.kernels.vectors import TWO_PI, Vec3, along, dot, minus, norm, row, scaled
 
 SCALE = 2.0**44
@@ -100,6 +108,7 @@ class Tallies(NamedTuple):
     map_mixture: Mixture  # see `meshtrace.kernels.tints`
     map_scale: NDArray[np.float64]  # (wavelengths,) that keeps the digits of deep light
     map_tint: NDArray[np.float64]  # (tints,) of the path under way
+    map_factors: Factors  # of the path under way
     map: NDArray[np.int64]  # (nx, ny, wavelengths) scaled weights in units of 2^-44
     map_squared: NDArray[np.int64]  # (nx, ny, wavelengths) their squares
     arrivals: NDArray[np.void]  # (capacity,) ARRIVAL
@@ -273,7 +282,8 @@ def score_map(tallies, flight, medium, tints, tint):
         if tallies.map_z < 0.0:
             tint_way(tints, here, flight.origin.z, tallies.map_z, t)
         w *= balance(tallies.map_mixture, here)
+        fill_factors(tallies.map_mixture, here, tallies.map_factors)
         for k in range(len(tallies.map_scale)):
-            light = w * math.exp(log_share(tallies.map_mixture, k, here)) * tallies.map_scale[k]
+            light = w * tallies.map_factors.values[k] * tallies.map_scale[k]
             tallies.map[i, j, k] += units(light)
             tallies.map_squared[i, j, k] += units(light * light)

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.kernels.exponentials import exponentiate
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import lookup, mean_between
 from meshtrace.kernels.phase import SMALLEST_ANGLE
@@ -126,17 +127,17 @@ def _add_scattering(tints, tint, z, theta, by_bubble):
 class Mixture(NamedTuple):
     """Weights of the paths of one of several bases in turn, by the balance heuristic.
 
-    A path of sums t counts at wavelength j exp(shares_j . t) d_k / sum_i parts_i d_i times its
+    A path of sums t counts at wavelength j exp(t . shares_j) d_k / sum_i parts_i d_i times its
     weight, with the densities d_i = exp(density_i . t) of the bases, of which k drew it.
     """
 
-    shares: NDArray[np.float64]  # (wavelengths, tints) over the base
+    shares: NDArray[np.float64]  # (tints, wavelengths) over the base
     density: NDArray[np.float64]  # (bases, tints)
     parts: NDArray[np.float64]  # (bases,) of the photons
     base: int
 
 
-ALONE = Mixture(np.zeros((1, 0)), np.zeros((1, 0)), np.ones(1), 0)
+ALONE = Mixture(np.zeros((0, 1)), np.zeros((1, 0)), np.ones(1), 0)
 """Paths of one base at its own wavelength."""
 
 
@@ -158,16 +159,41 @@ def balance(mixture, tint):
     return own / total
 
 
+class Factors(NamedTuple):
+    """Scratch for the factors of all wavelengths on one path."""
+
+    values: NDArray[np.float64]  # (wavelengths,)
+    powers: NDArray[np.float64]  # (wavelengths,)
+    bits: NDArray[np.int64]  # the same memory
+
+
+def factors_of(wavelengths: int) -> Factors:
+    """Return scratch for a number of wavelengths."""
+    powers = np.empty(wavelengths)
+    return Factors(np.empty(wavelengths), powers, powers.view(np.int64))
+
+
 @inlined
-def log_share(mixture, c, tint):
-    """Return the logarithm of the factor of a wavelength over the base.
+def fill_factors(mixture, tint, factors):
+    """Write the factors of all wavelengths over the base on a path.
 
     Array twin: `Tinting.factors`.
     """
-    log = 0.0
-    for r in range(mixture.shares.shape[1]):
-        log += mixture.shares[c, r] * tint[r]
-    return log
+    logs = factors.values
+    logs[:] = 0.0
+    for r in range(len(mixture.shares)):
+        add_scaled(logs, tint[r], mixture.shares[r])
+    exponentiate(logs, factors.powers, factors.bits)
+
+
+@inlined
+def add_scaled(out, factor, row):
+    """Add a multiple of a row.
+
+    Array twin: `out += factor * row`.
+    """
+    for c in range(len(out)):
+        out[c] += factor * row[c]
 
 
 class LastScattering(NamedTuple):
@@ -183,7 +209,7 @@ class LastScattering(NamedTuple):
 
 
 @entry
-def add_tinted(light, score, group, mixture, last, out):
+def add_tinted(light, score, group, mixture, last, factors, out):
     """Add kept light at all wavelengths to groups.
 
     Array twin: `Tinting.mixed`.
@@ -198,6 +224,8 @@ def add_tinted(light, score, group, mixture, last, out):
         Base of the photons, and wavelengths.
     last : LastScattering
         Factors of the last event.
+    factors : Factors
+        Scratch.
     out : ndarray, shape (groups, wavelengths)
         Sums.
     """
@@ -212,11 +240,16 @@ def add_tinted(light, score, group, mixture, last, out):
         f, angle = at - j, a.water * per_angle
         m = min(max(int(angle), 0), len(last.phase) - 2)
         g = angle - m
-        for c in range(len(mixture.shares)):
-            log = (1.0 - f) * last.log[j, c] + f * last.log[j + 1, c]
-            log += log_share(mixture, c, a.tint)
-            phase = (1.0 - g) * last.phase[m, c] + g * last.phase[m + 1, c]
-            out[group[a.photon], c] += weight * math.exp(log) * phase
+        logs, sums = factors.values, out[group[a.photon]]
+        above, below = last.log[j], last.log[j + 1]
+        for c in range(len(logs)):
+            logs[c] = (1.0 - f) * above[c] + f * below[c]
+        for r in range(len(mixture.shares)):
+            add_scaled(logs, a.tint[r], mixture.shares[r])
+        exponentiate(logs, factors.powers, factors.bits)
+        smaller, larger = last.phase[m], last.phase[m + 1]
+        for c in range(len(logs)):
+            sums[c] += weight * logs[c] * ((1.0 - g) * smaller[c] + g * larger[c])
 
 
 @inlined

@@ -483,10 +483,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         The table for the default radii, 470 nm and 1.33 comes with the package; any other is
         computed once (some 10 s) and kept in MESHTRACE_CACHE_DIR or the user's cache folder.
         """
-        from meshtrace.optics.phase import HistogramPhase
-
-        theta_edges, cdf = self.phase_table()
-        return HistogramPhase(theta_edges=theta_edges, cdf_edges=cdf)
+        return _phase_function(self.n_water, self.wavelength_nm, self.r_min, self.r_max)
 
 
 def compute_bubble_phase(
@@ -538,6 +535,15 @@ def compute_bubble_phase(
     radii = bubbles.equal_area_radii(sizes, depth)
     x = 2.0 * np.pi * radii * n_water / (wavelength_nm * 1e-9)
     return population_table(1.0 / n_water, x, rotations=rotations)
+
+
+@lru_cache(maxsize=16)
+def _phase_function(*population: float) -> HistogramPhase:
+    """Return the phase function of a population, see `_bubble_phase`."""
+    from meshtrace.optics.phase import HistogramPhase
+
+    table = _bubble_phase(*population)
+    return HistogramPhase(theta_edges=table.theta_edges, cdf_edges=table.cdf)
 
 
 @lru_cache(maxsize=16)

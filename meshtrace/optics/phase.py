@@ -410,11 +410,13 @@ class FournierForand(BuiltInPhase, frozen=True):
             delta = self._delta(s)
             e = 1.0 - delta
             w = delta**-v
-            direct = (w * v * e + 1.0 - w + (delta * (w - 1.0) - w * v * e) / s) / e**2
-            first = np.where(np.abs(e) < 1e-2, w * _ff_series(v, e, s), direct) / (4.0 * np.pi)
+            bracket = w * v * e + 1.0 - w + (delta * (w - 1.0) - w * v * e) / s
+            bracket = np.array(bracket / e**2)
+            near = np.abs(e) < 1e-2
+            bracket[near] = w[near] * _ff_series(v, e[near], s[near])
         cos_theta = 1.0 - 2.0 * s
         last = self._last / (2.0 * np.pi) * (3.0 * cos_theta**2 - 1.0)
-        return np.where(s == 0.0, np.inf, first + last)
+        return np.where(s == 0.0, np.inf, bracket / (4.0 * np.pi) + last)
 
     def _cdf_s(self, s: Floats) -> Floats:
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -105,11 +105,9 @@ def test_maps_of_all_colours(benchmark, case):
 
 @pytest.mark.parametrize("case", SEEN)
 def test_backgrounds_of_all_colours(benchmark, case):
-    """Bound 2.5 for two kinds of scatterers; walks keep the light of each collision, bound 3."""
     link, sea, water = SEEN[case]
 
     def run(colours):
         mt.background(link, sea, DAY, water=water, wavelengths_nm=colours, threads=1)
 
-    bound = {"profile-bubbles": 2.5}.get(case, MOST) if water == "quasi-single" else 3.0
-    assert ratio_of(benchmark, run, 4) < bound
+    assert ratio_of(benchmark, run, 4) < MOST

@@ -11,7 +11,7 @@ from meshtrace.engine.setup.arrays import aperture_arrays, medium_arrays
 from meshtrace.kernels import tally as kernel
 from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.jit import allocating_entry
-from meshtrace.kernels.tints import ALONE, NO_TINTS
+from meshtrace.kernels.tints import ALONE, NO_TINTS, factors_of
 from meshtrace.kernels.vectors import UP, Vec3, row
 
 
@@ -84,9 +84,10 @@ def tallies_of(
         map_step=2.0 * extent / cells if cells else 1.0,
         map_axis=Vec3(*axis),
         map_cos=cos,
-        map_mixture=ALONE._replace(shares=np.zeros((2, 0))),
+        map_mixture=ALONE._replace(shares=np.zeros((0, 2))),
         map_scale=np.array([1.0, 4.0]),
         map_tint=np.zeros(0),
+        map_factors=factors_of(2),
         map=np.zeros((cells, cells, 2), np.int64),
         map_squared=np.zeros((cells, cells, 2), np.int64),
         arrivals=np.zeros(arrivals, kernel.ARRIVAL),

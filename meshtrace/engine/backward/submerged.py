@@ -43,7 +43,7 @@ from meshtrace.engine.setup.options import Analog, Case
 from meshtrace.errors import Refused
 from meshtrace.kernels.sources import BUBBLE_SCORE, SKY_SCORE, SUN_SCORE, Backward
 from meshtrace.kernels.tally import Tallies
-from meshtrace.kernels.tints import NO_TINTS, LastScattering, Tints, add_tinted
+from meshtrace.kernels.tints import NO_TINTS, LastScattering, Tints, add_tinted, factors_of
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -205,7 +205,7 @@ class _Walk(NamedTuple):
         runs = [(base, end) for base in range(len(several)) for end in range(len(common.bases))]
         turn = np.arange(per_shift) * len(runs) // per_shift  # a part of a net is one, too
         numbers = np.bincount(turn, minlength=len(runs)).reshape(len(several), -1)
-        found = np.zeros((len(links), SHIFTS, 2))
+        found, factors = np.zeros((len(links), SHIFTS, 2)), factors_of(len(links))
         even = days[0].replace(direct=1.0 if any(day.direct for day in days) else 0.0, diffuse=1.0)
         for k, (base, end) in enumerate(runs):
             link = several[base].replace("water.n", common.bases[end].water.n)
@@ -220,7 +220,7 @@ class _Walk(NamedTuple):
             for tallies in self._tallies(link, even, rays, tinting.tints):
                 rows = tallies.arrivals[: int(tallies.n_arrivals[0])]
                 for score, last in enumerate(events):
-                    add_tinted(rows, score, shifts, mixture, last, run[score])
+                    add_tinted(rows, score, shifts, mixture, last, factors, run[score])
             by_light = np.stack([run[SKY_SCORE], run[SUN_SCORE] + run[BUBBLE_SCORE]])
             run = by_light.transpose(2, 1, 0) / per_shift
             run *= self._squared_index(link)

@@ -25,7 +25,7 @@ from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.sources import FORWARD, N_SCORES
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, Tallies
-from meshtrace.kernels.tints import ALONE, NO_TINTS, Tints
+from meshtrace.kernels.tints import ALONE, NO_TINTS, Tints, factors_of
 from meshtrace.kernels.vectors import UP, Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -263,6 +263,7 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
         tallies = none._replace(
             score=np.zeros((last - first, setup.n_scores)),
             arrivals=np.zeros(room, ARRIVAL),
+            map_factors=factors_of(len(none.map_scale)),
             **{name: np.zeros_like(getattr(none, name)) for name in _SUMS},
         )
         with setup.intersector.function() as bvh:
@@ -357,6 +358,7 @@ def _no_tallies(link: Link, frame: arrays.Frame) -> Tallies:
         map_mixture=ALONE,
         map_scale=np.ones(1),
         map_tint=np.zeros(0),
+        map_factors=factors_of(1),
         map=np.zeros((0, 0, 1), np.int64),
         map_squared=np.zeros((0, 0, 1), np.int64),
         arrivals=np.zeros(0, ARRIVAL),
@@ -380,8 +382,9 @@ def _with_map(
         map_axis=Vec3(*grid.axis),
         map_cos=max(math.cos(math.radians(grid.fov_deg) / 2.0), 1e-12),
         map_mixture=mixture,
-        map_scale=_scale(link, frame, grid, tinting.tints, mixture.shares),
+        map_scale=_scale(link, frame, grid, tinting.tints, mixture.shares.T),
         map_tint=np.zeros(tinting.shares.shape[1]),
+        map_factors=factors_of(len(tinting.shares)),
         map=np.zeros(shape, np.int64),
         map_squared=np.zeros(shape, np.int64),
     )

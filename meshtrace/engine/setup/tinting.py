@@ -77,8 +77,9 @@ class Tinting(NamedTuple):
     def mixture(self, base: int, parts: Floats) -> Mixture:
         """Return the weights of the photons of one base, for kernels."""
         if not self.bases:
-            return ALONE._replace(shares=self.shares)
-        return Mixture(self.shares - self.shares[self.bases[base]], self.density, parts, base)
+            return ALONE._replace(shares=np.ascontiguousarray(self.shares.T))
+        shares = np.ascontiguousarray((self.shares - self.shares[self.bases[base]]).T)
+        return Mixture(shares, self.density, parts, base)
 
     @property
     def follows(self) -> bool:
