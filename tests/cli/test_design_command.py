@@ -1,9 +1,12 @@
 """The command design: page, file, picture, refusals."""
 
+import re
+
 import pytest
 from command_line import meshtrace, refusal
 
 import meshtrace as mt
+from meshtrace.cli import commands
 
 LINK = """
 wind_speed = 0.0
@@ -19,13 +22,22 @@ PARTS = ("ANSWER", "FIGURES", "LENS, FIELD OF VIEW AND FILTER TOGETHER", "BEST V
          "BEST VALUES BY DAY", "JUST CLOSES", "BUDGET", "WATER AND NOTES")  # fmt: skip
 
 
-@pytest.mark.thorough
-def test_design_prints_a_page_and_writes_it(golden, tmp_path):
+def test_design_prints_a_page_and_writes_it(golden, tmp_path, monkeypatch, calm_design):
+    """The study is that of the library, and not run here."""
     path, out, picture = tmp_path / "link.toml", tmp_path / "d.nc", tmp_path / "d.png"
     path.write_text(LINK)
+    calls = []
+
+    def run(study, function, of, total, asked, written):
+        calls.append((function, of, asked))
+        written.write(calm_design)
+
+    monkeypatch.setattr(commands, "_run", run)
     text = meshtrace(
-        "design", path, "--photons", "32", "-n", "8", "-o", out, "--plot", picture
+        "design", path, "--photons", "32", "-n", "9", "-o", out, "--plot", picture
     ).stdout
+    options = {"photons": 32, "realizations": 9}
+    assert calls == [(mt.design, mt.Scenario.load(path), options)]
     places = [text.index(part) for part in PARTS]
     assert places == sorted(places)
     page = mt.Design.load(out)
@@ -46,6 +58,4 @@ def test_design_prints_a_page_and_writes_it(golden, tmp_path):
     ],
 )
 def test_refusals(words, message):
-    import re
-
     assert re.search(message, refusal("design", "--set", "sea.spectrum=flat", *words))
