@@ -1,12 +1,14 @@
 """Numbers in the tables of the figures, by means independent of the drawing code."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
+from meshtrace import viz
 from meshtrace.surfaces import FlatSea
 from paper import Number, Setting, make_figures
 from paper.gains import signal_to_noise
@@ -217,6 +219,8 @@ SLOW_FIGURES = [
 )
 @pytest.mark.thorough
 def test_every_figure_is_drawn_with_finite_numbers(tmp_path, monkeypatch, name, effort):
+    # pictures of any size: a palette for scenes takes half of the time
+    monkeypatch.setattr(viz, "save_picture", partial(viz.save_picture, largest=10**8))
     one = load(name)
     monkeypatch.setattr(type(one), "effort", lambda self, quick: effort)
     (record,) = make_figures(tmp_path, [name], setting=Setting(threads=1))
