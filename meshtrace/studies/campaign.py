@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack
 
@@ -150,6 +150,10 @@ class Campaign(NamedTuple):
             kind = Described(type(self.surface).__name__)
             raise Refused("surface", kind, "a sea (SurfaceModel), of any spacing")
         return self.surface
+
+    def workers(self) -> AbstractContextManager[None]:
+        """Return a context in which all loops have the same workers."""
+        return nullcontext() if self.cluster is None else self.cluster.kept()
 
     def of(self, link: Link, name: str = "link") -> Campaign:
         """Return the campaign of another link; names in one store have to differ."""

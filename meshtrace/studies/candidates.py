@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache, partial
-from typing import Any, Literal, get_args
+from functools import lru_cache
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.background import Lights
 from meshtrace.studies.campaign import Campaign
+from meshtrace.studies.cluster import Restored
 from meshtrace.studies.keys import Variant
 from meshtrace.studies.neighbours import Neighbours
 from meshtrace.studies.response import MOST_SEAS, Responses
@@ -176,7 +177,7 @@ REWEIGHED = ("receiver.fov_deg", "transmitter.half_angle_deg")
 again."""
 
 
-class Sample:
+class Sample(Restored):
     """Surfaces and receivers common to all candidates.
 
     Parameters
@@ -207,6 +208,9 @@ class Sample:
         flight: Flight | None,
         turned: tuple[str, ...],
     ) -> None:
+        if flight is not None:
+            flight = flight._replace(wind=campaign.wind_of(flight))
+        self.inputs = (campaign.alone, realizations, hover_std, flight, turned)
         link, self._seed = campaign.link, campaign.run.seed
         self._flight, self._start, self._turned = flight, link, turned
         random = isinstance(campaign.surface, SeededSurface)
@@ -220,7 +224,8 @@ class Sample:
             campaign, self._seas, phases=random, fading=True,
             kept=self._seas, around=self._spread(link, uav, 0),
         )  # fmt: skip
-        self._lights = lru_cache(_CASES)(partial(self._over_seas, self._near.light))
+        lit = self._seas if turned else min(self._seas, MOST_SEAS)
+        self._lights = lru_cache(_CASES * lit)(self._light)
         self.responses = Responses(self._some_light, Variant(link, None, uav=uav))
         self._known = lru_cache(_CANDIDATES)(self._kept)
         self._identity = {
@@ -274,69 +279,78 @@ class Sample:
     def _kept(self, link: Link, uav: Uav | None) -> Floats:
         """Return the gains of a candidate from the store, or compute them."""
         parts = [link.model_dump(mode="json"), None if uav is None else uav.model_dump(mode="json")]
-        name = f"candidates of seed {self._seed}"
-        (found,) = self._near.campaign.over(
-            lambda: lambda _: self._computed(link, uav), [digest_of(parts)], name, self._identity
-        )
-        return found
+        steps = [(digest_of(parts), i) for i in range(self._seas)]
 
-    def _computed(self, link: Link, uav: Uav | None) -> Floats:
-        """Return the gains of a candidate over all seas."""
-        if self._turned:
-            lights = self.light(link, uav)
-            half = math.radians(0.5 * link.receivers[0].fov_deg)
-            direct = [(light.shift < 0) & (np.abs(light.angle - half) < _EDGE) for light in lights]
-            cut = (
-                light.weight[near].sum() > _SMALL * light.weight.sum()
-                for light, near in zip(lights, direct, strict=True)
-            )
-            if not any(cut):  # facets with unscattered light that counts, by the edge of the view
-                return np.array([light.by_shift(self._factor(link, light)) for light in lights])
-            sampled = [self._factor(link, light) * (light.shift >= 0) for light in lights]
-            rows = [light.by_shift(part) for light, part in zip(lights, sampled, strict=True)]
-            return (
-                np.array(rows)
-                + np.array(self._over_seas(self._near.unscattered, link, uav))[:, None]
-            )
-        return np.array(self._over_seas(self._near.gains, link, uav))
+        def over(evaluate: Callable[[Link, Uav | None, int], Floats], name: str) -> Floats:
+            def setup() -> Callable[[tuple[str, int]], Floats]:
+                return lambda step: evaluate(link, uav, step[1])
 
-    def light(self, link: Link, uav: Uav | None = None) -> list[Light]:
-        """Return the light of a candidate at all places over all seas, before it is weighed again.
+            name = f"{name} of seed {self._seed}"
+            return np.concatenate(
+                list(self._near.campaign.over(setup, steps, name, self._identity))
+            )
+
+        found = over(self._over_sea, "candidates")
+        if found[:, SHIFTS:].any():
+            found = over(self._with_edge, "candidates with light by the edge of the view")
+        return found[:, :SHIFTS]
+
+    def _over_sea(self, link: Link, uav: Uav | None, i: int) -> Floats:
+        """Return the gains of a candidate over sea i, shape (places, shifts).
+
+        Of light that is weighed again, behind them whether facets by the edge of the view have
+        unscattered light that counts.
+        """
+        if not self._turned:
+            return np.concatenate([self._near.gains(at, i) for at in self._links(link, uav, i)])
+        half, rows = math.radians(0.5 * link.receivers[0].fov_deg), []
+        for light in self.light(link, uav, i):
+            by_edge = (light.shift < 0) & (np.abs(light.angle - half) < _EDGE)
+            counts = light.weight[by_edge].sum() > _SMALL * light.weight.sum()
+            rows.append([*light.by_shift(self._factor(link, light)), counts])
+        return np.array(rows)
+
+    def _with_edge(self, link: Link, uav: Uav | None, i: int) -> Floats:
+        """Return the gains of a candidate over sea i, its unscattered light without noise."""
+        unscattered = [self._near.unscattered(at, i) for at in self._links(link, uav, i)]
+        sampled = [
+            light.by_shift(self._factor(link, light) * (light.shift >= 0))
+            for light in self.light(link, uav, i)
+        ]
+        return np.array(sampled) + np.concatenate(unscattered)[:, None]
+
+    def light(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
+        """Return the light of a candidate at all places over sea i, before it is weighed again.
 
         Variables that only weigh it are those of the start.
         """
         for name in self._turned:
             part, key = name.split(".")
             link = link.replace(name, getattr(getattr(self._start, part), key))
-        return self._lights(link, uav)
+        return self._lights(link, uav, i)
+
+    def _light(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
+        return [one for at in self._links(link, uav, i) for one in self._near.light(at, i)]
 
     def _some_light(self, at: Variant) -> list[Light]:
         """Return the light of a candidate at all places over some seas, for its response."""
-        link, uav, n = at.link, None if self._flight is None else at.uav, MOST_SEAS * self._places
+        link, uav = at.link, None if self._flight is None else at.uav
+        over_each = self._near.map(lambda i: self.light(link, uav, i), MOST_SEAS)
+        lights = [light for row in over_each for light in row]
         if self._turned:
             lights = [
-                light._replace(weight=light.weight * self._factor(link, light))
-                for light in self.light(link, uav)[:n]
+                light._replace(weight=light.weight * self._factor(link, light)) for light in lights
             ]
-        else:
-            lights = self._over_seas(self._near.light, link, uav, MOST_SEAS)
-        pairs = zip(lights, self.weights[:n], strict=True)
+        pairs = zip(lights, self.weights[: len(lights)], strict=True)
         return [light._replace(weight=weight * light.weight) for light, weight in pairs]
 
-    def _over_seas(
-        self, evaluate: Callable[[Link, int], Any], link: Link, uav: Uav | None,
-        seas: int | None = None,
-    ) -> list[Any]:  # fmt: skip
-        """Return the values of a candidate at all places over all seas, or the first ones."""
-
-        def one(i: int) -> list[Any]:
-            links = [self._spread(link, uav, i)]
-            if link.direction == "down":  # the light of lamps at several places would add up
-                lamps = links[0].transmitters
-                links = [link.model_copy(update={"transmitter": lamp}) for lamp in lamps]
-            return [value for at in links for value in evaluate(at, i)]
-
-        return [value for row in self._near.map(one, seas) for value in row]
+    def _links(self, link: Link, uav: Uav | None, i: int) -> list[Link]:
+        """Return the links with the ends in the air of a candidate over sea i."""
+        spread = self._spread(link, uav, i)
+        if link.direction == "up":
+            return [spread]
+        # the light of lamps at several places would add up
+        return [link.model_copy(update={"transmitter": lamp}) for lamp in spread.transmitters]
 
     def _factor(self, link: Link, light: Light) -> Floats:
         """Return the weights of arrivals at a candidate, relative to the start."""

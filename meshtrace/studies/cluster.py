@@ -11,10 +11,11 @@ import tempfile
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
-from functools import lru_cache
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache, partial
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from meshtrace.errors import Described, Refused, one_line, require_between, require_whole
 
@@ -31,7 +32,8 @@ _ANSWER = 2.0  # [s] to wait for a result, or for the scheduler
 _ALLOWED = "a running dask scheduler with workers; the same command resumes"
 
 
-class Cluster(NamedTuple):
+@dataclass(eq=False)
+class Cluster:
     """Processes that evaluate the jobs of a loop.
 
     Parameters
@@ -46,6 +48,8 @@ class Cluster(NamedTuple):
 
     workers: int | str | None = None
     timeout: float = DEFAULT_TIMEOUT
+    _kept: ExitStack | None = field(default=None, init=False, repr=False)
+    _client: distributed.Client | None = field(default=None, init=False, repr=False)
 
     def checked(self) -> Cluster:
         """Return the cluster; refuse numbers out of range, and to go on without dask."""
@@ -56,6 +60,15 @@ class Cluster(NamedTuple):
             raise ModuleNotFoundError(missing, name="distributed")
         require_between(self.timeout, 0.0, math.inf, "timeout", "[)")
         return self
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Keep the workers that one loop needs for those that follow."""
+        with ExitStack() as self._kept:
+            try:
+                yield
+            finally:
+                self._kept = self._client = None
 
     def map(
         self, setup: Callable[[], Callable[[Any], Any]], jobs: Sequence[Any]
@@ -106,10 +119,8 @@ class Cluster(NamedTuple):
     ) -> Iterator[tuple[int, Any]]:
         """Yield the number of each job as a worker finishes it, and its result or exception."""
         import cloudpickle
-        import distributed  # noqa: F401  (its loggers exist from here on)
 
-        with _quiet(), _client(self.workers, self.timeout) as client:
-            _require_equal_workers(client, self.timeout)
+        with self._connected() as client:
             work = {"setup": cloudpickle.dumps(setup), "expected": _environment()()}
             futures = client.map(_portable_job(), jobs, **work, pure=False)
             number = {future.key: i for i, future in enumerate(futures)}
@@ -119,14 +130,45 @@ class Cluster(NamedTuple):
                 yield number[future.key], _checked(found)
                 future.release()
 
+    @contextmanager
+    def _connected(self) -> Iterator[distributed.Client]:
+        """Yield a client with workers, the one of earlier loops if it is kept."""
+        import distributed  # noqa: F401  (its loggers exist from here on)
+
+        with ExitStack() as own:
+            client = self._client
+            if client is None:
+                stack = self._kept or own
+                stack.enter_context(_quiet())
+                client = stack.enter_context(_client(self.workers, self.timeout))
+                _require_equal_workers(client, self.timeout)
+                self._client = client if self._kept else None
+            yield client
+
+
+class Restored:
+    """Object that a worker makes from its inputs, once for all loops of a study."""
+
+    inputs: tuple[Any, ...]
+
+    @cached_property
+    def _recipe(self) -> bytes:
+        import cloudpickle
+
+        recipe: bytes = cloudpickle.dumps(partial(type(self), *self.inputs))
+        return recipe
+
+    def __reduce__(self) -> Any:
+        """Return the recipe, by which a worker knows the object again."""
+        return prepared, (self._recipe,)
+
 
 @lru_cache(2)
-def prepared(setup: bytes) -> Callable[[Any], Any]:
-    """Return the function of the jobs of a loop, set up once in this process."""
+def prepared(setup: bytes) -> Any:
+    """Return the function of the jobs of a loop, or `Restored`, set up once in this process."""
     import cloudpickle
 
-    function: Callable[[Any], Any] = cloudpickle.loads(setup)()
-    return function
+    return cloudpickle.loads(setup)()
 
 
 def _finished(

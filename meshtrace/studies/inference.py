@@ -12,7 +12,7 @@ import numpy as np
 
 from meshtrace.engine.backward.view import only_aperture
 from meshtrace.engine.parts import Light
-from meshtrace.engine.setup.options import RunOptions, require_options
+from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
     Described,
     Refused,
@@ -27,6 +27,7 @@ from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS, Stored, Variable
 from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
+from meshtrace.studies.cluster import Restored
 from meshtrace.studies.keys import Parameter, Variant, parameters
 from meshtrace.studies.measurements import OF_DETECTOR, Measurements, read_measurements
 from meshtrace.studies.neighbours import Neighbours, has_moments, moments
@@ -54,7 +55,7 @@ class Prediction(NamedTuple):
     covariance: Floats  # (n, n) of the logarithms, by the chains
 
 
-class Predictor:
+class Predictor(Restored):
     """Predictions of all measurements with common chains.
 
     Parameters
@@ -73,10 +74,11 @@ class Predictor:
     def __init__(
         self, campaign: Campaign, start: Variant, data: Measurements, unknowns: list[Parameter]
     ) -> None:
+        self.inputs = (campaign.alone, start, data, unknowns)
         self._campaign, self._names = campaign, data.names
         self._lights, self._rates = Lights(campaign), Quantity("ber", 1e-3)
-        self._of_link = np.array([p is not _SCALE for p in unknowns])
-        self._unknowns = [p for p in unknowns if p is not _SCALE]
+        self._of_link = np.array([p.name != SCALE for p in unknowns])
+        self._unknowns = [p for p in unknowns if p.name != SCALE]
         self._starts = []
         for i, (row, name) in enumerate(zip(data.keys, data.names, strict=True)):
             at = start
@@ -318,8 +320,7 @@ def infer(
     prior: Mapping[str, tuple[float, float]] | None = None,
     *,
     surface: MeshSource | TriangleMesh | None = None,
-    photons: int = DEFAULT_CHAINS,
-    **run: Unpack[RunOptions],
+    **run: Unpack[StudyOptions],
 ) -> Inference:
     """Return unknown parameters of a link from measured gains, powers or error rates.
 
@@ -339,10 +340,9 @@ def infer(
         Independent knowledge of unknowns.
     surface : MeshSource or TriangleMesh, optional
         The surface; still water by default, or that of the scenario.
-    photons : int
-        Chains of each prediction.
     **run
-        Options of the run, see `RunOptions`: progress by prediction.
+        Options of the run, see `StudyOptions`: 4096 chains of each prediction by default, progress
+        by prediction.
 
     Returns
     -------
@@ -389,8 +389,8 @@ def infer(
     data = read_measurements(measurements)
     if surface is None and not isinstance(link, Scenario):
         surface = FlatSea()
-    require_options(run, RunOptions)
-    campaign = campaign_of(link, surface, "infer", several=False, photons=photons, **run)
+    options: StudyOptions = {**run, "photons": run.get("photons") or DEFAULT_CHAINS}
+    campaign = campaign_of(link, surface, "infer", several=False, **options)
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
     variant = Variant(campaign.link, campaign.surface)
@@ -410,7 +410,8 @@ def infer(
     if len(names) > known:
         raise Refused("unknown", names, f"at most {known}: measurements and priors")
     fit = _Fit(data, names, unknowns, priors, Predictor(campaign, variant, data, unknowns))
-    return fit.result(campaign.provenance())
+    with campaign.workers():
+        return fit.result(campaign.provenance())
 
 
 class _Priors(NamedTuple):
@@ -485,7 +486,7 @@ class _Fit(NamedTuple):
     def _limits(self) -> Floats:
         """Return the largest move of each unknown from its start."""
         limits = [100.0 * p.step if p.absolute else _FARTHEST for p in self.unknowns]
-        return np.where([p is _SCALE for p in self.unknowns], _ANY_SCALE, limits)
+        return np.where([name == SCALE for name in self.names], _ANY_SCALE, limits)
 
     def result(self, origin: dict[str, Any]) -> Inference:
         """Return the fit, with the identifiability at its start."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import secrets
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -23,6 +22,7 @@ from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign
+from meshtrace.studies.cluster import Restored
 
 Result = TypeVar("Result")
 
@@ -30,7 +30,7 @@ _WIDER = 1.2  # reach of meshes over that of a link: its neighbours lie within
 
 
 @dataclass(eq=False)
-class Neighbours:
+class Neighbours(Restored):
     """Gains and light of links near one link over the same surfaces.
 
     Parameters
@@ -48,8 +48,6 @@ class Neighbours:
         Meshes of the first surfaces that stay in memory.
     around : Link, optional
         The link that all meshes cover, by default the base link.
-    name : str
-        Name by which a worker knows them again.
     """
 
     campaign: Campaign
@@ -58,10 +56,11 @@ class Neighbours:
     fading: bool = False
     kept: int = 1
     around: Link | None = None
-    name: str = field(default_factory=lambda: secrets.token_hex(8))
 
     def __post_init__(self) -> None:
         self.campaign = campaign = self.campaign._replace(progress=None)
+        given = self.seas, self.phases, self.fading, self.kept, self.around
+        self.inputs = (campaign.alone, *given)
         self._around = self.around or campaign.link
         self._lines: dict[str, Any] = {}
         if isinstance(campaign.surface, SurfaceModel):
@@ -70,11 +69,6 @@ class Neighbours:
             self._lines = mesh_lines(*inputs, _WIDER * crossing_reach(self._around), spacing)
         first = range(min(self.seas, self.kept))
         self._meshes = [self._meshed(campaign.surface, i) for i in first]
-
-    def __reduce__(self) -> Any:
-        """Return the description from which a worker makes them, once for all loops of a study."""
-        given = {f.name: getattr(self, f.name) for f in fields(self)}
-        return _made, ({**given, "campaign": self.campaign.alone},)
 
     @cached_property
     def frozen(self) -> FrozenForced:
@@ -116,12 +110,9 @@ class Neighbours:
         """Return the light that arrives at each receiver over realization i."""
         return self.frozen.light(link, self.mesh(i, surface))
 
-    def map(self, evaluate: Callable[[int], Result], seas: int | None = None) -> list[Result]:
-        """Return the results of each sea in order, computed by the threads of the campaign.
-
-        By default of all seas, otherwise of the first ones.
-        """
-        n = self.seas if seas is None else min(seas, self.seas)
+    def map(self, evaluate: Callable[[int], Result], most: int) -> list[Result]:
+        """Return the results of the first seas in order, computed by threads of this process."""
+        n = min(most, self.seas)
         return list(ordered_map(evaluate, range(n), self.campaign.threads))
 
     def over(
@@ -131,17 +122,6 @@ class Neighbours:
         known = {"seas": self.seas, **identity}
         found = self.campaign.over(lambda: evaluate, range(steps), name, known)
         return np.array(list(found))
-
-
-_last: dict[str, Neighbours] = {}
-
-
-def _made(given: dict[str, Any]) -> Neighbours:
-    """Return the neighbours of a study in a worker; the last ones are kept."""
-    if given["name"] not in _last:
-        _last.clear()
-        _last[given["name"]] = Neighbours(**given)
-    return _last[given["name"]]
 
 
 def has_moments(link: Link) -> bool:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack, get_ar
 import numpy as np
 
 from meshtrace.comms.ook import OokLink, Preset
-from meshtrace.engine.setup.options import RunOptions, require_options
+from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
     Described,
     Refused,
@@ -174,13 +174,12 @@ def optimize(
     *,
     flight: Flight | None = None,
     realizations: int = 64,
-    photons: int = DEFAULT_CHAINS,
     method: Method = "auto",
     ook: OokLink | Preset | None = "physical",
     bit_rate: float | None = None,
     limit: float = 1e-3,
     quantile: float = 0.01,
-    **run: Unpack[RunOptions],
+    **run: Unpack[StudyOptions],
 ) -> Optimum:
     """Return the best link within bounds.
 
@@ -206,8 +205,6 @@ def optimize(
         Aircraft that tilts the end in the air; a fixed mount unless `uav.gimbal`.
     realizations : int
         Seas, each with 12 places; over a surface without random phases the number of places.
-    photons : int
-        Chains, common to all candidates.
     method : {"auto", "bounded", "cobyqa", "global"}
         Method of the search. "bounded" takes one variable, "cobyqa" up to six, with constraints,
         "global" is differential evolution; "auto" is the first of them that fits.
@@ -220,8 +217,9 @@ def optimize(
     quantile : float
         Quantile of the gain for "outage".
     **run
-        Options of the run, see `RunOptions`: progress by candidate. The store keeps the gains of
-        candidates, which another objective uses again.
+        Options of the run, see `StudyOptions`: 2048 chains by default, common to all candidates;
+        progress by candidate. The store keeps the gains of candidates, which another objective uses
+        again.
 
     Returns
     -------
@@ -255,10 +253,10 @@ def optimize(
     >>> o.notes[0]
     'transmitter.half_angle_deg is at the bound 3'
     """
-    require_options(run, RunOptions)
+    options: StudyOptions = {**run, "photons": run.get("photons") or DEFAULT_CHAINS}
     require_whole(realizations, 1, 100_000, "realizations")
     fading = realizations > 1 and objective in FADES
-    campaign = campaign_of(link, surface, "optimize", fading, several=False, photons=photons, **run)
+    campaign = campaign_of(link, surface, "optimize", fading, several=False, **options)
     require_between(quantile, 0.0, 1.0, "quantile")
     require_between(limit, 0.0, 0.5, "limit")
     require_kind(flight, Flight | None, "flight")
@@ -281,7 +279,8 @@ def optimize(
     if min(spread) < 0.0:
         raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
     search = _Search(campaign, goal, start, variables, bounds, (realizations, spread, flight))
-    found = search.optimum(tuple(constraints), method)
+    with campaign.workers():
+        found = search.optimum(tuple(constraints), method)
     if electronics is None or objective == "gain":
         return found
     light = lights.text(search.variant(found.values))

@@ -16,9 +16,10 @@ import time
 import warnings
 from base64 import b64decode, b64encode
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from threading import Lock
 from typing import IO, Any, NamedTuple
 
 import numpy as np
@@ -43,8 +44,14 @@ class Item(NamedTuple):
 class Kept:
     """Finished items of one loop by their keys; nothing is kept without a file."""
 
-    def __init__(self, items: dict[str, Item], of: str = "", file: IO[bytes] | None = None) -> None:
-        self._items, self._of, self._file = items, of, file
+    def __init__(
+        self,
+        items: dict[str, Item],
+        of: str = "",
+        file: IO[bytes] | None = None,
+        turn: Lock | None = None,
+    ) -> None:
+        self._items, self._of, self._file, self._turn = items, of, file, turn or Lock()
         self._synchronized = time.monotonic()
 
     def __contains__(self, key: object) -> bool:
@@ -59,10 +66,12 @@ class Kept:
         if self._file is None:
             return item
         content = b64encode(item.numbers.tobytes()).decode()
-        self._file.write(
-            _line(of=self._of, item=str(key), shape=item.numbers.shape, numbers=content, text=text)
+        line = _line(
+            of=self._of, item=str(key), shape=item.numbers.shape, numbers=content, text=text
         )
-        self._file.flush()
+        with self._turn:
+            self._file.write(line)
+            self._file.flush()
         if time.monotonic() - self._synchronized > _SYNCHRONIZED:
             os.fsync(self._file.fileno())
             self._synchronized = time.monotonic()
@@ -86,10 +95,17 @@ class Store:
         self._end = 0  # of the lines that were read
         self.identities: dict[str, Any] = {}  # of each loop
         self._items: dict[str, dict[str, Item]] = {}  # of each digest of an identity
+        self._turn, self._loops, self._lock = Lock(), 0, ExitStack()
+
+    def __reduce__(self) -> Any:
+        """Return the store as it is before it is read: workers keep nothing."""
+        return Store, (self.path, self._study)
 
     @contextmanager
     def loop(self, name: str, identity: dict[str, Any]) -> Iterator[Kept]:
         """Hold the lock of the store, and yield the finished items of a loop.
+
+        Loops of several threads share the lock.
 
         Parameters
         ----------
@@ -110,21 +126,47 @@ class Store:
         code = {"meshtrace": version("meshtrace"), "kernels": sources().hex()}
         here = json.loads(json.dumps({**identity, **code, "study": self._study}))
         of = _digest_of(name, here)
-        with locked(self.path):
-            first = _line(loop=name, identity=here)
-            if not self.path.exists():
-                # appears with a line: a file without any is no store
-                with atomic(self.path) as temporary:
-                    temporary.write_bytes(first)
-            self.read()
-            self._require_same(name, here)
-            with self.path.open("ab") as file:
-                if name not in self.identities:
-                    file.write(first)
-                yield Kept(self._items.setdefault(of, {}), of, file)
-                file.flush()
-                os.fsync(file.fileno())
-                self.identities[name], self._end = here, file.tell()
+        with self._held():
+            with self._turn:
+                file = self._opened(name, here)
+            with file:
+                yield Kept(self._items.setdefault(of, {}), of, file, self._turn)
+                with self._turn:
+                    os.fsync(file.fileno())
+                    self._end = max(self._end, file.tell())
+
+    @contextmanager
+    def _held(self) -> Iterator[None]:
+        """Hold the lock of the file, which loops of several threads share."""
+        assert self.path is not None
+        with self._turn:
+            if self._loops == 0:
+                self._lock.enter_context(locked(self.path))
+            self._loops += 1
+        try:
+            yield
+        finally:
+            with self._turn:
+                self._loops -= 1
+                if self._loops == 0:
+                    self._lock.close()
+
+    def _opened(self, name: str, here: dict[str, Any]) -> IO[bytes]:
+        """Return the file at its end, with the identity of a loop."""
+        assert self.path is not None
+        first = _line(loop=name, identity=here)
+        if not self.path.exists():
+            # appears with a line: a file without any is no store
+            with atomic(self.path) as temporary:
+                temporary.write_bytes(first)
+        self.read()
+        self._require_same(name, here)
+        file = self.path.open("ab")
+        if name not in self.identities:
+            file.write(first)
+            file.flush()
+            self.identities[name] = here
+        return file
 
     def _require_same(self, name: str, here: dict[str, Any]) -> None:
         """Refuse a store of another study, or of one with another identity of a loop."""

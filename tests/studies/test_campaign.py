@@ -137,9 +137,9 @@ def test_other_options_are_refused(options, message):
         mt.ensemble(mt.Link(), 2, SEA, **options)
 
 
-def test_an_optimisation_has_no_workers():
+def test_a_map_has_no_workers():
     with pytest.raises(Refused, match="workers: 2, no such key"):
-        mt.optimize(mt.Link(), SEA, {"receiver.fov_deg": (10.0, 60.0)}, workers=2)
+        mt.coverage_map(mt.Link(), SEA, workers=2)
 
 
 def test_a_meshing_is_that_of_the_study():

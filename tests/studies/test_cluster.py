@@ -16,8 +16,9 @@ from meshtrace.surfaces import SinusoidalSea
 
 distributed = pytest.importorskip("distributed")
 
-ON_CLUSTERS = ("ensemble", "trace", "compare", "sensitivities", "flight", "duplex", "background",
-               "irradiance", "performance", "depths", "convergence", "bands", "steps", "fading")  # fmt: skip
+ON_CLUSTERS = ("ensemble", "trace", "compare", "sensitivities", "optimize", "infer", "flight",
+               "duplex", "background", "irradiance", "performance", "depths", "design",
+               "convergence", "bands", "steps", "fading")  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def address():
 @pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", ON_CLUSTERS)
-@pytest.mark.slow_but("ensemble", "convergence", "trace")
+@pytest.mark.slow_but("ensemble", "convergence", "trace", "optimize")
 def test_digits_on_a_cluster_are_those_of_threads(name, address, tmp_path):
     study, path = STUDIES[name], tmp_path / "kept.store"
     expected = repr(digits(study()))

@@ -42,8 +42,8 @@ STUDIES = {
         mt.sensitivities, LINK, WAVE, ["water.a", "receiver.height"], photons=64, threads=1
     ),
     "optimize": partial(
-        mt.optimize, LINK, FlatSea(), {"transmitter.half_angle_deg": (3.0, 30.0)}, "gain",
-        realizations=1, photons=64, threads=1,
+        mt.optimize, LINK, SEA, {"receiver.fov_deg": (10.0, 60.0)}, "gain", hover_std=(1.0, 0.0),
+        realizations=2, **FEW,
     ),
     "infer": partial(mt.infer, ROWS, LINK, ["water.a", "receiver.radius"], photons=64, threads=1),
     "series": partial(mt.time_series, LINK, WAVE, TIMES, **SMALL),

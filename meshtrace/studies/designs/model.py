@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -186,7 +187,8 @@ class LinkModel:
         Of light in another water by w' = w (b' / b)^K exp(-(c' - c) L), with K scatterings over L.
         """
         half, own, lights = math.radians(0.5 * link.only_receiver.fov_deg), link.water, []
-        for light in self.sample.light(link):
+        over_seas = (self.sample.light(link, None, i) for i in range(self.means.seas))
+        for light in chain.from_iterable(over_seas):
             factor = (light.angle <= half).astype(float)
             if water is not None:
                 factor *= (water.b / max(own.b, 1e-300)) ** light.order
@@ -257,7 +259,8 @@ class LinkModel:
     def _seen(self, light: str, link: Link) -> Background:
         """Return the background of a link over the seas."""
         seas = self.ensemble.n if light == DAY else min(self.ensemble.n, _NIGHT_SEAS)
-        return background_over_seas(self.ensemble.at(link), self.days[light], seas, self.flight)
+        campaign = self.campaign.of(link, _name_of(link))
+        return background_over_seas(campaign, self.days[light], seas, self.flight)
 
     @cache  # noqa: B019
     def need(self, light: str) -> Need:
@@ -374,8 +377,7 @@ class LinkModel:
         """
         ends = tuple(dict.fromkeys((*self.link.receivers, *link.receivers)))
         whole = link.replace("receiver", ends if len(ends) > 1 else ends[0])
-        name = f"link and {ends[-1].radius!r} m, {ends[-1].fov_deg!r} deg at {link.depth!r} m"
-        campaign = self.campaign.of(whole, name)._replace(progress=None)
+        campaign = self.campaign.of(whole, f"link and {_name_of(link)}")._replace(progress=None)
         steps = campaign.in_time(np.array([campaign.meshing.time]))
         if isinstance(campaign.surface, SeededSurface):
             steps = campaign.realizations(max(min(self.seas, _RUN_SEAS), 2))
@@ -402,6 +404,12 @@ class LinkModel:
         need = with_background(dark, found).required_power(self.limit)
         spread = 0.5 * found.radiance_stderr / max(found.radiance, 1e-300)
         return self.above(log, dark, need), _DB * math.hypot(error, spread)
+
+
+def _name_of(link: Link) -> str:
+    """Return the name of a link with other optics or at another depth, in the store."""
+    end = link.receivers[-1]
+    return f"{end.radius!r} m, {end.fov_deg!r} deg at {link.depth!r} m"
 
 
 def _ends(one: Estimate) -> tuple[float, float, float]:

@@ -179,7 +179,7 @@ def sensitivities(
     if of == "range" and depth not in asked:
         names += parameters(variant, [depth], None, normals)
     study = Study(variant, campaign, realizations, quantity, default)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore"), campaign.workers():
         found = [study.derivatives(p, campaign.progress) for p in names]
     return replace(_result(study, found, asked), light=study.lights.text(variant))
 
