@@ -197,6 +197,7 @@ def test_wrong_messages_are_lines_and_the_session_goes_on(explorer):
     assert process.wait(120.0) == 0
     *lines, last = process.stderr.read().splitlines()
     assert last == "explorer ended: terminated"
+    assert not [line for line in lines if "Traceback" in line]
     assert [line for line in lines if not line.startswith(("error: ", "warning: "))] == []
 
 
