@@ -9,11 +9,12 @@ stretched.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.engine.chains.aimed import AimedChains, Nodes, SearchMode
 from meshtrace.engine.chains.sampling import Nominal
@@ -121,15 +122,21 @@ class FrozenForced:
                 part[pair.receiver] += pair.share * score.reshape(SHIFTS, -1).mean(axis=1)
         return found + direct, direct
 
-    def unscattered(self, link: Link, mesh: TriangleMesh) -> Floats:
+    def unscattered(
+        self, link: Link, mesh: TriangleMesh, facets: Sequence[NDArray[np.int64]] | None = None
+    ) -> Floats:
         """Return the unscattered gain of each receiver of a neighbouring link, without noise.
 
-        0 where it is sampled with the chains.
+        Through all facets, or through some for each receiver; 0 where it is sampled with the
+        chains.
         """
         found = np.zeros(len(link.receivers))
-        for pair in self._pairs(link, mesh):
-            if pair.direct is not None:
-                found[pair.receiver] += pair.share * pair.direct.sum()
+        arrays, aimed, _ = self._aimed(link, mesh)
+        for e, t in [] if aimed.sampled else arrays.pairs:
+            r = arrays.receiver(e, t)
+            if facets is None or len(facets[r]):
+                some = None if facets is None else facets[r]
+                found[r] += arrays.share(e, t) * aimed.direct_gains(e, t, facets=some).sum()
         return found
 
     def light(self, link: Link, mesh: TriangleMesh) -> list[Light]:

@@ -242,6 +242,7 @@ class Light(NamedTuple):
     lamp: Floats  # cosine of the emission to the axis of the source
     shift: NDArray[np.int64]
     tint: Floats  # (n, tints), see `kernels.tints`
+    facet: NDArray[np.int64]  # that of unscattered light without random slopes, else -1
 
     def by_shift(self, values: Floats) -> Floats:
         """Return the sum of the weights times values (n,) of each shift, shape (shifts,)."""
@@ -285,6 +286,7 @@ def direct_light(
         lamp=lamp,
         shift=np.full(len(lit), shift),
         tint=aimed.straight_tints(source, crossing, tints),
+        facet=lit,
     )
 
 
@@ -312,6 +314,7 @@ def chain_light(
         lamp=lamp,
         shift=(first + chain) // (n // SHIFTS),
         tint=aimed.chain_tints(emitter, chains, found, tints),
+        facet=np.full(len(found), -1),
     )
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
+from itertools import islice
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.comms.budget import required_gain
 from meshtrace.comms.ook import OokLink
@@ -177,6 +179,13 @@ REWEIGHED = ("receiver.fov_deg", "transmitter.half_angle_deg")
 again."""
 
 
+def _by_edge(light: Light, half_deg: float) -> NDArray[np.bool_]:
+    """Return which light comes through facets by the edge of a view; none if that is little."""
+    off = np.abs(light.angle - math.radians(half_deg))
+    found = (light.facet >= 0) & (off < _EDGE)
+    return found & (light.weight[found].sum() > _SMALL * light.weight.sum())
+
+
 class Sample(Restored):
     """Surfaces and receivers common to all candidates.
 
@@ -281,43 +290,27 @@ class Sample(Restored):
         parts = [link.model_dump(mode="json"), None if uav is None else uav.model_dump(mode="json")]
         steps = [(digest_of(parts), i) for i in range(self._seas)]
 
-        def over(evaluate: Callable[[Link, Uav | None, int], Floats], name: str) -> Floats:
-            def setup() -> Callable[[tuple[str, int]], Floats]:
-                return lambda step: evaluate(link, uav, step[1])
+        def setup() -> Callable[[tuple[str, int]], Floats]:
+            return lambda step: self._over_sea(link, uav, step[1])
 
-            name = f"{name} of seed {self._seed}"
-            return np.concatenate(
-                list(self._near.campaign.over(setup, steps, name, self._identity))
-            )
-
-        found = over(self._over_sea, "candidates")
-        if found[:, SHIFTS:].any():
-            found = over(self._with_edge, "candidates with light by the edge of the view")
-        return found[:, :SHIFTS]
+        name = f"candidates of seed {self._seed}"
+        return np.concatenate(list(self._near.campaign.over(setup, steps, name, self._identity)))
 
     def _over_sea(self, link: Link, uav: Uav | None, i: int) -> Floats:
-        """Return the gains of a candidate over sea i, shape (places, shifts).
-
-        Of light that is weighed again, behind them whether facets by the edge of the view have
-        unscattered light that counts.
-        """
+        """Return the gains of a candidate over sea i, shape (places, shifts)."""
+        links = self._links(link, uav, i)
         if not self._turned:
-            return np.concatenate([self._near.gains(at, i) for at in self._links(link, uav, i)])
-        half, rows = math.radians(0.5 * link.receivers[0].fov_deg), []
-        for light in self.light(link, uav, i):
-            by_edge = (light.shift < 0) & (np.abs(light.angle - half) < _EDGE)
-            counts = light.weight[by_edge].sum() > _SMALL * light.weight.sum()
-            rows.append([*light.by_shift(self._factor(link, light)), counts])
+            return np.concatenate([self._near.gains(at, i) for at in links])
+        lights, rows = iter(self.light(link, uav, i)), []
+        for at in links:
+            some = list(islice(lights, len(at.receivers)))
+            cut = [_by_edge(light, 0.5 * link.receivers[0].fov_deg) for light in some]
+            facets = [light.facet[near] for light, near in zip(some, cut, strict=True)]
+            exact = self._near.unscattered(at, i, facets) if any(map(len, facets)) else None
+            for r, light in enumerate(some):
+                row = light.by_shift(np.where(cut[r], 0.0, self._factor(link, light)))
+                rows.append(row if exact is None else row + exact[r])
         return np.array(rows)
-
-    def _with_edge(self, link: Link, uav: Uav | None, i: int) -> Floats:
-        """Return the gains of a candidate over sea i, its unscattered light without noise."""
-        unscattered = [self._near.unscattered(at, i) for at in self._links(link, uav, i)]
-        sampled = [
-            light.by_shift(self._factor(link, light) * (light.shift >= 0))
-            for light in self.light(link, uav, i)
-        ]
-        return np.array(sampled) + np.concatenate(unscattered)[:, None]
 
     def light(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
         """Return the light of a candidate at all places over sea i, before it is weighed again.

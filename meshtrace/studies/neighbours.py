@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.engine.forced import MANY_SEAS, TypicalSea
 from meshtrace.engine.neighbours import FrozenForced
@@ -102,9 +103,14 @@ class Neighbours(Restored):
         """Return the gain of each receiver over realization i, shape (receivers, shifts)."""
         return self.frozen.gains(link, self.mesh(i, surface))
 
-    def unscattered(self, link: Link, i: int) -> Floats:
-        """Return the unscattered gain of each receiver over realization i, without noise."""
-        return self.frozen.unscattered(link, self.mesh(i))
+    def unscattered(
+        self, link: Link, i: int, facets: Sequence[NDArray[np.int64]] | None = None
+    ) -> Floats:
+        """Return the unscattered gain of each receiver over realization i, without noise.
+
+        Through all facets, or through some for each receiver.
+        """
+        return self.frozen.unscattered(link, self.mesh(i), facets)
 
     def light(self, link: Link, i: int, surface: Any = None) -> list[Light]:
         """Return the light that arrives at each receiver over realization i."""

@@ -328,8 +328,14 @@ class AimedChains:
             cut[beside] = hits.distance < lengths[beside] - 3.0 * hair
         return cut
 
-    def direct_gains(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats:
-        """Return the unscattered gain through each facet, without noise.
+    def direct_gains(
+        self,
+        source: int,
+        receiver: int,
+        at: Vec3 | None = None,
+        facets: NDArray[np.int64] | None = None,
+    ) -> Floats:
+        """Return the unscattered gain through each facet, or through some, without noise.
 
         From the centre of the source, or from the point `at`. Random slopes are left out where
         unscattered light is `sampled`. A facet that source or receiver cannot see brings nothing:
@@ -342,10 +348,15 @@ class AimedChains:
         if self.rough and self.blurred:
             nodes = self.nodes.setdefault((source, receiver), _disk_nodes(self._blur(scene)))
             rule = _slope_rule() if nodes is None else _disk_rule(nodes)
-            microfacets.blurred_gain(scene, rule, self._blocks, stack, gain, hidden)
+            blocks = self._blocks if facets is None else _one_block(facets)
+            microfacets.blurred_gain(scene, rule, blocks, stack, gain, hidden)
         else:
             stretch, lever, bend = self.bounds_of(scene)
             image.image_gain(scene, 1.5 * stretch, lever, bend, stack, gain, hidden)
+            if facets is not None:
+                others = np.ones(len(gain), bool)
+                others[facets] = False
+                gain[others], hidden[others] = 0.0, False
         doubtful = np.flatnonzero(hidden)
         if not len(doubtful):
             return gain
@@ -362,8 +373,7 @@ class AimedChains:
         """The facets in blocks of some `_IN_BLOCK`, in one for few pairs of ends."""
         n = len(self.facets)
         if len(self.link.emitters) * len(self.link.targets) <= _FEW_PAIRS:
-            whole, wide = np.zeros((1, 3)), np.full(1, math.inf)
-            return microfacets.Blocks(np.array([0, n]), np.arange(n), whole, wide, wide)
+            return _one_block(np.arange(n))
         side = math.ceil(math.sqrt(n / _IN_BLOCK))
         place, centroids = np.zeros(n, np.int64), self.centroids
         for axis in (0, 1):
@@ -451,6 +461,12 @@ def search_extent(surface: MeshArrays, facets: NDArray[np.void], bins: Locator) 
         widest=1.0,
         curvature=float(near["curvature"].max()),
     )
+
+
+def _one_block(facets: NDArray[np.int64]) -> microfacets.Blocks:
+    """Return facets in a block without bounds: each of them is looked at."""
+    wide = np.full(1, math.inf)
+    return microfacets.Blocks(np.array([0, len(facets)]), facets, np.zeros((1, 3)), wide, wide)
 
 
 def _disk_nodes(blur: float) -> Nodes:
