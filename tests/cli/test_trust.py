@@ -20,7 +20,7 @@ class Own(mt.PhaseFunction):
     def density(self, theta):
         return np.exp(-theta)
 """
-LINK = '[water.phase]\nkind = "phases:Own"\n[sea]\nspectrum = "flat"\n[run]\nphotons = 64\n'
+LINK = '[water.phase]\nkind = "ownphase:Own"\n[sea]\nspectrum = "flat"\n[run]\nphotons = 64\n'
 COMMANDS = {
     "run": ["run", "link.toml"],
     "new": ["new", "link.toml"],
@@ -31,7 +31,7 @@ COMMANDS = {
     "coverage": ["coverage", "link.toml"],
     "compare": ["compare", "link.toml", "other.toml"],
     "bench": ["bench", "link.toml", "--quick"],
-    "set": ["run", "--set", "water.phase.kind=phases:Own"],
+    "set": ["run", "--set", "water.phase.kind=ownphase:Own"],
     "sweep": ["sweep", "study.toml"],
     "swept": ["sweep", "swept.toml"],
 }
@@ -39,12 +39,12 @@ COMMANDS = {
 
 @pytest.fixture
 def folder(tmp_path):
-    (tmp_path / "phases.py").write_text(MODULE)
+    (tmp_path / "ownphase.py").write_text(MODULE)
     (tmp_path / "link.toml").write_text(LINK)
     (tmp_path / "other.toml").write_text(LINK)
     sweep = "[sweep]\nrtol = 0.5\n[sweep.parameters]\n"
     (tmp_path / "study.toml").write_text(f"{LINK}{sweep}wind_speed = [0.0]\n")
-    kinds = '"water.phase" = ["petzold", { kind = "phases:Own" }]\n'
+    kinds = '"water.phase" = ["petzold", { kind = "ownphase:Own" }]\n'
     flat = LINK[LINK.index("[sea]") :]
     (tmp_path / "swept.toml").write_text(f"{flat}{sweep}{kinds}")
     return tmp_path
@@ -60,7 +60,7 @@ def here(folder, monkeypatch):
     """Enter the folder, whose module this process can import as a process of its own does."""
     monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(folder)
-    assert Path(find_spec("phases").origin) == folder / "phases.py"
+    assert Path(find_spec("ownphase").origin) == folder / "ownphase.py"
     yield folder
     assert not (folder / "ran").exists()
 
@@ -75,7 +75,7 @@ def test_no_command_runs_a_module_in_this_process(name, here):
     if name == "sweep":
         pytest.importorskip("distributed")
     line = command_line.refusal(*COMMANDS[name])
-    assert f"would run {here}/phases.py: a link file may, with --trust" in line
+    assert f"would run {here}/ownphase.py: a link file may, with --trust" in line
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_no_command_runs_a_module_in_this_process(name, here):
 )
 @pytest.mark.slow_but("run", "explore")
 def test_no_command_runs_a_module_that_a_file_names(name, folder):
-    """Each once ran `phases.py` beside the link file."""
+    """Each once ran `ownphase.py` beside the link file."""
     if name == "swept":
         pytest.importorskip("distributed")
     done = meshtrace(folder, *COMMANDS[name])
@@ -93,7 +93,7 @@ def test_no_command_runs_a_module_that_a_file_names(name, folder):
     else:
         assert done.returncode == 2
         (line,) = done.stderr.splitlines()
-        assert f"would run {folder}/phases.py: a link file may, with --trust" in line
+        assert f"would run {folder}/ownphase.py: a link file may, with --trust" in line
 
 
 @pytest.mark.thorough
