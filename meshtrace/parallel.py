@@ -11,7 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from time import monotonic, thread_time
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from meshtrace.errors import require_whole
 
@@ -62,6 +62,24 @@ def ordered_map(
     if threads == 1:
         return map(function if _recorded is None else _timed(function, _recorded), jobs)
     return _in_threads(function, jobs, threads, ahead)
+
+
+def results_of(threads: int, *functions: Callable[[], Any]) -> list[Any]:
+    """Return the results of functions without arguments, called by several threads.
+
+    Parameters
+    ----------
+    threads : int
+        Threads; 1 calls them in the calling thread.
+    *functions : callable
+        Functions, the longest ones first; after an exception no further one is called.
+
+    Examples
+    --------
+    >>> results_of(2, dict, list)
+    [{}, []]
+    """
+    return list(ordered_map(lambda function: function(), functions, threads, len(functions)))
 
 
 def _in_threads(

@@ -15,6 +15,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial
 from importlib.util import find_spec
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from meshtrace.errors import Described, Refused, one_line, require_between, require_whole
@@ -50,6 +51,7 @@ class Cluster:
     timeout: float = DEFAULT_TIMEOUT
     _kept: ExitStack | None = field(default=None, init=False, repr=False)
     _client: distributed.Client | None = field(default=None, init=False, repr=False)
+    _turn: Lock = field(default_factory=Lock, init=False, repr=False)
 
     def checked(self) -> Cluster:
         """Return the cluster; refuse numbers out of range, and to go on without dask."""
@@ -132,17 +134,18 @@ class Cluster:
 
     @contextmanager
     def _connected(self) -> Iterator[distributed.Client]:
-        """Yield a client with workers, the one of earlier loops if it is kept."""
+        """Yield a client with workers, the one of other loops if it is kept."""
         import distributed  # noqa: F401  (its loggers exist from here on)
 
         with ExitStack() as own:
-            client = self._client
-            if client is None:
-                stack = self._kept or own
-                stack.enter_context(_quiet())
-                client = stack.enter_context(_client(self.workers, self.timeout))
-                _require_equal_workers(client, self.timeout)
-                self._client = client if self._kept else None
+            with self._turn:  # loops of several threads share it, too
+                client = self._client
+                if client is None:
+                    stack = self._kept or own
+                    stack.enter_context(_quiet())
+                    client = stack.enter_context(_client(self.workers, self.timeout))
+                    _require_equal_workers(client, self.timeout)
+                    self._client = client if self._kept else None
             yield client
 
 
@@ -163,7 +166,7 @@ class Restored:
         return prepared, (self._recipe,)
 
 
-@lru_cache(2)
+@lru_cache(4)  # two loops at once, and what each of them restores
 def prepared(setup: bytes) -> Any:
     """Return the function of the jobs of a loop, or `Restored`, set up once in this process."""
     import cloudpickle

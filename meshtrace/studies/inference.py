@@ -389,7 +389,7 @@ def infer(
     data = read_measurements(measurements)
     if surface is None and not isinstance(link, Scenario):
         surface = FlatSea()
-    options: StudyOptions = {**run, "photons": run.get("photons") or DEFAULT_CHAINS}
+    options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
     campaign = campaign_of(link, surface, "infer", several=False, **options)
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]

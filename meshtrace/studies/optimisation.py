@@ -253,7 +253,7 @@ def optimize(
     >>> o.notes[0]
     'transmitter.half_angle_deg is at the bound 3'
     """
-    options: StudyOptions = {**run, "photons": run.get("photons") or DEFAULT_CHAINS}
+    options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
     require_whole(realizations, 1, 100_000, "realizations")
     fading = realizations > 1 and objective in FADES
     campaign = campaign_of(link, surface, "optimize", fading, several=False, **options)

@@ -5,14 +5,13 @@ import sys
 
 import numpy as np
 import pytest
-from studies.test_store import FEW, LINK, SMALL, STUDIES, TIMES, WAVE, digits
+from studies.test_store import LINK, SMALL, STUDIES, TIMES, WAVE, digits
 
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.studies import cluster
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.cluster import Cluster
-from meshtrace.surfaces import SinusoidalSea
 
 distributed = pytest.importorskip("distributed")
 
@@ -103,7 +102,8 @@ def test_one_worker_needs_no_dask(monkeypatch):
         Cluster(2).checked()
 
 
-@pytest.mark.parametrize("workers", [0, 1.5, -1])
-def test_workers_out_of_range_are_refused(workers):
-    with pytest.raises(Refused, match=r"workers: .*, allowed"):
-        mt.ensemble(LINK, 2, SinusoidalSea(amplitude=0.1, wavelength=3.0), workers=workers, **FEW)
+@pytest.mark.parametrize("name", ["ensemble", "optimize", "infer", "design"])
+@pytest.mark.parametrize("options", [{"workers": n} for n in (0, 1.5, -1)] + [{"photons": 0}])
+def test_options_out_of_range_are_refused(name, options):
+    with pytest.raises(Refused, match=rf"{next(iter(options))}: .*, allowed"):
+        STUDIES[name](**options)

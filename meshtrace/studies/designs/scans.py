@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from meshtrace.comms.capacity import capacity, hard_information
 from meshtrace.errors import Refused, require_keys, require_pair
 from meshtrace.link import Link
 from meshtrace.models import Floats
+from meshtrace.parallel import results_of
 from meshtrace.studies.designs.model import COLOUR, LENS, RATE, VIEW, WIDTH, LinkModel
 from meshtrace.studies.designs.page import LIGHTS, BestValue
 from meshtrace.studies.keys import Variant
@@ -134,15 +135,13 @@ class Scans(LinkModel):
         """Find what all parts of the page share: gains, lights and needs, and the own response."""
         keys = (key for key in bounds if key not in (WIDTH, RATE, COLOUR))
         links = [link for key in keys for link in self._at(key, self._values(key, bounds[key]))]
-        with ThreadPoolExecutor(self.campaign.threads) as pool:
-            shared: list[Future[Any]] = [
-                pool.submit(lambda: self.fades),
-                pool.submit(self.means.find, links),  # with common random numbers
-                *(pool.submit(self.need, light) for light in LIGHTS),
-                pool.submit(lambda: self.spreads and self.response(self.link)),
-            ]
-        for part in shared:
-            part.result()
+        results_of(
+            self.campaign.threads,
+            lambda: self.fades,
+            partial(self.means.find, links),  # with common random numbers
+            *(partial(self.need, light) for light in LIGHTS),
+            lambda: self.spreads and self.response(self.link),
+        )
 
     def _bit_rates(self, light: str, values: Floats) -> Scan:
         """Return the reserves over bit rates; the best has the largest rate of hard decisions."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import pairwise
 from typing import Unpack
 
@@ -13,11 +13,12 @@ import numpy as np
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Described, Refused, require_between, require_whole
 from meshtrace.models import Floats
+from meshtrace.parallel import results_of
 from meshtrace.scenario import Scenario
-from meshtrace.studies.campaign import campaign_of
+from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.designs.model import COLOUR, DEFAULT_CHAINS, LENS, RATE
 from meshtrace.studies.designs.page import DAY, LIGHTS, BestValue, Design, Line, Reach
-from meshtrace.studies.designs.scans import OPTICS, Scan, Scans
+from meshtrace.studies.designs.scans import OPTICS, Bounds, Scan, Scans
 
 _DEPTHS, _SECANTS = 4, 6  # steps of the search for the greatest depth by runs, and by mean gains
 _LEAST_SLOPE = 1e-3  # of the reserve over the depth [dB m-1]
@@ -94,35 +95,41 @@ def design(
     require_between(outage, 0.0, 1.0, "outage")
     require_between(limit, 0.0, 0.5, "limit")
     require_whole(realizations, 8, 100_000, "realizations")
-    options: StudyOptions = {**run, "photons": run.get("photons") or DEFAULT_CHAINS}
+    options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
     campaign = campaign_of(scenario, None, "design", True, several=False, **options)
-    study = _Study(campaign, outage, limit, realizations)
+    with campaign.workers():
+        return _page(_Study(campaign, outage, limit, realizations), campaign, over)
+
+
+def _page(study: _Study, campaign: Campaign, over: Bounds | None) -> Design:
+    """Return the page of a study; independent parts share the threads, the longest first."""
     bounds = study.bounds(over)
     study.prepare(bounds)
-    with ThreadPoolExecutor(campaign.threads) as pool:  # the longest first
-        optics = pool.submit(study.optics, bounds)
-        depths = [pool.submit(study.greatest_depth, light) for light in LIGHTS]
-        alone = {
-            key: pool.submit(study.scans, key, bounds[key]) for key in bounds if key not in OPTICS
-        }
-        figures = [pool.submit(study.figures, light) for light in LIGHTS]
-        budget = pool.submit(study.budget)
-    by_key, together = optics.result()
-    by_key |= {key: rows.result() for key, rows in alone.items()}
+    alone = [key for key in bounds if key not in OPTICS]
+    (by_key, together), night, day, *others = results_of(
+        campaign.threads,
+        partial(study.optics, bounds),
+        *(partial(study.greatest_depth, light) for light in LIGHTS),
+        *(partial(study.scans, key, bounds[key]) for key in alone),
+        *(partial(study.figures, light) for light in LIGHTS),
+        study.budget,
+    )
+    *rows, by_night, by_day, budget = others
+    by_key |= dict(zip(alone, rows, strict=True))
     scans = [scan for key in bounds for scan in by_key[key]]
     reach = [
         row
-        for light, depth in zip(LIGHTS, depths, strict=True)
-        for row in study.reach(light, depth.result(), scans)
+        for light, depth in zip(LIGHTS, (night, day), strict=True)
+        for row in study.reach(light, depth, scans)
     ]
     return Design(
-        outage=outage,
-        limit=limit,
-        figures=tuple(row.result() for row in figures),
+        outage=study.outage,
+        limit=study.limit,
+        figures=(by_night, by_day),
         choices=tuple(scan.choice for scan in scans),
         together=tuple(together),
         reach=tuple(reach),
-        budget=budget.result(),
+        budget=budget,
         scanned=np.array([scan.values for scan in scans]),
         reserves=np.array([scan.reserves for scan in scans]),
         notes=study.notes(),
