@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import math
 import warnings
-from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
-from typing import Any, Unpack, overload
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from threading import Lock
+from typing import Any, NamedTuple, Unpack, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.maps import unscattered_map
@@ -22,12 +22,12 @@ from meshtrace.engine.outcome import (
     warn_of_dark_map,
     warn_of_lost,
 )
-from meshtrace.engine.photons.analog import FixedPointSum, PhotonSums, run_analog
+from meshtrace.engine.photons.analog import PhotonSums, run_analog
+from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.common_paths import CommonPaths, clearest, photon_paths, scattering
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import (
     Analog,
-    Case,
     IrradianceMap,
     RunOptions,
     require_options,
@@ -42,11 +42,26 @@ from meshtrace.results.coverage import LIT, CoverageMap, relative_errors
 from meshtrace.results.provenance import provenance
 from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths
 from meshtrace.scenario import Scenario
-from meshtrace.studies.store import Item, Kept, Store
+from meshtrace.studies.campaign import Campaign
+from meshtrace.studies.cluster import Cluster, Restored
+from meshtrace.studies.store import Store
 
 _FIRST_PHOTONS = 2**20  # at most, before the first comparison with `rtol`
 _MOST_AT_ONCE = 16.0  # times the photons: an error of few hits is uncertain itself
 _MESHES = 4  # that are kept for further photons
+_BLOCK = 2**18  # photons of a step: a store has a map for each
+
+
+class _Step(NamedTuple):
+    """Photons over the surface of a time, with ids from the first on, by numbers of time and run.
+
+    A run is one of the kinds of photons that a map of several wavelengths has.
+    """
+
+    time: int
+    run: int
+    first: int
+    photons: int
 
 
 @overload
@@ -83,6 +98,7 @@ def coverage_map(  # type: ignore[misc]
     photons: int = 4_000_000,
     rtol: float | None = None,
     wavelengths_nm: ArrayLike | None = None,
+    workers: int | str | None = None,
     **run: Unpack[RunOptions],
 ) -> CoverageMap | ByWavelength[CoverageMap]:
     r"""Return the gain over the plane of the receiver.
@@ -114,9 +130,11 @@ def coverage_map(  # type: ignore[misc]
     wavelengths_nm : array_like, optional
         Wavelengths [nm], in place of that of the sources: a map for each, of common photons (see
         `simulate`); `rtol` holds for all.
+    workers : int or str, optional
+        Processes in place of threads, or the address or file of a running dask scheduler.
     **run
-        Options of the run, see `RunOptions`. The store keeps the photons of each time, which a
-        smaller `rtol` uses again; progress is by the photons followed since the last call.
+        Options of the run, see `RunOptions`. The store keeps the photons, which a smaller `rtol`
+        uses again; progress is by the photons followed since the last call.
 
     Returns
     -------
@@ -155,6 +173,7 @@ def coverage_map(  # type: ignore[misc]
     require_options(run, RunOptions)
     options: dict[str, Any] = {name: value for name, value in run.items() if value is not None}
     store, progress = options.pop("store", None), options.pop("progress", None)
+    cluster = None if workers is None else Cluster(workers).checked()
     case = resolve(link, surface, **options)
     kinds = (Receiver, WaterReceiver)
     receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)
@@ -168,94 +187,160 @@ def coverage_map(  # type: ignore[misc]
     view = {"axis": receiver.axis, "fov_deg": receiver.fov_deg}
     grid = IrradianceMap(height=receiver.center[2], extent=extent, step=step, **view)
     exact = rtol is not None and not isinstance(case.run.estimator, Analog)
-    inputs = receiver, grid, at, exact, progress
     waves = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     links = [case.link.at_wavelength(nm) for nm in waves] or [case.link]
     kept, found = Store(store, "coverage_map"), dict[int, CoverageMap]()
-    while waiting := [i for i in range(len(links)) if i not in found]:
-        base, common = photon_paths(links, waiting, mixed=True)
-        mapped = _Mapped(case, links, common, *inputs)
-        with kept.loop(f"photons of link {base}", mapped.identity()) as mapped.kept:
+    campaign = Campaign({}, case.surface, case.run, case.meshing, cluster=cluster, store=kept)
+    with campaign.workers():
+        while waiting := [i for i in range(len(links)) if i not in found]:
+            base, common = photon_paths(links, waiting, mixed=True)
+            name = f"photons of link {base}"
+            of = campaign._replace(links={str(i): links[i] for i in common.rows})
+            mapped = _Mapped(of, case.origin, common, receiver, grid, at, exact, name, progress)
             found |= mapped.run(photons, rtol, base)
     results = [found[i] for i in range(len(links))]
     return ByWavelength(np.array(waves), tuple(results)) if waves else results[0]
 
 
-class _Mapped:
-    """Maps of a receiver at wavelengths with common photons, and their unscattered light."""
+class _Photons(Restored):
+    """Photons of common paths over the surfaces of some times, that make maps.
 
-    kept: Kept
+    Parameters
+    ----------
+    campaign : Campaign
+        Links at the wavelengths of the map, over the sea.
+    common : CommonPaths
+        Their common paths.
+    receiver, grid, times
+        Receiver, cells and times of the map.
+    exact : bool
+        Whether the meshes are fine below all cells, for the image of the unscattered light.
+    unscattered : bool
+        Whether the photons carry the unscattered light, too.
+    """
 
     def __init__(
         self,
-        case: Case,
-        links: Sequence[Link],
+        campaign: Campaign,
         common: CommonPaths,
         receiver: Receiver | WaterReceiver,
         grid: IrradianceMap,
         times: list[float],
         exact: bool,
-        progress: Callable[[int], None] | None,
+        unscattered: bool = True,
     ) -> None:
-        options = case.run.estimator
-        self._options = options if isinstance(options, Analog) else Analog()
-        case = case._replace(link=clearest(links))
-        self._case = case._replace(run=case.run.replace(estimator=self._options))
-        self._links, self._common = [links[i] for i in common.rows], common
-        self._tinting = common.tinting or UNTINTED
+        self.inputs = (campaign.alone, common, receiver, grid, times, exact, unscattered)
+        self._campaign, self._exact, self._unscattered = campaign, exact, unscattered
+        self._grid, self.times = grid, times
+        options = campaign.run.estimator
+        self.options = options if isinstance(options, Analog) else Analog()
+        self.tinting = common.tinting or UNTINTED
         shares = np.array([1.0 - common.shares, common.shares])
-        self._ends = shares[: len(common.bases)]  # of the smallest and the largest index
-        several = [links[i] for i in self._tinting.bases] or [common.bases[0]]
-        self._runs = [
+        self.ends = shares[: len(common.bases)]  # of the smallest and the largest index
+        links = list(campaign.links.values())
+        self._clearest = clearest(links)
+        several = [links[i] for i in self.tinting.bases] or [common.bases[0]]
+        self.runs = [
             (base, link.replace("water.n", end.water.n))
             for end in common.bases
             for base, link in enumerate(several)
         ]
         self._parts = np.full(len(several), 1.0 / len(several))  # of the photons of an index
-        self._shares = np.repeat(self._ends, len(several), axis=0) / len(several)  # of the runs
-        self._receiver, self._grid, self._times = receiver, grid, times
-        self._progress = progress
+        self.shares = np.repeat(self.ends, len(several), axis=0) / len(several)  # of the runs
         half = 0.5 * grid.n * grid.step
         ends = (-grid.extent, 2.0 * half - grid.extent)
         corners = (receiver.replace(position=(x, y)) for x in ends for y in ends)
-        self._corners = case.link.replace(receiver=tuple(corners))
-        self._mesh = lru_cache(_MESHES)(partial(self._meshed, exact))
-        self._image = self._unscattered() if exact else None
+        self._corners = self._clearest.replace(receiver=tuple(corners))
+        self.mesh = lru_cache(_MESHES)(self._meshed)
+        self._turns = [Lock() for _ in times]
 
-    def _meshed(self, exact: bool, time: float) -> TriangleMesh:
+    def _meshed(self, time: float) -> TriangleMesh:
         """Return the mesh of a time, fine below all cells if exact."""
-        inputs = self._case.surface, self._case.meshing.replace(time=time)
-        if exact:
+        inputs = self._campaign.surface, self._campaign.meshing.replace(time=time)
+        if self._exact:
             try:
                 return mesh_for(self._corners, *inputs, math.inf)[0]
             except Refused:  # a given mesh that does not reach below all cells
                 pass
-        return mesh_for(self._case.link, *inputs)[0]
+        return mesh_for(self._clearest, *inputs)[0]
+
+    def steps(self, done: int, photons: int) -> list[_Step]:
+        """Return the steps of further photons at each time, after those that are done."""
+        found, n = list[_Step](), len(self.runs)
+        for i in range(len(self.times)):
+            first = self.options.first_photon + len(self.times) * done + i * photons
+            cuts = [first + k * photons // n for k in range(n + 1)]
+            found += [
+                _Step(i, k, start, min(_BLOCK, cuts[k + 1] - start))
+                for k in range(n)
+                for start in range(cuts[k], cuts[k + 1], _BLOCK)
+            ]
+        return found
+
+    def setup(self) -> Callable[[_Step], Floats]:
+        """Return the function of a step."""
+        return lambda step: self.tallies(step).to_row()
+
+    def tallies(self, step: _Step, grid: IrradianceMap | None = None) -> PhotonSums:
+        """Return the tallies of a step, by default in the cells of the map."""
+        base, link = self.runs[step.run]
+        with self._turns[step.time]:  # one thread makes the mesh of all
+            mesh = self.mesh(self.times[step.time])
+            intersector = EmbreeIntersector(frame_of(link).mesh(mesh), 1).built().over(mesh)
+        tinted: dict[str, Any] = {"tinting": self.tinting, "turn": (base, self._parts)}
+        return run_analog(
+            link, intersector, self.options.replace(first_photon=step.first),
+            photons=step.photons, seed=self._campaign.run.seed,
+            normals=self._campaign.meshing.normals,
+            unscattered=self._unscattered or grid is not None,
+            record=[grid or self._grid], **({} if grid else tinted),
+        )  # fmt: skip
+
+
+class _Mapped:
+    """Maps of a receiver at wavelengths with common photons, and their unscattered light."""
+
+    def __init__(
+        self,
+        campaign: Campaign,
+        origin: Mapping[str, Any],
+        common: CommonPaths,
+        receiver: Receiver | WaterReceiver,
+        grid: IrradianceMap,
+        times: list[float],
+        exact: bool,
+        name: str,
+        progress: Callable[[int], None] | None,
+    ) -> None:
+        self._campaign, self._more_origin, self._common = campaign, origin, common
+        self._links = list(campaign.links.values())
+        self._receiver, self._grid, self._name, self._progress = receiver, grid, name, progress
+        inputs = campaign, common, receiver, grid, times, exact
+        self._photons = _Photons(*inputs)
+        self._image = self._unscattered() if exact else None
+        if self._image is not None:
+            self._photons = _Photons(*inputs, unscattered=False)
 
     def _unscattered(self) -> Floats | None:
         """Return the unscattered gain of the cells, or None if photons have to carry it."""
-        options = self._case.meshing.normals, self._case.threads, self._tinting
+        photons, threads = self._photons, self._campaign.threads
+        options = self._campaign.meshing.normals, threads, photons.tinting
         total = np.zeros((self._grid.n, self._grid.n, len(self._links)))
-        for link, shares in zip(self._common.bases, self._ends, strict=True):
+        for link, shares in zip(self._common.bases, photons.ends, strict=True):
             link = link.replace(receiver=self._receiver)
-            for time in self._times:
-                found = unscattered_map(link, self._mesh(time), self._grid, *options)
+            for time in photons.times:
+                found = unscattered_map(link, photons.mesh(time), self._grid, *options)
                 if found is None:
                     return None
-                total += shares * found / len(self._times)
+                total += shares * found / len(photons.times)
         return total
 
     def identity(self) -> dict[str, Any]:
-        """Return the configuration that the tallies depend on, as plain data."""
-        case = self._case
+        """Return the configuration that the tallies depend on besides that of the campaign."""
         return {
-            "links": [link.model_dump(mode="json") for link in self._links],
-            "surface": surface_config(case.surface),
-            "run": self._options.model_dump(mode="json"),
-            "seed": case.run.seed,
-            "meshing": case.meshing.model_dump(mode="json"),
+            "run": self._photons.options.model_dump(mode="json"),
             "map": self._grid.model_dump(mode="json"),
-            "times": self._times,
+            "times": self._photons.times,
             "unscattered": self._image is None,
         }
 
@@ -315,7 +400,7 @@ class _Mapped:
         records = {"irradiance-map": self._grid}
         results = [
             analog_result(link, one, {}, records)
-            for (_, link), one in zip(self._runs, sums, strict=True)
+            for (_, link), one in zip(self._photons.runs, sums, strict=True)
         ]
         for result in results:
             warn_of_lost(result)
@@ -324,53 +409,26 @@ class _Mapped:
 
     def _back(self, grid: IrradianceMap, photons: int) -> PhotonSums:
         """Follow a few photons at the first time with another map."""
-        case = self._case
-        intersector = EmbreeIntersector(self._mesh(self._times[0]), case.threads)
-        link = self._common.bases[0]
-        return run_analog(
-            link, intersector, self._options, photons=photons, record=[grid], **case.how
-        )
+        step = _Step(0, 0, self._photons.options.first_photon, photons)
+        return self._photons.tallies(step, grid)
 
     def _follow(self, done: int, photons: int, sums: list[PhotonSums]) -> list[PhotonSums]:
         """Follow more photons at each time, and return their tallies with the sums, by run."""
-        found: list[Any] = list(sums) or [None] * len(self._runs)
-        n = len(found)
-        for i, time in enumerate(self._times):
-            first = self._options.first_photon + len(self._times) * done + i * photons
-            cuts = [first + k * photons // n for k in range(n + 1)]
-            for k, run in enumerate(self._runs):
-                found[k] = self._more(*run, time, cuts[k], cuts[k + 1] - cuts[k], found[k])
-        return found
-
-    def _more(
-        self,
-        base: int,
-        link: Link,
-        time: float,
-        first: int,
-        photons: int,
-        sums: PhotonSums | None,
-    ) -> PhotonSums:
-        """Follow photons of a base, and add their tallies to the sums."""
-        key = f"{photons} from {first}"
-        if key in self.kept:
+        of = self._photons
+        found = sums or [of.tallies(_Step(0, k, 0, 0)) for k in range(len(of.runs))]
+        steps = of.steps(done, photons)
+        rows = self._campaign.over(of.setup, steps, self._name, self.identity(), "runs of photons")
+        for step, row in zip(steps, rows, strict=True):
+            found[step.run] += found[step.run].of_row(row)
             if self._progress is not None:
-                self._progress(photons)
-            return _unpacked(self.kept[key])
-        case, options = self._case, self._options.replace(first_photon=first)
-        sums = run_analog(
-            link, EmbreeIntersector(self._mesh(time), case.threads), options,
-            photons=photons, record=[self._grid], unscattered=self._image is None, sums=sums,
-            tinting=self._tinting, turn=(base, self._parts), progress=self._progress, **case.how,
-        )  # fmt: skip
-        self.kept.keep(key, *_packed(sums))
-        return sums
+                self._progress(step.photons)
+        return found
 
     def _mixed(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
         """Return gain by photons and standard error of the cells (x, y, wavelengths)."""
         scale = np.pi * self._receiver.radius**2 / self._grid.step**2
         means, errors = np.array([one.map_mean() for one in sums]).swapaxes(0, 1)
-        shares = self._shares[:, None, None]
+        shares = self._photons.shares[:, None, None]
         gain: Floats = scale * (shares * means).sum(axis=0)
         return gain, scale * np.sqrt(((shares * errors) ** 2).sum(axis=0))
 
@@ -381,7 +439,7 @@ class _Mapped:
             return gain, stderr
         area = np.pi * self._receiver.radius**2
         typical = np.zeros(gain.shape[2])
-        for one, shares in zip(sums, self._shares, strict=True):
+        for one, shares in zip(sums, self._photons.shares, strict=True):
             total, squares = (x.value().sum(axis=(0, 1)) for x in (one.map, one.map_squared))
             weight = squares / np.maximum(total, 1e-300) / one.map_scale
             typical += shares * area / self._grid.step**2 * weight / one.photons
@@ -389,13 +447,18 @@ class _Mapped:
 
     def _origin(self, link: Link, photons: int, rtol: float | None) -> dict[str, Any]:
         """Return the provenance of a map."""
-        case = self._case
-        meshing = case.meshing.replace(time=self._times[0]).model_dump()
-        run = {**case.run.to_config(), "photons": photons, "rtol": rtol, **meshing}
+        of, times = self._campaign, self._photons.times
+        meshing = of.meshing.replace(time=times[0]).model_dump()
+        run = of.run.replace(estimator=self._photons.options).to_config()
+        run |= {"photons": photons, "rtol": rtol, **meshing}
         run["record"] = [self._grid.model_dump(mode="json")]
-        origin = {**provenance(link, surface_config(case.surface), run), **case.origin}
         light = "photons" if self._image is None else "image"
-        return {**origin, "times": self._times, "unscattered": light}
+        return {
+            **provenance(link, surface_config(of.surface), run),
+            **self._more_origin,
+            "times": times,
+            "unscattered": light,
+        }
 
     def _bound(self, link: Link, gain: Floats, stderr: Floats, photons: int) -> Floats | None:
         """Return upper bounds of dark cells, 95 % confidence, nan elsewhere; None if all are lit.
@@ -412,31 +475,3 @@ class _Mapped:
         weight = largest_weight(link, 0.0) * math.exp(fewer * depth)
         most = weight * np.pi * self._receiver.radius**2 / self._grid.step**2
         return np.where(gain > 0.0, np.nan, gain + 2.0 * stderr + 3.0 * most / photons)
-
-
-def _packed(sums: PhotonSums) -> tuple[Floats, str]:
-    """Return all tallies as one row of 64-bit numbers, and their shapes and types as text."""
-    arrays: dict[str, NDArray[Any]] = {}
-    for name, value in vars(sums).items():
-        parts = vars(value) if isinstance(value, FixedPointSum) else {"": value}
-        arrays |= {f"{name}.{part}": np.asarray(array) for part, array in parts.items()}
-    del arrays["arrivals."]
-    rows = [array.ravel().view(np.float64) for array in arrays.values()]
-    about = {name: (array.shape, array.dtype.str) for name, array in arrays.items()}
-    return np.concatenate(rows), json.dumps(about)
-
-
-def _unpacked(item: Item) -> PhotonSums:
-    """Return the tallies of a row, see `_packed`."""
-    found: dict[str, Any] = {}
-    start = 0
-    for path, (shape, dtype) in json.loads(item.text).items():
-        name, _, part = path.partition(".")
-        size = math.prod(shape)
-        array = item.numbers[start : start + size].view(dtype).reshape(shape).copy()
-        start += size
-        if part:
-            vars(found.setdefault(name, FixedPointSum(tuple(shape))))[part] = array
-        else:
-            found[name] = array if shape else int(array)
-    return PhotonSums(**found)

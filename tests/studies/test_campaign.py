@@ -137,11 +137,6 @@ def test_other_options_are_refused(options, message):
         mt.ensemble(mt.Link(), 2, SEA, **options)
 
 
-def test_a_map_has_no_workers():
-    with pytest.raises(Refused, match="workers: 2, no such key"):
-        mt.coverage_map(mt.Link(), SEA, workers=2)
-
-
 def test_a_meshing_is_that_of_the_study():
     mesh = mt.Meshing(extent=4.0, spacing=0.2, normals="facet", time=1.5)
     found = mt.ensemble(mt.Link(), 1, SEA, photons=64, mesh=mesh)

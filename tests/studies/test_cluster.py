@@ -17,7 +17,7 @@ distributed = pytest.importorskip("distributed")
 
 ON_CLUSTERS = ("ensemble", "trace", "compare", "sensitivities", "optimize", "infer", "flight",
                "duplex", "background", "irradiance", "performance", "depths", "design",
-               "convergence", "bands", "steps", "fading")  # fmt: skip
+               "convergence", "bands", "steps", "fading", "coverage")  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_one_worker_needs_no_dask(monkeypatch):
         Cluster(2).checked()
 
 
-@pytest.mark.parametrize("name", ["ensemble", "optimize", "infer", "design"])
+@pytest.mark.parametrize("name", ["ensemble", "optimize", "infer", "design", "coverage"])
 @pytest.mark.parametrize("options", [{"workers": n} for n in (0, 1.5, -1)] + [{"photons": 0}])
 def test_options_out_of_range_are_refused(name, options):
     with pytest.raises(Refused, match=rf"{next(iter(options))}: .*, allowed"):

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import partial, reduce
+from operator import add
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -36,6 +38,7 @@ from meshtrace.stored import SHIFTS
 _HEADROOM = 6  # bits
 _GUIDED = 100  # crossings of light that a jet guides
 _EXACT = ("ledger", "map", "map_squared", "radiance")  # fields of `PhotonSums` and of tallies
+_ADDED = ("photons", "score", "score_squared", "count", "misses", *_EXACT, "arrivals")
 _SUMS = (*_EXACT, "map_tint", "n_photons", "misses", "n_arrivals")
 
 
@@ -62,10 +65,17 @@ class FixedPointSum:
         self._whole += self._part >> 44
         self._part &= (1 << 44) - 1
 
-    def join(self, other: FixedPointSum) -> None:
-        """Add another sum."""
-        self.add(other._part)
-        self._whole += other._whole
+    def __add__(self, other: FixedPointSum) -> FixedPointSum:
+        """Return the sum of both."""
+        found = deepcopy(self)
+        found.add(other._part)
+        found._whole += other._whole
+        return found
+
+    @property
+    def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Whole numbers and units of 2^-44, which hold the sum."""
+        return self._whole, self._part
 
     def value(self) -> Floats:
         """Return the sum as floating point numbers."""
@@ -88,14 +98,29 @@ class PhotonSums:
     radiance: FixedPointSum
     arrivals: list[NDArray[np.void]] = field(default_factory=list)
 
-    def plus(self, other: PhotonSums) -> PhotonSums:
-        """Return the sum of two tallies of the apertures."""
-        names = ("photons", "score", "score_squared", "count", "misses")
-        found = {name: getattr(self, name) + getattr(other, name) for name in names}
-        ledger = FixedPointSum(self.ledger.value().shape)
-        for one in (self.ledger, other.ledger):
-            ledger.join(one)
-        return replace(self, **found, ledger=ledger, arrivals=self.arrivals + other.arrivals)
+    def __add__(self, other: PhotonSums) -> PhotonSums:
+        """Return the tallies of the photons of both."""
+        found = {name: getattr(self, name) + getattr(other, name) for name in _ADDED}
+        return replace(self, **found)
+
+    def to_row(self) -> Floats:
+        """Return all tallies but arrivals as one row of 64-bit numbers."""
+        photons = np.array([self.photons])
+        return np.concatenate([x.ravel().view(np.float64) for x in (photons, *self._arrays())])
+
+    def of_row(self, row: Floats) -> PhotonSums:
+        """Return the tallies of a row, of the shapes of these."""
+        found, start = deepcopy(self), 1
+        found.photons = int(row[:1].view(np.int64)[0])
+        for array in found._arrays():
+            part = row[start : start + array.size].view(array.dtype)
+            array[...] = part.reshape(array.shape)
+            start += array.size
+        return found
+
+    def _arrays(self) -> list[NDArray[Any]]:
+        exact = (array for name in _EXACT for array in getattr(self, name).arrays)
+        return [self.score, self.score_squared, self.count, self.misses, *exact]
 
     @classmethod
     def of_strata(cls, strata: Sequence[PhotonSums]) -> PhotonSums:
@@ -104,9 +129,7 @@ class PhotonSums:
         Scores differ between the strata without any noise: their squares are those of photons
         that all have the mean of the sum, and scatter as within the strata.
         """
-        whole = strata[0]
-        for one in strata[1:]:
-            whole = whole.plus(one)
+        whole = reduce(add, strata)
         within = sum(one.score**2 / max(one.photons, 1) for one in strata)
         square = whole.score_squared - within + whole.score**2 / max(whole.photons, 1)
         return replace(whole, score_squared=square)
@@ -188,7 +211,6 @@ def run_analog(
     record: Iterable[Record] = (),
     recorder: kernel.Recorder | None = None,
     progress: Callable[[int], None] | None = None,
-    sums: PhotonSums | None = None,
     tinting: Tinting = UNTINTED,
     turn: tuple[int, Floats] = (0, ALONE.parts),
 ) -> PhotonSums:
@@ -218,8 +240,6 @@ def run_analog(
         Arrays for the paths of the first photons; must fit into the first chunk.
     progress : callable, optional
         Called with the number of photons done since its last call.
-    sums : PhotonSums, optional
-        Tallies of other photons with the same records, to which these are added.
     tinting : Tinting
         Functions that arrivals sum up, and their coefficients at the wavelengths of a map.
     turn : tuple of int and ndarray
@@ -236,12 +256,10 @@ def run_analog(
     grid = records.get("irradiance-map")
     none = _with_map(setup.world.tallies, link, setup.frame, grid, tinting, turn)
     setup = setup._replace(world=setup.world._replace(tints=tinting.tints, tallies=none))
-    if sums is None:
-        score = np.zeros(setup.n_scores)
-        exact: Any = {name: FixedPointSum(getattr(none, name).shape) for name in _EXACT}
-        counts = none.n_photons.copy(), none.misses.copy()
-        scale = none.map_scale
-        sums = PhotonSums(0, score, score.copy(), *counts, map_scale=scale, **exact)
+    score = np.zeros(setup.n_scores)
+    exact: Any = {name: FixedPointSum(getattr(none, name).shape) for name in _EXACT}
+    counts = none.n_photons.copy(), none.misses.copy()
+    sums = PhotonSums(0, score, score.copy(), *counts, map_scale=none.map_scale, **exact)
     first, end = options.first_photon, options.first_photon + photons
     starts = range(first, end, options.batch_size)
     chunks = ((start, min(start + options.batch_size, end)) for start in starts)

@@ -167,6 +167,30 @@ def test_a_photon_alone_is_the_photon_in_the_run(intersector, name):
     np.testing.assert_array_equal(inside[:, :receivers], score[:, :receivers])
 
 
+def test_tallies_of_disjoint_photons_add(intersector):
+    """Those of all photons are the sum of those of their parts, also from rows of numbers."""
+    link = mt.Link(planes=mt.IrradiancePlanes(depths=(1.0, 3.0), n_cosines=4))
+    record = [mt.Arrivals(), mt.IrradianceMap(height=5.0, extent=2.0, step=1.0)]
+
+    def tallies(first, photons):
+        options = mt.Analog(first_photon=first)
+        return run_analog(link, intersector, options, photons=photons, seed=9, record=record)
+
+    whole, parts = tallies(0, 8192), [tallies(0, 4096), tallies(4096, 4096)]
+    rows = [parts[0].of_row(one.to_row()) for one in parts]
+    for one, other in (parts, rows):
+        both = one + other
+        assert both.photons == 8192
+        for name in ("ledger", "map", "map_squared", "radiance"):
+            value = getattr(whole, name).value()
+            assert value.any()
+            np.testing.assert_array_equal(getattr(both, name).value(), value)
+        for name in ("score", "score_squared", "count", "misses"):
+            np.testing.assert_array_equal(getattr(both, name), getattr(whole, name))
+    both = parts[0] + parts[1]
+    np.testing.assert_array_equal(np.concatenate(both.arrivals), np.concatenate(whole.arrivals))
+
+
 def merged_parts(link, mesh, cuts):
     """Return runs of disjoint photon ids, merged in the wrong order."""
     parts = [
