@@ -349,7 +349,8 @@ class AimedChains:
             nodes = self.nodes.setdefault((source, receiver), _disk_nodes(self._blur(scene)))
             rule = _slope_rule() if nodes is None else _disk_rule(nodes)
             blocks = self._blocks if facets is None else _one_block(facets)
-            microfacets.blurred_gain(scene, rule, blocks, stack, gain, hidden)
+            coarse = np.zeros(len(gain), bool)
+            microfacets.blurred_gain(scene, rule, blocks, stack, coarse, gain, hidden)
         else:
             stretch, lever, bend = self.bounds_of(scene)
             image.image_gain(scene, 1.5 * stretch, lever, bend, stack, gain, hidden)
