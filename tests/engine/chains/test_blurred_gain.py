@@ -104,6 +104,22 @@ def test_unscattered_light_of_other_links(name, normals):
     assert stderr < 0.05 * mean
 
 
+@pytest.mark.parametrize("position", [(0.0, 0.0), (1.0, 0.0)])
+def test_the_tail_of_a_beam_is_cut_finely_enough(position):
+    """Alone the dim facets are bright ones, and cut into all of their parts."""
+    beam = mt.GaussianBeam(depth=20.0, divergence_deg=0.1)
+    link = mt.Link(transmitter=beam, receiver=mt.Receiver(height=30.0, position=position))
+    mesh = sea_of(8.0).mesh(extent=6.0, spacing=0.05, fine_extent=2.0)
+    aimed = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6), scattered="chains").over(mesh)
+    gain = aimed.direct_gains(0, 0)
+    dim = np.flatnonzero((gain > 0.0) & (gain < 1e-5 * gain.max()))
+    assert len(dim) > 0.5 * np.count_nonzero(gain)
+    anew = aimed.direct_gains(0, 0, facets=dim)[dim]
+    assert not np.array_equal(anew, gain[dim])
+    assert anew.sum() == pytest.approx(gain[dim].sum(), rel=0.2)
+    assert abs(anew.sum() - gain[dim].sum()) < 1e-5 * gain.sum()
+
+
 @pytest.mark.parametrize("omega_max", [4.0, 8.0])
 @pytest.mark.thorough
 @pytest.mark.slow_but("4.0")
