@@ -146,30 +146,22 @@ def _array(value: Any, name: str, shape: str, least: int, dtype: Any = float) ->
     return array
 
 
-def _face_cross(vertices: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
-    """Return twice the area vectors of facets, shape (3, m)."""
-    # by components and in place: numpy.cross takes as long as all else of a mesh
-    corners = np.ascontiguousarray(faces.T)
-    edges = []
-    for x in vertices.T.copy():
-        start, first, second = x[corners]
-        first -= start
-        second -= start
-        edges.append((first, second))
-    cross = np.empty((3, len(faces)))
-    for i, component in enumerate(cross):
-        (uj, vj), (uk, vk) = edges[i - 2], edges[i - 1]
-        np.multiply(uj, vk, out=component)
-        component -= uk * vj
-    return cross
+class _Facets(NamedTuple):
+    """Unit normals of facets (m, 3), twice their areas (m,) [m2], and what follows from them."""
 
+    normals: NDArray[np.float64]
+    areas: NDArray[np.float64]
+    bounds: NDArray[np.float64]  # lowest and highest coordinates (2, 3) [m]
+    max_slope: float
 
-def _lengths(
-    x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the lengths of vectors by components, with the digits of numpy.linalg.norm."""
-    lengths: NDArray[np.float64] = np.sqrt(x * x + y * y + z * z)
-    return lengths
+    @classmethod
+    def of(cls, vertices: NDArray[np.float64], faces: NDArray[Any]) -> _Facets:
+        """Return those of a mesh."""
+        from meshtrace.kernels.scene import facet_normals
+
+        normals, areas = np.empty((len(faces), 3)), np.empty(len(faces))
+        low, high, square = facet_normals(vertices, faces, normals, areas)
+        return cls(normals, areas, np.array([low, high]), math.sqrt(square))
 
 
 def vertex_normals(
@@ -199,16 +191,15 @@ def vertex_normals(
     G. Thuermer and C. A. Wuethrich, "Computing vertex normals from polygonal facets", Journal of
     Graphics Tools 3 (1998).
     """
-    cross = _face_cross(vertices, faces).T
-    corner = vertices[faces]
+    facets, corner = _Facets.of(vertices, faces), vertices[faces]
+    cross = np.where(facets.areas > 0.0, facets.normals.T * facets.areas, 0.0).T
     normals = np.zeros_like(vertices)
     for i in range(3):
         share = cross
         if weights == "angle":
             u, v = corner[:, (i + 1) % 3] - corner[:, i], corner[:, (i + 2) % 3] - corner[:, i]
-            area = np.linalg.norm(cross, axis=1)
-            angle = np.arctan2(area, np.einsum("ij,ij->i", u, v))
-            share = cross * (angle / np.where(area > 0.0, area, 1.0))[:, None]
+            angle = np.arctan2(facets.areas, np.einsum("ij,ij->i", u, v))
+            share = cross * (angle / np.where(facets.areas > 0.0, facets.areas, 1.0))[:, None]
         np.add.at(normals, faces[:, i], share)
     length = np.linalg.norm(normals, axis=1)
     normals[length == 0.0] = (0.0, 0.0, 1.0)
@@ -278,7 +269,7 @@ class TriangleMesh:
         if normals.shape != vertices.shape:
             shape = Described(f"shape {normals.shape}")
             raise Refused("mesh.vertex_normals", shape, f"{vertices.shape}")
-        length = _lengths(*normals.T)
+        length = np.sqrt(np.einsum("ij,ij->i", normals, normals))
         upward = self.overhangs or (normals[:, 2] > 0.0).all()
         if not (np.abs(length - 1.0) < 1e-9).all() or not upward:
             other = Described("other vectors")
@@ -286,11 +277,13 @@ class TriangleMesh:
         object.__setattr__(self, "vertex_normals", normals)
 
     @cached_property
+    def _facets(self) -> _Facets:
+        return _Facets.of(self.vertices, self.faces)
+
+    @property
     def face_normals(self) -> NDArray[np.float64]:
         """Unit normals of the facets, shape (m, 3), pointing to the air."""
-        cross = _face_cross(self.vertices, self.faces)
-        with np.errstate(invalid="ignore"):
-            return np.ascontiguousarray((cross / _lengths(*cross)).T)
+        return self._facets.normals
 
     @cached_property
     def facing_down(self) -> int:
@@ -305,20 +298,15 @@ class TriangleMesh:
     @cached_property
     def bounds(self) -> NDArray[np.float64]:
         """Lowest and highest coordinates [m], shape (2, 3)."""
-        used = np.bincount(self.faces.ravel(), minlength=len(self.vertices)) > 0
-        corners = (self.vertices if used.all() else self.vertices[used]).T.copy()
-        return np.stack([corners.min(axis=1), corners.max(axis=1)])
+        return self._facets.bounds
 
-    @cached_property
+    @property
     def max_slope(self) -> float:
         """Steepest facet slope: a ray that climbs faster cannot meet the surface again.
 
         Infinite if a facet stands upright or hangs over.
         """
-        if not self.single_valued:
-            return math.inf
-        x, y, z = self.face_normals.T
-        return math.sqrt(float(((x * x + y * y) / (z * z)).max()))
+        return self._facets.max_slope if self.single_valued else math.inf
 
     def to_trimesh(self) -> trimesh.Trimesh:
         """Return the same mesh as a `trimesh.Trimesh`."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from meshtrace.kernels.interface import Interface, MeshArrays, corners, inside_facet
 from meshtrace.kernels.jit import entry, inlined
 from meshtrace.kernels.medium import Medium
-from meshtrace.kernels.vectors import Vec2, Vec3, row
+from meshtrace.kernels.vectors import Vec2, Vec3, cross, minus, norm, row
 
 FLAT_SEA = np.int64(-1)
 """Facet that stands for a flat sea; of the type of all facets, so that kernels compile once."""
@@ -154,6 +154,29 @@ def _span(p, q):
 @inlined
 def _bend(m, n):
     return (m.x / m.z - n.x / n.z) ** 2 + (m.y / m.z - n.y / n.z) ** 2
+
+
+@entry
+def facet_normals(vertices, faces, normal, area):
+    """Write the unit normals of facets (m, 3), and twice their areas (m,) [m2].
+
+    Returns the lowest and the highest corner and the square of the largest slope.
+
+    Array twin: numpy.cross of edges.
+    A facet without area has a normal that is no number.
+    """
+    low, high = Vec3(math.inf, math.inf, math.inf), Vec3(-math.inf, -math.inf, -math.inf)
+    steepest = 0.0
+    for f in range(len(faces)):
+        a, b, c = corners(vertices, f, faces)
+        n = cross(minus(b, a), minus(c, a))
+        area[f] = norm(n)
+        normal[f, 0], normal[f, 1], normal[f, 2] = n.x / area[f], n.y / area[f], n.z / area[f]
+        steepest = max(steepest, (n.x * n.x + n.y * n.y) / (n.z * n.z))
+        for p in (a, b, c):
+            low = Vec3(min(low.x, p.x), min(low.y, p.y), min(low.z, p.z))
+            high = Vec3(max(high.x, p.x), max(high.y, p.y), max(high.z, p.z))
+    return low, high, steepest
 
 
 @entry

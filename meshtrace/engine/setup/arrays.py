@@ -70,7 +70,7 @@ class Frame(NamedTuple):
             raise Refused("mesh", far, f"at most {self.unit * FARTHEST:.3g} m for its size")
         moved = copy(mesh)  # facets keep their normals, which take half of the time of a mesh
         object.__setattr__(moved, "vertices", local)
-        moved.__dict__.pop("bounds", None)
+        moved.__dict__["bounds"] = self.points(mesh.bounds)
         return moved
 
     def sources(self, sources: Sources) -> Sources:
