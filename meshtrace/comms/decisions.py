@@ -133,8 +133,7 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: ArrayLike) -> Deci
 
     Notes
     -----
-    The threshold is the best of a grid, improved by a golden-section search; the error rate is flat
-    there, and is found to 1e-6.
+    The threshold is the best of a grid, improved by Newton's method.
     """
     mean, std = require_array(mean, "mean", _PATTERNS), require_array(std, "std", _PATTERNS)
     one = require_array(is_one, "is_one", _PATTERNS, bool)

@@ -17,7 +17,8 @@ from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.engine.wavelengths import SpectralDetection
 from meshtrace.link import Link
-from meshtrace.mesh import SeededSurface
+from meshtrace.mesh import SeededSurface, TriangleMesh
+from meshtrace.parallel import ordered_map
 from meshtrace.results.impulse import SPEED_OF_LIGHT, ImpulseResponse, response_of
 from meshtrace.results.tallies import ArrivalTally, error_of_groups
 from meshtrace.stored import SHIFTS
@@ -58,20 +59,23 @@ def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
 
     Each with the gain of its own wavelength.
     """
-    links, run, steps = list(campaign.links.values()), campaign.run, _first_surfaces(campaign, seas)
-    surfaces = map(steps.surface, range(len(steps.labels)))
-    meshes = [campaign.mesh(links, *surface) for surface in surfaces]
+    links, run = list(campaign.links.values()), campaign.run
+    steps = _first_surfaces(campaign, seas)
+    over, threads = range(len(steps.labels)), campaign.threads
+    meshes = list(ordered_map(lambda i: campaign.mesh(links, *steps.surface(i)), over, threads))
     sea = TypicalSea.of(meshes, MANY_SEAS)
-    options = run.photons, run.seed, campaign.meshing.normals, campaign.threads, sea
-    rows: list[list[ArrivalTally]]
+    options = run.photons, run.seed, campaign.meshing.normals, threads, sea
     if campaign.spectral:
-        common = SpectralDetection(links, *options)
-        rows = [common.arrivals(mesh) for mesh in meshes]
+        arrivals = SpectralDetection(links, *options).arrivals
     else:
         chains = ForcedDetection(links[0], *options)
-        rows = [[chains.arrivals(mesh)] for mesh in meshes]
+
+        def arrivals(mesh: TriangleMesh) -> list[ArrivalTally]:
+            return [chains.arrivals(mesh)]
+
     found = []
-    for link, tallies in zip(links, zip(*rows, strict=True), strict=True):
+    by_sea = ordered_map(arrivals, meshes, threads)
+    for link, tallies in zip(links, zip(*by_sea, strict=True), strict=True):
         lit = [tally for tally in tallies if tally.weight.any()]
         responses = [response_of(tally, link.water.n, link.n_air) for tally in lit]
         found.append(_mean(responses) if responses else None)
