@@ -156,7 +156,7 @@ class _Facets(NamedTuple):
 
     @classmethod
     def of(cls, vertices: NDArray[np.float64], faces: NDArray[Any]) -> _Facets:
-        """Return those of a mesh."""
+        """Return the facets of a mesh."""
         from meshtrace.kernels.scene import facet_normals
 
         normals, areas = np.empty((len(faces), 3)), np.empty(len(faces))

@@ -105,7 +105,7 @@ class Rows(NamedTuple):
     prefix: str = ""
 
     def variables(self, rows: Sequence[Any], sizes: Mapping[str, int]) -> Variables:
-        """Return the columns of rows; `sizes` are those of all dimensions but the last."""
+        """Return the columns of rows; `sizes` are the sizes of all dimensions but the last."""
         dims = tuple(self.dims.split())
         shape = (*(sizes[name] for name in dims[:-1]), -1)[: len(dims)]
         found: Variables = {}

@@ -51,7 +51,7 @@ def checked(function: Function) -> Function:
 
 
 def _kinds(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the annotations of a function by name, with those of an unpacked TypedDict."""
+    """Return the annotations of a function by name, an unpacked TypedDict included."""
     found = typing.get_type_hints(function)
     found.pop("return", None)
     unpacked = [name for name, hint in found.items() if typing.get_origin(hint) is Unpack]

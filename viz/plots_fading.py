@@ -271,7 +271,7 @@ def _dataset(result: GainSeries | CoverageMap | xr.Dataset, *names: str) -> xr.D
 def plot_autocorrelation(
     statistics: fading.FadingStatistics | fading.ChannelModel, *, ax: Axes | None = None
 ) -> Axes:
-    r"""Plot the autocorrelation of the gain with the coherence time at 1/e, or that of a model.
+    r"""Plot the autocorrelation of the gain, or of a model, with the coherence time at 1/e.
 
     The grey band has the correlations that a record without any would show by chance,
     :math:`\pm 2 / \sqrt{n_\mathrm{eff}}` of its effective samples. The axis ends at ten

@@ -236,7 +236,7 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
 
 
 def plot_design(d: Design, *, light: str = "day", ax: Axes | None = None) -> Axes:
-    """Plot the reserve over the values of each scanned key, relative to those of the link.
+    """Plot the reserve over each scanned key, relative to the values of the link.
 
     Parameters
     ----------

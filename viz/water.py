@@ -280,7 +280,7 @@ def radiance(
 
 
 def sky_colors(day: Daylight, directions: Floats) -> Floats:
-    """Return the radiance of the sky (n, 3) over that of a white, level surface, red to blue.
+    """Return the ratio of the sky's radiance (n, 3) to a white, level surface, red to blue.
 
     Parameters
     ----------

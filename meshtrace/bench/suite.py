@@ -267,7 +267,7 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
 
 
 def _if_followed(measure: Callable[[], dict[str, Any]]) -> dict[str, Any] | None:
-    """Return a measurement, or None if it refuses the link."""
+    """Return a measurement; None if the estimator refuses the link."""
     try:
         return measure()
     except Refused:

@@ -96,7 +96,7 @@ def new_scene(vertices: Floats, faces: NDArray[np.integer[Any]]) -> RayScene:
 
 @cache
 def library() -> Library | None:
-    """Return the Embree library of the embreex wheel, or None if it cannot be loaded."""
+    """Return the Embree library of the embreex wheel; None if it cannot be loaded."""
     if config.DISABLE_JIT:  # rays are cast by compiled code
         return None
     try:

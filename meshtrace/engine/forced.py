@@ -368,7 +368,7 @@ class ForcedDetection:
         return JoinedPhotons(link, photons, self.seed, self.normals, self.threads, first=crossings)
 
     def _joined_photons(self) -> JoinedPhotons | None:
-        """Return the joined photons of the light that chains omit, or None if it is negligible."""
+        """Return the joined photons of the light that chains omit; None if it is negligible."""
         every = range(len(self.method))
         rows = [r for r in every if self.method[r] == "joined"]
         self.reflects = self.wanted != "chains" and self.link.physics.reflected == "trace"

@@ -273,7 +273,7 @@ def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:
 
 
 def _further(run: Run, result: GainResult) -> Run | None:
-    """Return a run of more photons, or None if the tolerance or the limit is reached."""
+    """Return a run of more photons; None if the tolerance or the limit is reached."""
     if run.rtol is None:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):

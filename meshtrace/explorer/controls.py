@@ -160,7 +160,7 @@ _REPLACED = {"water": ("chlorophyll", "a", "b"), "chlorophyll": ("a", "b"),
 
 
 def value_of(config: Mapping[str, Any], control: Control) -> float | None:
-    """Return the value of a control in the units of the page, or None if the link lacks its key.
+    """Return the value of a control in the units of the page; None if the link lacks its key.
 
     Examples
     --------

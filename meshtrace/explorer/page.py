@@ -350,7 +350,7 @@ class Page:
             self._call_scene("show", changes)
 
     def _shown(self, name: str, kind: type) -> Any:
-        """Return the answer of a stage to the present state, or None if it is missing or failed."""
+        """Return the answer of a stage to the present state; None if it is missing or failed."""
         found = self.session.answer(name)
         return found if self.session.fresh(name) and isinstance(found, kind) else None
 

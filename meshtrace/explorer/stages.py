@@ -185,7 +185,7 @@ def _detector(state: State, gain: GainResult, found: Background | None) -> OokLi
 
 
 def unless_refused(work: Callable[[], Found]) -> Found | None:
-    """Return the result of some work, or None if it is refused."""
+    """Return the result of some work; None if it is refused."""
     try:
         return work()
     except Refused:

@@ -33,7 +33,7 @@ from meshtrace.kernels.vectors import (
 
 
 class Series(NamedTuple):
-    """Density of slopes over the Gaussian one, a polynomial where it is positive, else 0.
+    """Ratio of the density of slopes to the Gaussian density, a polynomial cut off at 0.
 
     The fields are the coefficients of 1, a, a^2, a^3, a^4, c^2, a c^2, a^2 c^2, c^4 in the slopes a
     along and c across the wind, in standard deviations.
@@ -214,7 +214,7 @@ def slope_tilt(roughness, along, across):
 
 @inlined
 def over_gaussian(series, a, c):
-    """Return the density of slopes along and across the wind over that of Gaussian slopes.
+    """Return the ratio of the density of slopes along and across the wind to the Gaussian one.
 
     Array twin: its own Python code.
     """

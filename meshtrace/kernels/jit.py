@@ -268,7 +268,7 @@ class KernelCache(FunctionCache):
         return found
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the saved overload of a signature, or None if it is missing or damaged."""
+        """Return the saved overload of a signature; None if it is missing or damaged."""
         rtsys.initialize(target_context)  # not `refresh`: its registries serve compilation alone
         if not self._enabled:
             return None

@@ -118,7 +118,7 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
 
 
 def _whole(frame: Any, name: str) -> Any:
-    """Return a coefficient with pure water, depths by wavelengths, or None."""
+    """Return a coefficient with pure water, depths by wavelengths; None if it is missing."""
     for field, pure in zip(_FIELDS[name], (False, True), strict=True):
         if "wavelength" in frame and field in frame:
             table = frame.pivot_table(index="at", columns="wavelength", values=field)
@@ -185,7 +185,7 @@ def _good(data: Any, name: str, profile: int) -> Floats:
 
 
 def _over_depth(pressure: Floats, values: Floats) -> tuple[tuple[float, float], ...] | None:
-    """Return rows (depth, value) from 0 m downwards, or None without good values."""
+    """Return rows (depth, value) from 0 m downwards; None without good values."""
     good = np.isfinite(pressure) & np.isfinite(values)
     if not good.any():
         return None

@@ -148,7 +148,7 @@ def mean_sea(link: Link, surface: Any) -> Any:
 def background_over_seas(
     campaign: Campaign, day: Daylight, seas: int, flight: Flight | None = None
 ) -> Background:
-    """Return the mean background over the surfaces of an ensemble, by `mean_sea` where it can.
+    """Return the mean background over the surfaces of an ensemble, by `mean_sea` if it applies.
 
     Over up to 4 of them, else over up to 16. An aircraft tilts the receiver over each of 16: along
     a coupled flight, else by independent gusts. The standard errors hold the spread of the

@@ -322,7 +322,7 @@ class _Mapped:
             self._photons = _Photons(*inputs, unscattered=False)
 
     def _unscattered(self) -> Floats | None:
-        """Return the unscattered gain of the cells, or None if photons have to carry it."""
+        """Return the unscattered gain of the cells; None if photons have to carry it."""
         photons, threads = self._photons, self._campaign.threads
         options = self._campaign.meshing.normals, threads, photons.tinting
         total = np.zeros((self._grid.n, self._grid.n, len(self._links)))
@@ -336,7 +336,7 @@ class _Mapped:
         return total
 
     def identity(self) -> dict[str, Any]:
-        """Return the configuration that the tallies depend on besides that of the campaign."""
+        """Return the configuration of the tallies besides `Campaign.identity`."""
         return {
             "run": self._photons.options.model_dump(mode="json"),
             "map": self._grid.model_dump(mode="json"),

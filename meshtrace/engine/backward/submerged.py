@@ -284,7 +284,7 @@ def _lost(phase: PhaseFunction, in_water: bool) -> float:
 def _sunlit(
     base: Link, links: Sequence[Link], slant: float, in_water: bool, by_bubbles: bool
 ) -> LastScattering:
-    """Return the scattering of sunlight into a path at several wavelengths, over that of a base.
+    """Return the ratio of the scattering of sunlight into a path at wavelengths to the base's.
 
     b_c p_c(theta) / (b p(theta)) exp(-(tau_c - tau) / slant), tau the optical depth below still
     water; without b for bubbles, which are alike in number.

@@ -95,7 +95,7 @@ def _through(p, n, g, d, goal, facet, scene, world):
 
 @outlined
 def _landing(p, n, d, u, v, scene, world):
-    """Return (found, goal): where a drawn slope lands the light on the aperture."""
+    """Return (found, goal): the landing point of a drawn slope on the aperture."""
     tilt = interface.drawn_tilt(world.surface.roughness, u, v)
     m = crossing.land(
         p,
@@ -223,7 +223,7 @@ def join_collision(q, at_bottom, world):
 
 @inlined
 def _turn(w, d, at_bottom, world):
-    """Return the scattering angle of an event [rad] where it is asked for, -1 at the bottom."""
+    """Return the scattering angle of an event [rad], -1 at the bottom and if not needed."""
     if at_bottom:
         return -1.0
     return targets.angle_between(d, w) if is_tinted(world.tints) else 0.0

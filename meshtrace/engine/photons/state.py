@@ -200,7 +200,7 @@ def steeper_than_waves(d, surface):
 
 @inlined
 def bending_normal(q, facet, world):
-    """Return (facet normal, normal that bends light, spare uniform or -1) where a photon crosses.
+    """Return (facet normal, normal that bends light, spare uniform or -1) at a crossing.
 
     Array twin: `roughened`.
     """

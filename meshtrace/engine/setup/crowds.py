@@ -1,4 +1,4 @@
-"""Many receivers: one of each neighbourhood stands for the others where that changes no light."""
+"""Many receivers: one represents its neighbourhood if that changes no light."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CELL = 0.06  # edge of a neighbourhood over the height of a target above the so
 
 
 def representatives(emitters: Sequence[Emitter], targets: Sequence[Target]) -> NDArray[np.intp]:
-    """Return the target that stands for each target.
+    """Return the representative of each target.
 
     Notes
     -----
@@ -49,5 +49,5 @@ def representatives(emitters: Sequence[Emitter], targets: Sequence[Target]) -> N
 
 
 def _ends(cell: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return where the sorted members of each cell but the last end."""
+    """Return the ends of the sorted members of each cell but the last."""
     return np.cumsum(np.bincount(cell))[:-1]

@@ -80,7 +80,7 @@ class ForcedLink(NamedTuple):
 
     @property
     def stands_for_receivers(self) -> NDArray[np.intp]:
-        """The receiver that stands for each, (receivers,)."""
+        """Representative of each receiver, (receivers,)."""
         return np.arange(len(self.emitters)) if self.down else self.stands_for
 
     def share(self, emitter: int, target: int) -> float:

@@ -160,7 +160,7 @@ def tinting(
 
 
 def _bubbles(base: Link, links: Sequence[Link], angle: Floats) -> tuple[Floats, Floats]:
-    """Return b p of the bubbles, base first, over that of the base; b over its own, less 1."""
+    """Return b p and b of the bubbles over the values of the base, base first; b less 1."""
     populations = [row.bubbles for row in (base, *links) if row.bubbles is not None]
     first = base.bubbles
     if first is None or all(one == first for one in populations):

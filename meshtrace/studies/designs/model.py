@@ -327,7 +327,7 @@ class LinkModel:
         return with_background(dark, self.found(light))
 
     def brightness(self, light: str, wavelengths_nm: Sequence[float]) -> Floats:
-        """Return the radiances at wavelengths [nm], that of the link among them, over its own."""
+        """Return the radiances at wavelengths [nm] over that at the wavelength of the link."""
         day, own = self.days[light], self.link.transmitters[0].wavelength_nm
         if day.pattern == "uniform":
             return np.ones(len(wavelengths_nm))
@@ -336,7 +336,7 @@ class LinkModel:
         return np.asarray(radiance / radiance[list(wavelengths_nm).index(own)])
 
     def at_colour(self, light: str, link: Link, log_ratio: float, bright: float) -> float:
-        """Return the reserve at another wavelength [dB], under a background of its own.
+        """Return the reserve at another wavelength [dB], under the background there.
 
         `bright` is its radiance relative to the given link.
         """

@@ -166,7 +166,7 @@ class Scans(LinkModel):
         return self._scan(light, RATE, values, rows, np.abs(high - low), merit)
 
     def window_at(self, light: str, bit_rate: float) -> float:
-        """Return the averaging window at a bit rate, between those of the scan [s]."""
+        """Return the averaging window at a bit rate, interpolated in the scan [s]."""
         return float(np.interp(math.log(bit_rate), *self.windows[light])) / bit_rate
 
     def _colours(self, values: Floats) -> list[Scan]:
