@@ -10,6 +10,7 @@ stretched.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
 from threading import Lock
 from typing import Any, NamedTuple
 
@@ -30,7 +31,6 @@ from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 
 _KEPT = 4  # sets of chains for the last geometries
-_KEPT_SEAS = 8  # Embree scenes and facets of the last surfaces
 
 
 class _Pair(NamedTuple):
@@ -59,6 +59,8 @@ class FrozenForced:
         Normals interpolated from the corners, or those of the facets.
     search : {"thorough", "usual"}
         Search of crossings over surfaces without random slopes, see `AimedChains`.
+    kept : int
+        Last surfaces of which facets and Embree scenes are kept.
 
     Raises
     ------
@@ -82,15 +84,16 @@ class FrozenForced:
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
         normals: str = "vertex",
         search: SearchMode = "thorough",
+        kept: int = 8,
     ) -> None:
         base = ForcedDetection(
             link, photons, seed, normals, sea=sea, search=search, scattered="chains"
         )
         warn_of_chains(base, ForcedDetection(link, SHIFTS, seed, normals, sea=sea))
         self._base, self._seed = base, seed
-        self._normals, self._search = normals, search
+        self._normals, self._search, self._kept = normals, search, kept
         self._nodes: dict[tuple[int, int], Nodes] = {}
-        self._drawn: dict[str, list[list[ChainSet]]] = {}
+        self._drawn: dict[str, Future[list[list[ChainSet]]]] = {}
         self._seas: dict[tuple[int, str], tuple[TriangleMesh, AimedChains]] = {}
         self._lock = Lock()
 
@@ -131,7 +134,7 @@ class FrozenForced:
         chains.
         """
         found = np.zeros(len(link.receivers))
-        arrays, aimed, _ = self._aimed(link, mesh)
+        arrays, aimed = self._aimed(link, mesh)
         for e, t in [] if aimed.sampled else arrays.pairs:
             r = arrays.receiver(e, t)
             if facets is None or len(facets[r]):
@@ -151,23 +154,22 @@ class FrozenForced:
 
     def _pairs(self, link: Link, mesh: TriangleMesh) -> Iterator[_Pair]:
         """Yield the pairs of source and receiver of a neighbouring link."""
-        arrays, aimed, sets = self._aimed(link, mesh)
+        arrays, aimed = self._aimed(link, mesh)
+        sets = self._sets(link, arrays, aimed)
         for e, t in arrays.pairs:
             direct = None if aimed.sampled else aimed.direct_gains(e, t)
             shown = [c for c in sets[e] if c.order > 0 or direct is None]
             yield _Pair(arrays.receiver(e, t), arrays.share(e, t), aimed, (e, t), direct, shown)
 
-    def _aimed(
-        self, link: Link, mesh: TriangleMesh
-    ) -> tuple[ForcedLink, AimedChains, list[list[ChainSet]]]:
-        """Return the arrays of a link, its surface and its chains."""
+    def _aimed(self, link: Link, mesh: TriangleMesh) -> tuple[ForcedLink, AimedChains]:
+        """Return the arrays of a link and its surface."""
         arrays = forced_link(link, self._base.arrays.frame)
         if len(arrays.emitters) != len(self._base.arrays.emitters):
             name = "receiver" if arrays.down else "transmitter"
             raise Refused(name, len(arrays.emitters), f"as many {name}s as in the base link")
         aimed = self._over(mesh, arrays, link.physics.unresolved)
         aimed.nodes = self._nodes
-        return arrays, aimed, self._sets(link, arrays, aimed)
+        return arrays, aimed
 
     def _over(self, mesh: TriangleMesh, arrays: ForcedLink, unresolved: str) -> AimedChains:
         """Return the chains over a surface (cached for recent ones)."""
@@ -177,7 +179,7 @@ class FrozenForced:
             return known[1].of_link(arrays)
         made = AimedChains(arrays, mesh, self._normals, unresolved, self._search)
         with self._lock:
-            while len(self._seas) >= _KEPT_SEAS:
+            while len(self._seas) >= self._kept:
                 del self._seas[next(iter(self._seas))]
             self._seas[key] = mesh, made  # the mesh lives as long as its number
         return made
@@ -190,11 +192,18 @@ class FrozenForced:
         models = [part and part.model_dump_json() for part in parts]
         key = repr((lamps, ends, models, link.water.n, link.n_air, aimed.rough))
         with self._lock:
-            if key not in self._drawn:
+            known = self._drawn.get(key)
+            if known is None:
                 while len(self._drawn) >= _KEPT:
                     del self._drawn[next(iter(self._drawn))]
-                self._drawn[key] = self._draw(arrays, aimed)
-            return self._drawn[key]
+                drawn = self._drawn[key] = Future()
+        if known is not None:
+            return known.result()
+        try:
+            drawn.set_result(self._draw(arrays, aimed))
+        except BaseException as error:  # of the threads that wait, too
+            drawn.set_exception(error)
+        return drawn.result()
 
     def _draw(self, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
         """Draw the chains of a link by the laws and numbers of the base."""

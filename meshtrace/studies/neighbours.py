@@ -28,6 +28,7 @@ from meshtrace.studies.cluster import Restored
 Result = TypeVar("Result")
 
 _WIDER = 1.2  # reach of meshes over that of a link: its neighbours lie within
+_FEW, _MANY = 8, 32  # surfaces of which facets and Embree scenes are kept, some 50 MiB each
 
 
 @dataclass(eq=False)
@@ -81,6 +82,8 @@ class Neighbours(Restored):
             campaign.run.seed,
             TypicalSea.of(self._meshes, MANY_SEAS if self.fading else 1.0),
             campaign.meshing.normals,
+            # of more, in turn, none of the last is met again
+            kept=max(self.kept, _FEW) if self.kept <= _MANY else _FEW,
         )
 
     def _meshed(self, surface: Any, i: int) -> TriangleMesh:

@@ -21,6 +21,7 @@ from meshtrace.engine.neighbours import FrozenForced
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.optics import fresnel_reflectance
+from meshtrace.parallel import ordered_map
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 
@@ -244,6 +245,25 @@ def test_frozen_chains_warn_where_simulate_would():
     with pytest.warns(mt.FewSamplesWarning, match="chains contribute, effective sample size"):
         FrozenForced(turbid, 1024, 1)
     FrozenForced(mt.Link(), 1024, 1)  # warnings are errors
+
+
+def test_neighbours_draw_chains_once_and_where_needed(monkeypatch):
+    """Not for unscattered light, and once for all surfaces that threads look at together."""
+    frozen, draw, drawn = FrozenForced(mt.Link(), 64, 1), FrozenForced._draw, []
+
+    def counted(self, *rest):
+        drawn.append(rest)
+        return draw(self, *rest)
+
+    monkeypatch.setattr(FrozenForced, "_draw", counted)
+    seas = [JonswapSea(wind_speed=5.0, seed=i) for i in range(4)]
+    meshes = [sea.mesh(extent=12.0, spacing=0.3) for sea in seas]
+    direct = frozen.unscattered(mt.Link(), meshes[0])
+    assert direct[0] > 0.0
+    assert not drawn
+    gains = list(ordered_map(lambda mesh: frozen.parts(mt.Link(), mesh), meshes, 4))
+    assert len(drawn) == 1
+    assert gains[0][1].mean() == pytest.approx(direct[0], rel=1e-12)
 
 
 @pytest.mark.parametrize(
