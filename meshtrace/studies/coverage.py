@@ -286,10 +286,10 @@ class _Photons(Restored):
         base, link = self.runs[step.run]
         with self._turns[step.time]:  # one thread makes the mesh of all
             mesh = self.mesh(self.times[step.time])
-            intersector = EmbreeIntersector(frame_of(link).mesh(mesh), 1).built().over(mesh)
+            EmbreeIntersector(frame_of(link).mesh(mesh), 1).built()  # kept with the mesh
         tinted: dict[str, Any] = {"tinting": self.tinting, "turn": (base, self._parts)}
         return run_analog(
-            link, intersector, self.options.replace(first_photon=step.first),
+            link, EmbreeIntersector(mesh, 1), self.options.replace(first_photon=step.first),
             photons=step.photons, seed=self._campaign.run.seed,
             normals=self._campaign.meshing.normals,
             unscattered=self._unscattered or grid is not None,
@@ -319,7 +319,8 @@ class _Mapped:
         self._photons = _Photons(*inputs)
         self._image = self._unscattered() if exact else None
         if self._image is not None:
-            self._photons = _Photons(*inputs, unscattered=False)
+            scattered = _Photons(*inputs, unscattered=False)
+            scattered.mesh, self._photons = self._photons.mesh, scattered  # the same meshes
 
     def _unscattered(self) -> Floats | None:
         """Return the unscattered gain of the cells; None if photons have to carry it."""
