@@ -158,7 +158,8 @@ def integrate(
     node, weight = np.polynomial.legendre.leggauss(nodes)
     half = (upper - lower) / 2.0
     points = lower[..., None] + half[..., None] * (1.0 + node)
-    return half * (function(points) @ weight)
+    # A product of matrices would add the nodes of one pair and of many in another order.
+    return half * (function(points) * weight).sum(axis=-1)
 
 
 # Constants of the model as the paper prints them, lengths in m (errata: E9).

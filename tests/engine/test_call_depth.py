@@ -1,7 +1,7 @@
 """Way from `simulate` to the kernels: frames and files of every call of compiled code.
 
 Whoever asks what happens to a photon reads them from top to bottom. The rays of Embree count as
-calls of a kernel.
+calls of a kernel; the geometry of a mesh does not, it is there before the light.
 """
 
 import sys
@@ -61,12 +61,13 @@ def ways(monkeypatch):
     def watched(name, file, kernel):
         def call(*args, **options):
             way = way_of(sys._getframe(1))
-            if way is not None and not any(f == embree for f, _ in way):
+            if way is not None and not any(f in apart for f, _ in way):
                 found[name, tuple(way)] = {file, *(f for f, _ in way)}
             return kernel(*args, **options)
 
         return call
 
+    apart = {sys.modules[c.__module__].__file__ for c in (mt.EmbreeIntersector, mt.TriangleMesh)}
     embree = sys.modules[mt.EmbreeIntersector.__module__].__file__
     rays = watched("rays", embree, mt.EmbreeIntersector.intersect)
     monkeypatch.setattr(mt.EmbreeIntersector, "intersect", rays)
