@@ -399,6 +399,7 @@ def test_the_water_changes_the_gain(page):
     until(lambda: gain_is(page, {"water": "jerlov-1C"}), "another gain")
 
 
+@pytest.mark.slow
 def test_numbers_of_the_water_follow_chlorophyll_and_wavelength(page):
     """The fields once kept a and b of the water before."""
     page.find_element("css selector", "#water option[value='chlorophyll']").click()
@@ -413,6 +414,7 @@ def test_numbers_of_the_water_follow_chlorophyll_and_wavelength(page):
     until(lambda: "chlorophyll=2.0" in page.find_element("id", "text").text, "another program")
 
 
+@pytest.mark.slow
 def test_sliders_and_words_offer_what_the_link_allows(page):
     """The half angle of a laser once went to 80 deg, and types of water were refused in vain."""
     most = lambda: page.execute_script("return document.getElementById('slider-half_angle').max")  # noqa: E731
@@ -437,7 +439,7 @@ DESIGN = {
 
 
 @pytest.mark.parametrize("width", [390, 768, 1440])
-@pytest.mark.slow_but("390", "1440")
+@pytest.mark.slow_but("390")
 def test_the_page_of_a_design_fits_the_window(page, width):
     sized(page, width, 900, width == 390)
     page.execute_script("trame.state.set('design', arguments[0])", DESIGN)
