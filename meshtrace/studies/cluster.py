@@ -40,7 +40,7 @@ class Cluster:
     Parameters
     ----------
     workers : int or str, optional
-        Processes on this machine, of which one is this process; or the address or file (.json) of a
+        Processes on this machine, 1 is this process alone; or the address or file (.json) of a
         running dask scheduler. By default all cores, once the jobs last longer in this process
         than the start of others.
     timeout : float

@@ -439,7 +439,7 @@ DESIGN = {
 
 
 @pytest.mark.parametrize("width", [390, 768, 1440])
-@pytest.mark.slow_but("390")
+@pytest.mark.slow_but("390", "1440")
 def test_the_page_of_a_design_fits_the_window(page, width):
     sized(page, width, 900, width == 390)
     page.execute_script("trame.state.set('design', arguments[0])", DESIGN)
