@@ -242,8 +242,8 @@ class KernelCache(FunctionCache):
 
     numba's cache refuses to import where no folder can be written, and executes files as it
     finds them. Here a folder that cannot be written costs one warning, and a damaged file is
-    removed, so that its kernel is compiled and saved again. Files are replaced atomically:
-    processes may share the folder.
+    removed, so that its kernel is compiled and saved again. Files are replaced atomically, and of
+    processes that share the folder one compiles a kernel while the others wait for its file.
     """
 
     def __init__(self, py_func: Callable[..., Any]) -> None:
@@ -267,16 +267,29 @@ class KernelCache(FunctionCache):
                 found += place.glob(f"{self._prefix}*{_SUFFIX}")
         return found
 
+    @contextlib.contextmanager
+    def turn(self, sig: Any, target_context: Any) -> Iterator[None]:
+        """Wait while another process compiles the overload of a signature that is not saved."""
+        with contextlib.ExitStack() as stack:
+            if self._enabled and not self._place(sig, target_context)[1].is_file():
+                path = self._path(self._index_key(sig, target_context.codegen()))
+                with contextlib.suppress(OSError, ImportError):  # read-only; Windows
+                    import fcntl
+
+                    _make_folder(path.parent)
+                    lock = stack.enter_context(path.with_suffix(".lock").open("w"))
+                    fcntl.flock(lock, fcntl.LOCK_EX)
+                    # closing does not do: a forked process holds the file, too
+                    stack.callback(fcntl.flock, lock, fcntl.LOCK_UN)
+                    stack.callback(Path(lock.name).unlink, missing_ok=True)
+            yield
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the saved overload of a signature; None if it is missing or damaged."""
         rtsys.initialize(target_context)  # not `refresh`: its registries serve compilation alone
         if not self._enabled:
             return None
-        key = self._index_key(sig, target_context.codegen())
-        path = self._path(key)
-        if not path.is_file():
-            key = key[0], (key[1][0], *_ANY_PROCESSOR), key[2]
-            path = shipped() / self._path(key).name
+        key, path = self._place(sig, target_context)
         try:
             content = path.read_bytes()
         except OSError:
@@ -316,6 +329,15 @@ class KernelCache(FunctionCache):
         for path in folder().glob(f"{self._prefix}*{_SUFFIX}"):
             path.unlink(missing_ok=True)
 
+    def _place(self, sig: Any, target_context: Any) -> tuple[Any, Path]:
+        """Return key and file of a saved overload, of any processor if there is none of this."""
+        key = self._index_key(sig, target_context.codegen())
+        path = self._path(key)
+        if path.is_file():
+            return key, path
+        key = key[0], (key[1][0], *_ANY_PROCESSOR), key[2]
+        return key, shipped() / self._path(key).name
+
     def _path(self, key: Any) -> Path:
         digest = hashlib.sha256(self._source + repr(key).encode()).hexdigest()
         return folder() / f"{self._prefix}{digest[:16]}{_SUFFIX}"
@@ -341,12 +363,24 @@ def _warn_unsaved(path: Path, reason: str) -> None:
     )
 
 
+class _Entry(CPUDispatcher):
+    """Dispatcher of an entry point, which one process at a time compiles."""
+
+    _cache: KernelCache
+
+    def compile(self, sig: Any) -> Any:
+        """Load or compile the overload of a signature."""
+        with self._cache.turn(sig, self.targetctx):
+            return super().compile(sig)
+
+
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     if _LINKED:
         options = {"pipeline_class": WholeCompiler, **options}
     compiled = njit(nogil=True, error_model="numpy", **options)(function)
     if compiled is not function:  # as it is under NUMBA_DISABLE_JIT, for debuggers
         compiled._cache = KernelCache(function)
+        compiled.__class__ = _Entry
     return compiled
 
 

@@ -9,13 +9,16 @@ import os
 import signal
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial
 from importlib.util import find_spec
-from threading import Lock
+from itertools import islice
+from queue import SimpleQueue
+from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, Any
 
 from meshtrace.errors import Described, Refused, one_line, require_between, require_whole
@@ -27,7 +30,9 @@ DEFAULT_TIMEOUT = 60.0
 """Seconds to wait for a scheduler and for a worker."""
 
 _CHATTY = ("distributed", "tornado", "asyncio")  # loggers of lost connections
-_START = 4.0  # [s] that a local cluster takes to start, with the imports of its workers
+_PATIENCE = 2.0  # [s] of work in this process before others start, which takes as long
+_AHEAD = 2  # jobs that a process on this machine has or waits with
+_BROKEN = -1  # number of a job that stands for the loss of all workers
 _POLL = 0.02  # [s] between looks for finished tasks
 _ANSWER = 2.0  # [s] to wait for a result, or for the scheduler
 _ALLOWED = "a running dask scheduler with workers; the same command resumes"
@@ -40,9 +45,9 @@ class Cluster:
     Parameters
     ----------
     workers : int or str, optional
-        Processes on this machine, 1 is this process alone; or the address or file (.json) of a
-        running dask scheduler. By default all cores, once the jobs last longer in this process
-        than the start of others.
+        Processes on this machine, by default one for each core; or the address or file (.json) of a
+        running dask scheduler. On this machine this process is one of them; others start if fewer
+        than half of the jobs are finished after two seconds.
     timeout : float
         Seconds to wait for the scheduler, and for a worker.
     """
@@ -80,7 +85,7 @@ class Cluster:
         Parameters
         ----------
         setup : callable
-            Called once in each worker; returns the function of a job.
+            Called once in each process; returns the function of a job.
         jobs : sequence
             Jobs, plain data.
 
@@ -90,47 +95,89 @@ class Cluster:
             If there is no scheduler or no worker, one is lost for good, or a worker would compute
             other numbers: another version of meshtrace, its kernels, numpy or numba.
         """
-        here = 0
-        for here, found in enumerate(self._here(setup, jobs), 1):
-            yield here - 1, found
-        if here < len(jobs):
-            for i, found in self._elsewhere(setup, jobs[here:]):
-                yield here + i, found
-
-    def _here(
-        self, setup: Callable[[], Callable[[Any], Any]], jobs: Sequence[Any]
-    ) -> Iterator[Any]:
-        """Yield the results, or exceptions, of the first jobs, evaluated in this process."""
-        seconds = _START if self.workers is None else 0.0
-        if not isinstance(self.workers, str):
-            one = min(self.workers or os.cpu_count() or 1, len(jobs)) == 1
-            seconds = math.inf if one else seconds
-        if seconds == 0.0:
+        waiting = deque(enumerate(jobs))
+        if isinstance(self.workers, str):
+            if waiting:
+                yield from self._elsewhere(setup, waiting, len(waiting), Event())
             return
-        end, work = time.monotonic() + seconds, setup()
-        for job in jobs:
+        others = (self.workers or os.cpu_count() or 1) - 1
+        alone = min(others, len(waiting) - 1) < 1
+        yield from _evaluated(setup, waiting) if alone else self._shared(setup, waiting, others)
+
+    def _shared(
+        self,
+        setup: Callable[[], Callable[[Any], Any]],
+        waiting: deque[tuple[int, Any]],
+        others: int,
+    ) -> Iterator[tuple[int, Any]]:
+        """Yield the results of jobs of this process and, once they take longer, of others."""
+        total, ended = len(waiting), Event()
+        found: SimpleQueue[tuple[int, Any]] = SimpleQueue()
+
+        def beside() -> None:
             try:
-                yield work(job)
+                patience = 0.0 if self._client else _PATIENCE
+                if ended.wait(patience) or 2 * len(waiting) < total:
+                    return
+                for result in self._elsewhere(setup, waiting, _AHEAD * others, ended):
+                    found.put(result)
             except Exception as error:
-                yield error
-            if time.monotonic() > end:
-                return
+                found.put((_BROKEN, error))
+
+        def merged() -> Iterator[tuple[int, Any]]:
+            for result in _evaluated(setup, waiting):
+                yield result
+                while not found.empty():
+                    yield found.get()
+            while True:
+                yield found.get()
+
+        thread = Thread(target=beside, name="workers")
+        thread.start()
+        try:
+            for i, result in islice(merged(), total):
+                if i == _BROKEN:
+                    raise result
+                yield i, result
+        finally:
+            ended.set()
+            thread.join()
 
     def _elsewhere(
-        self, setup: Callable[[], Callable[[Any], Any]], jobs: Sequence[Any]
+        self,
+        setup: Callable[[], Callable[[Any], Any]],
+        waiting: deque[tuple[int, Any]],
+        ahead: int,
+        ended: Event,
     ) -> Iterator[tuple[int, Any]]:
-        """Yield the number of each job as a worker finishes it, and its result or exception."""
-        import cloudpickle
+        """Yield the number of each job as a worker finishes it, and its result or exception.
 
+        Workers have up to `ahead` jobs at a time, until none is left or the event is set.
+        """
+        import cloudpickle
+        import distributed
+
+        total, drawn = len(waiting), _drawn(waiting)
         with self._connected() as client:
             work = {"setup": cloudpickle.dumps(setup), "expected": _environment()()}
-            futures = client.map(_portable_job(), jobs, **work, pure=False)
-            number = {future.key: i for i, future in enumerate(futures)}
-            for n, (future, found) in enumerate(_finished(client, futures, self.timeout)):
-                if isinstance(found, CancelledError):
-                    raise _lost(client, n, len(jobs)) from found
-                yield number[future.key], _checked(found)
+            run, completed = _portable_job(), distributed.as_completed(loop=client.loop)
+            number: dict[Any, int] = {}
+
+            def submit(count: int) -> None:
+                given = dict(islice(drawn, count))
+                futures = client.map(run, list(given.values()), **work, pure=False)
+                number.update(zip((future.key for future in futures), given, strict=True))
+                completed.update(futures)
+
+            submit(ahead)
+            for future, result in _finished(client, completed, self.timeout, ended):
+                if isinstance(result, CancelledError):
+                    break
+                yield number.pop(future.key), _checked(result)
                 future.release()
+                submit(1)
+            if number and not ended.is_set():
+                raise _lost(client, total - len(waiting) - len(number), total)
 
     @contextmanager
     def _connected(self) -> Iterator[distributed.Client]:
@@ -174,19 +221,38 @@ def prepared(setup: bytes) -> Any:
     return cloudpickle.loads(setup)()
 
 
+def _drawn(waiting: deque[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
+    """Yield the jobs of a queue from which others draw, too."""
+    with suppress(IndexError):
+        while True:
+            yield waiting.popleft()
+
+
+def _evaluated(
+    setup: Callable[[], Callable[[Any], Any]], waiting: deque[tuple[int, Any]]
+) -> Iterator[tuple[int, Any]]:
+    """Yield the number of each job, and its result or exception, evaluated in this process."""
+    work = setup()
+    for i, job in _drawn(waiting):
+        try:
+            yield i, work(job)
+        except Exception as error:
+            yield i, error
+
+
 def _finished(
-    client: distributed.Client, futures: list[distributed.Future[Any]], timeout: float
+    client: distributed.Client,
+    completed: distributed.as_completed,
+    timeout: float,
+    ended: Event,
 ) -> Iterator[tuple[distributed.Future[Any], Any]]:
-    """Yield tasks as they finish, with result or error; refuse to wait for workers that are gone.
+    """Yield tasks as they finish, with result or error, until there is no worker.
 
     A result lost with its worker before it arrives here is awaited again: the scheduler has
     another worker compute it.
     """
-    import distributed
-
-    done, without_worker = 0, 0.0
-    completed = distributed.as_completed(futures, loop=client.loop)
-    while not completed.is_empty():
+    without_worker = 0.0
+    while not (completed.is_empty() or ended.is_set()):
         if completed.has_ready():
             future = next(completed)
             try:
@@ -197,14 +263,12 @@ def _finished(
             except Exception as error:
                 found = error
             yield future, found
-            done, without_worker = done + 1, 0.0
+            without_worker = 0.0
             continue
         time.sleep(_POLL)
-        if client.status != "running":
-            raise _lost(client, done, len(futures))
         without_worker = 0.0 if _has_workers(client) else without_worker + _POLL
-        if without_worker > timeout:
-            raise _lost(client, done, len(futures))
+        if client.status != "running" or without_worker > timeout:
+            return
 
 
 def _has_workers(client: distributed.Client) -> bool:
@@ -318,7 +382,7 @@ def _client(workers: int | str | None, timeout: float) -> Iterator[distributed.C
         with (
             tempfile.TemporaryDirectory(prefix="meshtrace-", ignore_cleanup_errors=True) as scratch,
             distributed.LocalCluster(
-                n_workers=workers or os.cpu_count() or 1,
+                n_workers=(workers or os.cpu_count() or 1) - 1,
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",

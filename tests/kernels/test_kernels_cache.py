@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from functools import partial
 
 import pytest
 from numba import config, njit
@@ -172,15 +173,14 @@ def test_kernels_of_other_packages_use_this_cache(monkeypatch, folder, tmp_path)
 @pytest.mark.process
 @pytest.mark.thorough
 def test_processes_share_a_folder(tmp_path):
-    """Two processes that compile the same kernel at once leave one intact file."""
+    """Of two processes that need a kernel at once one compiles it, the other waits for the file."""
     code = "import own, meshtrace.kernels.jit as jit; f = jit.entry(own.double); f(1.0)"
+    code += "; print(sum(f.stats.cache_hits.values()))"
     (tmp_path / "own.py").write_text("def double(x):\n    return 2.0 * x\n")
     changes = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
-    started = [
-        subprocess.Popen([sys.executable, "-c", code], env={**os.environ, **changes})
-        for _ in range(2)
-    ]
-    assert [process.wait(300) for process in started] == [0, 0]
+    start = partial(subprocess.Popen, stdout=subprocess.PIPE, env={**os.environ, **changes})
+    started = [start([sys.executable, "-c", code]) for _ in range(2)]
+    assert sorted(process.communicate(timeout=300)[0] for process in started) == [b"0\n", b"1\n"]
+    assert [process.returncode for process in started] == [0, 0]
     files = list((tmp_path / "cache").rglob("*.*"))
     assert [path.suffix for path in files] == [jit._SUFFIX]
-    assert python(f"{code}; print(sum(f.stats.cache_hits.values()))", **changes) == ("1", "")

@@ -2,6 +2,8 @@
 
 import os
 import sys
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -88,11 +90,30 @@ def test_little_work_is_done_in_this_process(workers, jobs, monkeypatch):
 
 @pytest.mark.process
 @pytest.mark.thorough
-def test_more_work_goes_to_other_processes(monkeypatch):
-    monkeypatch.setattr(cluster, "_START", -1.0)  # the first job takes longer
-    found = dict(Cluster().map(lambda: lambda job: os.getpid(), range(6)))
+def test_other_processes_share_work_that_lasts(tmp_path):
+    first = os.getpid()
+
+    def work(job):
+        while os.getpid() == first and not (tmp_path / "finished").exists():  # by another process
+            time.sleep(0.01)
+        if os.getpid() != first:
+            (tmp_path / "finished").touch()
+        return os.getpid()
+
+    found = dict(Cluster(2).map(lambda: work, range(6)))
     assert sorted(found) == list(range(6))
-    assert [i for i, pid in found.items() if pid == os.getpid()] == [0]
+    assert found[0] == first
+    assert len(set(found.values())) == 2
+
+
+@pytest.mark.process
+@pytest.mark.thorough
+def test_the_end_of_a_loop_ends_other_processes(monkeypatch):
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.0)
+    results = Cluster(2).map(lambda: lambda job: time.sleep(0.1), range(10_000))
+    next(results)
+    results.close()
+    assert not [t for t in threading.enumerate() if t.name == "workers"]
 
 
 def test_one_worker_needs_no_dask(monkeypatch):

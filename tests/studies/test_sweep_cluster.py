@@ -15,7 +15,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.studies import sweep
+from meshtrace.studies import cluster, sweep
 from meshtrace.studies.cluster import _checked, _environment, _portable_job
 
 distributed = pytest.importorskip("distributed")
@@ -140,17 +140,24 @@ def test_dead_scheduler_ends_the_command(scheduler, worker_of, tmp_path):
 @pytest.mark.thorough
 def test_local_cluster_listens_to_this_machine_alone_and_works_in_private(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.0)
     seen, folders = set(), []
 
-    def look(done):
-        me = psutil.Process()
-        for process in (me, *me.children(recursive=True)):
-            for connection in process.net_connections("inet"):
-                if connection.status == psutil.CONN_LISTEN:
-                    seen.add(connection.laddr.ip)
-        folders.extend(path for path in Path(tmp_path).glob("meshtrace-*"))
+    def listening(process):
+        found = process.net_connections("inet")
+        return {c.laddr.ip for c in found if c.status == psutil.CONN_LISTEN}
 
-    sweep(mt.Link(), {"water.b": [0.0, 0.1]}, workers=2, **{**FEW, "progress": look})
+    def look(done):  # after the first point: wait for the worker
+        me, end = psutil.Process(), time.monotonic() + 60.0
+        while not folders and time.monotonic() < end:
+            time.sleep(0.05)
+            children = [listening(child) for child in me.children(recursive=True)]
+            if any(children):
+                seen.update(listening(me), *children)
+                folders.extend(Path(tmp_path).glob("meshtrace-*"))
+
+    points = {"water.b": [0.01 * i for i in range(8)]}
+    sweep(mt.Link(), points, workers=2, **{**FEW, "progress": look})
     assert seen == {"127.0.0.1"}
     assert folders
     assert not Path(folders[0]).exists()  # and leaves nothing

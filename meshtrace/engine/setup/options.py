@@ -231,8 +231,8 @@ class StudyOptions(RunOptions, total=False):
     store : path, optional
         File that keeps finished steps: a second call with the same arguments resumes the first.
     workers : int or str, optional
-        Processes in place of threads, 1 for this one, or the address or file of a running dask
-        scheduler.
+        Processes in place of threads, of which this is one, or the address or file of a running
+        dask scheduler.
     progress : callable, optional
         Called with 1 after each step.
     """
