@@ -151,8 +151,8 @@ LIKE_I = [f"jerlov-{name}" for name in ("IA", "IB", "II", "III", "1C", "7C")]
 """Types of water with the wavelengths of jerlov-I, more turbid than it and clearer than 9C."""
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("left_out", [LIKE_I, pytest.param([], marks=pytest.mark.slow)], ids=len)
+@pytest.mark.slow
+@pytest.mark.parametrize("left_out", [LIKE_I, []], ids=len)
 def test_no_pair_of_a_choice_and_the_end_of_a_slider_is_refused(left_out):
     """Neither one after the other: what the page offers, it accepts."""
     start, tried = State(PAPER), 0

@@ -85,7 +85,7 @@ STUDIES = {
         mesh=mt.Meshing(spacing=0.2), **FEW,
     ),
 }  # fmt: skip
-KEPT = ("ensemble", "compare", "optimize", "series", "trace", "coverage", "infer", "irradiance")
+KEPT = ("ensemble", "compare", "optimize", "series", "coverage", "irradiance")
 LONG = ("trace", "infer", "irradiance")
 COSTS = ("mesh_time", "bvh_time", "evaluation_time")
 

@@ -38,6 +38,7 @@ def frames_of(path, size=SIZE):
 
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
 @pytest.mark.thorough
+@pytest.mark.slow_but(".gif")
 def test_movies(tmp_path, suffix):
     seen = []
     path = viz.save_movie(
