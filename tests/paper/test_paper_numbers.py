@@ -195,8 +195,9 @@ def test_ratios_and_decibels_carry_their_errors():
     assert found.stderr == pytest.approx(10.0 / math.log(10.0) * 0.01 * math.sqrt(2.0))
 
 
-QUICK_FIGURES = [("surfaces", {"seas": 2}), ("offset", {}), ("snell", {})]
+QUICK_FIGURES = [("surfaces", {"seas": 2}), ("snell", {})]
 SLOW_FIGURES = [
+    ("offset", {}),
     ("uav-axes", {}),
     ("fates", {"photons": 20_000}),
     ("gain-series", {"times": 5, "photons": 64, "analog": 2000}),

@@ -35,7 +35,7 @@ def address():
 @pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", ON_CLUSTERS)
-@pytest.mark.slow_but("ensemble", "optimize")
+@pytest.mark.slow_but("ensemble")
 def test_digits_on_a_cluster_are_those_of_threads(name, address, tmp_path):
     study, path = STUDIES[name], tmp_path / "kept.store"
     expected = repr(digits(study()))

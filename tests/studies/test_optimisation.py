@@ -25,6 +25,7 @@ def test_the_gain_on_the_axis_is_best_at_the_bound():
     assert o.best == mt.Link().replace(ANGLE, 3.0)
 
 
+@pytest.mark.thorough
 def test_a_bound_is_near_on_the_scale_of_the_search():
     def cost(at, gains, weights):
         return abs(math.log(at.link.only_receiver.radius / 2e-3))

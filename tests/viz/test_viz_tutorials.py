@@ -21,7 +21,7 @@ def figures(code):
 @pytest.mark.process
 @pytest.mark.thorough
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-@pytest.mark.slow_but("fading")
+@pytest.mark.slow_but("first_link")
 def test_every_plot_is_shown(page, tmp_path):
     client, v4 = pytest.importorskip("nbclient"), pytest.importorskip("nbformat.v4")
     pytest.importorskip("ipykernel")
