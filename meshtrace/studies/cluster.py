@@ -45,9 +45,9 @@ class Cluster:
     Parameters
     ----------
     workers : int or str, optional
-        Processes on this machine, by default one for each core; or the address or file (.json) of a
-        running dask scheduler. On this machine this process is one of them; others start if fewer
-        than half of the jobs are finished after two seconds.
+        Processes on this machine, of which this is one; or the address or file (.json) of a running
+        dask scheduler. By default one for each core, if fewer than half of the jobs are finished
+        after two seconds.
     timeout : float
         Seconds to wait for the scheduler, and for a worker.
     """
@@ -116,7 +116,7 @@ class Cluster:
 
         def beside() -> None:
             try:
-                patience = 0.0 if self._client else _PATIENCE
+                patience = 0.0 if self.workers or self._client else _PATIENCE
                 if ended.wait(patience) or 2 * len(waiting) < total:
                     return
                 for result in self._elsewhere(setup, waiting, _AHEAD * others, ended):

@@ -108,8 +108,7 @@ def test_other_processes_share_work_that_lasts(tmp_path):
 
 @pytest.mark.process
 @pytest.mark.thorough
-def test_the_end_of_a_loop_ends_other_processes(monkeypatch):
-    monkeypatch.setattr(cluster, "_PATIENCE", 0.0)
+def test_the_end_of_a_loop_ends_other_processes():
     results = Cluster(2).map(lambda: lambda job: time.sleep(0.1), range(10_000))
     next(results)
     results.close()

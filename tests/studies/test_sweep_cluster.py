@@ -15,7 +15,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.studies import cluster, sweep
+from meshtrace.studies import sweep
 from meshtrace.studies.cluster import _checked, _environment, _portable_job
 
 distributed = pytest.importorskip("distributed")
@@ -140,7 +140,6 @@ def test_dead_scheduler_ends_the_command(scheduler, worker_of, tmp_path):
 @pytest.mark.thorough
 def test_local_cluster_listens_to_this_machine_alone_and_works_in_private(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(cluster, "_PATIENCE", 0.0)
     seen, folders = set(), []
 
     def listening(process):
