@@ -387,6 +387,7 @@ def _client(workers: int | str | None, timeout: float) -> Iterator[distributed.C
                 processes=True,
                 host="127.0.0.1",
                 dashboard_address=None,
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # no fixed port for health
                 local_directory=scratch,
                 silence_logs=logging.ERROR,
             ) as cluster,
