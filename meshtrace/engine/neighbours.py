@@ -158,8 +158,7 @@ class FrozenForced:
         sets = self._sets(link, arrays, aimed)
         for e, t in arrays.pairs:
             direct = None if aimed.sampled else aimed.direct_gains(e, t)
-            shown = [c for c in sets[e] if c.order > 0 or direct is None]
-            yield _Pair(arrays.receiver(e, t), arrays.share(e, t), aimed, (e, t), direct, shown)
+            yield _Pair(arrays.receiver(e, t), arrays.share(e, t), aimed, (e, t), direct, sets[e])
 
     def _aimed(self, link: Link, mesh: TriangleMesh) -> tuple[ForcedLink, AimedChains]:
         """Return the arrays of a link and its surface."""
@@ -190,7 +189,7 @@ class FrozenForced:
         ends = [(t.center, t.axis, t.radius) for t in arrays.targets]
         parts = link.water.phase, link.bubbles, link.physics
         models = [part and part.model_dump_json() for part in parts]
-        key = repr((lamps, ends, models, link.water.n, link.n_air, aimed.rough))
+        key = repr((lamps, ends, models, link.water.n, link.n_air, aimed.sampled))
         with self._lock:
             known = self._drawn.get(key)
             if known is None:
@@ -215,9 +214,8 @@ class FrozenForced:
             per_shift = len(like.audit) // SHIFTS
             return drawer.draw(Request(s, like.order, per_shift, (self._seed, s, like.order, 1)))
 
-        return [
-            [drawn(s, like) for like in row] for s, row in enumerate(self._base.sets(aimed.rough))
-        ]
+        rows = self._base.sets(aimed.sampled)
+        return [[drawn(s, like) for like in row] for s, row in enumerate(rows)]
 
     def _stretched(self, arrays: ForcedLink) -> list[Nominal]:
         """Return the laws of the base, with lengths times the ratio of the depths."""
