@@ -454,13 +454,13 @@ def _upside_down(s: MeshArrays) -> tuple[MeshArrays, NDArray[np.void]]:
 
 def search_extent(surface: MeshArrays, facets: NDArray[np.void], bins: Locator) -> Search:
     """Return the extent of the search for roots, `widest` beyond the reach of a target."""
-    near = facets[bins.facet] if len(bins.facet) else facets
+    near = bins.facet if len(bins.facet) else slice(None)
     return Search(
         audit=_AUDITED if surface.interpolate else 1.0,
         slope=surface.max_slope,
-        margin=2.0 * float(near["radius"].max()),
+        margin=2.0 * float(facets["radius"][near].max()),
         widest=1.0,
-        curvature=float(near["curvature"].max()),
+        curvature=float(facets["curvature"][near].max()),
     )
 
 
