@@ -122,7 +122,7 @@ def flat_crossings_of(chains, i, starts, still, raised, out):
     depth = -still.emitter.position.z
     q, v = row(chains.tail, i), row(chains.last, i)
     size = norm(q)
-    plain = size < 0.95 * depth and dot(q, v) > 0.8 * size
+    plain = size < 0.95 * depth and dot(q, v) >= 0.4 * size
     n = ZERO
     for scene in (still, raised):
         for side in range(1 if size < depth else 2):

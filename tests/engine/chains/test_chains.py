@@ -10,12 +10,16 @@ from scipy import integrate, stats
 
 import meshtrace as mt
 from meshtrace.engine.chains import sampling as kernel
+from meshtrace.engine.chains.gain import flat_crossings
+from meshtrace.engine.chains.sets import CROSSINGS, ChainDrawer, Request
 from meshtrace.engine.chains.sets import nominal as nominal_of
+from meshtrace.engine.crossing import FLAT
 from meshtrace.engine.setup.arrays import medium_arrays, with_raster
-from meshtrace.engine.setup.ends import emitter_of, target_of
+from meshtrace.engine.setup.ends import emitter_of, forced_link, target_of
 from meshtrace.kernels.jit import entry
 from meshtrace.kernels.medium import absorption_path, scattering_path
 from meshtrace.kernels.vectors import minus, norm, row
+from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 N = 200_000
@@ -329,3 +333,36 @@ def test_local_depth_on_a_flat_sea_is_the_clamped_depth():
         local = paths(with_raster(media[0], mt.EmbreeIntersector(mesh, 1)), rows)
         clamped = paths(media[1], ENDS)
         np.testing.assert_allclose(local, clamped, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("lamp", "receiver"),
+    [({}, {}), ({}, {"height": 2.0, "position": (10.0, 0.0)}), ({"depth": 1.0}, {"height": 100.0})],
+    ids=["above", "aside", "far above"],
+)
+def test_chains_that_turn_gently_cross_a_flat_sea_once(lamp, receiver):
+    """All starts of the search find the same crossing, so that the first one is enough."""
+    n, rng = 3200, np.random.default_rng(11)
+    link = forced_link(mt.Link(transmitter=mt.Led(**lamp), receiver=mt.Receiver(**receiver)))
+    drawer = ChainDrawer(link, 0.0, 0.0)
+    still, depth = drawer._still_water(0, 0), -link.emitters[0].position.z
+    chains = drawer.empty(Request(source=0, order=1, per_shift=n // SHIFTS, key=())).chains
+    for part in chains:
+        part[:] = 0
+    way, side = rng.normal(size=(2, n, 3))
+    way *= np.where(way[:, 2:] < 0.0, -1.0, 1.0) / np.linalg.norm(way, axis=1, keepdims=True)
+    side = np.cross(way, side)
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    turn = np.arccos(rng.uniform(0.4, 1.0, (n, 1)))
+    chains.tail[:] = 0.95 * depth * rng.random((n, 1)) ** (1.0 / 3.0) * way
+    chains.last[:] = np.cos(turn) * way + np.sin(turn) * side
+    chains.disk[:] = rng.uniform(-0.7, 0.7, (n, 2))
+    found = np.full((len(still.starts), n, 2), np.nan)
+    for k, point in enumerate(found):
+        flat = np.zeros((n, CROSSINGS), FLAT)
+        flat_crossings(chains, still.starts[k : k + 1], still.scene, still.scene, flat)
+        lit = flat["branch"][:, 0] > 0.0
+        point[lit] = np.stack([flat["x"], flat["y"]], axis=-1)[lit, 0]
+    found = found[:, ~np.isnan(found).all(axis=(0, 2))]
+    assert found.shape[1] > 0.9 * n
+    assert (np.nanmax(found, axis=0) - np.nanmin(found, axis=0)).max() < 1e-4
