@@ -187,7 +187,7 @@ class WholeCompiler(_Compiler):
 
 config: Any = numba.config  # numba's stubs lack its fields
 
-# linking.py rests on internals of numba; other versions compile as they always do, slower
+# `Part` and `Whole` rest on internals of numba; other versions compile as they always do, slower
 _LINKED = numba.__version__.startswith("0.68.")
 
 # nor the last two options and `_nrt`

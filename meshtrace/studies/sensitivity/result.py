@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, overload
+from typing import Annotated, Any, ClassVar, NamedTuple, overload
 
 import numpy as np
 
@@ -13,9 +13,6 @@ from meshtrace.errors import Refused, require_keys, require_real
 from meshtrace.models import Floats
 from meshtrace.stored import Rows, Stored, Variable
 from meshtrace.tables import text_table
-
-if TYPE_CHECKING:
-    pass
 
 DECIBELS = 10.0 / math.log(10.0)
 """Decibels of a factor e."""
@@ -107,7 +104,7 @@ class Sensitivities(Stored):
     Attributes
     ----------
     of : str
-        Quantity: "gain", "ber", "outage", "range" or "margin".
+        Quantity: "gain", "ber", "outage", "range", "margin" or "capacity".
     value, stderr : float
         The quantity and its standard error, of the chains and of the seas.
     unit : str
