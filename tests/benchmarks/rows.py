@@ -71,10 +71,14 @@ def _run(**env: str) -> tuple[float, float]:
 
 
 def start() -> dict[str, Any]:
-    """Return the cost of `meshtrace run` with compiled kernels, and of Python with numpy and numba."""
+    """Return the cost of `meshtrace run` with compiled kernels, and of the imports of libraries."""
     _run()
-    imports = of_command([sys.executable, "-c", "import numpy, numba"], _environment())
-    return {"CPU s": _run()[0], "Python, numpy, numba": imports[0]}
+    found, imports = {"CPU s": _run()[0]}, "numpy, numba"
+    for name in ("Python, numpy, numba", "all libraries"):
+        command = [sys.executable, "-c", f"import {imports}"]
+        found[name] = of_command(command, _environment())[0]
+        imports += ", numpy.ma, pydantic, typer, rich.progress, yaml"
+    return found
 
 
 def first() -> dict[str, Any]:
@@ -144,14 +148,20 @@ def photon() -> dict[str, Any]:
 
 
 def rays() -> dict[str, Any]:
-    """Return photons per raw ray of embreex over the same mesh."""
-    from throughput import SMOOTH, default_mesh
+    """Return photons per raw ray of embreex over the same mesh.
+
+    The limit is that of a plain loop below still water with one raw ray for each photon.
+    """
+    from throughput import SMOOTH, default_mesh, measure_against_loop
 
     import meshtrace as mt
     from meshtrace.bench.engine import analog_rate
 
     found = {"no tilts": SMOOTH, "tilts": mt.Link()}
-    return {k: analog_rate(v, default_mesh(v), 1_000_000)["ratio"] for k, v in found.items()}
+    rates = {k: analog_rate(v, default_mesh(v), 1_000_000) for k, v in found.items()}
+    loop = 1e-9 * measure_against_loop(0.037, 1_000_000, 2)["plain_ns"]
+    limit = 1.0 / (1.0 + loop * rates["no tilts"]["rays_per_s"])
+    return {**{k: rate["ratio"] for k, rate in rates.items()}, "limit": limit}
 
 
 def receivers(n: int = 10_000) -> dict[str, Any]:
