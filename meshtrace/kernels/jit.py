@@ -330,7 +330,7 @@ class KernelCache(FunctionCache):
             path.unlink(missing_ok=True)
 
     def _place(self, sig: Any, target_context: Any) -> tuple[Any, Path]:
-        """Return key and file of a saved overload, of any processor if there is none of this."""
+        """Return the key and the file of a saved overload, else those of a shipped one."""
         key = self._index_key(sig, target_context.codegen())
         path = self._path(key)
         if path.is_file():

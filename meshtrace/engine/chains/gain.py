@@ -104,9 +104,9 @@ def flat_crossings(chains, starts, still, raised, out):
 
     Array twin: `tests/engine/test_crossing.py`.
     Flat crossings do not depend on the waves: they are the starts for every surface. `out` has
-    room for several of each chain; branch 0 ends them. Chains that turn sharply or reach
-    still water before their last scattering are searched from many `starts` (x, y) and on
-    both branches; the others have one crossing, found from below the receiver. A chain that
+    room for several of each chain; branch 0 ends them. Chains that turn by more than 66 degrees
+    or reach still water before their last scattering are searched from many `starts` (x, y) and
+    on both branches; the others have one crossing, found from below the receiver. A chain that
     ends above still water is searched on a sea `raised` above every crest.
     """
     for i in range(len(chains.last)):
