@@ -330,7 +330,7 @@ class KernelCache(FunctionCache):
             path.unlink(missing_ok=True)
 
     def _place(self, sig: Any, target_context: Any) -> tuple[Any, Path]:
-        """Return the key and the file of a saved overload, else those of a shipped one."""
+        """Return key and file of the saved overload, or of the shipped one."""
         key = self._index_key(sig, target_context.codegen())
         path = self._path(key)
         if path.is_file():
