@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    Generic,
+    ParamSpec,
+    Protocol,
+    TypeVar,
+    cast,
+    overload,
+)
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.models import Floats
@@ -17,6 +28,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Result = TypeVar("Result", bound=Stored)
+Options = ParamSpec("Options")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,6 +117,25 @@ class ByWavelength(Stacked, Generic[Result]):
                 about = ", ".join([f"receiver {r}"] * (len(found.gains) > 1) + known)
                 lines.append(f"{nm:>8g}{gain:>13.4e}{stderr:>16.1e}{samples:>19}  {about}")
         return "\n".join(lines)
+
+
+class Spectral(Protocol[Options, Result]):
+    """Function with a result, or one for each of the wavelengths that it is given."""
+
+    @overload
+    def __call__(
+        self, *args: Any, wavelengths_nm: ArrayLike, **options: Any
+    ) -> ByWavelength[Result]: ...
+
+    @overload
+    def __call__(self, *args: Options.args, **options: Options.kwargs) -> Result: ...
+
+
+def spectral(
+    function: Callable[Options, Result | ByWavelength[Result]],
+) -> Spectral[Options, Result]:
+    """Return a function, for type checkers with the kind of result that its options give."""
+    return cast(Spectral[Options, Result], function)
 
 
 def by_wavelength(data: xr.Dataset) -> xr.Dataset:

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from threading import Lock
-from typing import Any, NamedTuple, Unpack, overload
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,7 +40,7 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.coverage import LIT, CoverageMap, relative_errors
 from meshtrace.results.provenance import provenance
-from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths
+from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths, spectral
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Cluster, Restored
@@ -64,31 +64,8 @@ class _Step(NamedTuple):
     photons: int
 
 
-@overload
+@spectral
 def coverage_map(
-    link: Link | Scenario,
-    surface: MeshSource | TriangleMesh | None = None,
-    extent: float = 5.0,
-    step: float = 0.25,
-    *,
-    wavelengths_nm: None = None,
-    **options: Any,
-) -> CoverageMap: ...
-
-
-@overload
-def coverage_map(
-    link: Link | Scenario,
-    surface: MeshSource | TriangleMesh | None = None,
-    extent: float = 5.0,
-    step: float = 0.25,
-    *,
-    wavelengths_nm: ArrayLike,
-    **options: Any,
-) -> ByWavelength[CoverageMap]: ...
-
-
-def coverage_map(  # type: ignore[misc]
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
     extent: float = 5.0,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, Unpack, overload
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +29,7 @@ from meshtrace.errors import (
 from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface, SurfaceModel
 from meshtrace.results.background import Background
-from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths
+from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths, spectral
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import background_over_seas, described, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
@@ -44,27 +44,8 @@ SWEEP_DEPTHS = tuple(float(d) for d in range(20, 95, 5))
 """Depths of `depth_sweep` [m]."""
 
 
-@overload
+@spectral
 def link_performance(
-    link: Link | Scenario,
-    surface: SurfaceModel | None = None,
-    *,
-    wavelengths_nm: None = None,
-    **options: Any,
-) -> LinkPerformance: ...
-
-
-@overload
-def link_performance(
-    link: Link | Scenario,
-    surface: SurfaceModel | None = None,
-    *,
-    wavelengths_nm: ArrayLike,
-    **options: Any,
-) -> ByWavelength[LinkPerformance]: ...
-
-
-def link_performance(  # type: ignore[misc]
     link: Link | Scenario,
     surface: SurfaceModel | None = None,
     *,

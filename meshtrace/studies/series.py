@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Unpack, overload
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
-from meshtrace.results.wavelengths import ByWavelength
+from meshtrace.results.wavelengths import ByWavelength, spectral
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of, mean, stderr
 from meshtrace.uav.airframe import Flight, Route
@@ -27,29 +27,8 @@ if TYPE_CHECKING:
 _STATISTICS = 50  # gains, the least for a comparison with the closed form
 
 
-@overload
+@spectral
 def time_series(
-    link: Link | Scenario,
-    surface: Any = None,
-    times: ArrayLike | None = None,
-    *,
-    wavelengths_nm: None = None,
-    **options: Any,
-) -> GainSeries: ...
-
-
-@overload
-def time_series(
-    link: Link | Scenario,
-    surface: Any = None,
-    times: ArrayLike | None = None,
-    *,
-    wavelengths_nm: ArrayLike,
-    **options: Any,
-) -> ByWavelength[GainSeries]: ...
-
-
-def time_series(  # type: ignore[misc]
     link: Link | Scenario,
     surface: MeshSource | None = None,
     times: ArrayLike | None = None,
@@ -143,29 +122,8 @@ def over_times(
     return gain_series(campaign, gains, **more)
 
 
-@overload
+@spectral
 def ensemble(
-    link: Link | Scenario,
-    realizations: int,
-    surface: SurfaceModel | None = None,
-    *,
-    wavelengths_nm: None = None,
-    **options: Any,
-) -> GainSeries: ...
-
-
-@overload
-def ensemble(
-    link: Link | Scenario,
-    realizations: int,
-    surface: SurfaceModel | None = None,
-    *,
-    wavelengths_nm: ArrayLike,
-    **options: Any,
-) -> ByWavelength[GainSeries]: ...
-
-
-def ensemble(  # type: ignore[misc]
     link: Link | Scenario,
     realizations: int,
     surface: SurfaceModel | None = None,
