@@ -16,7 +16,7 @@ import meshtrace as mt
 from meshtrace.comms.budget import required_gain
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea
-from meshtrace.uav.tilt import h_alpha
+from meshtrace.uav import h_alpha
 
 PAGE = Path(__file__).with_name("paper.md")
 RATES = (1e6, 5e6, 1e7)

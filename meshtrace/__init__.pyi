@@ -101,9 +101,9 @@ from .studies import time_series as time_series
 from .studies import time_step_study as time_step_study
 from .surfaces import FlatSea as FlatSea
 from .surfaces import JonswapSea as JonswapSea
-from .uav.airframe import Flight as Flight
-from .uav.airframe import Route as Route
-from .uav.airframe import Uav as Uav
-from .uav.wind import Dryden as Dryden
+from .uav import Dryden as Dryden
+from .uav import Flight as Flight
+from .uav import Route as Route
+from .uav import Uav as Uav
 
 __version__: str

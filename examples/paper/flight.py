@@ -13,7 +13,7 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import JonswapSea
 from meshtrace.surfaces.statistics import components_hs
-from meshtrace.uav.tilt import compare_laws
+from meshtrace.uav import compare_laws
 from paper.links import FORM_NAMES, FORMS, ROUGH, UAV, Form, gusts, panels, wind_name
 from paper.registry import Entry, FigureOutput, Number, Setting, row
 

@@ -15,7 +15,7 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.fields import attrs
 from meshtrace.results.gain import FATE_MEANING
-from meshtrace.uav.tilt import h_alpha
+from meshtrace.uav import h_alpha
 from paper.links import (
     FORM_NAMES,
     FORMS,

@@ -239,7 +239,7 @@ def ber(
     """
     from meshtrace.mesh import SeededSurface
     from meshtrace.studies.performance import DepthSweep
-    from meshtrace.uav.airframe import Flight
+    from meshtrace.uav import Flight
 
     given = {"detector.preset": preset, "uav.preset": uav, **light.changes()}
     speeds = [None] if wind is None else numbers("--wind", wind)

@@ -37,7 +37,7 @@ from meshtrace.scenario.files import (
     with_unset_keys,
 )
 from meshtrace.scenario.seas import MeshFile
-from meshtrace.uav.airframe import Uav
+from meshtrace.uav import Uav
 
 
 class Scenario(Model, frozen=True):

@@ -21,7 +21,7 @@ from meshtrace.optics.spectra import WaterSpectrum
 from meshtrace.optics.water import Water
 from meshtrace.optics.water_files import read_spectrum
 from meshtrace.scenario.files import Table, as_table, plain, unshared, validated
-from meshtrace.uav.airframe import UAVS, Uav
+from meshtrace.uav import UAVS, Uav
 
 DEFAULT_WIND_SPEED = 5.0
 

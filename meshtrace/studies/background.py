@@ -30,7 +30,7 @@ from meshtrace.studies.campaign import Campaign, Steps, campaign_of
 from meshtrace.studies.keys import Variant
 from meshtrace.studies.series import in_flight
 from meshtrace.studies.store import digest_of
-from meshtrace.uav.airframe import Flight
+from meshtrace.uav import Flight
 
 _MOST_SEAS = 16  # of the mean background of an ensemble
 _MEAN_SEAS = 4  # the same where each sea has the mean

@@ -42,8 +42,7 @@ from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.cluster import Cluster
 from meshtrace.studies.store import Store, digest_of
-from meshtrace.uav.airframe import Flight
-from meshtrace.uav.wind import Dryden
+from meshtrace.uav import Dryden, Flight
 
 if TYPE_CHECKING:
     import xarray as xr

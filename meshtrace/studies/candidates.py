@@ -28,7 +28,7 @@ from meshtrace.studies.neighbours import Neighbours
 from meshtrace.studies.response import MOST_SEAS, Responses
 from meshtrace.studies.sensitivity.quantity import Quantity
 from meshtrace.studies.store import digest_of
-from meshtrace.uav.airframe import Flight, Uav
+from meshtrace.uav import Flight, Uav
 
 Objective = Literal["outage", "gain", "range", "margin", "capacity"]
 Custom = Callable[[Variant, Floats, Floats], float]

@@ -29,7 +29,7 @@ from meshtrace.mesh import SeededSurface, WaveSum
 from meshtrace.models import Model
 from meshtrace.scenario.daylight import daylight_values, daylight_with
 from meshtrace.scenario.parts import OF_LINK
-from meshtrace.uav.airframe import Uav
+from meshtrace.uav import Uav
 
 _ABSOLUTE = {
     "zenith_deg": "azimuth_deg",

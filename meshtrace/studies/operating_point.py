@@ -35,8 +35,7 @@ from meshtrace.studies.response import (
     over_colours,
 )
 from meshtrace.studies.series import gain_series, in_flight
-from meshtrace.uav.airframe import Flight
-from meshtrace.uav.tilt import h_alpha
+from meshtrace.uav import Flight, h_alpha
 
 _TILTS = 50  # of each realization of the sea
 _RESAMPLES = 1000

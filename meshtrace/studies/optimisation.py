@@ -32,7 +32,7 @@ from meshtrace.studies.keys import Parameter, Variant, parameters
 from meshtrace.studies.neighbours import error_of
 from meshtrace.studies.sensitivity.quantity import FADES
 from meshtrace.tables import text_table
-from meshtrace.uav.airframe import Flight
+from meshtrace.uav import Flight
 
 
 class Validation(NamedTuple):

@@ -37,8 +37,7 @@ from meshtrace.studies.operating_point import Ensemble, SharedGains, operating_p
 from meshtrace.studies.performance import DepthSweep, LinkPerformance
 from meshtrace.studies.series import closed_form
 from meshtrace.surfaces import sea_in_wind
-from meshtrace.uav.airframe import Flight
-from meshtrace.uav.wind import Dryden
+from meshtrace.uav import Dryden, Flight
 
 SWEEP_DEPTHS = tuple(float(d) for d in range(20, 95, 5))
 """Depths of `depth_sweep` [m]."""

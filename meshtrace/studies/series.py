@@ -19,7 +19,7 @@ from meshtrace.results.series import GainSeries
 from meshtrace.results.wavelengths import ByWavelength, spectral
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of, mean, stderr
-from meshtrace.uav.airframe import Flight, Route
+from meshtrace.uav import Flight, Route
 
 if TYPE_CHECKING:
     import xarray as xr

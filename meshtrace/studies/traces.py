@@ -25,7 +25,7 @@ from meshtrace.studies.background import backgrounds, light_of
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of, gains_over
 from meshtrace.studies.comparison import both_directions
 from meshtrace.studies.series import in_flight
-from meshtrace.uav.airframe import Flight, Route
+from meshtrace.uav import Flight, Route
 
 DEFAULT_CHAINS = 1024
 """Chains of each direction."""

@@ -11,8 +11,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import kstest
 
-from meshtrace.uav import Dryden, Uav
-from meshtrace.uav.tilt import compare_laws, h_alpha, squared_wind_moments
+from meshtrace.uav import Dryden, Uav, compare_laws, h_alpha, squared_wind_moments
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "link_reference.json").read_text())
 CASES = [

@@ -35,8 +35,7 @@ from meshtrace.studies.keys import Variant
 from meshtrace.studies.neighbours import error_of, without_each
 from meshtrace.studies.operating_point import Ensemble, FadingSamples, operating_point
 from meshtrace.studies.response import light_response, through_channel
-from meshtrace.uav.airframe import Flight
-from meshtrace.uav.tilt import h_alpha
+from meshtrace.uav import Flight, h_alpha
 
 DEFAULT_CHAINS = 512
 """Chains of a design, common to all seas and links."""

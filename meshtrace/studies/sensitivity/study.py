@@ -40,8 +40,7 @@ from meshtrace.studies.neighbours import (
 from meshtrace.studies.response import MOST_SEAS, Responses
 from meshtrace.studies.sensitivity.quantity import FADES, Of, Quantity
 from meshtrace.studies.sensitivity.result import DECIBELS, Row, Sensitivities, Table
-from meshtrace.uav.airframe import Flight, Uav
-from meshtrace.uav.tilt import h_alpha
+from meshtrace.uav import Flight, Uav, h_alpha
 
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
