@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.columns import read_columns
 from meshtrace.errors import Described, Refused, require_array, require_between, require_whole
+from meshtrace.tables import read_columns
 
 from .measured import MeasuredSea, from_wavespectra
 from .parameters import DEPTH, Floats, Mss
@@ -61,7 +61,7 @@ def gauge_spectrum(
     ----------
     source : path or array_like, shape (n, 1 + gauges)
         Time [s] at equal steps, then the elevation of each gauge; or a text file of these columns,
-        see `meshtrace.columns.read_columns`. A heading such as "eta [mm]" states the unit.
+        see `meshtrace.tables.read_columns`. A heading such as "eta [mm]" states the unit.
     depth : float, optional
         Water depth [m]; None is deep water. Only the directions of an array depend on it.
     spreading : Spreading or str or dict, optional

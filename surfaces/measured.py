@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from meshtrace.columns import read_columns
 from meshtrace.errors import Described, DomainWarning, Refused, did_you_mean, reason_of
 from meshtrace.mesh import Cumulants
 from meshtrace.stored import read_dataset
+from meshtrace.tables import read_columns
 
 from .bands import drawn_places
 from .gram_charlier import SlopeLaw, real_cumulants, require_random
@@ -219,7 +219,7 @@ def from_wavespectra(
         netCDF file or dataset with `efth` [m2 Hz-1 deg-1] over `freq` [Hz] and `dir` [deg], the
         nautical direction the waves come from, clockwise from north; or, with `reader`, a file;
         or a text file (.csv, .txt) whose header holds the directions and whose first column the
-        frequencies, see `meshtrace.columns.read_columns`.
+        frequencies, see `meshtrace.tables.read_columns`.
     seed : int
         Seed of the random phases.
     depth : float, optional

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, SerializeAsAny, model_validator
 
-from meshtrace.columns import read_columns
 from meshtrace.errors import MISSING, Described, Refused
 from meshtrace.models import Family, NonNegative
+from meshtrace.tables import read_columns
 
 from .parameters import (
     DEPTH,

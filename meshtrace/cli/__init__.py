@@ -3,7 +3,7 @@
 Heavy imports happen inside the commands, so that --help is quick.
 """
 
-from meshtrace.cli import tools, view  # noqa: F401, the commands join the application
+from meshtrace.cli import tools  # noqa: F401, the commands join the application
 from meshtrace.cli.app import app
 
 __all__ = ["app"]

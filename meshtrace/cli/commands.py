@@ -11,16 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from meshtrace.cli.console import extra, finite, progress
-from meshtrace.cli.made import StudyCommand, StudyRow, defaults, numbers
-from meshtrace.cli.options import (
+from meshtrace.cli.console import (
     AllChanges,
     FileOptions,
     LinkFile,
     PlotOptions,
     PrintOptions,
     RunChanges,
+    extra,
+    finite,
+    progress,
 )
+from meshtrace.cli.made import StudyCommand, StudyRow, defaults, numbers
 from meshtrace.errors import Refused, require_word
 
 if TYPE_CHECKING:

@@ -1,17 +1,26 @@
-"""Services shared by the commands: progress, warnings, plain data."""
+"""What the commands share: groups of options, files and pictures, progress, warnings."""
 
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from itertools import count
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from meshtrace.errors import Described, Refused, one_line
+from meshtrace.errors import Described, Refused, one_line, require_writable
+from meshtrace.files import atomic
+
+if TYPE_CHECKING:
+    from meshtrace.scenario import Scenario
+    from meshtrace.stored import Stored
 
 COMPILING = "compiling kernels (first run only)"
 
@@ -76,6 +85,51 @@ def kernels_are_compiled(estimator: str) -> bool:
     return any(jit.is_compiled(kernel) for kernel in slowest[estimator])
 
 
+_AHEAD = "import sys; from meshtrace.cli.console import compile_ahead as f; f(*sys.argv[1:])"
+
+
+@contextmanager
+def compiling_ahead(scenario: Scenario) -> Iterator[None]:
+    """Compile the kernels that evaluate chains in a second process while the block draws them.
+
+    Where that process cannot start, fails or is late, the block compiles all of them. numba
+    compiles one function at a time in a process. Both processes save what they compile, and find
+    what the other has saved.
+    """
+    from meshtrace.models import modules_of
+    from meshtrace.parallel import default_threads
+
+    process = None
+    if scenario.run.estimator.kind == "forced" and default_threads() > 1:
+        silent = subprocess.DEVNULL
+        with suppress(OSError):
+            text = scenario.to_toml()
+            process = subprocess.Popen(
+                [sys.executable, "-c", _AHEAD, text, *modules_of(text)],
+                stdin=silent,
+                stdout=silent,
+                stderr=silent,
+                start_new_session=True,  # Ctrl-C is for the first process, which ends this one
+            )
+    try:
+        yield
+    finally:
+        if process is not None:
+            process.kill()
+            process.wait()
+
+
+def compile_ahead(toml: str, *modules: str) -> None:
+    """Compile for a link file, whose parts may be classes of some modules."""
+    from meshtrace.engine.chains.aimed import compile_evaluation
+    from meshtrace.models import import_modules
+    from meshtrace.scenario import Scenario
+
+    import_modules(modules)
+    scenario = Scenario.from_toml(toml)
+    compile_evaluation(scenario.case().link, scenario.mesh(), scenario.meshing.normals)
+
+
 @contextmanager
 def warnings_as_lines() -> Iterator[None]:
     """Print each warning at once, as a line of stderr; those for programmers are left out."""
@@ -116,3 +170,190 @@ def finite(value: Any) -> Any:
     if isinstance(value, list | tuple) or getattr(value, "ndim", None):
         return [finite(item) for item in value]
     return float(value) if math.isfinite(value) else None
+
+
+_LINK = "Link file; default: the link of the paper."
+LinkFile = Annotated[Path | None, typer.Argument(metavar="[LINK.TOML]", help=_LINK)]
+
+_KEYS = {"wind": "wind_speed", "seed": "run.seed", "threads": "run.threads"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Changes:
+    """Options that change a link file.
+
+    Parameters
+    ----------
+    set_ : KEY=VALUE
+        Replace a value of the link file, such as transmitter.depth=20; repeatable.
+    trust
+        Run the modules that the link file names, as in module:Class.
+    """
+
+    set_: list[str] | None = None
+    trust: bool = False
+
+    def scenario(self, link: Path | None, more: Mapping[str, Any] | None = None) -> Scenario:
+        """Return the scenario of a link file with these changes and further ones by key."""
+        from meshtrace.scenario import Scenario, parse_setting
+
+        own = {key: getattr(self, name, None) for name, key in _KEYS.items()}
+        given = (f"{k}={v}" for k, v in {**own, **(more or {})}.items() if v is not None)
+        changes = dict(parse_setting(setting) for setting in (*(self.set_ or []), *given))
+        if link is None:
+            return Scenario.from_toml("", changes=changes, trust=self.trust)
+        return Scenario.load(link, changes, trust=self.trust)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindChanges(Changes):
+    """Options that change a link file and its wind.
+
+    Parameters
+    ----------
+    wind : U
+        Wind speed at 10 m [m/s].
+    """
+
+    wind: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunChanges(Changes):
+    """Options that change a link file and its run.
+
+    Parameters
+    ----------
+    seed : N
+        Seed of the random numbers.
+    threads : N
+        Number of threads; default: all cores.
+    """
+
+    seed: str | None = None
+    threads: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class AllChanges(RunChanges, WindChanges):
+    """Options that change a link file, its wind and its run."""
+
+
+def check_output(output: Path | None, *inputs: Path | None, option: str = "--output") -> None:
+    """Check before the work that an optional output file can be written.
+
+    It replaces no link file, nor a mesh or spectrum that a link file names.
+    """
+    if output is None:
+        return
+    named = (file for link in inputs if link is not None for file in _named_files(link))
+    require_writable(output, [*inputs, *named], option)
+    if output.suffix.lower() == ".toml":
+        raise Refused(option, str(output), "no name of a link file")
+
+
+def _named_files(link: Path) -> Iterator[Path]:
+    """Yield every text of a link file as a possible path; its files are among them."""
+    from meshtrace.scenario.files import parse_toml, read_text
+
+    def texts(part: Any) -> Iterator[str]:
+        if isinstance(part, str):
+            yield part
+        elif isinstance(part, dict | list):
+            for item in part.values() if isinstance(part, dict) else part:
+                yield from texts(item)
+
+    with suppress(Refused):  # no link file
+        yield from (link.parent / text for text in texts(parse_toml(read_text(link))))
+
+
+def check_plot(path: Path | None, *inputs: Path | None, option: str = "--plot") -> None:
+    """Refuse a picture that could not be written, before anything is computed."""
+    if path is None:
+        return
+    check_output(path, *inputs, option=option)
+    with extra(option, "viz"):
+        from matplotlib.figure import Figure
+    kinds = Figure().canvas.get_supported_filetypes()
+    if path.suffix[1:].lower() not in kinds:
+        raise Refused(option, str(path), f"a file .{', .'.join(sorted(kinds))}")
+
+
+def draw(result: Any, path: Path | None) -> None:
+    """Write the plot of a result, if a file is given."""
+    if path is None:
+        return
+    with extra("plot", "viz"):
+        import matplotlib
+
+        matplotlib.use("agg")
+        import matplotlib.pyplot as plt
+
+        from meshtrace.viz import plot, use_style
+    use_style()
+    plot(result)
+    with atomic(path) as temporary:
+        plt.savefig(temporary)
+    plt.close()
+    typer.echo(f"\nwritten to {path}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileOptions:
+    """File of a result.
+
+    Parameters
+    ----------
+    output
+        Write the result as netCDF.
+    """
+
+    output: Path | None = None
+
+    def check(self, *inputs: Path | None) -> None:
+        """Check before the work that the files can be written."""
+        check_output(self.output, *inputs)
+
+    def save(self, result: Stored, quiet: bool = False) -> None:
+        """Write a result to the file, after the text on the console."""
+        if self.output is not None:
+            result.save(self.output)
+            if not quiet:
+                typer.echo(f"\nwritten to {self.output}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrintOptions(FileOptions):
+    """File of a result, and the format on the console.
+
+    Parameters
+    ----------
+    json_
+        Print the result as JSON, without progress bar.
+    """
+
+    json_: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlotOptions(FileOptions):
+    """File and picture of a result.
+
+    Parameters
+    ----------
+    plot : A.PNG
+        Draw the result.
+    """
+
+    plot: Path | None = None
+
+    def check(self, *inputs: Path | None) -> None:
+        """Check before the work that both can be written."""
+        super().check(*inputs)
+        check_plot(self.plot, *inputs, self.output)
+
+    def write(self, result: Stored) -> None:
+        """Print a result and write it."""
+        typer.echo(result.summary())
+        self.save(result)
+        draw(result, self.plot)

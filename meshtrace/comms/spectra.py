@@ -11,9 +11,9 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
 
-from meshtrace.columns import read_columns
 from meshtrace.errors import Described, Refused, require_between, require_keys
 from meshtrace.models import Floats, Model, NonNegative, Positive
+from meshtrace.tables import read_columns
 
 _NODES = 2001  # over the spectrum of a source or a band
 _RAYS = 512  # angles of a filled field of view

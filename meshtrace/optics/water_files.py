@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from meshtrace.columns import read_columns
 from meshtrace.errors import Described, Refused
 from meshtrace.models import Floats
 from meshtrace.optics.constituents import Constituents
 from meshtrace.optics.pure_water import pure_water_absorption, zhang_hu_he
 from meshtrace.optics.spectra import SpectralTable, WaterSpectrum
 from meshtrace.stored import read_dataset
+from meshtrace.tables import read_columns
 
 _COLUMNS = ("depth", "wavelength", "a", "b")
 _FIELDS = {"a": ("a", "agp"), "b": ("b", "bp"), "c": ("c", "cgp")}

@@ -7,21 +7,21 @@ import sys
 
 import pytest
 
-from meshtrace.cli import ahead
+from meshtrace.cli import console
 from meshtrace.scenario import Scenario
 
 pytestmark = pytest.mark.process
 
 SAME = """
 import sys
-from meshtrace.cli.ahead import main
+from meshtrace.cli.console import compile_ahead
 from meshtrace.engine.chains import microfacets
 from meshtrace.engine.chains import gain as chain_gain
 from meshtrace.engine.chains import unscattered
 from meshtrace.kernels import scene
 from meshtrace.scenario import Scenario
 
-main(sys.argv[1])
+compile_ahead(sys.argv[1])
 kernels = (microfacets.blurred_gain, microfacets.blurred_contributions, chain_gain.contributions,
            unscattered.image_gain, scene.facet_summary, scene.count_bins, scene.fill_bins)
 ahead = [kernel.signatures for kernel in kernels]
@@ -53,9 +53,9 @@ def test_process_ends_with_the_block(monkeypatch):
     started = []
     popen = subprocess.Popen
     monkeypatch.setattr(
-        ahead.subprocess, "Popen", lambda *a, **k: started.append(popen(*a, **k)) or started[-1]
+        console.subprocess, "Popen", lambda *a, **k: started.append(popen(*a, **k)) or started[-1]
     )
-    with ahead.compiling_ahead(Scenario.from_toml("")):
+    with console.compiling_ahead(Scenario.from_toml("")):
         assert started[0].poll() is None
     assert started[0].returncode != 0
 
@@ -64,15 +64,15 @@ def test_block_runs_without_a_process(monkeypatch):
     def refuse(*_, **__):
         raise OSError("no more processes")
 
-    monkeypatch.setattr(ahead.subprocess, "Popen", refuse)
-    with ahead.compiling_ahead(Scenario.from_toml("")):
+    monkeypatch.setattr(console.subprocess, "Popen", refuse)
+    with console.compiling_ahead(Scenario.from_toml("")):
         pass
 
 
 def test_analog_run_and_single_core_start_no_process(monkeypatch):
-    monkeypatch.setattr(ahead.subprocess, "Popen", lambda *_, **__: pytest.fail("started"))
-    with ahead.compiling_ahead(Scenario.from_toml('[run]\nestimator = "analog"\n')):
+    monkeypatch.setattr(console.subprocess, "Popen", lambda *_, **__: pytest.fail("started"))
+    with console.compiling_ahead(Scenario.from_toml('[run]\nestimator = "analog"\n')):
         pass
-    monkeypatch.setattr(ahead, "default_threads", lambda: 1)
-    with ahead.compiling_ahead(Scenario.from_toml("")):
+    monkeypatch.setattr("meshtrace.parallel.default_threads", lambda: 1)
+    with console.compiling_ahead(Scenario.from_toml("")):
         pass

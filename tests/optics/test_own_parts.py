@@ -5,7 +5,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.optics.phase_tables import sample_s
+from meshtrace.optics.phase import sample_s
 from meshtrace.surfaces import FlatSea
 
 

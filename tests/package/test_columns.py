@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.columns import read_columns
 from meshtrace.errors import Refused
 from meshtrace.surfaces import MeasuredSea, SpectralSea, TabulatedSpectrum, from_wavespectra
+from meshtrace.tables import read_columns
 
 FORMS = {
     "comma": "theta,vsf\n1,2\n10,0.5\n",
