@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
-from functools import lru_cache, partial
+from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from meshtrace.errors import Described, Refused, require_between, require_whole, require_word
+from meshtrace.errors import (
+    MISSING,
+    Described,
+    Refused,
+    require_between,
+    require_whole,
+    require_word,
+)
 from meshtrace.kernels.sources import LEAST_COS, Sky
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.models import Finite, Floats, Model, NonNegative
@@ -330,6 +337,30 @@ SUN_RADIUS_DEG = 0.2665
 
 _HORIZON = "0 <= sun_zenith_deg <= 89 (below the horizon: use night)"
 
+SUN = ("sun_zenith_deg", "sun_azimuth_deg")
+"""Fields of the place of the sun, or of the moon."""
+
+_ATMOSPHERE = ("aerosol", "ozone", "water_vapour", "pressure", "day_of_year")
+
+
+class LightModel(NamedTuple):
+    """Model of a light: fields that differ from those of `Daylight`, and keys of its options."""
+
+    fields: Mapping[str, str]
+    keys: tuple[str, ...] = ()
+
+
+MODELS = {
+    "clear": LightModel(
+        {"light": "clear sky"}, ("time", "latitude", "longitude", *_ATMOSPHERE, "width_nm")
+    ),
+    "overcast": LightModel({"light": "overcast sky", "pattern": "cie-1"}, ("transmittance",)),
+    "uniform": LightModel({"light": "uniform sky", "pattern": "uniform"}),
+    "moon": LightModel({"light": "moonlight"}, ("phase_deg",)),
+    "night": LightModel({"light": "moonless night", "pattern": "uniform"}),
+}
+"""Models by name in link files; "uniform" needs its irradiance, the others have their own."""
+
 
 class Daylight(Model, frozen=True):
     """Light of sun and sky, or of moon and night, above the sea at one wavelength.
@@ -443,8 +474,7 @@ class Daylight(Model, frozen=True):
         """
         if self.pattern == "uniform":
             return np.ones_like(wavelength_nm)
-        names = ("aerosol", "ozone", "water_vapour", "pressure", "day_of_year")
-        own: dict[str, Any] = {k: v for k, v in self.recipe.items() if k in names}
+        own: dict[str, Any] = {k: v for k, v in self.recipe.items() if k in _ATMOSPHERE}
         nodes, direct, diffuse = _clear_spectra(self.sun_zenith_deg, **own)
         whole = math.cos(math.radians(self.sun_zenith_deg)) * direct + diffuse
         at = np.interp([self.wavelength_nm, *wavelength_nm], nodes, whole)
@@ -484,27 +514,23 @@ class Daylight(Model, frozen=True):
         Refused
             If a value is out of range, or pvlib (extra `daylight`) is not installed.
         """
-        _require_absent(fields, "direct", "diffuse", "recipe")
+        limits = {"width_nm": (width_nm, 400.0), "aerosol": (aerosol, 5.0), "ozone": (ozone, 2.0),
+                  "water_vapour": (water_vapour, 20.0), "pressure": (pressure, 2e5)}  # fmt: skip
+        options: dict[str, Any] = {"day_of_year": day_of_year}
+
+        def by_spectrl2(checked: Self) -> Irradiance:
+            for name, (value, most) in limits.items():
+                options[name] = require_between(value, 0.0, most, name, "[]")
+            require_whole(day_of_year, 1, 366, "day_of_year")
+            least = checked.wavelength_nm - 0.5 * options["width_nm"]
+            if least < SPECTRUM_FROM_NM:
+                allowed = f"a band from {SPECTRUM_FROM_NM:g} nm"
+                raise Refused("width_nm", width_nm, allowed, f"from {least:g} nm,")
+            return clear_irradiance(checked.sun_zenith_deg, checked.wavelength_nm, **options)
+
         place = {"sun_zenith_deg": sun_zenith_deg, "sun_azimuth_deg": sun_azimuth_deg}
         band = {"wavelength_nm": wavelength_nm, "pattern": pattern}
-        checked = cls(direct=1.0, diffuse=1.0, **place, **band, **fields)
-        atmosphere = {"width_nm": (width_nm, 400.0), "aerosol": (aerosol, 5.0),
-                      "ozone": (ozone, 2.0), "water_vapour": (water_vapour, 20.0),
-                      "pressure": (pressure, 2e5)}  # fmt: skip
-        values: dict[str, Any] = {}
-        for name, (value, most) in atmosphere.items():
-            values[name] = require_between(value, 0.0, most, name, "[]")
-        require_whole(day_of_year, 1, 366, "day_of_year")
-        least = checked.wavelength_nm - 0.5 * values["width_nm"]
-        if least < SPECTRUM_FROM_NM:
-            allowed = f"a band from {SPECTRUM_FROM_NM:g} nm"
-            raise Refused("width_nm", width_nm, allowed, f"from {least:g} nm,")
-        values["day_of_year"] = day_of_year
-        found = clear_irradiance(checked.sun_zenith_deg, checked.wavelength_nm, **values)
-        fields = {"light": "clear sky", **fields}
-        return cls(
-            **found._asdict(), **place, **band, **fields, recipe=_recipe(cls.clear_sky, values)
-        )
+        return cls._modelled("clear", by_spectrl2, options, **place, **band, **fields)
 
     @classmethod
     def at(
@@ -532,7 +558,7 @@ class Daylight(Model, frozen=True):
         -----
         +x points east, +y north.
         """
-        _require_absent(options, "sun_zenith_deg", "sun_azimuth_deg")
+        _require_absent(options, *SUN)
         sun = sun_position(time, latitude, longitude)
         options = {"day_of_year": sun.day_of_year, **options}
         return cls.clear_sky(sun.zenith_deg, sun.azimuth_deg, wavelength_nm, pattern, **options)
@@ -561,14 +587,16 @@ class Daylight(Model, frozen=True):
         0.25 at N = 8, as coded in several models of the weather. It is a mean over the solar
         spectrum and over types of cloud; that it holds at one wavelength is an assumption.
         """
-        _require_absent(fields, "direct", "diffuse", "recipe")
         require_between(transmittance, 0.0, 1.0, "transmittance", "(]")
+
+        def through_clouds(checked: Self) -> Irradiance:
+            clear = default_irradiance(checked.sun_zenith_deg, checked.wavelength_nm)
+            above = checked.replace(**clear._asdict())
+            return Irradiance(0.0, transmittance * above.irradiance)
+
         band = {"sun_zenith_deg": sun_zenith_deg, "wavelength_nm": wavelength_nm}
-        checked = cls(direct=1.0, diffuse=1.0, **band)
-        clear = checked.replace(**default_irradiance(sun_zenith_deg, wavelength_nm)._asdict())
-        recipe = _recipe(cls.overcast, {"transmittance": transmittance})
-        fields = {"pattern": "cie-1", "light": "overcast sky", "recipe": recipe, **fields}
-        return cls(direct=0.0, diffuse=transmittance * clear.irradiance, **band, **fields)
+        options = {"transmittance": transmittance}
+        return cls._modelled("overcast", through_clouds, options, **band, **fields)
 
     @classmethod
     def moon(
@@ -596,18 +624,16 @@ class Daylight(Model, frozen=True):
         is that of the sun. The moon is redder: by the reflectances of Kieffer and Stone (2005),
         Astron. J. 129, 2887, it has 15 % less light at 470 nm at full moon, 18 % at 90 degrees.
         """
-        _require_absent(fields, "direct", "diffuse", "recipe", "sun_zenith_deg", "sun_azimuth_deg")
-        band = {"sun_azimuth_deg": azimuth_deg, "wavelength_nm": wavelength_nm}
-        band = {"sun_zenith_deg": zenith_deg, **band}
-        cls(direct=1.0, diffuse=1.0, **band)
-        sun = default_irradiance(zenith_deg, wavelength_nm)
-        share = MOON_OVER_SUN * moon_phase_factor(phase_deg)
-        fields = {
-            "light": "moonlight",
-            "recipe": _recipe(cls.moon, {"phase_deg": phase_deg}),
-            **fields,
-        }
-        return cls(direct=share * sun.direct, diffuse=share * sun.diffuse, **band, **fields)
+        _require_absent(fields, *SUN)
+
+        def by_moon(checked: Self) -> Irradiance:
+            sun = default_irradiance(checked.sun_zenith_deg, checked.wavelength_nm)
+            share = MOON_OVER_SUN * moon_phase_factor(phase_deg)
+            return Irradiance(share * sun.direct, share * sun.diffuse)
+
+        place = {"sun_zenith_deg": zenith_deg, "sun_azimuth_deg": azimuth_deg}
+        place["wavelength_nm"] = wavelength_nm
+        return cls._modelled("moon", by_moon, {"phase_deg": phase_deg}, **place, **fields)
 
     @classmethod
     def night(cls, **fields: Any) -> Self:
@@ -620,9 +646,24 @@ class Daylight(Model, frozen=True):
         115), 22.6 and 21.6 at Paranal at its maximum (Patat 2003, Astron. Astrophys. 400, 1183),
         2.4e-9 and 2.8e-9 at 470 nm. The same value is taken at every wavelength.
         """
+        dark = Irradiance(0.0, math.pi * NIGHT_RADIANCE)
+        return cls._modelled("night", lambda _: dark, {}, **fields)
+
+    @classmethod
+    def _modelled(
+        cls,
+        model: str,
+        irradiance: Callable[[Self], Irradiance],
+        options: Mapping[str, Any],
+        **fields: Any,
+    ) -> Self:
+        """Return the light of a model, whose recipe are the options that differ from defaults."""
         _require_absent(fields, "direct", "diffuse", "recipe")
-        fields = {"pattern": "uniform", "light": "moonless night", **fields}
-        return cls(direct=0.0, diffuse=math.pi * NIGHT_RADIANCE, **fields)
+        fields = {**MODELS[model].fields, **fields}
+        found = irradiance(cls(direct=1.0, diffuse=1.0, **fields))._asdict()
+        known = defaults_of(model)
+        recipe = {name: value for name, value in options.items() if value != known[name]}
+        return cls(**found, **fields, recipe=recipe)
 
     def at_wavelength(self, wavelength_nm: float) -> Self:
         """Return the light of the same model at another wavelength.
@@ -644,21 +685,48 @@ class Daylight(Model, frozen=True):
         """
         if wavelength_nm == self.wavelength_nm:
             return self
-        kept = self.model_dump(include={"pattern", "water", "foam_reflectance", "light"})
-        zenith, azimuth = self.sun_zenith_deg, self.sun_azimuth_deg
-        place: dict[str, Any] = {"sun_zenith_deg": zenith, "sun_azimuth_deg": azimuth}
-        models: dict[str, Callable[..., Self]] = {
-            "clear sky": partial(self.clear_sky, **place),
-            "overcast sky": partial(self.overcast, **place),
-            "moonlight": partial(self.moon, zenith_deg=zenith, azimuth_deg=azimuth),
-            "moonless night": partial(self.night, **place),
-        }
-        make = models.get(self.light)
-        options = {**self.recipe, **kept}
-        if make is None or make(wavelength_nm=self.wavelength_nm, **options) != self:
+        own = self.model_dump(exclude={"direct", "diffuse", "wavelength_nm", "recipe"})
+        lights = {one.fields["light"]: name for name, one in MODELS.items() if name != "uniform"}
+        table = {**own, **self.recipe}
+        model = lights.get(self.light)
+        if model is None or light_of(model, self.wavelength_nm, table) != self:
             given = Described(f"irradiances at {self.wavelength_nm:g} nm")
-            raise Refused("day", given, f"a model of {', '.join(models)}, for other wavelengths")
-        return make(wavelength_nm=wavelength_nm, **options)
+            raise Refused("day", given, f"a model of {', '.join(lights)}, for other wavelengths")
+        return light_of(model, wavelength_nm, table)
+
+
+def light_of(model: str, wavelength_nm: float, table: Mapping[str, Any]) -> Any:
+    """Return the `Daylight` of a model at a wavelength [nm], with the keys of a link file."""
+    table = {"wavelength_nm": wavelength_nm, **table}
+    if "direct" in table or "diffuse" in table:
+        for key in MODELS[model].keys:
+            if key in table:
+                raise Refused(key, table[key], "without direct and diffuse")
+        irradiance = {"direct": 0.0, "diffuse": 0.0}
+        return Daylight.model_validate({**irradiance, **MODELS[model].fields, **table})
+    if model == "uniform":
+        raise Refused("diffuse", MISSING, "the irradiance of the uniform sky [W m-2 nm-1]")
+    if "time" in table:
+        for key in SUN:
+            if key in table:
+                raise Refused(key, table[key], "without time, which gives the sun")
+        return Daylight.at(**{"latitude": None, "longitude": None, **table})
+    if model == "moon":
+        table = {key.removeprefix("sun_"): value for key, value in table.items()}
+    return _maker(model)(**table)
+
+
+def _maker(model: str) -> Callable[..., Daylight]:
+    """Return the function of a model that has its own irradiances."""
+    maker: Callable[..., Daylight] = getattr(Daylight, {"clear": "clear_sky"}.get(model, model))
+    return maker
+
+
+@lru_cache(maxsize=8)
+def defaults_of(model: str) -> dict[str, Any]:
+    """Return the default values of the arguments of a model."""
+    parameters = inspect.signature(_maker(model)).parameters
+    return {name: one.default for name, one in parameters.items()}
 
 
 def _require_absent(fields: dict[str, Any], *names: str) -> None:
@@ -666,18 +734,6 @@ def _require_absent(fields: dict[str, Any], *names: str) -> None:
     for name in names:
         if name in fields:
             raise Refused(name, fields[name], "none: it follows from the other arguments")
-
-
-def _recipe(model: Callable[..., Daylight], options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options of a model that differ from its defaults."""
-    known = _defaults(model)
-    return {name: value for name, value in options.items() if value != known[name]}
-
-
-@lru_cache(maxsize=8)
-def _defaults(model: Callable[..., Daylight]) -> dict[str, Any]:
-    parameters = inspect.signature(model).parameters
-    return {name: one.default for name, one in parameters.items()}
 
 
 def moon_phase_factor(phase_deg: float) -> float:

@@ -16,8 +16,7 @@ from meshtrace.errors import Refused
 from meshtrace.models import Model, modules_of
 from meshtrace.optics.water import Water
 from meshtrace.scenario import MeshFile, Scenario
-from meshtrace.scenario.daylight import daylight_recipe
-from meshtrace.scenario.parts import detector_config
+from meshtrace.scenario.parts import daylight_recipe, detector_config
 
 _WIDTH = 96
 _MAKERS = {"clear": "clear_sky"}  # of `Daylight`, where the name is not that of the model

@@ -22,7 +22,6 @@ from meshtrace.models import Model, trusting
 from meshtrace.results.gain import GainResult
 from meshtrace.results.wavelengths import ByWavelength
 from meshtrace.scenario import parts, seas
-from meshtrace.scenario.daylight import daylight_config, read_daylight
 from meshtrace.scenario.files import (
     KEYS,
     Table,
@@ -215,7 +214,9 @@ class Scenario(Model, frozen=True):
             run=validated(Run, run, "run", run_keys()),
             detector=parts.read_detector(config["detector"]) if "detector" in config else None,
             uav=parts.read_uav(config["uav"]) if "uav" in config else None,
-            daylight=read_daylight(config["daylight"], link) if "daylight" in config else None,
+            daylight=parts.read_daylight(config["daylight"], link)
+            if "daylight" in config
+            else None,
         )
         if scenario.detector is not None:
             parts.require_of_link(config["detector"], scenario.detector)
@@ -279,7 +280,7 @@ class Scenario(Model, frozen=True):
             **({"planes": plain(link.planes)} if link.planes else {}),
             **({"detector": parts.detector_config(self.detector, link)} if self.detector else {}),
             **({"uav": plain(self.uav)} if self.uav else {}),
-            **({"daylight": daylight_config(self.daylight)} if self.daylight else {}),
+            **({"daylight": parts.daylight_config(self.daylight)} if self.daylight else {}),
             "run": {key: value for key, value in run.items() if value is not None},
         }
 

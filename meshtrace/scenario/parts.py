@@ -7,12 +7,13 @@ written back without the keys that follow the wind, the water or the transmitter
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, get_args
 
 from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.daylight.light import MODELS, SUN, Daylight, defaults_of, light_of
 from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.errors import Refused, require_between, require_keys, require_word, within
+from meshtrace.errors import Described, Refused, require_between, require_keys, require_word, within
 from meshtrace.link import Link, Physics, Whitecaps
 from meshtrace.models import Model
 from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
@@ -231,3 +232,108 @@ def whitecaps_config(link: Link, wind_speed: float) -> Any:
         return "none"
     config = unshared(link.whitecaps.model_dump(), wind_speed=wind_speed)
     return config if "wind_speed" in config else config["model"]
+
+
+_IRRADIANCES = ("direct", "diffuse")
+_LIT = ("model", *_IRRADIANCES, "pattern", "water", "foam_reflectance", "light", *SUN)
+
+
+def read_daylight(value: Any, link: Link) -> Daylight | None:
+    """Return the light of [daylight] at the wavelength of the transmitter; None for "none".
+
+    With `direct` and `diffuse` [W m-2 nm-1] no spectral model is evaluated.
+    """
+    table = as_table(value, "daylight", "model")
+    model = table.get("model", "clear")
+    require_word(model, [*MODELS, "none"], "daylight.model")
+    keys = (*_LIT, *MODELS[model].keys) if model in MODELS else _LIT
+    require_keys(table, keys, "daylight")
+    table.pop("model", None)
+    if model == "none":
+        return None
+    try:
+        return light_of(model, link.transmitters[0].wavelength_nm, table)
+    except Refused as error:
+        raise error.inside("daylight") if error.field != "daylight" else error from None
+
+
+def daylight_config(day: Daylight) -> Table:
+    """Return the table of a light without its wavelength, which follows the transmitter.
+
+    Irradiances, pattern and name that follow from the model and its options are left out.
+    """
+    table = day.model_dump(mode="json", exclude={"wavelength_nm", "recipe"})
+    models = (name for name, one in MODELS.items() if one.fields["light"] == day.light)
+    model = next(models, "clear")
+    options = {k: v for k, v in {**table, **day.recipe}.items() if k not in _IRRADIANCES}
+    if not _gives(model, options, day):
+        return {"model": model, **table}
+    return {"model": model, **_needed(model, options, ("pattern", "light"), day)}
+
+
+def _gives(model: str, options: Table, day: Daylight) -> bool:
+    """Return whether a model with options gives a light."""
+    try:
+        return bool(light_of(model, day.wavelength_nm, options) == day)
+    except Refused:
+        return False
+
+
+def _needed(model: str, options: Table, keys: Iterable[str], day: Daylight) -> Table:
+    """Return options without those of some keys that a light does not need."""
+    for key in keys:
+        rest = {k: v for k, v in options.items() if k != key}
+        options = rest if _gives(model, rest, day) else options
+    return options
+
+
+def daylight_values(day: Daylight) -> dict[str, float]:
+    """Return the continuous keys of [daylight] and their values, defaults of its model included."""
+    table = daylight_config(day)
+    model, values = table.pop("model"), {"foam_reflectance": day.foam_reflectance}
+    if table.keys().isdisjoint(_IRRADIANCES):
+        known = defaults_of(model)
+        values |= {key: known[key] for key in MODELS[model].keys if key in known}
+    place = {key: getattr(day, key) for key in SUN}
+    return {k: v for k, v in {**values, **place, **table}.items() if isinstance(v, float)}
+
+
+def daylight_with(day: Daylight, key: str, value: Any) -> Daylight:
+    """Return a light with another value of a key of [daylight]; irradiances follow their model.
+
+    Raises
+    ------
+    Refused
+        If there is no such key, the value is out of range, or the wavelength of irradiances that
+        no model gives would change.
+    """
+    table = daylight_config(day)
+    model = table.pop("model")
+    require_keys({key: value}, ["wavelength_nm", *_LIT, *MODELS[model].keys])
+    if key == "wavelength_nm" and value != day.wavelength_nm:
+        daylight_recipe(day)
+    return light_of(model, day.wavelength_nm, {**table, key: value})
+
+
+def changes_irradiance(key: str) -> bool:
+    """Return whether direct and diffuse follow the value at a dotted key of a link file."""
+    table, _, name = key.partition(".")
+    options = [key for one in MODELS.values() for key in one.keys]
+    own = table == "daylight" and name in ("model", *SUN, *options)
+    return own or name.endswith("wavelength_nm")
+
+
+def daylight_recipe(day: Daylight) -> Table:
+    """Return the table of a light without its irradiances, which follow from the model.
+
+    Raises
+    ------
+    Refused
+        If the irradiances are not those of the model.
+    """
+    table = daylight_config(day)
+    model = table.pop("model")
+    if not table.keys().isdisjoint(_IRRADIANCES):
+        found = Described("irradiances other than those of a model")
+        raise Refused("daylight", found, "a link file or its plain data, with the model")
+    return {"model": model, **_needed(model, table, list(table), day)}

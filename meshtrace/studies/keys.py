@@ -27,8 +27,7 @@ from meshtrace.errors import (
 from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface, WaveSum
 from meshtrace.models import Model
-from meshtrace.scenario.daylight import daylight_values, daylight_with
-from meshtrace.scenario.parts import OF_LINK
+from meshtrace.scenario.parts import OF_LINK, daylight_values, daylight_with
 from meshtrace.uav import Uav
 
 _ABSOLUTE = {

@@ -47,9 +47,8 @@ from meshtrace.results.impulse import impulse_response
 from meshtrace.results.provenance import environment
 from meshtrace.results.wavelengths import checked_wavelengths
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
-from meshtrace.scenario.daylight import changes_irradiance, daylight_recipe
 from meshtrace.scenario.files import as_table, parse_toml, read_text
-from meshtrace.scenario.parts import gives_spectrum
+from meshtrace.scenario.parts import changes_irradiance, daylight_recipe, gives_spectrum
 from meshtrace.stored import FORMAT_VERSION
 from meshtrace.studies.background import RAYS, checked_daylight, error_rate, transmission_of
 from meshtrace.studies.cluster import DEFAULT_TIMEOUT, Cluster, error_text

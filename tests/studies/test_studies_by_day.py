@@ -9,7 +9,7 @@ from mc_statistics import ALPHA, z_test
 import meshtrace as mt
 from meshtrace.comms.background import with_background
 from meshtrace.errors import Refused
-from meshtrace.scenario.daylight import daylight_recipe
+from meshtrace.scenario.parts import daylight_recipe
 from meshtrace.studies.background import Lights, background_over_seas, error_rate, mean_sea
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.surfaces import FlatSea, SinusoidalSea, sea_in_wind
