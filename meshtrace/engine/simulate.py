@@ -16,7 +16,6 @@ from meshtrace.engine.forced import ForcedDetection, TypicalSea, cut_share
 from meshtrace.engine.mesh_error import relative_mesh_error, with_mesh_errors
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
 from meshtrace.engine.photons.analog import PhotonSums, options_over, run_analog
-from meshtrace.engine.setup.common_paths import clearest
 from meshtrace.engine.setup.ends import require_height_field, resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import (
@@ -32,7 +31,7 @@ from meshtrace.engine.setup.options import (
     read_records,
     resolve,
 )
-from meshtrace.engine.setup.tinting import UNTINTED
+from meshtrace.engine.setup.tinting import UNTINTED, clearest
 from meshtrace.engine.wavelengths import SpectralDetection, analog_sums
 from meshtrace.errors import Described, Refused, require_function, require_whole
 from meshtrace.link import Link

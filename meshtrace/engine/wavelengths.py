@@ -17,9 +17,16 @@ from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.parts import Parts
 from meshtrace.engine.photons.analog import PhotonSums, run_analog, tinted
-from meshtrace.engine.setup.common_paths import CommonPaths, common_paths, photon_paths, scattering
 from meshtrace.engine.setup.options import Analog, Arrivals
-from meshtrace.engine.setup.tinting import UNTINTED, Common, Tinting
+from meshtrace.engine.setup.tinting import (
+    UNTINTED,
+    Common,
+    CommonPaths,
+    Tinting,
+    common_paths,
+    photon_paths,
+    scattering,
+)
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats

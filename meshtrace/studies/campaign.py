@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.neighbours import FrozenForced
-from meshtrace.engine.setup.common_paths import clearest
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import (
     FADING_SPACING,
@@ -29,6 +28,7 @@ from meshtrace.engine.setup.options import (
     require_options,
     resolve,
 )
+from meshtrace.engine.setup.tinting import clearest
 from meshtrace.engine.wavelengths import SpectralDetection
 from meshtrace.errors import Described, Refused, require_function
 from meshtrace.kernels.random import realization_seed

@@ -24,7 +24,6 @@ from meshtrace.engine.outcome import (
 )
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.setup.arrays import frame_of
-from meshtrace.engine.setup.common_paths import CommonPaths, clearest, photon_paths, scattering
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import (
     Analog,
@@ -33,7 +32,7 @@ from meshtrace.engine.setup.options import (
     require_options,
     resolve,
 )
-from meshtrace.engine.setup.tinting import UNTINTED
+from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, photon_paths, scattering
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import MeshSource, TriangleMesh

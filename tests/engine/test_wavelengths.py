@@ -10,11 +10,10 @@ from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.setup.arrays import frame_of
-from meshtrace.engine.setup.common_paths import common_paths
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import resolve
-from meshtrace.engine.setup.tinting import tinting
+from meshtrace.engine.setup.tinting import common_paths, tinting
 from meshtrace.engine.wavelengths import SpectralDetection, analog_sums
 from meshtrace.errors import Refused
 from meshtrace.results import load

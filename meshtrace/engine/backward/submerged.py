@@ -38,8 +38,8 @@ from meshtrace.engine.backward.view import (
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import chunk_tallies, setup_of
 from meshtrace.engine.setup.arrays import frame_of
-from meshtrace.engine.setup.common_paths import CommonPaths, photon_paths
 from meshtrace.engine.setup.options import Analog, Case
+from meshtrace.engine.setup.tinting import CommonPaths, photon_paths
 from meshtrace.errors import Refused
 from meshtrace.kernels.sources import BUBBLE_SCORE, SKY_SCORE, SUN_SCORE, Backward
 from meshtrace.kernels.tally import Tallies

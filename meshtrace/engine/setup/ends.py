@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -11,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.setup import arrays
-from meshtrace.engine.setup.crowds import representatives
 from meshtrace.engine.setup.options import Analog, Estimator
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import Interface
@@ -377,3 +377,37 @@ def target_of(receiver: Any, frame: arrays.Frame = arrays.IDENTITY) -> Target:
         is_lamp=False,
         lamp=_NO_LAMP,
     )
+
+
+_MANY = 64  # targets up to which each stands for itself
+_CELL = 0.06  # edge of a neighbourhood over the height of a target above the sources
+
+
+def representatives(emitters: Sequence[Emitter], targets: Sequence[Target]) -> NDArray[np.intp]:
+    """Return the representative of each target.
+
+    Notes
+    -----
+    Up to 64 targets stand for themselves. Of more, those that differ in their horizontal place
+    alone share square cells of 6 % of their height above the highest source: the target nearest to
+    the middle of a cell stands for the others in it. Which it is does not depend on the order of
+    the targets.
+    """
+    found = np.arange(len(targets))
+    if len(targets) <= _MANY:
+        return found
+    alike: dict[Target, list[int]] = defaultdict(list)
+    for i, t in enumerate(targets):
+        alike[t._replace(center=Vec3(0.0, 0.0, t.center.z), reach=0.0)].append(i)
+    level = max(e.position.z for e in emitters)
+    for kind, some in alike.items():
+        rows = np.array(sorted(some, key=lambda i: targets[i].center))
+        places = np.array([targets[i].center[:2] for i in rows])
+        edge = _CELL * (kind.center.z - level)
+        cells = np.floor((places - places.min(axis=0)) / edge)
+        _, cell, size = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+        for members in np.split(np.argsort(cell.ravel(), kind="stable"), np.cumsum(size)[:-1]):
+            middle = 0.5 * (places[members].min(axis=0) + places[members].max(axis=0))
+            square = np.square(places[members] - middle).sum(axis=1)
+            found[rows[members]] = rows[members[np.argmin(square)]]
+    return found
