@@ -14,8 +14,7 @@ from meshtrace.errors import Refused, is_number
 from meshtrace.models import Model
 
 from .parameters import Floats, Positive, Range
-from .spectra import Jonswap, Spectrum, sea_state
-from .spreading import Spreading
+from .spectra import Jonswap, Spectrum, Spreading, sea_state
 
 PER_OCTAVE = 16
 """Bins of an octave, where no width is given."""

@@ -1,175 +1,39 @@
-"""Seas from measured or forecast directional spectra, as tables of variance."""
+"""Seas from measured or forecast directional spectra, and from records of wave gauges."""
 
 from __future__ import annotations
 
 import math
+import re
 import warnings
-from functools import cached_property
+from collections.abc import Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, model_validator
+from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, DomainWarning, Refused, did_you_mean, reason_of
-from meshtrace.mesh import Cumulants
+from meshtrace.errors import (
+    Described,
+    DomainWarning,
+    Refused,
+    did_you_mean,
+    reason_of,
+    require_array,
+    require_between,
+    require_whole,
+)
 from meshtrace.stored import read_dataset
 from meshtrace.tables import read_columns
 
-from .bands import drawn_places
-from .gram_charlier import SlopeLaw, real_cumulants, require_random
-from .parameters import Current, Depth, Finite, Floats, Mss, Positive, Variances, WindSpeed
-from .seas import RandomSea
-from .spectra import Elfouhaily, sea_state
-from .spreading import ElfouhailySpreading
-from .statistics import components_slope_variance, cox_munk, real_slope_variance
-from .waves import WaveComponents, flat_components, wavenumber_in_current
+from .parameters import DEPTH, Floats, Mss
+from .seas import MeasuredSea
+from .spectra import Elfouhaily, ElfouhailySpreading, Spreading, sea_state
+from .statistics import components_slope_variance, cox_munk
+from .waves import wavenumber
 
 if TYPE_CHECKING:
     import xarray
-
-_FINEST = math.radians(5.0)  # width of a cell of drawn waves
-
-Variance = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-
-
-class MeasuredSea(RandomSea, frozen=True):
-    """Random sea from a table of variance over frequency and direction.
-
-    Parameters
-    ----------
-    omega : sequence of float, length m
-        Angular frequencies at a fixed point [rad s-1].
-    theta : sequence of float, length n
-        Directions the waves travel to, counter-clockwise from +x [rad].
-    variance : sequence of sequences of float, m by n
-        Elevation variance of each bin [m2].
-    seed : int
-        Seed of the random phases.
-    waves : {"table", "drawn"}
-        "table" has one wave for each value, a sea of few crossing trains that may repeat. "drawn"
-        has one at a random place of each cell: bins meet half-way between their frequencies, and
-        directions, which have to go round the circle in equal steps, are split into cells of at
-        most 5 degrees, with a density that is linear between them. The variance of each bin is
-        kept.
-    depth : float, optional
-        Water depth [m]; None is deep water.
-    capillary : bool
-        Surface tension in the dispersion.
-    current : (float, float), optional
-        Uniform current [m s-1]. The table holds frequencies at a fixed point, so that the current
-        changes wavenumbers: sigma(k) + k.U = omega.
-    choppy, order, order_omega_max
-        Nonlinear seas, see `RandomSea`.
-    mss : {"cox-munk", "elfouhaily", "band"}
-        Slope variance of the real sea, see `JonswapSea`; "band", the default, has no waves beyond
-        the table.
-    slope_law : {"gaussian", "cox-munk", "breon-henriot"} or GramCharlier
-        Density of the random slopes, see `JonswapSea`.
-    wind_speed : float, optional
-        Wind speed at 10 m [m s-1] of `mss` and `slope_law`.
-    wind_direction_deg : float
-        Direction the wind blows to, counter-clockwise from +x [deg], for `mss`.
-    record : str, optional
-        Origin of the table, such as station and time. Phases belong to t = 0 of the sea.
-
-    Raises
-    ------
-    Refused
-        If a parameter is out of range, the table has not m by n values, or a current stops a wave.
-
-    Examples
-    --------
-    >>> sea = MeasuredSea(omega=[1.0, 2.0], theta=[0.0], variance=[[0.02], [0.005]])
-    >>> sea.components.amplitude.round(12)
-    array([0.2, 0.1])
-    """
-
-    kind: Literal["measured"] = "measured"
-    omega: tuple[Positive, ...] = Field(min_length=1)
-    theta: tuple[Finite, ...] = Field(min_length=1)
-    variance: tuple[tuple[Variance, ...], ...]
-    waves: Literal["table", "drawn"] = "table"
-    depth: Depth | None = None
-    capillary: bool = True
-    current: Current | None = None
-    mss: Mss = "band"
-    slope_law: SlopeLaw = "gaussian"
-    wind_speed: WindSpeed | None = None
-    wind_direction_deg: Finite = 0.0
-    record: str | None = None
-
-    @model_validator(mode="after")
-    def _check_table(self) -> Self:
-        lengths = sorted({len(row) for row in self.variance})
-        if len(self.variance) != len(self.omega) or lengths != [len(self.theta)]:
-            raise Refused(
-                "variance",
-                f"{len(self.variance)} rows of {lengths} values",
-                f"{len(self.omega)} rows (omega) of {len(self.theta)} (theta)",
-            )
-        if self.mss != "band" and self.wind_speed is None:
-            raise Refused("wind_speed", None, f'a wind speed for mss = "{self.mss}"')
-        require_random(self.slope_law, self.mss)
-        if self.waves == "drawn":
-            if len(self.omega) < 2 or (np.diff(self.omega) <= 0.0).any():
-                raise Refused("waves", "drawn", "with two or more increasing frequencies only")
-            turn = np.diff(np.sort(np.mod(self.theta, 2.0 * math.pi)))
-            if len(self.theta) < 3 or not np.allclose(turn, 2.0 * math.pi / len(self.theta)):
-                allowed = "only with three or more directions in equal steps round the circle"
-                raise Refused("waves", "drawn", allowed)
-        if self.current is not None:
-            _ = self.free_waves  # refuses a current that stops a wave
-        return self
-
-    @property
-    def slope_variance(self) -> Variances | None:
-        """Slope variances along and across the wind of the real sea, by `mss`."""
-        return real_slope_variance(self.mss, self.wind_speed or 5.0)
-
-    @property
-    def slope_cumulants(self) -> Cumulants:
-        """Third and fourth cumulants of the slopes of the real sea, by `slope_law`."""
-        return real_cumulants(self.slope_law, self.wind_speed or 5.0, self.slope_variance)
-
-    @cached_property
-    def free_waves(self) -> WaveComponents:
-        """The waves of first order, direction by direction at each frequency."""
-        omega, theta, variance = (np.array(a) for a in (self.omega, self.theta, self.variance))
-        if self.waves == "drawn":
-            low, width, variance = _cells(theta, variance)
-            omega, theta = drawn_places(bin_edges(omega), low, width)
-        else:
-            omega = np.broadcast_to(omega[:, None], variance.shape)
-        phase = 2.0 * math.pi * np.random.default_rng(self.seed).random(variance.shape)
-        k = wavenumber_in_current(omega, theta, self.current, self.depth, self.capillary)
-        return flat_components(np.sqrt(2.0 * variance), omega, k, theta, phase)
-
-
-def _cells(theta: Floats, variance: Floats) -> tuple[Floats, float, Floats]:
-    """Return the lowest directions of fine cells, their width, and their variances."""
-    width = 2.0 * math.pi / len(theta)
-    order = np.argsort(np.mod(theta, 2.0 * math.pi))
-    theta, variance = np.mod(theta, 2.0 * math.pi)[order], variance[:, order]
-    parts = math.ceil(width / _FINEST - 1e-9)
-    offset = (np.arange(parts) + 0.5) / parts - 0.5
-    # linear towards the neighbour on either side
-    neighbours = np.stack([np.roll(variance, 1, axis=1), np.roll(variance, -1, axis=1)])
-    towards = neighbours[(offset > 0.0).astype(int)]  # (parts, m, n)
-    share = np.abs(offset)[:, None, None]
-    fine = np.moveaxis((1.0 - share) * variance + share * towards, 0, -1)
-    total = fine.sum(axis=-1, keepdims=True)
-    fine *= np.divide(variance[..., None], total, out=np.zeros_like(total), where=total > 0)
-    low = theta[:, None] + width * (offset - 0.5 / parts)
-    return low.ravel(), width / parts, fine.reshape(len(variance), -1)
-
-
-def bin_edges(omega: Floats) -> Floats:
-    """Return the edges of frequency bins: midpoints, and the same distance beyond the ends."""
-    middle = 0.5 * (omega[1:] + omega[:-1])
-    first = max(1.5 * omega[0] - 0.5 * omega[1], 0.5 * omega[0])
-    return np.concatenate([[first], middle, [1.5 * omega[-1] - 0.5 * omega[-2]]])
-
 
 TAIL_OMEGA_MAX = 24.0
 """Highest frequency of a tail [rad s-1]: shorter waves blur light and add no fading."""
@@ -448,3 +312,308 @@ def _direction_width(direction: Floats) -> float:
         found = Described(f"steps of {turn.min():g} to {turn.max():g} deg")
         raise Refused("dir", found, "equal steps round the circle")
     return width
+
+
+_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
+_DIRECTIONS = 72
+_FEWEST = 16  # samples of a segment
+_DEEP = 1e4  # m; deep water for diwasp, which has no such option
+
+
+class _Record(NamedTuple):
+    """Elevations [m], one column for each gauge, at equal steps [s]."""
+
+    name: str
+    elevation: Floats
+    step: float
+
+
+def gauge_spectrum(
+    source: str | PathLike[str] | ArrayLike,
+    depth: float | None = None,
+    *,
+    spreading: Spreading | str | dict[str, Any] | None = None,
+    direction_deg: float = 0.0,
+    wind_speed: float | None = None,
+    positions: Sequence[tuple[float, float]] | None = None,
+    unit: str | None = None,
+    segments: int = 16,
+    f_min: float | None = None,
+    f_max: float | None = None,
+    confidence: float = 0.95,
+) -> xarray.Dataset:
+    r"""Return the directional spectrum of a record of wave gauges.
+
+    .. math:: E(f, \theta) = \hat S(f) D(f, \theta), \quad
+              \nu \hat S / \chi^2_{\nu, 1 - \alpha/2} < S < \nu \hat S / \chi^2_{\nu, \alpha/2},
+              \quad \nu = 2 K / (1 + (K - 1) / (18 K))
+
+    Parameters
+    ----------
+    source : path or array_like, shape (n, 1 + gauges)
+        Time [s] at equal steps, then the elevation of each gauge; or a text file of these columns,
+        see `meshtrace.tables.read_columns`. A heading such as "eta [mm]" states the unit.
+    depth : float, optional
+        Water depth [m]; None is deep water. Only the directions of an array depend on it.
+    spreading : Spreading or str or dict, optional
+        Directional spreading D of a single gauge, which does not see directions: "ittc",
+        "cos2s" or a table with `kind`.
+    direction_deg : float
+        Mean direction the waves of a single gauge travel to, counter-clockwise from +x [deg].
+    wind_speed : float, optional
+        Wind speed at 10 m [m s-1] of spreadings that depend on it.
+    positions : sequence of (float, float), optional
+        Positions (x, y) [m] of three or more gauges that are not on a line.
+    unit : {"m", "cm", "mm", "ft"}, optional
+        Unit of the elevations, by default that of the heading, or m.
+    segments : int
+        Lengths of a segment within the record. More segments have smaller errors; the resolution
+        is segments / duration.
+    f_min, f_max : float, optional
+        Lowest and highest frequency that are kept [Hz], by default two resolutions, and four
+        times the peak but at most 0.8 of the Nyquist frequency.
+    confidence : float
+        Level of the limits [1].
+
+    Returns
+    -------
+    xarray.Dataset
+        `efth` [m2 Hz-1 deg-1] in the conventions of wavespectra with +x to the east, the
+        frequency spectrum `spectrum` [m2 Hz-1] with its limits `spectrum_low`, `spectrum_high`;
+        attributes `degrees_of_freedom`, `hs` [m] and `tp` [s].
+
+    Raises
+    ------
+    Refused
+        If the record is not of this form, holds pressures, does not vary or is too short, a
+        single gauge has no spreading, the positions do not fit, or an array finds no diwasp
+        (`pip install "meshtrace[measured]"`).
+
+    Notes
+    -----
+    Each column is detrended, cut into K = 2 `segments` - 1 segments that overlap by half, detrended
+    again and tapered by a Hann window. The degrees of freedom nu count the overlap (Welch 1967);
+    an array averages its spectra over the gauges, and nu is that of one of them. A few large
+    resolutions under the peak are needed: the taper widens peaks by 1.5 of them.
+
+    Directions of an array: the iterated maximum likelihood method of diwasp. Beyond the frequency
+    at which half a wave is shorter than the least distance of two gauges directions are ambiguous:
+    those of that frequency are kept. Waves reflected by the walls of a tank are phase-locked to the
+    incident ones, which the method does not allow for.
+
+    References
+    ----------
+    Welch, P. D. (1967), doi:10.1109/TAU.1967.1161901. Pawka, S. S. (1983),
+    doi:10.1029/JC088iC04p02579. Johnson, D. (2002), DIWASP, WP-1601-DJ, Univ. of Western Australia.
+    """
+    import xarray as xr
+    from scipy import signal, stats
+
+    record = _read_gauges(source, unit)
+    n, gauges = record.elevation.shape
+    require_whole(segments, 2, max(2, n // _FEWEST), "segments")
+    require_between(confidence, 0.0, 1.0, "confidence")
+    if depth is not None:
+        DEPTH.check(depth)
+    length = n // segments
+    freq, each = signal.welch(
+        signal.detrend(record.elevation, axis=0), 1.0 / record.step, nperseg=length,
+        noverlap=length // 2, detrend="linear", axis=0,
+    )  # fmt: skip
+    kept = _band(record, freq, each.mean(axis=1), f_min, f_max)
+    freq, spectrum = freq[kept], each.mean(axis=1)[kept]
+    peak = float(freq[np.argmax(spectrum)])
+    theta = np.radians(np.arange(_DIRECTIONS) * 360.0 / _DIRECTIONS)
+    if gauges == 1:
+        shares = _stated(spreading, freq, theta - math.radians(direction_deg), peak, wind_speed)
+    else:
+        shares = _of_array(record, positions, length, freq, theta, depth)
+    count = (n - length // 2) // (length - length // 2)
+    freedom = 2.0 * count / (1.0 + (count - 1.0) / (18.0 * count))
+    low, high = freedom / stats.chi2.ppf([0.5 + 0.5 * confidence, 0.5 - 0.5 * confidence], freedom)
+    variance = float((spectrum * np.gradient(freq)).sum())
+    return xr.Dataset(
+        {
+            "efth": (("freq", "dir"), spectrum[:, None] * shares * _DIRECTIONS / 360.0),
+            "spectrum": ("freq", spectrum),
+            "spectrum_low": ("freq", low * spectrum),
+            "spectrum_high": ("freq", high * spectrum),
+        },
+        coords={"freq": freq, "dir": np.mod(270.0 - np.degrees(theta), 360.0)},
+        attrs={
+            "record": f"{record.name}, {n * record.step:g} s of {gauges} gauge{'s' * (gauges > 1)}",
+            "degrees_of_freedom": freedom,
+            "hs": 4.0 * math.sqrt(variance),
+            "tp": 1.0 / peak,
+        },
+    )
+
+
+def from_gauge(
+    source: str | PathLike[str] | ArrayLike,
+    seed: int = 0,
+    depth: float | None = None,
+    *,
+    tail: Literal["elfouhaily"] | None = None,
+    wind_speed: float | None = None,
+    mss: Mss | None = None,
+    current: tuple[float, float] | None = None,
+    waves: Literal["table", "drawn"] = "drawn",
+    **gauge: Any,
+) -> MeasuredSea:
+    """Return a random sea with the spectrum of a record of wave gauges.
+
+    Parameters
+    ----------
+    source : path or array_like, shape (n, 1 + gauges)
+        Time [s] and the elevation of each gauge, see `gauge_spectrum`.
+    seed : int
+        Seed of the random phases.
+    depth : float, optional
+        Water depth [m], as that of a tank, in the dispersion; None is deep water.
+    tail, wind_speed, mss, current, waves
+        As in `from_wavespectra`. A tail for `wind_speed` continues the spectrum beyond `f_max`; in
+        a tank without wind `mss` = "band" has no waves beyond it.
+    **gauge
+        Options of `gauge_spectrum`, such as `spreading`, `positions` and `f_max`.
+
+    Returns
+    -------
+    MeasuredSea
+        With the file, the duration and the number of gauges in `record`.
+
+    Raises
+    ------
+    Refused
+        As `gauge_spectrum` and `from_wavespectra`.
+
+    Warns
+    -----
+    DomainWarning
+        If there is neither `tail` nor `mss`: slopes are missing.
+
+    Examples
+    --------
+    >>> t = np.arange(0.0, 600.0, 0.1)
+    >>> z = 0.03 * np.cos(5.0 * t) + 0.02 * np.cos(6.0 * t)
+    >>> sea = from_gauge(np.column_stack([t, z]), depth=1.2, spreading="cos2s", mss="band")
+    >>> round(4.0 * float(np.sqrt(0.5 * np.sum(sea.components.amplitude**2))), 3)  # Hs
+    0.102
+    """
+    found = gauge_spectrum(source, depth, wind_speed=wind_speed, **gauge)
+    sea = from_wavespectra(
+        found, seed, depth, tail=tail, wind_speed=wind_speed, mss=mss, current=current, waves=waves
+    )
+    return sea.model_copy(update={"record": found.attrs["record"]})
+
+
+def _read_gauges(source: Any, unit: str | None) -> _Record:
+    name, header = "source", tuple[str, ...]()
+    if isinstance(source, str | PathLike):
+        name = Path(source).name
+        header, values = read_columns(source)
+    else:
+        values = require_array(source, name, "(n, 1 + gauges) numbers")
+    if values.ndim != 2 or values.shape[1] < 2 or not np.isfinite(values).all():
+        found = Described(f"shape {values.shape}")
+        raise Refused(name, found, "(n, 1 + gauges) finite numbers: time [s], elevations")
+    factor = _UNITS[_unit(name, header, unit)]
+    elevation = factor * values[:, 1:]
+    if not (np.ptp(elevation, axis=0) > 0.0).all():
+        raise Refused(name, Described("a gauge that does not vary"), "elevations of waves")
+    return _Record(name, elevation, _step(name, values[:, 0]))
+
+
+def _unit(name: str, header: tuple[str, ...], unit: str | None) -> str:
+    """Return the unit of the elevations; refuse pressures and times that are not in seconds."""
+    found = [re.findall(r"[\[(]\s*([^\])]*?)\s*[\])]", word) for word in header]
+    if found and found[0] and found[0][0] not in ("s", "sec"):
+        raise Refused(name, Described(f"time in {found[0][0]}"), "time [s]")
+    units = {words[0] for words in found[1:] if words} if unit is None else {unit}
+    wrong = sorted(units - _UNITS.keys())
+    if wrong or len(units) > 1:
+        allowed = f"one of {', '.join(_UNITS)}; pressures as elevations by linear wave theory"
+        raise Refused("unit", Described(", ".join(wrong or sorted(units))), allowed)
+    return units.pop() if units else "m"
+
+
+def _step(name: str, time: Floats) -> float:
+    """Return the time step; times may be rounded by a tenth of it."""
+    n = len(time)
+    step = float(time[-1] - time[0]) / max(n - 1, 1)
+    even = time[0] + step * np.arange(n)
+    if not step > 0.0 or np.abs(time - even).max() > 0.1 * step:
+        raise Refused(name, Described("unequal steps in time"), "equal steps > 0 s, without gaps")
+    return step
+
+
+def _band(
+    record: _Record, freq: Floats, spectrum: Floats, f_min: float | None, f_max: float | None
+) -> Any:
+    """Return which frequencies are kept."""
+    nyquist = 0.5 / record.step
+    low = require_between(2.0 * freq[1] if f_min is None else f_min, 0.0, nyquist, "f_min")
+    above = np.flatnonzero(freq >= low * (1.0 - 1e-9))
+    peak = float(freq[above[np.argmax(spectrum[above])]])
+    high = require_between(
+        min(4.0 * peak, 0.8 * nyquist) if f_max is None else f_max, low, nyquist, "f_max", "(]"
+    )
+    kept = (freq >= low * (1.0 - 1e-9)) & (freq <= high * (1.0 + 1e-9))
+    if kept.sum() < 3 or not freq[kept][0] < peak:
+        found = Described(f"{peak:.3g} Hz, the highest of the spectrum")
+        allowed = f"above f_min, {low:.3g} Hz: fewer segments or a longer record resolve it"
+        raise Refused("peak", found, allowed)
+    return kept
+
+
+def _stated(
+    spreading: Any, freq: Floats, theta: Floats, peak: float, wind_speed: float | None
+) -> Floats:
+    """Return the shares of the directions at each frequency of a spreading."""
+    if spreading is None:
+        raise Refused("spreading", None, "a spreading: one gauge does not see directions")
+    turned = np.remainder(theta + math.pi, 2.0 * math.pi) - math.pi
+    density = Spreading.read(spreading).density(
+        2.0 * math.pi * freq[:, None],
+        turned,
+        omega_p=2.0 * math.pi * peak,
+        wind_speed=math.nan if wind_speed is None else wind_speed,
+    )
+    shares: Floats = density / density.sum(axis=1, keepdims=True)
+    return shares
+
+
+def _of_array(
+    record: _Record, positions: Any, length: int, freq: Floats, theta: Floats, depth: float | None
+) -> Floats:
+    """Return the shares of the directions at each frequency that an array sees."""
+    n = record.elevation.shape[1]
+    allowed = f"{n} pairs (x, y) [m], one for each gauge, three or more not on a line"
+    at = require_array(() if positions is None else positions, "positions", allowed)
+    if at.shape != (n, 2) or n < 3 or np.linalg.matrix_rank(at - at.mean(axis=0), 1e-6) < 2:
+        raise Refused("positions", Described(f"shape {at.shape}"), allowed)
+    try:
+        from diwasp import EstimationMethod, EstimationParameters, InstrumentData, dirspec
+        from diwasp.types import SensorType
+    except ImportError as error:
+        allowed = 'one gauge, or diwasp: pip install "meshtrace[measured]"'
+        raise Refused("positions", Described(f"{n} gauges"), allowed) from error
+    apart = np.hypot(*(at[:, None] - at).transpose(2, 0, 1))[~np.eye(n, dtype=bool)].min()
+    last = int(np.searchsorted(wavenumber(2.0 * np.pi * freq, depth), math.pi / apart))
+    if last == 0:
+        found = Described(f"{apart:.3g} m at least between gauges")
+        raise Refused("positions", found, "less than half of the longest wave")
+    deep = _DEEP if depth is None else depth
+    instrument = InstrumentData(
+        data=record.elevation,
+        layout=np.vstack([at.T, np.full(n, deep)]),
+        datatypes=[SensorType.ELEV] * n,
+        depth=deep,
+        fs=1.0 / record.step,
+    )
+    how = EstimationParameters(EstimationMethod.IMLM, nfft=length, dres=len(theta), smooth=False)
+    with np.errstate(over="ignore"):
+        # its directions are those the waves come from
+        found, _ = dirspec(instrument, how, freq[:last], np.degrees(theta) + 180.0, verbose=0)
+    shares = found.S / found.S.sum(axis=1, keepdims=True)
+    return np.concatenate([shares, np.repeat(shares[-1:], len(freq) - last, axis=0)])

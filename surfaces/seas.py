@@ -19,8 +19,9 @@ from pydantic import (
 
 from meshtrace.errors import MISSING, Described, Refused, require_real
 from meshtrace.mesh import Cumulants, UnresolvedSlopes
+from meshtrace.models import NonNegative
 
-from .bands import PAPER_FETCH, Band, OwnWaves, direction_grid, named_band
+from .bands import PAPER_FETCH, Band, OwnWaves, direction_grid, drawn_places, named_band
 from .gram_charlier import SlopeLaw, real_cumulants, require_random
 from .nonlinear import with_bound_waves
 from .parameters import (
@@ -29,6 +30,7 @@ from .parameters import (
     Depth,
     Fetch,
     Finite,
+    Floats,
     Gamma,
     Mss,
     Positive,
@@ -40,13 +42,15 @@ from .sequence import MeshSequence
 from .spectra import (
     ALPHA_COEFFICIENT,
     AnySpectrum,
+    AnySpreading,
     Elfouhaily,
+    ElfouhailySpreading,
+    IttcSpreading,
     Jonswap,
     PiersonMoskowitz,
     Spectrum,
     Tma,
 )
-from .spreading import AnySpreading, ElfouhailySpreading, IttcSpreading
 from .statistics import (
     SlopeSpectrum,
     meshed_slope_variance,
@@ -54,9 +58,10 @@ from .statistics import (
     unresolved_slope_variance,
 )
 from .surface import FlatSea, Surface, WaveSurface
-from .waves import WaveComponents, flat_components, wavenumber
+from .waves import WaveComponents, flat_components, wavenumber, wavenumber_in_current
 
 _ORDER_OMEGA_MAX = 3.0  # highest frequency of waves that make bound waves, over the peak's
+_FINEST = math.radians(5.0)  # width of a cell of drawn waves
 
 
 class RandomSea(WaveSurface, frozen=True):
@@ -159,9 +164,14 @@ class RandomSea(WaveSurface, frozen=True):
         return other
 
     @property
+    def _wind(self) -> tuple[float, float | None]:
+        """Wind speed [m s-1] and fetch [m] of the slopes of the real sea."""
+        return 5.0, None
+
+    @property
     def slope_variance(self) -> Variances | None:
-        """Slope variances of the real sea along and across the wind; None if not known."""
-        return None
+        """Slope variances of the real sea along and across the wind by `mss`, None if not known."""
+        return real_slope_variance(getattr(self, "mss", "band"), *self._wind)
 
     @property
     def _slopes_along_deg(self) -> float:
@@ -170,8 +180,9 @@ class RandomSea(WaveSurface, frozen=True):
 
     @property
     def slope_cumulants(self) -> Cumulants:
-        """Third and fourth cumulants of the slopes of the real sea."""
-        return Cumulants()
+        """Third and fourth cumulants of the slopes of the real sea, by `slope_law`."""
+        law = getattr(self, "slope_law", "gaussian")
+        return real_cumulants(law, self._wind[0], self.slope_variance)
 
     def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
         """Return the slopes that a mesh of this spacing [m] leaves out of `mss`.
@@ -273,15 +284,8 @@ class _BandedSea(RandomSea, frozen=True):
         return SlopeSpectrum.of(self.spectrum, self.spreading, omega_max, depth, self.capillary)
 
     @property
-    def slope_variance(self) -> Variances | None:
-        """Slope variances along and across the wind of the real sea, by `mss`."""
-        fetch = getattr(self.spectrum, "fetch", None)
-        return real_slope_variance(self.mss, self.spectrum.wind_speed, fetch)
-
-    @property
-    def slope_cumulants(self) -> Cumulants:
-        """Third and fourth cumulants of the slopes of the real sea, by `slope_law`."""
-        return real_cumulants(self.slope_law, self.spectrum.wind_speed, self.slope_variance)
+    def _wind(self) -> tuple[float, float | None]:
+        return self.spectrum.wind_speed, getattr(self.spectrum, "fetch", None)
 
     @property
     def short_waves(self) -> _BandedSea:
@@ -482,6 +486,138 @@ class SpectralSea(_BandedSea, frozen=True):
 
     def _water_depth(self) -> float | None:
         return getattr(self.spectrum, "depth", self.depth)
+
+
+class MeasuredSea(RandomSea, frozen=True):
+    """Random sea from a table of variance over frequency and direction.
+
+    Parameters
+    ----------
+    omega : sequence of float, length m
+        Angular frequencies at a fixed point [rad s-1].
+    theta : sequence of float, length n
+        Directions the waves travel to, counter-clockwise from +x [rad].
+    variance : sequence of sequences of float, m by n
+        Elevation variance of each bin [m2].
+    seed : int
+        Seed of the random phases.
+    waves : {"table", "drawn"}
+        "table" has one wave for each value, a sea of few crossing trains that may repeat. "drawn"
+        has one at a random place of each cell: bins meet half-way between their frequencies, and
+        directions, which have to go round the circle in equal steps, are split into cells of at
+        most 5 degrees, with a density that is linear between them. The variance of each bin is
+        kept.
+    depth : float, optional
+        Water depth [m]; None is deep water.
+    capillary : bool
+        Surface tension in the dispersion.
+    current : (float, float), optional
+        Uniform current [m s-1]. The table holds frequencies at a fixed point, so that the current
+        changes wavenumbers: sigma(k) + k.U = omega.
+    choppy, order, order_omega_max
+        Nonlinear seas, see `RandomSea`.
+    mss : {"cox-munk", "elfouhaily", "band"}
+        Slope variance of the real sea, see `JonswapSea`; "band", the default, has no waves beyond
+        the table.
+    slope_law : {"gaussian", "cox-munk", "breon-henriot"} or GramCharlier
+        Density of the random slopes, see `JonswapSea`.
+    wind_speed : float, optional
+        Wind speed at 10 m [m s-1] of `mss` and `slope_law`.
+    wind_direction_deg : float
+        Direction the wind blows to, counter-clockwise from +x [deg], for `mss`.
+    record : str, optional
+        Origin of the table, such as station and time. Phases belong to t = 0 of the sea.
+
+    Raises
+    ------
+    Refused
+        If a parameter is out of range, the table has not m by n values, or a current stops a wave.
+
+    Examples
+    --------
+    >>> sea = MeasuredSea(omega=[1.0, 2.0], theta=[0.0], variance=[[0.02], [0.005]])
+    >>> sea.components.amplitude.round(12)
+    array([0.2, 0.1])
+    """
+
+    kind: Literal["measured"] = "measured"
+    omega: tuple[Positive, ...] = Field(min_length=1)
+    theta: tuple[Finite, ...] = Field(min_length=1)
+    variance: tuple[tuple[NonNegative, ...], ...]
+    waves: Literal["table", "drawn"] = "table"
+    depth: Depth | None = None
+    capillary: bool = True
+    current: Current | None = None
+    mss: Mss = "band"
+    slope_law: SlopeLaw = "gaussian"
+    wind_speed: WindSpeed | None = None
+    wind_direction_deg: Finite = 0.0
+    record: str | None = None
+
+    @model_validator(mode="after")
+    def _check_table(self) -> Self:
+        lengths = sorted({len(row) for row in self.variance})
+        if len(self.variance) != len(self.omega) or lengths != [len(self.theta)]:
+            raise Refused(
+                "variance",
+                f"{len(self.variance)} rows of {lengths} values",
+                f"{len(self.omega)} rows (omega) of {len(self.theta)} (theta)",
+            )
+        if self.mss != "band" and self.wind_speed is None:
+            raise Refused("wind_speed", None, f'a wind speed for mss = "{self.mss}"')
+        require_random(self.slope_law, self.mss)
+        if self.waves == "drawn":
+            if len(self.omega) < 2 or (np.diff(self.omega) <= 0.0).any():
+                raise Refused("waves", "drawn", "with two or more increasing frequencies only")
+            turn = np.diff(np.sort(np.mod(self.theta, 2.0 * math.pi)))
+            if len(self.theta) < 3 or not np.allclose(turn, 2.0 * math.pi / len(self.theta)):
+                allowed = "only with three or more directions in equal steps round the circle"
+                raise Refused("waves", "drawn", allowed)
+        if self.current is not None:
+            _ = self.free_waves  # refuses a current that stops a wave
+        return self
+
+    @property
+    def _wind(self) -> tuple[float, float | None]:
+        return self.wind_speed or 5.0, None
+
+    @cached_property
+    def free_waves(self) -> WaveComponents:
+        """The waves of first order, direction by direction at each frequency."""
+        omega, theta, variance = (np.array(a) for a in (self.omega, self.theta, self.variance))
+        if self.waves == "drawn":
+            low, width, variance = _cells(theta, variance)
+            omega, theta = drawn_places(bin_edges(omega), low, width)
+        else:
+            omega = np.broadcast_to(omega[:, None], variance.shape)
+        phase = 2.0 * math.pi * np.random.default_rng(self.seed).random(variance.shape)
+        k = wavenumber_in_current(omega, theta, self.current, self.depth, self.capillary)
+        return flat_components(np.sqrt(2.0 * variance), omega, k, theta, phase)
+
+
+def _cells(theta: Floats, variance: Floats) -> tuple[Floats, float, Floats]:
+    """Return the lowest directions of fine cells, their width, and their variances."""
+    width = 2.0 * math.pi / len(theta)
+    order = np.argsort(np.mod(theta, 2.0 * math.pi))
+    theta, variance = np.mod(theta, 2.0 * math.pi)[order], variance[:, order]
+    parts = math.ceil(width / _FINEST - 1e-9)
+    offset = (np.arange(parts) + 0.5) / parts - 0.5
+    # linear towards the neighbour on either side
+    neighbours = np.stack([np.roll(variance, 1, axis=1), np.roll(variance, -1, axis=1)])
+    towards = neighbours[(offset > 0.0).astype(int)]  # (parts, m, n)
+    share = np.abs(offset)[:, None, None]
+    fine = np.moveaxis((1.0 - share) * variance + share * towards, 0, -1)
+    total = fine.sum(axis=-1, keepdims=True)
+    fine *= np.divide(variance[..., None], total, out=np.zeros_like(total), where=total > 0)
+    low = theta[:, None] + width * (offset - 0.5 / parts)
+    return low.ravel(), width / parts, fine.reshape(len(variance), -1)
+
+
+def bin_edges(omega: Floats) -> Floats:
+    """Return the edges of frequency bins: midpoints, and the same distance beyond the ends."""
+    middle = 0.5 * (omega[1:] + omega[:-1])
+    first = max(1.5 * omega[0] - 0.5 * omega[1], 0.5 * omega[0])
+    return np.concatenate([[first], middle, [1.5 * omega[-1] - 0.5 * omega[-2]]])
 
 
 def _part(value: Any) -> RandomSea:

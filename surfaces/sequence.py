@@ -25,9 +25,8 @@ from meshtrace.errors import Described, Refused, reason_of, require_whole
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Model
 
-from .foreign_mesh import from_trimesh, read_mesh, unfit
 from .parameters import TIME, Floats, Positive
-from .triangulate import grid_faces
+from .triangulate import from_trimesh, grid_faces, read_mesh, unfit
 
 if TYPE_CHECKING:
     import xarray

@@ -15,8 +15,7 @@ from meshtrace.errors import Refused, require_between
 from meshtrace.mesh import TriangleMesh
 
 from .parameters import WIND_SPEED, Floats, Mss, Range, Variances
-from .spectra import Elfouhaily, Spectrum, elfouhaily_delta, sea_state
-from .spreading import Spreading
+from .spectra import Elfouhaily, Spectrum, Spreading, elfouhaily_delta, sea_state
 from .waves import GRAVITY, WaveComponents, angular_frequency, wavenumber
 
 SHORTEST = 5000.0

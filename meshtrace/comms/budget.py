@@ -24,7 +24,7 @@ from meshtrace.errors import (
     require_whole,
 )
 from meshtrace.fading import Estimate
-from meshtrace.fading.gains import check_effective
+from meshtrace.fading.distribution import check_effective
 from meshtrace.models import Floats
 
 FEC_LIMITS: dict[str, float] = {"uncoded": 1e-3, "paper": 2e-3, "hard-7-percent": 3.8e-3}

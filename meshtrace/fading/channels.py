@@ -20,8 +20,14 @@ from meshtrace.errors import (
     require_whole,
     require_word,
 )
-from meshtrace.fading.fits import fit_gamma_gamma, fit_lognormal
-from meshtrace.fading.gains import FloatArray, Reference, block_means, checked_gain, level_of
+from meshtrace.fading.distribution import (
+    Reference,
+    block_means,
+    checked_gain,
+    fit_gamma_gamma,
+    fit_lognormal,
+    level_of,
+)
 from meshtrace.fading.series import (
     autocorrelation,
     block_length,
@@ -29,6 +35,7 @@ from meshtrace.fading.series import (
     effective_samples,
     flat_top,
 )
+from meshtrace.models import Floats
 from meshtrace.stored import Stored, Variable
 
 _RESAMPLES = 199
@@ -72,16 +79,16 @@ class ChannelModel(Stored):
     mean_stderr: Annotated[float, Variable("", name="gain_mean_stderr")]
     scintillation_index: Annotated[float, Variable("")]
     model_scintillation_index: Annotated[float, Variable("")]
-    lag: Annotated[FloatArray, Variable("lag")]
-    autocorrelation: Annotated[FloatArray, Variable("lag")]
-    autocorrelation_stderr: Annotated[FloatArray, Variable("lag")]
-    model_autocorrelation: Annotated[FloatArray, Variable("lag")]
+    lag: Annotated[Floats, Variable("lag")]
+    autocorrelation: Annotated[Floats, Variable("lag")]
+    autocorrelation_stderr: Annotated[Floats, Variable("lag")]
+    model_autocorrelation: Annotated[Floats, Variable("lag")]
     notes: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
 
     _attributes: ClassVar[tuple[str, ...]] = ("n", "notes")
 
-    def sample(self, n: int, seed: int = 1) -> FloatArray:
+    def sample(self, n: int, seed: int = 1) -> Floats:
         """Return gains of the model.
 
         Parameters
@@ -101,7 +108,7 @@ class ChannelModel(Stored):
         return self._drawn(n, np.random.default_rng(seed))
 
     @abstractmethod
-    def _drawn(self, n: int, rng: np.random.Generator) -> FloatArray:
+    def _drawn(self, n: int, rng: np.random.Generator) -> Floats:
         """Return n gains."""
 
     def summary(self) -> str:
@@ -109,7 +116,7 @@ class ChannelModel(Stored):
         return "\n".join([super().summary(), *(f"  note: {note}" for note in self.notes)])
 
 
-def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[FloatArray, dict[str, Any]]:
+def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[Floats, dict[str, Any]]:
     """Return the gains, and the fields of a model that describe them."""
     g = checked_gain(gain)
     step = require_between(dt, 0.0, math.inf, "dt", allowed="a time step > 0 s")
@@ -131,7 +138,7 @@ def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[FloatArray, dict[str
     }
 
 
-def _memory_note(found: dict[str, Any], model: FloatArray, cause: str) -> list[str]:
+def _memory_note(found: dict[str, Any], model: Floats, cause: str) -> list[str]:
     """Return a note if the autocorrelations of a model and its series differ."""
     off = model - found["autocorrelation"]
     at = int(np.argmax(np.abs(off)))
@@ -193,12 +200,12 @@ class MarkovChannel(ChannelModel):
            [0.333, 0.667]])
     """
 
-    threshold: Annotated[FloatArray, Variable("threshold")]
-    state_gain: Annotated[FloatArray, Variable("state")]
-    steady_state: Annotated[FloatArray, Variable("state")]
-    steady_state_stderr: Annotated[FloatArray, Variable("state")]
-    transition: Annotated[FloatArray, Variable("state next_state")]
-    transition_stderr: Annotated[FloatArray, Variable("state next_state")]
+    threshold: Annotated[Floats, Variable("threshold")]
+    state_gain: Annotated[Floats, Variable("state")]
+    steady_state: Annotated[Floats, Variable("state")]
+    steady_state_stderr: Annotated[Floats, Variable("state")]
+    transition: Annotated[Floats, Variable("state next_state")]
+    transition_stderr: Annotated[Floats, Variable("state next_state")]
 
     kind: ClassVar[str] = "markov-channel"
     title: ClassVar[str] = "meshtrace Markov channel"
@@ -272,13 +279,13 @@ class MarkovChannel(ChannelModel):
         )
 
     @property
-    def level_crossing_rate(self) -> FloatArray:
+    def level_crossing_rate(self) -> Floats:
         """Downward crossings of each threshold per second [s-1], shape (m - 1,)."""
         flux = self.steady_state[:, None] * self.transition / self.time_step
         return np.array([flux[k:, :k].sum() for k in range(1, self.state_gain.size)])
 
     @property
-    def mean_fade_duration(self) -> FloatArray:
+    def mean_fade_duration(self) -> Floats:
         """Mean time below each threshold [s], shape (m - 1,)."""
         return np.cumsum(self.steady_state)[:-1] / self.level_crossing_rate
 
@@ -290,7 +297,7 @@ class MarkovChannel(ChannelModel):
         """
         return np.searchsorted(self.threshold, checked_gain(gain), side="right")
 
-    def _drawn(self, n: int, rng: np.random.Generator) -> FloatArray:
+    def _drawn(self, n: int, rng: np.random.Generator) -> Floats:
         first = int(rng.choice(self.steady_state.size, p=self.steady_state))
         uniform = rng.random(n)
         cumulative = np.cumsum(self.transition, axis=1)
@@ -305,7 +312,7 @@ class MarkovChannel(ChannelModel):
         for t in range(n):
             visited[t] = state
             state = following[state][t]
-        gains: FloatArray = self.state_gain[np.frombuffer(visited, np.uint8)]
+        gains: Floats = self.state_gain[np.frombuffer(visited, np.uint8)]
         return gains
 
     def _headline(self) -> str:
@@ -332,23 +339,23 @@ class MarkovChannel(ChannelModel):
         return "\n".join([head, *lines, *crossings, *rest])
 
 
-def _counts(states: NDArray[np.int64], m: int) -> FloatArray:
+def _counts(states: NDArray[np.int64], m: int) -> Floats:
     """Return the numbers of transitions from each state (rows) to each other."""
     flat = np.bincount(states[:-1] * m + states[1:], minlength=m * m)
     return flat.reshape(m, m).astype(np.float64)
 
 
-def _steady(transition: FloatArray) -> FloatArray:
+def _steady(transition: Floats) -> Floats:
     """Return the probabilities that a chain keeps."""
     m = len(transition)
     balance = np.vstack([transition.T - np.eye(m), np.ones(m)])
     found = np.linalg.lstsq(balance, np.append(np.zeros(m), 1.0))[0]
     found = np.maximum(found, 0.0)
-    steady: FloatArray = found / found.sum()
+    steady: Floats = found / found.sum()
     return steady
 
 
-def _powers(transition: FloatArray, values: FloatArray, n: int) -> Iterator[FloatArray]:
+def _powers(transition: Floats, values: Floats, n: int) -> Iterator[Floats]:
     """Yield the expected values 0, 1, ... n - 1 steps after each state."""
     for _ in range(n):
         yield values
@@ -356,8 +363,8 @@ def _powers(transition: FloatArray, values: FloatArray, n: int) -> Iterator[Floa
 
 
 def _chain_errors(
-    states: NDArray[np.int64], counts: FloatArray, block: int, seed: int
-) -> tuple[FloatArray, FloatArray]:
+    states: NDArray[np.int64], counts: Floats, block: int, seed: int
+) -> tuple[Floats, Floats]:
     """Return the standard errors of the probabilities of states and of transitions."""
     m = len(counts)
     pair = states[:-1] * m + states[1:]
@@ -441,9 +448,9 @@ class TransformedGaussian(ChannelModel):
     """
 
     law: GeneratedLaw
-    score: Annotated[FloatArray, Variable("score")]
-    gain_quantile: Annotated[FloatArray, Variable("score")]
-    gaussian_autocorrelation: Annotated[FloatArray, Variable("lag")]
+    score: Annotated[Floats, Variable("score")]
+    gain_quantile: Annotated[Floats, Variable("score")]
+    gaussian_autocorrelation: Annotated[Floats, Variable("lag")]
 
     kind: ClassVar[str] = "transformed-gaussian"
     title: ClassVar[str] = "meshtrace transformed Gaussian series"
@@ -513,7 +520,7 @@ class TransformedGaussian(ChannelModel):
             notes=tuple(_memory_note(found, rho, cause)),
         )
 
-    def _drawn(self, n: int, rng: np.random.Generator) -> FloatArray:
+    def _drawn(self, n: int, rng: np.random.Generator) -> Floats:
         from scipy import fft
 
         size = fft.next_fast_len(n + self.gaussian_autocorrelation.size, real=True)
@@ -529,7 +536,7 @@ _WEIGHTS = np.exp(-0.5 * _SCORES**2)
 _WEIGHTS /= _WEIGHTS.sum()
 
 
-def _quantiles(g: FloatArray, law: GeneratedLaw) -> FloatArray:
+def _quantiles(g: Floats, law: GeneratedLaw) -> Floats:
     """Return the gains of a law at the scores."""
     from scipy import special
 
@@ -547,7 +554,7 @@ def _quantiles(g: FloatArray, law: GeneratedLaw) -> FloatArray:
     return fitted.parameters["mean"] * np.exp(log_quantile)
 
 
-def _hermite_powers(quantile: FloatArray) -> FloatArray:
+def _hermite_powers(quantile: Floats) -> Floats:
     """Return c_k^2 over their sum, k = 1, 2, ..., of a function of the scores."""
     last, now = np.zeros_like(_SCORES), np.ones_like(_SCORES)
     power = []
@@ -557,12 +564,12 @@ def _hermite_powers(quantile: FloatArray) -> FloatArray:
     return np.array(power) / math.fsum(power)
 
 
-def _transformed(rho: FloatArray, power: FloatArray) -> FloatArray:
+def _transformed(rho: Floats, power: Floats) -> Floats:
     """Return the correlation of the transformed series for one of the Gaussian series."""
     return rho * np.polynomial.polynomial.polyval(rho, power)
 
 
-def _fade_correlation(rho: FloatArray, share: float) -> FloatArray:
+def _fade_correlation(rho: Floats, share: float) -> Floats:
     """Return the correlations of fades of a share of the time by the Gaussian correlations.
 
     `rho` are equally spaced from -1 to 1; the angle arcsin(rho) takes the poles from the integral.
@@ -574,16 +581,16 @@ def _fade_correlation(rho: FloatArray, share: float) -> FloatArray:
     density = np.exp(-(u**2) / np.maximum(1.0 + rho, 1e-12)) / (2.0 * math.pi)
     joint = integrate.cumulative_trapezoid(density, angle, initial=0.0)
     joint -= np.interp(0.0, rho, joint)
-    found: FloatArray = joint / (share * (1.0 - share))
+    found: Floats = joint / (share * (1.0 - share))
     return found
 
 
-def _spectrum(rho: FloatArray, size: int) -> FloatArray:
+def _spectrum(rho: Floats, size: int) -> Floats:
     """Return the spectrum of a period of a correlation, without negative values and of mean 1."""
     period = np.zeros(size)
     period[: rho.size] = rho
     period[-rho.size + 1 :] = rho[:0:-1]
     found = np.maximum(np.fft.rfft(period).real, 0.0)
     twice = 2.0 * found.sum() - found[0] - (found[-1] if size % 2 == 0 else 0.0)
-    spectrum: FloatArray = found * (size / twice)
+    spectrum: Floats = found * (size / twice)
     return spectrum

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import interpolate, optimize, special, stats
 
-from meshtrace.fading.gains import FloatArray
+from meshtrace.models import Floats
 
 # The log-skewness of gamma-gamma laws of equal scintillation index spans sigma / 2; it takes
 # n sigma^2 = 96 samples to see that span at two standard errors sqrt(6 / n).
@@ -49,10 +49,10 @@ class GammaGamma(stats.rv_continuous):
     def _argcheck(self, alpha: Any, beta: Any) -> Any:
         return np.isfinite(alpha) & (alpha > 0.0) & np.isfinite(beta) & (beta > 0.0)
 
-    def _pdf(self, h: FloatArray, alpha: FloatArray, beta: FloatArray) -> FloatArray:
+    def _pdf(self, h: Floats, alpha: Floats, beta: Floats) -> Floats:
         return _law_by_law(_density, h, alpha, beta)
 
-    def _cdf(self, h: FloatArray, alpha: FloatArray, beta: FloatArray) -> FloatArray:
+    def _cdf(self, h: Floats, alpha: Floats, beta: Floats) -> Floats:
         return _law_by_law(_probability, h, alpha, beta)
 
     def _stats(self, alpha: Any, beta: Any) -> tuple[Any, Any, None, None]:
@@ -60,7 +60,7 @@ class GammaGamma(stats.rv_continuous):
 
     def _rvs(
         self, alpha: Any, beta: Any, size: Any = None, random_state: Any = None
-    ) -> FloatArray | float:
+    ) -> Floats | float:
         # one sample after another, the factors of alpha first, for any number of samples
         *samples, n = size or (1,)
         shapes = np.array([alpha, beta], dtype=np.float64).reshape(2, 1)
@@ -91,7 +91,7 @@ class Likelihood(NamedTuple):
     balance: float
 
 
-def gamma_gamma_likelihood(gain: FloatArray, n_effective: float | None = None) -> Likelihood:
+def gamma_gamma_likelihood(gain: Floats, n_effective: float | None = None) -> Likelihood:
     """Maximise the gamma-gamma likelihood of positive gains, from their moments.
 
     Parameters
@@ -116,7 +116,7 @@ def gamma_gamma_likelihood(gain: FloatArray, n_effective: float | None = None) -
     sigma = math.sqrt(math.log1p(math.exp(log_si)))
     nodes, weights = _likelihood_nodes(log_h)
 
-    def cost(v: FloatArray) -> float:
+    def cost(v: Floats) -> float:
         shift = v[0] * sigma
         log_pdf = _log_pdf(nodes - shift, *_shapes(v[1], v[2])) - shift
         return -float(weights @ log_pdf) / log_h.size
@@ -139,11 +139,11 @@ def gamma_gamma_likelihood(gain: FloatArray, n_effective: float | None = None) -
 
 
 def _law_by_law(
-    function: Callable[[FloatArray, float, float], FloatArray],
-    h: FloatArray,
-    alpha: FloatArray,
-    beta: FloatArray,
-) -> FloatArray:
+    function: Callable[[Floats, float, float], Floats],
+    h: Floats,
+    alpha: Floats,
+    beta: Floats,
+) -> Floats:
     """Apply a function of one law to runs of equal shapes, as scipy passes them."""
     h, alpha, beta = np.broadcast_arrays(*(np.atleast_1d(a) for a in (h, alpha, beta)))
     h, alpha, beta = h.ravel(), alpha.ravel(), beta.ravel()
@@ -154,13 +154,13 @@ def _law_by_law(
     return np.concatenate([function(part, float(a), float(b)) for part, a, b in laws])
 
 
-def _density(h: FloatArray, alpha: float, beta: float) -> FloatArray:
+def _density(h: Floats, alpha: float, beta: float) -> Floats:
     density = np.zeros_like(h)
     density[h > 0.0] = np.exp(_log_pdf(np.log(h[h > 0.0]), alpha, beta))
     return density
 
 
-def _probability(h: FloatArray, alpha: float, beta: float) -> FloatArray:
+def _probability(h: Floats, alpha: float, beta: float) -> Floats:
     shapes = np.array([alpha, beta])
     center = float(np.sum(special.digamma(shapes) - np.log(shapes)))
     width = math.sqrt(float(np.sum(special.polygamma(1, shapes))))
@@ -171,7 +171,7 @@ def _probability(h: FloatArray, alpha: float, beta: float) -> FloatArray:
     return np.clip(integral(np.clip(log_h, t[0], t[-1])) / integral(t[-1]), 0.0, 1.0)
 
 
-def _log_pdf(log_h: FloatArray, alpha: float, beta: float) -> FloatArray:
+def _log_pdf(log_h: Floats, alpha: float, beta: float) -> Floats:
     """Return ln f(h) of one law with unit mean."""
     half = 0.5 * (alpha + beta)
     log_product = math.log(alpha) + math.log(beta)
@@ -180,7 +180,7 @@ def _log_pdf(log_h: FloatArray, alpha: float, beta: float) -> FloatArray:
     return constant + half * (log_product + log_h) - log_h + bessel
 
 
-def _log_kv(order: float, x: FloatArray) -> FloatArray:
+def _log_kv(order: float, x: Floats) -> Floats:
     """Return ln K_order(x), by the uniform expansion if the scaled function overflows."""
     with np.errstate(divide="ignore", over="ignore"):
         scaled = special.kve(order, x)
@@ -214,7 +214,7 @@ def _shapes(log_si: float, balance: float) -> tuple[float, float]:
     return beta / inverse, beta
 
 
-def _likelihood_nodes(log_h: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _likelihood_nodes(log_h: Floats) -> tuple[Floats, Floats]:
     """Return nodes and weights such that sum f(log_h) = weights @ f(nodes) for a smooth f.
 
     Local cubic interpolation over 300 nodes: the logarithm of the density is so smooth that 300

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.errors import Described, Refused, require_whole
-from meshtrace.fading.gains import (
+from meshtrace.fading.distribution import (
     Estimate,
-    FloatArray,
     Reference,
     block_interval,
     block_means,
@@ -23,6 +22,7 @@ from meshtrace.fading.gains import (
     level_of,
     poisson_limits,
 )
+from meshtrace.models import Floats
 
 # Bound of memory: blocks of one replicate.
 _MOST_BLOCKS = 1000
@@ -30,7 +30,7 @@ _MOST_BLOCKS = 1000
 
 def autocorrelation(
     gain: ArrayLike, gain_stderr: ArrayLike | None = None, *, max_lag: int | None = None
-) -> FloatArray:
+) -> Floats:
     r"""Return the autocorrelation of an equally spaced series, Monte Carlo noise removed.
 
     .. math:: \rho_k = C_k / (C_0 - \overline{s^2}), \quad \rho_0 = 1
@@ -172,7 +172,7 @@ def block_length(gain: ArrayLike) -> int:
     return int(np.clip(round(3.0 * _politis_white(deviation**2)), shortest, max(g.size // 4, 1)))
 
 
-def _politis_white(x: FloatArray) -> float:
+def _politis_white(x: Floats) -> float:
     n = x.size
     x = x - x.mean()
     covariance = _autocovariance(x) * np.arange(n, 0, -1) / n
@@ -187,7 +187,7 @@ def _politis_white(x: FloatArray) -> float:
     return float((1.5 * (2.0 * np.sum(k * tapered) / spectrum) ** 2 * n) ** (1.0 / 3.0))
 
 
-def flat_top(rho: FloatArray) -> FloatArray:
+def flat_top(rho: Floats) -> Floats:
     """Return the flat-top taper (m + 1,) of Politis and White for lags 0, 1, ... of a correlation.
 
     It is 1 up to the lag from which on the correlation is insignificant, and 0 at twice that lag.
@@ -202,7 +202,7 @@ def flat_top(rho: FloatArray) -> FloatArray:
     return np.minimum(1.0, 2.0 * (1.0 - np.arange(m + 1) / m))
 
 
-def _autocovariance(x: FloatArray) -> FloatArray:
+def _autocovariance(x: Floats) -> Floats:
     """Return the autocovariance at lags 0..n-1, each lag divided by its number of pairs."""
     n = x.size
     spectrum = np.fft.rfft(x - x.mean(), 2 * n)
@@ -282,8 +282,8 @@ def coherence_time(
 
 
 def correlation_replicates(
-    g: FloatArray, lags: int, block: int, resamples: int, seed: int, noise: FloatArray | float = 0.0
-) -> FloatArray:
+    g: Floats, lags: int, block: int, resamples: int, seed: int, noise: Floats | float = 0.0
+) -> Floats:
     """Return the autocorrelations (lags, resamples) of random moving blocks; 1 without variance."""
     means = block_means(_lagged_products(g / g.mean() - 1.0, lags), block, resamples, seed)
     covariance = means[1:] - means[0] ** 2
@@ -292,14 +292,14 @@ def correlation_replicates(
     return np.divide(covariance, variance, out=np.ones_like(covariance), where=variance > 0.0)
 
 
-def _lagged_products(x: FloatArray, lags: int) -> Iterator[FloatArray]:
+def _lagged_products(x: Floats, lags: int) -> Iterator[Floats]:
     rows = x.size - lags + 1
     yield x[:rows]
     for lag in range(lags):
         yield x[:rows] * x[lag : lag + rows]
 
 
-def _first_crossing(rho: FloatArray) -> FloatArray:
+def _first_crossing(rho: Floats) -> Floats:
     """Return the first lag [samples] of 1/e along axis 0, interpolated; inf without a crossing."""
     level = math.exp(-1.0)
     below = rho <= level
@@ -310,7 +310,7 @@ def _first_crossing(rho: FloatArray) -> FloatArray:
     return np.where(below.any(axis=0), after - 1 + (high - level) / drop, math.inf)
 
 
-def series_block(block: int | None, g: FloatArray) -> int:
+def series_block(block: int | None, g: Floats) -> int:
     """Return the length of the blocks of a series, by default `block_length`."""
     block = block_length(g) if block is None else block
     require_whole(block, 1, max(1, g.size // 2), "block")
@@ -453,7 +453,7 @@ def mean_fade_duration(
 
 def fade_durations(
     time: ArrayLike, gain: ArrayLike, threshold: float = 0.5, *, relative_to: Reference = "mean"
-) -> FloatArray:
+) -> Floats:
     """Return the duration of each whole fade below a threshold.
 
     Parameters
@@ -488,7 +488,7 @@ def fade_durations(
 
 def _record(
     time: ArrayLike, gain: ArrayLike, threshold: float, relative_to: Reference
-) -> tuple[FloatArray, float, tuple[FloatArray, FloatArray]]:
+) -> tuple[Floats, float, tuple[Floats, Floats]]:
     """Return gains, time step, and the falls through the level and the share below per step."""
     g = checked_gain(gain)
     step = checked_step(time, g.size)

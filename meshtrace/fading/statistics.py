@@ -12,30 +12,25 @@ from numpy.typing import ArrayLike
 
 from meshtrace.errors import require_array, require_between, require_whole
 from meshtrace.fading.distribution import (
-    Distribution,
-    Histogram,
-    gain_cdf,
-    gain_pdf,
-    outage,
-    scintillation_index,
-)
-from meshtrace.fading.fits import (
-    DistributionFit,
-    GoodnessOfFit,
-    fit_gamma_gamma,
-    fit_lognormal,
-    goodness_of_fit,
-)
-from meshtrace.fading.gains import (
     MOST_RESAMPLES,
+    Distribution,
+    DistributionFit,
     Estimate,
-    FloatArray,
+    GoodnessOfFit,
+    Histogram,
     Reference,
     check_bootstrap,
     checked,
     checked_step,
+    fit_gamma_gamma,
+    fit_lognormal,
+    gain_cdf,
+    gain_pdf,
+    goodness_of_fit,
     level_of,
+    outage,
     remove_noise,
+    scintillation_index,
 )
 from meshtrace.fading.series import (
     autocorrelation,
@@ -46,6 +41,7 @@ from meshtrace.fading.series import (
     mean_fade_duration,
 )
 from meshtrace.fields import attrs
+from meshtrace.models import Floats
 from meshtrace.stored import Rows, Stored, Variable, Variables
 
 if TYPE_CHECKING:
@@ -115,8 +111,8 @@ class FadingStatistics(Stored):
     fits: tuple[DistributionFit, ...]
     goodness: tuple[GoodnessOfFit, ...]
     notes: tuple[str, ...]
-    lag: Annotated[FloatArray | None, Variable("lag")] = None
-    autocorrelation: Annotated[FloatArray | None, Variable("lag")] = None
+    lag: Annotated[Floats | None, Variable("lag")] = None
+    autocorrelation: Annotated[Floats | None, Variable("lag")] = None
     coherence_time: Annotated[Estimate | None, Rows(Estimate, prefix="coherence_time_")] = None
     level_crossing_rate: Annotated[
         tuple[Estimate, ...], Rows(Estimate, "threshold", "level_crossing_rate_")
@@ -336,8 +332,8 @@ def fading_statistics(
 
 def _series_part(
     time: ArrayLike,
-    g: FloatArray,
-    stderr: FloatArray | None,
+    g: Floats,
+    stderr: Floats | None,
     fades: bool,
     levels: tuple[float, ...],
     relative_to: Reference,
@@ -359,7 +355,7 @@ def _series_part(
 
 
 def _outages(
-    sample: FloatArray,
+    sample: Floats,
     levels: tuple[float, ...],
     relative_to: Reference,
     n_effective: float,
@@ -377,7 +373,7 @@ def _outages(
 
 
 def _all_fits(
-    sample: FloatArray, n_effective: float, resamples: int, seed: int
+    sample: Floats, n_effective: float, resamples: int, seed: int
 ) -> tuple[tuple[DistributionFit, ...], tuple[GoodnessOfFit, ...], list[str]]:
     if not sample.all():
         return (), (), ["some gains are 0: no continuous law fitted"]
@@ -394,7 +390,7 @@ def _all_fits(
     return fits, tests, notes
 
 
-def _noise_notes(g: FloatArray, variance: FloatArray, fades: bool, index: Estimate) -> list[str]:
+def _noise_notes(g: Floats, variance: Floats, fades: bool, index: Estimate) -> list[str]:
     notes = []
     if not fades:
         notes.append("no fading above the Monte Carlo noise")
@@ -410,7 +406,7 @@ def _noise_notes(g: FloatArray, variance: FloatArray, fades: bool, index: Estima
 
 
 def _series_notes(
-    g: FloatArray, independent: float, n_effective: float, series: dict[str, Any]
+    g: Floats, independent: float, n_effective: float, series: dict[str, Any]
 ) -> list[str]:
     notes = []
     if n_effective < _FEWEST_EFFECTIVE:

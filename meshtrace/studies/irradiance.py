@@ -22,7 +22,7 @@ from meshtrace.errors import (
     require_whole,
     require_word,
 )
-from meshtrace.fading.resolving import fading_band
+from meshtrace.fading.spectral import fading_band
 from meshtrace.link import AirLed, Link, WaterReceiver
 from meshtrace.models import Floats
 from meshtrace.optics.water import Water
@@ -106,7 +106,7 @@ def irradiance_series(
     have exact heights and slopes (`waves.WaveGrid`); each sends its sunlight along its refracted
     ray (Snell, Fresnel), attenuated over its own way, into cells of the plane. K is the collector,
     convolved with the image of the sun's disk and with a Gaussian of the slopes of the waves left
-    out: at each depth those shorter than `fading.resolving.fading_band` says. Light that meets a
+    out: at each depth those shorter than `fading.spectral.fading_band` says. Light that meets a
     second wave, or a wave's shadow, is not followed.
 
     Sunlight scattered in the water, E_s, has the mean of photons under still water; its spread S

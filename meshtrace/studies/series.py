@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
-from meshtrace.fading.resolving import band_fading
+from meshtrace.fading.spectral import band_fading
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats

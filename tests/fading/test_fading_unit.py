@@ -8,7 +8,7 @@ import pytest
 from scipy import integrate, stats
 
 from meshtrace import fading, fields
-from meshtrace.fading import gains as gains_module
+from meshtrace.fading import distribution as gains_module
 from meshtrace.fading import laws
 from meshtrace.fading import series as series_module
 

@@ -26,7 +26,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 
 from meshtrace.errors import Described, Refused, require_keys, require_kind
-from meshtrace.fading.resolving import resolve_band
+from meshtrace.fading.spectral import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh, require_surface
 from meshtrace.models import Family, Finite, Floats, Model

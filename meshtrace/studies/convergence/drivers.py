@@ -14,8 +14,7 @@ import numpy as np
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Meshing, StudyOptions
 from meshtrace.errors import Described, Refused, require_whole
-from meshtrace.fading.resolving import WITHIN, fading_band
-from meshtrace.fading.spectral import scintillation_of_spectrum
+from meshtrace.fading.spectral import WITHIN, fading_band, scintillation_of_spectrum
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
