@@ -253,7 +253,7 @@ def new_sea(link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5) -> dict[s
         "mesh_seconds": mesh_time,
         "bvh_seconds": bvh_time,
         "rtol": max(row[-1] for row in rows[1:]),
-        "chains": parts.counts.chains,
+        "chains": parts.counts["chains"],
         "facets": len(mesh.faces),
     }
 

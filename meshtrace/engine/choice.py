@@ -10,14 +10,15 @@ surface reflects first is worth photons of its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.chains.sets import TURBID, Aimed, ChainDrawer, Request, poisson_law
+from meshtrace.engine.chains.aimed import AimedChains
+from meshtrace.engine.chains.sets import TURBID, ChainDrawer, Request, poisson_law
 from meshtrace.engine.photons.joined import JoinedParts
 from meshtrace.engine.photons.targets import SCATTERED
 from meshtrace.engine.setup.ends import ForcedLink, across, emitter_of
@@ -64,9 +65,8 @@ class Pilot(NamedTuple):
         return Request(source, order, _PILOT // SHIFTS, (*seed, order))
 
     @classmethod
-    def of_orders(cls, rows: list[Floats], receivers: int) -> Pilot:
-        """Return the pilot of all orders from the statistics of each, see `pilot_statistics`."""
-        table = np.array(rows).reshape(len(rows), 4, receivers)
+    def of_orders(cls, table: Floats) -> Pilot:
+        """Return the pilot of statistics (orders, 4, receivers), see `pilot_statistics`."""
         chains, mean, spread, scored = table.transpose(1, 2, 0)
         return cls(chains.astype(np.int64), mean, spread, scored.astype(np.int64))
 
@@ -95,16 +95,9 @@ class Pilot(NamedTuple):
         return Pilot(*rows), (direct + mean.sum(axis=2)).ravel()
 
 
-class PilotSurface(NamedTuple):
-    """A surface over which pilot chains are aimed."""
-
-    aim: Callable[..., Aimed]  # of a source, a target and chains
-    wavelengths: int = 1  # of its scores
-
-
 def pilot_statistics(
     drawer: ChainDrawer,
-    surfaces: Sequence[PilotSurface],
+    surfaces: Sequence[ChainDrawer | AimedChains],
     targets: Sequence[int],
     request: Request,
 ) -> list[Floats]:
@@ -236,22 +229,19 @@ def choose(chains: ScatteredPilot, photons: ScatteredPilot, expected: float = 0.
     return ["joined" if b else "chains" for b in better]
 
 
-class CommonChoice(NamedTuple):
-    """Estimator of the scattered light of several wavelengths by receiver, see `choose_common`."""
-
-    method: list[Method]
-    per_chain: float  # joined photons in place of a chain
-
-
 def choose_common(
     chains: list[ScatteredPilot], photons: list[ScatteredPilot], expected: Floats
-) -> CommonChoice:
+) -> tuple[list[Method], float]:
     """Choose one estimator for all wavelengths, given a pilot of each and the scatterings expected.
+
+    Returns the estimators by receiver, and the joined photons in place of a chain.
 
     The one with the smaller sum of relative variances; chains that are not trusted at a wavelength
     are left for it. Where chains would serve some wavelengths photons are fewer, for about twice
     the time of a run of these.
     """
+    if len(chains) == 1:
+        return choose(chains[0], photons[0], float(expected[0])), PER_CHAIN
     receivers = len(chains[0].mean)
     chosen, missed = np.zeros(receivers, bool), np.zeros(receivers, bool)
     total, every = np.zeros((2, receivers)), np.ones(receivers, bool)
@@ -264,7 +254,7 @@ def choose_common(
         total += np.nan_to_num(rows, nan=1e300, posinf=1e300)
     joined = chosen & (missed | (total[1] < total[0]))
     method: list[Method] = ["joined" if b else "chains" for b in joined]
-    return CommonChoice(method, PER_CHAIN if every[joined].all() else _SHARED_PER_CHAIN)
+    return method, PER_CHAIN if every[joined].all() else _SHARED_PER_CHAIN
 
 
 _RINGS, _AZIMUTHS = 48, 12

@@ -18,11 +18,10 @@ Where chains are the worse estimator the scattered light is that of joined photo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import partial
-from itertools import islice
 from operator import call
 from typing import Any, Literal, NamedTuple
 
@@ -30,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine import choice, parts
-from meshtrace.engine.chains.aimed import Aimed, AimedChains, SearchMode
+from meshtrace.engine.chains.aimed import AimedChains, SearchMode
 from meshtrace.engine.chains.sets import (
     ChainDrawer,
     ChainSet,
@@ -42,7 +41,7 @@ from meshtrace.engine.chains.sets import (
 from meshtrace.engine.photons.joined import JoinedParts, JoinedPhotons
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import Case
-from meshtrace.engine.setup.tinting import UNTINTED, Common, Tinting
+from meshtrace.engine.setup.tinting import UNTINTED, Common
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.tints import Tints
@@ -144,14 +143,14 @@ class ForcedDetection:
         self.arrays = ends.forced_link(link)
         self.photons, self.seed, self.normals, self.threads = photons, seed, normals, threads
         self.sea, self.search, self.wanted = sea, search, scattered
-        self.common = common
+        alone = Common(UNTINTED, [link], (1.0,))
+        self.common = common or alone
         unit = self.arrays.frame.unit
         top = max(sea.crest, 0.0) / unit
         lowest = min(t.center[2] for t in self.arrays.targets)
         # a chain that ends higher is not looked for; the level must stay below the receivers
         ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
-        ratios = (1.0,) if common is None else common.ratios
-        self.drawer = ChainDrawer(self.arrays, top, ceiling, ratios)
+        self.drawer = ChainDrawer(self.arrays, top, ceiling, self.common.ratios)
         self._per_chain = choice.PER_CHAIN
         self.method: list[choice.Method] = ["joined"] * len(link.receivers)
         # receivers with pilots, and the number of those that each stands for
@@ -161,40 +160,38 @@ class ForcedDetection:
         self._light: Floats | None = None  # of each receiver with a pilot, over still water
         orders, pilots = self._orders_of_chains(), list[choice.Pilot]()
         if orders is not None and scattered != "joined":
-            still, surfaces = self.flat(), [choice.PilotSurface(self.drawer.aim)]
+            still, surfaces = self.flat(), list[ChainDrawer | AimedChains]([self.drawer])
+            shared = self.common if self.common.tinting.follows else alone  # with common photons
             compares = scattered == "auto" and any(orders)
             if compares and sea.unresolved is not None and link.physics.unresolved == "tilt":
                 # chains and joined photons are compared over still water with random slopes
                 still = replace(still, unresolved=sea.unresolved)
-                surfaces.append(self._pilot_surface(self.over(still)))
+                surfaces.append(self._tinted(self.over(still), shared))
             found = self._pilots(surfaces, orders)
             pilots, compared = found[0][0], found[-1]
             self._light = self._still_gain(pilots)
-            joined = None
-            if compares:
-                base = 0 if len(compared) == 1 or common is None else np.argmax(common.ratios)
-                chains = choice.chain_pilot(compared[base], self.arrays)
-                doubtful = ~choice.is_clear(chains)
-                joined = self._pilot_photons(self._piloted[doubtful].tolist())
             self.method = ["chains"] * len(link.receivers)
+            base = 0 if len(compared) == 1 else int(np.argmax(shared.ratios))
+            doubtful = ~choice.is_clear(choice.chain_pilot(compared[base], self.arrays))
+            joined = self._pilot_photons(doubtful) if compares else None
             if joined is not None:
-                both = self._with_photons
-                if both is None:
-                    light = [joined.evaluate(still)]
-                else:
-                    light = joined.at_wavelengths(still, both.tinting, both.links)
-                    if len(compared) < len(light):
-                        (compared,) = self._pilots([self._pilot_surface(self.over(still))], orders)
-                better = self._better(compared, light, doubtful)
-                self._rest_on(dict(zip(self._piloted[doubtful].tolist(), better, strict=True)))
-        self.scattered_sets = self._drawn(pilots)
+                light = (
+                    joined.at_wavelengths(still, shared.tinting, shared.links)
+                    if len(shared.links) > 1
+                    else [joined.evaluate(still)]
+                )
+                if len(compared) < len(light):
+                    (compared,) = self._pilots([self._tinted(self.over(still), shared)], orders)
+                self._choose(compared, light, doubtful, self.expected * np.array(shared.ratios))
+        # allotted to the orders by the pilots
+        requests = self._requests(pilots) if "chains" in self.method else []
+        drawings = self.drawer.draw_all(requests, threads)
+        self.scattered_sets = [
+            [one for one in drawings if one.request.source == s]
+            for s in range(len(self.arrays.emitters))
+        ]
         self._unscattered: list[Drawing] = []  # drawn on demand
         self._joined = self._joined_photons()
-
-    def _rest_on(self, found: dict[int, choice.Method]) -> None:
-        """Set the estimators of representative receivers and of their neighbours."""
-        for r, first in enumerate(self.arrays.stands_for_receivers.tolist()):
-            self.method[r] = found.get(first, self.method[r])
 
     def at_index(self, n: float, share: float) -> ForcedDetection:
         """Return a share of the chains and photons, the same ones, in water of another index.
@@ -239,15 +236,13 @@ class ForcedDetection:
                 raise refused from None
         return None
 
-    def _pilot_surface(self, still: AimedChains) -> choice.PilotSurface:
-        """Return still water for pilots, at all wavelengths that have common photons."""
-        common = self._with_photons
-        if common is None:
-            return choice.PilotSurface(still.aim)
-        return choice.PilotSurface(partial(still.tinted, tinting=common.tinting), len(common.links))
+    def _tinted(self, aimed: AimedChains, common: Common) -> AimedChains:
+        """Return chains over a surface at the wavelengths of common paths."""
+        several = len(common.links) > 1
+        return aimed.at_wavelengths(common.tinting, common.links) if several else aimed
 
     def _pilots(
-        self, surfaces: Sequence[choice.PilotSurface], orders: list[int]
+        self, surfaces: Sequence[ChainDrawer | AimedChains], orders: list[int]
     ) -> list[list[list[choice.Pilot]]]:
         """Return the pilots of the sources up to their orders, by surface and wavelength."""
         requests = [
@@ -258,53 +253,36 @@ class ForcedDetection:
         targets = np.unique(self.arrays.stands_for).tolist()
         job = partial(choice.pilot_statistics, self.drawer, surfaces, targets)
         rows = list(ordered_map(job, requests, self.threads))
-        pilots: list[list[list[choice.Pilot]]] = []
+        cuts, pilots = np.cumsum(orders)[:-1], list[list[list[choice.Pilot]]]()
         for k, over in enumerate(surfaces):
-            pilots.append([])
-            for j in range(over.wavelengths):
-                each = iter(row[k][j] for row in rows)
-                found = [list(islice(each, n)) for n in orders]
-                pilots[k].append([choice.Pilot.of_orders(part, len(targets)) for part in found])
+            shape = len(rows), over.wavelengths, 4, len(targets)
+            table = np.reshape([row[k] for row in rows], shape).swapaxes(0, 1)
+            parts_of = (np.split(one, cuts) for one in table)
+            pilots.append([[choice.Pilot.of_orders(part) for part in row] for row in parts_of])
         return pilots
 
-    def _pilot_photons(self, receivers: list[int]) -> JoinedPhotons | None:
+    def _pilot_photons(self, doubtful: NDArray[np.bool_]) -> JoinedPhotons | None:
         """Return the photons of a pilot, None if joined photons do not follow the link."""
+        receivers = self._piloted[doubtful].tolist()
         try:
             return self._photons(choice.PILOT_PHOTONS, receivers) if receivers else None
         except Refused:
             return None
 
-    def _better(
+    def _choose(
         self,
         pilots: list[list[choice.Pilot]],
         light: list[JoinedParts],
         doubtful: NDArray[np.bool_],
-    ) -> list[choice.Method]:
-        """Return the better estimators of some receivers, for all wavelengths of the pilots."""
+        expected: Floats,
+    ) -> None:
+        """Set the estimators of doubtful receivers, and of those that they stand for."""
         chains = [choice.chain_pilot(row, self.arrays).of(doubtful) for row in pilots]
         photons = [choice.ScatteredPilot.of_photons(one) for one in light]
-        if self._with_photons is None:
-            return choice.choose(chains[0], photons[0], self.expected)
-        number = self.expected * np.array(self._with_photons.ratios)
-        chosen = choice.choose_common(chains, photons, number)
-        self._per_chain = chosen.per_chain
-        return chosen.method
-
-    @property
-    def _with_photons(self) -> Common | None:
-        """The wavelengths that have common joined photons."""
-        common = self.common
-        if common is None or not common.tinting.follows:
-            return None
-        return common
-
-    def _drawn(self, pilots: list[choice.Pilot]) -> list[list[Drawing]]:
-        """Return the scattered chains by source, allotted to the orders by the pilots."""
-        sources = range(len(self.arrays.emitters))
-        if "chains" not in self.method:
-            return [[] for _ in sources]
-        drawings = self.drawer.draw_all(self._requests(pilots), self.threads)
-        return [[one for one in drawings if one.request.source == s] for s in sources]
+        better, self._per_chain = choice.choose_common(chains, photons, expected)
+        chosen = dict(zip(self._piloted[doubtful].tolist(), better, strict=True))
+        first = self.arrays.stands_for_receivers.tolist()
+        self.method = [chosen.get(r, "chains") for r in first]
 
     def _requests(self, pilots: list[choice.Pilot]) -> list[Request]:
         """Return the chains of each source and order, allotted by the pilots."""
@@ -323,7 +301,7 @@ class ForcedDetection:
                 found, seen, number = found.joined(link.power), light[s : s + 1], np.ones(1, int)
             else:
                 continue
-            if self.common is not None and self._light is not None:
+            if len(self.common.links) > 1 and self._light is not None:
                 lit = self._light[s : s + 1] if link.down else self._light[kept]
                 found, seen = found.at_wavelengths(np.array(self.common.ratios), lit)
                 number = np.tile(number, len(self.common.ratios))
@@ -395,10 +373,6 @@ class ForcedDetection:
             self.reflects = False
             return None
 
-    def _by_receiver(self, photons: JoinedParts) -> JoinedParts:
-        """Return the light of joined photons to all receivers, of those without photons none."""
-        return photons.among(len(self.method), self._served)
-
     def over(self, mesh: TriangleMesh) -> AimedChains:
         """Return the chains aimed over a mesh.
 
@@ -431,40 +405,29 @@ class ForcedDetection:
 
     def evaluate(self, mesh: TriangleMesh) -> parts.Parts:
         """Return the gain over a mesh, in parts."""
+        return self.at_wavelengths(mesh)[0]
+
+    def at_wavelengths(
+        self, mesh: TriangleMesh, over: AimedChains | None = None
+    ) -> list[parts.Parts]:
+        """Return the gains over a mesh at the wavelengths of common paths.
+
+        `over` is the mesh with the receivers of a link that differs in the water alone.
+        Where facets bring no light, chains without scatterings are asked before a pair is dark.
+        """
         higher = self._reaching(mesh)
         if higher is not self:
-            return higher.evaluate(mesh)
-        aimed = self.over(mesh)
-        sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets)
-        self._add_light(sums, aimed, aimed.direct_gains, np.sum, aimed.aim)
-        photons = None
-        if self._joined is not None:
-            photons = self._by_receiver(self._joined.evaluate(mesh))
-        return sums.parts(aimed.counters, photons, self.reflects)
-
-    def _add_light(
-        self,
-        sums: parts.ChainSums,
-        aimed: AimedChains,
-        direct: Callable[..., Floats],
-        total: Callable[[Floats], Any],
-        aim: Callable[..., Aimed],
-    ) -> None:
-        """Add the light of all pairs of a source and a receiver: of facets, and of chains.
-
-        Where facets bring none, chains without scatterings are asked before a pair is called dark.
-        """
-        dark, jobs = list[tuple[int, int]](), list[Any]()
-        for s, r in self.arrays.pairs:
-            if aimed.sampled and self.arrays.sizes[s] == 0.0:
-                dark.append((s, r))
-            else:
-                jobs.append(partial(self._from_source, aimed, s, partial(direct, s, r), total))
-        skipped = set(dark)
-        pairs = [pair for pair in self.arrays.pairs if pair not in skipped]
-        jobs += [partial(self._summed, aimed, aim, job) for job in sums.jobs]
+            return higher.at_wavelengths(mesh, over)
+        link, common = self.arrays, self.common
+        aimed = self._tinted(self.over(mesh) if over is None else over.of_link(link), common)
+        sums = parts.ChainSums(link, self.method, self.scattered_sets, aimed.wavelengths)
+        lit, dark = list[tuple[int, int]](), list[tuple[int, int]]()
+        for s, r in link.pairs:
+            (dark if aimed.sampled and link.sizes[s] == 0.0 else lit).append((s, r))
+        jobs: list[Any] = [partial(self._from_source, aimed, *pair) for pair in lit]
+        jobs += [partial(self._summed, aimed, job) for job in sums.jobs]
         found = ordered_map(call, jobs, self.threads, ahead=len(jobs))
-        for s, r in pairs:
+        for s, r in lit:
             gain = next(found).mean(axis=1).T
             sums.add_direct(s, r, gain)
             if gain.shape[-1] == 1 and not gain.any():
@@ -473,87 +436,52 @@ class ForcedDetection:
         for job, rows in zip(sums.jobs, found, strict=True):
             sums.add(job, rows)
             pace.add()
-        if dark:
-            rest = parts.chain_jobs(dark, [[one] for one in self.unscattered()])
-            found = ordered_map(partial(self._summed, aimed, aim), rest, self.threads)
-            for job, rows in zip(rest, found, strict=True):
-                sums.add(job, rows)
-
-    def _summed(
-        self, aimed: AimedChains, aim: Callable[..., Aimed], job: parts.ChainJob
-    ) -> list[parts.BlockSums]:
-        """Return the sums over the chains of a block to each of its targets."""
-        chains, found = self.drawer.drawn(job.block), dict[int, parts.BlockSums]()
-        for some in aimed.together(job.targets, chains):
-            score = aim(job.source, some, chains).score
-            for i, row in enumerate(np.split(score, len(some), axis=-1)):
-                found[some[i]] = parts.BlockSums.of(row, job.block)
-        return [found[target] for target in job.targets]
-
-    def tinted(
-        self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link], over: AimedChains
-    ) -> list[parts.Parts]:
-        """Return the gains of links over a mesh, at the wavelengths of a tinting.
-
-        `over` is the mesh with the receivers of a link that differs in the water alone.
-        """
-        higher = self._reaching(mesh)
-        if higher is not self:
-            return higher.tinted(mesh, tinting, links, over)
-        aimed, m = over.of_link(self.arrays), len(links)
-        far = self._farthest(aimed, tinting, links)
-        sums = parts.ChainSums(self.arrays, self.method, self.scattered_sets, (m,))
-        direct = partial(aimed.tinted_gains, tinting=tinting, other=far)
-        aim = partial(aimed.tinted, tinting=tinting)
-        self._add_light(sums, aimed, direct, np.asarray, aim)
-        photons: list[Any] = [None] * m
+        rest = parts.chain_jobs(dark, [[one] for one in self.unscattered()] if dark else [])
+        found = ordered_map(partial(self._summed, aimed), rest, self.threads)
+        for job, rows in zip(rest, found, strict=True):
+            sums.add(job, rows)
+        light: list[Any] = [None] * aimed.wavelengths
         if self._joined is not None:
-            found = self._joined.at_wavelengths(mesh, tinting, links)
-            photons = [self._by_receiver(one) for one in found]
-        return [sums.of(i).parts(aimed.counters, photons[i], self.reflects) for i in range(m)]
+            found_light = (
+                self._joined.at_wavelengths(mesh, common.tinting, common.links)
+                if aimed.wavelengths > 1
+                else [self._joined.evaluate(mesh)]
+            )
+            light = [one.among(len(self.method), self._served) for one in found_light]
+        return [sums.parts(i, aimed.counters, one, self.reflects) for i, one in enumerate(light)]
 
-    def _farthest(
-        self, aimed: AimedChains, tinting: Tinting, links: Sequence[Link]
-    ) -> tuple[int, AimedChains]:
-        """Return the wavelength that differs most on the way up, and its water below the mesh."""
-        ways = [
-            aimed.straight_tints(e, np.zeros((1, 3)), tinting.tints) for e in self.arrays.emitters
-        ]
-        i = int(np.abs(tinting.shares @ np.concatenate(ways).T).max(axis=1).argmax())
-        return i, aimed.in_water(self.arrays.frame.medium(ends.expected_water(links[i], crest=5.0)))
+    def _summed(self, aimed: AimedChains, job: parts.ChainJob) -> list[parts.BlockSums]:
+        """Return the sums over the chains of a block to each of its targets."""
+        targets, block = job
+        chains, found = self.drawer.drawn(block), dict[int, parts.BlockSums]()
+        for some in aimed.together(targets, chains):
+            score = aimed.aim(block.request.source, some, chains).score
+            for target, row in zip(some, np.split(score, len(some), axis=-1), strict=True):
+                found[target] = parts.block_sums(row, block)
+        return [found[target] for target in targets]
 
-    def _from_source(
-        self,
-        aimed: AimedChains,
-        s: int,
-        light: Callable[[Vec3 | None], Floats],
-        total: Callable[[Floats], Any],
-    ) -> Floats:
-        """Return the total unscattered light, by `total`, of the points of a source.
+    def _from_source(self, aimed: AimedChains, s: int, r: int) -> Floats:
+        """Return the unscattered light of the points of a source, (shifts, points, wavelengths).
 
-        Shape (shifts, points, ...) for an extended one, from the first points of each shift, and
-        from all unless these suffice; else (1, 1, ...).
+        For an extended one, from the first points of each shift, and from all unless these
+        suffice; else (1, 1, wavelengths).
         """
         if self.arrays.sizes[s] == 0.0:
-            return np.asarray(total(light(None)))[None, None]
+            return aimed.direct_light(s, r)[None, None]
         if aimed.sampled:
             narrow = Described(f"a radius of {self.arrays.sizes[s] * self.arrays.frame.unit:g} m")
             allowed = f"a point source below random slopes this narrow; {ends.ANALOG}"
             raise Refused("transmitter", narrow, allowed)
         points = self._lamp_points(s)
-        found: Floats | None = None
+        found: Floats = np.zeros((SHIFTS, 0, aimed.wavelengths))
         for some in (points[:, :_FEW_POINTS], points[:, _FEW_POINTS:]):
             if not some.size:
                 break
-            row = []
-            for point in some.reshape(-1, 3):
-                row.append(total(light(Vec3(*point.tolist()))))
-            sums = np.reshape(row, (*some.shape[:2], *np.shape(row[0])))
-            found = sums if found is None else np.concatenate([found, sums], axis=1)
+            row = [aimed.direct_light(s, r, Vec3(*p.tolist())) for p in some.reshape(-1, 3)]
+            found = np.concatenate([found, np.reshape(row, (*some.shape[:2], -1))], axis=1)
             error = error_of_groups(found.mean(axis=1))
             if (error < _SMOOTH * found.mean(axis=(0, 1))).all():
                 break
-        assert found is not None
         return found
 
     def _lamp_points(self, s: int) -> Floats:
@@ -594,15 +522,14 @@ class ForcedDetection:
         Unscattered light without random slopes is one arrival a facet, with shift -1: it has no
         Monte Carlo error.
         """
-        return self.tinted_arrivals(mesh, UNTINTED, [self.link])[0]
+        return self.arrivals_at_wavelengths(mesh)[0]
 
-    def tinted_arrivals(
-        self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link]
-    ) -> list[ArrivalTally]:
-        """Return the light that arrives from links, at the wavelengths of a tinting."""
+    def arrivals_at_wavelengths(self, mesh: TriangleMesh) -> list[ArrivalTally]:
+        """Return the light that arrives at the wavelengths of common paths."""
         higher = self._reaching(mesh)
         if higher is not self:
-            return higher.tinted_arrivals(mesh, tinting, links)
+            return higher.arrivals_at_wavelengths(mesh)
+        tinting, links = self.common.tinting, self.common.links
         aimed, rows = self.over(mesh), [list[Floats]() for _ in links]
         for e, t in self.arrays.pairs:
             light = self._light_of(aimed, e, t, tinting.tints)
@@ -624,8 +551,7 @@ class ForcedDetection:
         chained = self.method[self.arrays.receiver(e, t)] == "chains"
         rows, sets = list[parts.Light](), self.scattered_sets[e] if chained else []
         if self.arrays.sizes[e] > 0.0:
-            light = partial(aimed.direct_gains, e, t)
-            n = self._from_source(aimed, e, light, np.sum).shape[1]
+            n = self._from_source(aimed, e, t).shape[1]
             points = self._lamp_points(e)[:, :n]
             for shift, i in np.ndindex(SHIFTS, n):
                 lamp = Vec3(*points[shift, i].tolist())
@@ -650,6 +576,6 @@ def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
     if (low <= -reach[0]).all() and (high >= reach[1]).all():
         return np.zeros(len(link.receivers))
     few = ForcedDetection(link, _CUT_CHAINS, **case.how, sea=TypicalSea.of([mesh]))
-    whole = few.evaluate(few.flat()).gain
-    cut = whole - few.evaluate(flat_mesh(low, high)).gain
+    whole = few.at_wavelengths(few.flat())[0].gain
+    cut = whole - few.at_wavelengths(flat_mesh(low, high))[0].gain
     return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)

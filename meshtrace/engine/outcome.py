@@ -121,7 +121,7 @@ def forced_result(
         gain_ballistic=per_receiver(link, parts.ballistic),
         gain_scattered=per_receiver(link, parts.scattered.mean(axis=1)),
         gain_order=parts.orders,
-        chains=parts.counts.by_outcome(),
+        chains=parts.counts,
         scattered=parts.samples_by_receiver(),
         arrivals=arrivals,
         **extra,

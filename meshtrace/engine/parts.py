@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -24,22 +23,6 @@ from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import SHIFTS
 
 
-class Counts(NamedTuple):
-    """Numbers of chains by outcome."""
-
-    chains: int
-    solved: int
-    no_flat: int
-    enumerated: int
-    extra_roots: int
-    blocked: int
-    sampled: int = 0  # pairs of source and receiver whose unscattered light is sampled
-
-    def by_outcome(self) -> dict[str, int]:
-        """Return the numbers by name, `sampled` only where there are any."""
-        return {name: n for name, n in self._asdict().items() if n or name != "sampled"}
-
-
 @dataclass(frozen=True)
 class Parts:
     """Gain over one surface, in parts.
@@ -52,7 +35,8 @@ class Parts:
         Scattered gain of each shift of the points.
     orders : ndarray, shape (receivers, orders)
         Scattered gain by the number of scatterings, from 1 on.
-    counts : Counts
+    counts : dict of str to int
+        Numbers of chains, and of their outcomes.
     method : list of {"chains", "joined"}
         Estimator of the scattered gain of each receiver.
     samples : ndarray of int, shape (receivers,)
@@ -68,7 +52,7 @@ class Parts:
     direct: Floats
     scattered: Floats
     orders: Floats
-    counts: Counts
+    counts: dict[str, int]
     method: list[Method]
     samples: NDArray[np.int64]
     scored: NDArray[np.int64]
@@ -103,115 +87,99 @@ class Parts:
         return error_of_groups(self.shifts, axis=1)
 
 
-class BlockSums(NamedTuple):
-    """Sums over the chains of a block to one receiver, of one wavelength or of several (`...`)."""
+BlockSums = tuple[Floats, Floats, NDArray[np.int64]]
+"""Score (wavelengths, shifts), sum of squares and hits of the chains of a block, to a receiver."""
 
-    score: Floats  # (..., shifts)
-    square: Floats  # (...)
-    scored: NDArray[np.int64]  # (...) chains
-
-    @classmethod
-    def of(cls, score: Floats, block: Block) -> BlockSums:
-        """Return the sums of scores (..., chains)."""
-        n = block.shifts_in.stop - block.shifts_in.start
-        light = score.reshape(*score.shape[:-1], n, -1).sum(axis=-1)
-        square = np.einsum("...i,...i->...", score, score)
-        return cls(light, square, np.asarray(np.count_nonzero(score, axis=-1)))
+ChainJob = tuple[list[int], Block]
+"""Targets, and the chains that one thread aims at them."""
 
 
-class ChainJob(NamedTuple):
-    """Chains of a block, to be aimed at some receivers by one thread."""
-
-    source: int
-    targets: list[int]
-    block: Block
+def block_sums(score: Floats, block: Block) -> BlockSums:
+    """Return the sums of scores (wavelengths, chains)."""
+    n = block.shifts_in.stop - block.shifts_in.start
+    light = score.reshape(len(score), n, -1).sum(axis=-1)
+    square = np.einsum("ji,ji->j", score, score)
+    return light, square, np.asarray(np.count_nonzero(score, axis=-1))
 
 
 class ChainSums:
-    """Sums over chains, by receiver, of one wavelength or of several (`lead` of arrays)."""
+    """Sums over chains at some wavelengths, by receiver."""
 
     def __init__(
         self,
         link: ForcedLink,
         method: list[Method],
         sets: list[list[Drawing]],
-        lead: tuple[int, ...] = (),
+        wavelengths: int,
     ) -> None:
         self._link, self._method = link, method
-        receivers = len(method)
         served = [pair for pair in link.pairs if method[link.receiver(*pair)] == "chains"]
         self.jobs = chain_jobs(served, sets)
         requests = [drawing.request for row in sets for drawing in row]
         self.chains = sum(request.number for request in requests)
-        self._orders = max((request.order for request in requests), default=0)
-        self._direct = np.zeros((*lead, receivers, SHIFTS))
-        self._scattered = np.zeros((*lead, receivers, self._orders, SHIFTS))
-        self._squares = np.zeros((*lead, receivers))
-        self._samples, self._scored = np.zeros((2, *lead, receivers), np.int64)
+        orders = max((request.order for request in requests), default=0)
+        shape = wavelengths, len(method)
+        self._direct = np.zeros((*shape, SHIFTS))
+        self._scattered = np.zeros((*shape, orders, SHIFTS))
+        self._squares = np.zeros(shape)
+        self._samples, self._scored = np.zeros((2, *shape), np.int64)
         self._sampled = set[tuple[int, int]]()  # pairs whose unscattered light is sampled
 
     def add_direct(self, e: int, t: int, gain: Floats) -> None:
-        """Add the unscattered gain of a pair, one number or one per shift (..., 1 or shifts)."""
-        self._direct[..., self._link.receiver(e, t), :] += self._link.share(e, t) * gain
+        """Add the unscattered gain of a pair (wavelengths, 1 or shifts)."""
+        self._direct[:, self._link.receiver(e, t)] += self._link.share(e, t) * gain
         if gain.shape[-1] > 1:
             self._sampled.add((e, t))
 
     def add(self, job: ChainJob, found: list[BlockSums]) -> None:
         """Add the sums of a job, by target."""
-        e, block, request = job.source, job.block, job.block.request
-        for t, sums in zip(job.targets, found, strict=True):
-            r, share = self._link.receiver(e, t), self._link.share(e, t)
-            light = share * (sums.score / request.per_shift)
+        targets, block = job
+        request, shifts = block.request, block.shifts_in
+        for t, (score, square, scored) in zip(targets, found, strict=True):
+            r, share = self._link.receiver(request.source, t), self._link.share(request.source, t)
+            light = share * (score / request.per_shift)
             if request.order == 0:
-                self._direct[..., r, block.shifts_in] += light
+                self._direct[:, r, shifts] += light
                 if light.any():
-                    self._sampled.add((e, t))
+                    self._sampled.add((request.source, t))
                 continue
-            self._scattered[..., r, request.order - 1, block.shifts_in] += light
-            self._samples[..., r] += block.rows.stop - block.rows.start
-            self._scored[..., r] += sums.scored
-            self._squares[..., r] += share**2 * sums.square / request.number**2
-
-    def of(self, i: int) -> ChainSums:
-        """Return the sums of one of several wavelengths."""
-        found = copy(self)
-        for name in ("_direct", "_scattered", "_squares", "_samples", "_scored"):
-            setattr(found, name, getattr(self, name)[i])
-        return found
+            self._scattered[:, r, request.order - 1, shifts] += light
+            self._samples[:, r] += block.rows.stop - block.rows.start
+            self._scored[:, r] += scored
+            self._squares[:, r] += share**2 * square / request.number**2
 
     def parts(
-        self, counters: NDArray[np.int64], found: JoinedParts | None, reflects: bool
+        self, i: int, counters: NDArray[np.int64], found: JoinedParts | None, reflects: bool
     ) -> Parts:
         """Return the gain of one wavelength in parts, with the light of joined photons.
 
         Light reflected first counts if `reflects`.
         `counters` are the outcomes of the search for crossings.
         """
-        outcomes = {c.name.lower(): int(counters[c]) for c in Counter}
-        counts = Counts(self.chains, **outcomes, sampled=len(self._sampled))
-        scattered, orders = self._scattered.sum(axis=1), self._scattered.mean(axis=2)
-        mean = scattered.mean(axis=1)
-        effective = mean**2 / np.maximum(self._squares, 1e-300)
+        counts = {"chains": self.chains} | {c.name.lower(): int(counters[c]) for c in Counter}
+        if self._sampled:
+            counts["sampled"] = len(self._sampled)  # pairs
+        scattered, orders = self._scattered[i].sum(axis=1), self._scattered[i].mean(axis=2)
+        samples, scored = self._samples[i], self._scored[i]
+        effective = scattered.mean(axis=1) ** 2 / np.maximum(self._squares[i], 1e-300)
         rows = np.flatnonzero([m == "joined" for m in self._method])
         if found is not None and len(rows):
             some = found.of(rows)
             scattered[rows] = some.groups[SCATTERED]
             seen = np.flatnonzero(some.orders.any(axis=0)).max(initial=0)
-            wide = np.zeros((len(orders), max(orders.shape[1], seen)))
-            wide[:, : orders.shape[1]] = orders
-            wide[rows, :seen] = some.orders[:, 1 : seen + 1]
-            orders = wide
+            orders = np.pad(orders, ((0, 0), (0, max(seen - orders.shape[1], 0))))
+            orders[rows, :seen] = some.orders[:, 1 : seen + 1]
             mean, square = some.parts[SCATTERED], some.square[SCATTERED]
-            self._samples[rows], self._scored[rows] = some.photons, some.scored[SCATTERED]
+            samples[rows], scored[rows] = some.photons, some.scored[SCATTERED]
             effective[rows] = some.photons * mean**2 / np.maximum(square, 1e-300)
         return Parts(
-            direct=self._direct,
+            direct=self._direct[i],
             scattered=scattered,
             orders=orders,
             counts=counts,
             method=self._method,
-            samples=self._samples,
-            scored=self._scored,
+            samples=samples,
+            scored=scored,
             effective=effective,
             photons=found if reflects else None,
         )
@@ -223,7 +191,7 @@ def chain_jobs(pairs: list[tuple[int, int]], sets: list[list[Drawing]]) -> list[
     for e, row in enumerate(sets):
         targets = [t for f, t in pairs if f == e]
         if targets:
-            jobs += [ChainJob(e, targets, block) for drawing in row for block in drawing.blocks()]
+            jobs += [(targets, block) for drawing in row for block in drawing.blocks()]
     return jobs
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from meshtrace.engine import outcome
 from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.common import SpectralDetection, analog_sums
 from meshtrace.engine.forced import ForcedDetection, TypicalSea, cut_share
 from meshtrace.engine.mesh_error import relative_mesh_error, with_mesh_errors
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
@@ -31,8 +32,7 @@ from meshtrace.engine.setup.options import (
     read_records,
     resolve,
 )
-from meshtrace.engine.setup.tinting import UNTINTED, clearest
-from meshtrace.engine.wavelengths import SpectralDetection, analog_sums
+from meshtrace.engine.setup.tinting import clearest
 from meshtrace.errors import Described, Refused, require_function, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -224,9 +224,9 @@ def _followed(
             sea, light = TypicalSea.of([mesh]), list[ArrivalTally]()
             if len(links) == 1:
                 forced = ForcedDetection(case.link, run.photons, **case.how, sea=sea)
-                gains = [forced.evaluate(mesh)]
+                gains = forced.at_wavelengths(mesh)
                 if records:
-                    light = forced.tinted_arrivals(mesh, UNTINTED, links)
+                    light = forced.arrivals_at_wavelengths(mesh)
             else:
                 spectral = SpectralDetection(links, run.photons, **case.how, sea=sea)
                 gains = spectral.evaluate(mesh)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.engine.common import FrozenForced, SpectralDetection
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
-from meshtrace.engine.neighbours import FrozenForced
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import (
     FADING_SPACING,
@@ -29,7 +29,6 @@ from meshtrace.engine.setup.options import (
     resolve,
 )
 from meshtrace.engine.setup.tinting import clearest
-from meshtrace.engine.wavelengths import SpectralDetection
 from meshtrace.errors import Described, Refused, require_function
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link

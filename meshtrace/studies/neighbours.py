@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.engine.common import FrozenForced
 from meshtrace.engine.forced import MANY_SEAS, TypicalSea
-from meshtrace.engine.neighbours import FrozenForced
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines, require_cover

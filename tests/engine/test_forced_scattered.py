@@ -16,8 +16,8 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy.stats import binom
 
 import meshtrace as mt
+from meshtrace.engine.common import FrozenForced
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.neighbours import FrozenForced
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.optics import fresnel_reflectance

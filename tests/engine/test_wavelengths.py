@@ -6,6 +6,7 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy.stats import chi2
 
 import meshtrace as mt
+from meshtrace.engine.common import SpectralDetection, analog_sums
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.photons.joined import JoinedPhotons
@@ -14,7 +15,6 @@ from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import resolve
 from meshtrace.engine.setup.tinting import common_paths, tinting
-from meshtrace.engine.wavelengths import SpectralDetection, analog_sums
 from meshtrace.errors import Refused
 from meshtrace.results import load
 from meshtrace.results.tallies import standard_error

@@ -10,7 +10,7 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy.stats import chi2
 
 import meshtrace as mt
-from meshtrace.engine.neighbours import FrozenForced
+from meshtrace.engine.common import FrozenForced
 from meshtrace.kernels.random import realization_seed
 from meshtrace.stored import SHIFTS
 from meshtrace.studies import Variant

@@ -20,8 +20,8 @@ from meshtrace.engine.chains.sets import Aimed, ChainDrawer, ChainSet, Request
 from meshtrace.engine.chains.tinted import tint_chains, tint_straight
 from meshtrace.engine.crossing import FLAT, ROOT, Search
 from meshtrace.engine.setup.arrays import locator, surface_arrays, with_raster
-from meshtrace.engine.setup.ends import ForcedLink, forced_link
-from meshtrace.engine.setup.tinting import Tinting
+from meshtrace.engine.setup.ends import ForcedLink, expected_water, forced_link
+from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.kernels.interface import Direction, MeshArrays, Roughness, Snell
 from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.rays import BESIDE, CUT, shadows
@@ -96,6 +96,8 @@ class AimedChains:
         self._mirrored = _upside_down(self.surface) if link.down else None
         self._serve(link)
         self.nodes: dict[tuple[int, int], Nodes] = {}  # quadratures of the apertures
+        self.tinting = UNTINTED
+        self._far: tuple[int, AimedChains] | None = None  # at one of several wavelengths
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     def _serve(self, link: ForcedLink) -> None:
@@ -110,6 +112,7 @@ class AimedChains:
         """Return the same surface over another link of the same frame and slopes."""
         found = copy(self)
         found.__dict__.pop("_extent", None)
+        found.tinting, found._far = UNTINTED, None
         found._serve(link)
         return found
 
@@ -191,12 +194,12 @@ class AimedChains:
     def aim(
         self, source: int, receivers: int | Sequence[int], chains: ChainSet, keep: bool = False
     ) -> Aimed:
-        """Return the score of each chain of a set and, if `keep`, its unblocked arrivals.
+        """Return the scores (wavelengths, chains) of a set, and its unblocked arrivals if `keep`.
 
         To one receiver, or to receivers `together`: then chains count from one to the next.
         """
         receivers = [receivers] if isinstance(receivers, int) else receivers
-        n = len(chains.audit) * len(receivers)
+        n, keep = len(chains.audit) * len(receivers), keep or self._far is not None
         most = 2 * n + 64
         out = kernel.Output(
             score=np.zeros(n),
@@ -236,25 +239,60 @@ class AimedChains:
             out.counters[Counter.BLOCKED] += int(cut.sum())
             arrivals = arrivals[(arrivals["doubt"] < 0) | ~cut[arrivals["doubt"]]]
         self.counters += out.counters
-        return Aimed(out.score, arrivals)
+        if self._far is None:
+            return Aimed(out.score[None], arrivals)
+        return Aimed(self._tinted_scores(source, chains, n, arrivals), arrivals)
 
-    def tinted(
-        self, source: int, receivers: int | Sequence[int], chains: ChainSet, tinting: Tinting
-    ) -> Aimed:
-        """Return the scores (wavelengths, chains) of a set of chains, see `aim`."""
-        receivers = [receivers] if isinstance(receivers, int) else receivers
-        n = len(chains.audit)
-        found = self.aim(source, receivers, chains, keep=True).arrivals
-        score = np.zeros((len(tinting.shares), n * len(receivers)))
-        own = found.copy()
-        own["chain"] %= n
-        light = tinting.factors(self.chain_tints(source, chains, own, tinting.tints))
-        light *= found["weight"]
+    def at_wavelengths(self, tinting: Tinting, links: Sequence[Link]) -> AimedChains:
+        """Return the same surface with the wavelengths of a tinting, those of some links.
+
+        Light of a facet has one length of its way, that at which it agrees with the light of the
+        wavelength that differs most on the way up.
+        """
+        found, far, tints = copy(self), copy(self), tinting.tints
+        ways = [self.straight_tints(e, np.zeros((1, 3)), tints) for e in self.link.emitters]
+        most = int(np.abs(tinting.shares @ np.concatenate(ways).T).max(axis=1).argmax())
+        medium = self.link.frame.medium(expected_water(links[most], crest=5.0))
+        far.medium = medium._replace(**{name: getattr(self.medium, name) for name in _KEPT})
+        found.tinting, found._far = tinting, (most, far)
+        return found
+
+    @property
+    def wavelengths(self) -> int:
+        """Number of wavelengths."""
+        return len(self.tinting.shares)
+
+    def _tinted_scores(
+        self, source: int, chains: ChainSet, n: int, arrivals: NDArray[np.void]
+    ) -> Floats:
+        """Return the scores (wavelengths, n) of chains with some arrivals."""
+        score, own = np.zeros((self.wavelengths, n)), arrivals.copy()
+        own["chain"] %= len(chains.audit)
+        tints = self.chain_tints(source, chains, own, self.tinting.tints)
+        light = self.tinting.factors(tints)
+        light *= arrivals["weight"]
         # crossings of one chain follow one another
-        first = np.flatnonzero(np.diff(found["chain"], prepend=-1))
+        first = np.flatnonzero(np.diff(arrivals["chain"], prepend=-1))
         if len(first):
-            score[:, found["chain"][first]] = np.add.reduceat(light, first, axis=1)
-        return Aimed(score, found)
+            score[:, arrivals["chain"][first]] = np.add.reduceat(light, first, axis=1)
+        return score
+
+    def direct_light(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats:
+        """Return the unscattered gain at each wavelength, see `direct_gains`."""
+        gains = self.direct_gains(source, receiver, at)
+        if self._far is None:
+            return gains.sum(keepdims=True)
+        lit, emitter = np.flatnonzero(gains), self.link.emitters[source]
+        start = emitter if at is None else emitter._replace(position=at)
+        tints = self.straight_tints(start, self.centroids[lit], self.tinting.tints)
+        logs = self.tinting.shares @ tints.T
+        most, far = self._far[0], self._far[1].direct_gains(source, receiver, at)
+        if not len(lit):
+            return np.zeros(self.wavelengths)
+        with np.errstate(all="ignore"):
+            stretch = np.log(far[lit] / gains[lit]) / logs[most]
+        stretch[~np.isfinite(stretch) | (stretch <= 0.0)] = 1.0
+        return np.asarray(np.exp(logs * stretch) @ gains[lit])
 
     def chain_tints(
         self, source: int, chains: ChainSet, arrivals: NDArray[np.void], tints: Tints | None
@@ -279,38 +317,6 @@ class AimedChains:
     def clear(self) -> Medium:
         """The water with its bubbles alone."""
         return self.medium._replace(b=0.0, layered=False)
-
-    def tinted_gains(
-        self,
-        source: int,
-        receiver: int,
-        at: Vec3 | None = None,
-        *,
-        tinting: Tinting,
-        other: tuple[int, AimedChains],
-    ) -> Floats:
-        """Return the unscattered gain at each wavelength, see `direct_gains`.
-
-        Light of a facet has one length of its way, that at which it agrees with the light of
-        another wavelength, given with the same surface over its water.
-        """
-        gains = self.direct_gains(source, receiver, at)
-        lit, emitter = np.flatnonzero(gains), self.link.emitters[source]
-        start = emitter if at is None else emitter._replace(position=at)
-        logs = tinting.shares @ self.straight_tints(start, self.centroids[lit], tinting.tints).T
-        far = other[1].direct_gains(source, receiver, at)
-        if not len(lit):
-            return np.zeros(len(logs))
-        with np.errstate(all="ignore"):
-            stretch = np.log(far[lit] / gains[lit]) / logs[other[0]]
-        stretch[~np.isfinite(stretch) | (stretch <= 0.0)] = 1.0
-        return np.asarray(np.exp(logs * stretch) @ gains[lit])
-
-    def in_water(self, medium: Medium) -> AimedChains:
-        """Return the same surface over water with other coefficients."""
-        found = copy(self)
-        found.medium = medium._replace(**{name: getattr(self.medium, name) for name in _KEPT})
-        return found
 
     def _cut(self, origins: Floats, directions: Floats, lengths: Floats) -> NDArray[np.bool_]:
         """Return the straight paths that the surface blocks.

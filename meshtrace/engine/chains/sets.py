@@ -46,9 +46,9 @@ TURBID = 4.0
 
 
 class Aimed(NamedTuple):
-    """Score of each chain of a set, and its unblocked arrivals if they are kept."""
+    """Scores of a set of chains, and its unblocked arrivals if they are kept."""
 
-    score: Floats
+    score: Floats  # (wavelengths, chains)
     arrivals: NDArray[np.void]  # ARRIVAL
 
 
@@ -150,6 +150,8 @@ class ChainDrawer:
     ratios : sequence of float
         Scattering coefficients, over that of the link, of the waters in which chains count.
     """
+
+    wavelengths = 1
 
     def __init__(
         self, link: ForcedLink, crest: float, ceiling: float, ratios: Sequence[float] = (1.0,)
@@ -291,10 +293,10 @@ class ChainDrawer:
         return StillWater(starts_of(emitter, target), scene, raised)
 
     def aim(self, source: int, receiver: int, chains: ChainSet) -> Aimed:
-        """Return the score of each chain of a set over still water, without its arrivals."""
-        score = np.empty(len(chains.audit))
+        """Return the scores of a set of chains over still water, without arrivals."""
+        score = np.empty((1, len(chains.audit)))
         scene = self._still_water(source, receiver).scene
-        flat_contributions(chains.chains, chains.crossings(receiver), scene, score)
+        flat_contributions(chains.chains, chains.crossings(receiver), scene, score[0])
         return Aimed(score, np.zeros(0, ARRIVAL))
 
 

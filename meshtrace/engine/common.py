@@ -1,0 +1,397 @@
+"""Forced detection of several links with common chains and photons: wavelengths, neighbours.
+
+The geometry of paths is the same for all wavelengths, up to the index of the water: paths of one
+of them, the base, bring light of all others by factors on their weights (`setup.tinting`). The
+index is followed by some paths at its extremes, between which gains are linear.
+
+Two runs of the same seed for neighbouring links differ by more than the link: the number of chains
+of each order, the law of their free paths, the mesh and the chains whose facets are all searched
+follow the link. Here they are those of a base link, so that differences between links have little
+noise. Lengths of the law scale with the depth of the source: chains of a deeper source are the
+same chains, stretched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from dataclasses import replace
+from threading import Lock
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.chains.aimed import AimedChains, Nodes, SearchMode
+from meshtrace.engine.chains.sampling import Nominal
+from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request
+from meshtrace.engine.forced import ForcedDetection, TypicalSea
+from meshtrace.engine.outcome import warn_of_chains
+from meshtrace.engine.parts import Light, Parts, chain_light, direct_light, merged
+from meshtrace.engine.photons.analog import PhotonSums, run_analog, tinted
+from meshtrace.engine.setup.ends import ForcedLink, forced_link
+from meshtrace.engine.setup.options import Analog, Arrivals
+from meshtrace.engine.setup.tinting import (
+    Common,
+    CommonPaths,
+    common_paths,
+    photon_paths,
+    scattering,
+)
+from meshtrace.errors import Refused
+from meshtrace.link import Link
+from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.results.tallies import ArrivalTally
+from meshtrace.stored import SHIFTS
+
+_INDEX_SHARE = 0.0625
+"""Share of the paths that are refracted again by the extreme indices: their noise cancels."""
+
+_KEPT = 4  # sets of chains for the last geometries
+
+
+class _Group(NamedTuple):
+    """Wavelengths with common paths."""
+
+    rows: list[int]
+    detection: ForcedDetection
+    ends: list[ForcedDetection]  # some of the paths at the extreme indices, if these differ
+    shares: Floats  # (rows,) of their difference, by the index
+
+    def evaluate(self, mesh: TriangleMesh) -> list[Parts]:
+        if not self.ends:
+            return self.detection.at_wavelengths(mesh)
+        aimed, every = self.detection.over(mesh), [self.detection, *self.ends]
+        found = [one.at_wavelengths(mesh, aimed) for one in every]
+        return [_moved(*row) for row in zip(*found, self.shares.tolist(), strict=True)]
+
+    def arrivals(self, mesh: TriangleMesh) -> list[ArrivalTally]:
+        found = self.detection.arrivals_at_wavelengths(mesh)
+        if not self.ends:
+            return found
+        pairs = zip(found, self.evaluate(mesh), strict=True)
+        return [tally.with_gains(parts.gain) for tally, parts in pairs]
+
+
+class SpectralDetection:
+    """Gains of one link at several wavelengths over any surface, with common paths.
+
+    Parameters
+    ----------
+    links : sequence of Link
+        The link at each wavelength: alike but for water, bubbles and wavelengths.
+    photons, seed, normals, threads, sea
+        As in `ForcedDetection`.
+
+    Notes
+    -----
+    The base is the link that scatters most: no order of scattering of the others is missing among
+    its chains, which are allotted to the orders for all wavelengths alike. Joined photons are those
+    of several bases in turn (`setup.tinting.Tinting.mixed`). All have the index of the water in the
+    middle; a share of them is refracted by the smallest and the largest one as well, with the same
+    random numbers, and gains are linear in the index between.
+    """
+
+    def __init__(
+        self,
+        links: Sequence[Link],
+        photons: int,
+        seed: int,
+        normals: str = "vertex",
+        threads: int = 1,
+        sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
+    ) -> None:
+        self.links = list(links)
+        self._groups: list[_Group] = []
+        found = [scattering(link) for link in links]
+        waiting = list(range(len(self.links)))
+        while waiting:
+            base = max(waiting, key=lambda i: found[i])
+            common = common_paths(self.links, base, waiting, mixed=True)
+            first, some = common.middle(), [self.links[i] for i in common.rows]
+            most = found[base][0] or 1.0
+            ratios = [found[i][0] / most for i in common.rows]
+            kept = None if common.tinting is None else Common(common.tinting, some, ratios)
+            detection = ForcedDetection(first, photons, seed, normals, threads, sea, common=kept)
+            ends = [
+                detection.at_index(link.water.n, _INDEX_SHARE)
+                for link in common.bases
+                if len(common.bases) > 1
+            ]
+            self._groups.append(_Group(common.rows, detection, ends, common.shares - 0.5))
+            waiting = [i for i in waiting if i not in common.rows]
+
+    def evaluate(self, mesh: TriangleMesh) -> list[Parts]:
+        """Return the gain over a mesh at each wavelength, in parts."""
+        found: dict[int, Parts] = {}
+        for group in self._groups:
+            found |= dict(zip(group.rows, group.evaluate(mesh), strict=True))
+        return [found[row] for row in range(len(self.links))]
+
+    def arrivals(self, mesh: TriangleMesh) -> list[ArrivalTally]:
+        """Return the light that arrives over a mesh at each wavelength.
+
+        Unscattered light has the length of its way to the centroid of a facet.
+        """
+        found: dict[int, ArrivalTally] = {}
+        for group in self._groups:
+            found |= dict(zip(group.rows, group.arrivals(mesh), strict=True))
+        return [found[row] for row in range(len(self.links))]
+
+
+def _moved(parts: Parts, low: Parts, high: Parts, share: float) -> Parts:
+    """Return parts with a share of the difference between two, of fewer paths."""
+
+    def moved(name: str, of: Any = parts, ends: tuple[Any, Any] = (low, high)) -> Floats:
+        rows = [getattr(one, name) for one in (of, *ends)]
+        width = max(row.shape[1] for row in rows)
+        wide = [np.pad(row, ((0, 0), (0, width - row.shape[1]))) for row in rows]
+        return np.asarray(wide[0] + share * (wide[2] - wide[1]))
+
+    photons = parts.photons
+    if photons is not None and low.photons is not None and high.photons is not None:
+        groups = photons.groups + share * (high.photons.groups - low.photons.groups)
+        by_order = moved("orders", photons, (low.photons, high.photons))
+        photons = replace(photons, groups=groups, orders=by_order)
+    direct, scattered, orders = map(moved, ("direct", "scattered", "orders"))
+    return replace(parts, direct=direct, scattered=scattered, orders=orders, photons=photons)
+
+
+def analog_sums(
+    links: Sequence[Link], intersector: EmbreeIntersector, options: Analog, photons: int,
+    progress: Callable[[int], None] | None, arrivals: bool = False, **how: Any,
+) -> list[PhotonSums]:  # fmt: skip
+    """Return the tallies of analog photons at each wavelength, of common photons where possible.
+
+    Photons are those of several bases in turn, half of them with the smallest and half with the
+    largest index of the water; so are their fates. Below bubbles that differ in number each
+    wavelength has its own photons.
+    """
+    waiting, found = list(range(len(links))), dict[int, PhotonSums]()
+    while waiting:
+        _, common = photon_paths(links, waiting, mixed=True)
+        group = [links[i] for i in common.rows]
+        sums = _analog_group(
+            common, group, intersector, options, photons, progress, arrivals, **how
+        )
+        found |= dict(zip(common.rows, sums, strict=True))
+        waiting = [i for i in waiting if i not in found]
+    return [found[i] for i in range(len(links))]
+
+
+def _analog_group(
+    common: CommonPaths, links: Sequence[Link], intersector: EmbreeIntersector, options: Analog,
+    photons: int, progress: Callable[[int], None] | None, arrivals: bool, **how: Any,
+) -> list[PhotonSums]:  # fmt: skip
+    """Return the tallies of wavelengths with common photons."""
+    tinting = common.tinting
+    if tinting is None:
+        (link,) = common.bases
+        how = {**how, "photons": photons, "progress": progress}
+        how["record"] = [Arrivals()] if arrivals else ()
+        return [run_analog(link, intersector, options, **how)]
+    several = [links[i] for i in tinting.bases] or [common.bases[0]]
+    first, ends = options.first_photon, len(common.bases)
+    runs = [(base, end) for base in range(len(several)) for end in range(ends)]
+    cuts = [first + k * photons // len(runs) for k in range(len(runs) + 1)]
+    numbers = np.diff(cuts).reshape(len(several), ends)
+    strata: list[list[PhotonSums]] = []
+    for k, (base, end) in enumerate(runs):
+        link = several[base].replace("water.n", common.bases[end].water.n)
+        n = cuts[k + 1] - cuts[k]
+        sums = run_analog(
+            link, intersector, options.replace(first_photon=cuts[k]), photons=n,
+            progress=progress, record=[Arrivals()], tinting=tinting, **how,
+        )  # fmt: skip
+        of_end = int(numbers[:, end].sum())
+        part = common.shares if end else 1.0 - common.shares
+        scale = part * photons / of_end if ends > 1 else np.ones(len(links))
+
+        def factors(sums: Floats, base: int = base, end: int = end, by: Floats = scale) -> Floats:
+            found = tinting.mixed(sums, base, numbers[:, end] / numbers[:, end].sum())
+            found *= by[:, None]
+            return found
+
+        strata.append(tinted(sums, factors, cuts[k], arrivals))
+    return [PhotonSums.of_strata(rows) for rows in zip(*strata, strict=True)]
+
+
+class FrozenForced:
+    """Chains of a base link that serve its neighbours, too.
+
+    Parameters
+    ----------
+    link : Link
+        The base link.
+    photons, seed : int
+        Chains in all, and the seed of their points.
+    sea : TypicalSea
+        What is known of the surfaces.
+    normals : {"vertex", "facet"}
+        Normals interpolated from the corners, or those of the facets.
+    search : {"thorough", "usual"}
+        Search of crossings over surfaces without random slopes, see `AimedChains`.
+    kept : int
+        Last surfaces of which facets and Embree scenes are kept.
+
+    Raises
+    ------
+    Refused
+        If the link has a feature that chains do not follow.
+
+    Warns
+    -----
+    FewSamplesWarning
+        If `simulate` would use joined photons for a receiver, or few chains contribute over still
+        water.
+    DomainWarning
+        If more than 0.1 % of a gain is light that the surface reflects first, which chains omit.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        photons: int,
+        seed: int,
+        sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
+        normals: str = "vertex",
+        search: SearchMode = "thorough",
+        kept: int = 8,
+    ) -> None:
+        base = ForcedDetection(
+            link, photons, seed, normals, sea=sea, search=search, scattered="chains"
+        )
+        warn_of_chains(base, ForcedDetection(link, SHIFTS, seed, normals, sea=sea))
+        self._base, self._seed = base, seed
+        self._normals, self._search, self._kept = normals, search, kept
+        self._nodes: dict[tuple[int, int], Nodes] = {}
+        self._drawn: dict[str, Future[list[list[ChainSet]]]] = {}
+        self._seas: dict[tuple[int, str], tuple[TriangleMesh, AimedChains]] = {}
+        self._lock = Lock()
+
+    def gains(self, link: Link, mesh: TriangleMesh) -> Floats:
+        """Return the gain of a neighbouring link by the shift of the points.
+
+        Parameters
+        ----------
+        link : Link
+            A link with as many sources as the base; its receivers may be others.
+        mesh : TriangleMesh
+            The surface, which covers all neighbours.
+
+        Returns
+        -------
+        ndarray, shape (receivers, shifts)
+        """
+        return self.parts(link, mesh)[0]
+
+    def parts(self, link: Link, mesh: TriangleMesh) -> tuple[Floats, Floats]:
+        """Return `gains`, and their unscattered part, shapes (receivers, shifts)."""
+        arrays, aimed = self._aimed(link, mesh)
+        sets = self._sets(link, arrays, aimed)
+        found, direct = np.zeros((2, len(link.receivers), SHIFTS))
+        for e, t in arrays.pairs:
+            r, share = arrays.receiver(e, t), arrays.share(e, t)
+            if not aimed.sampled:
+                direct[r] += share * aimed.direct_gains(e, t).sum()
+            for chains in sets[e]:
+                score = aimed.aim(e, t, chains).score
+                part = direct if chains.order == 0 else found
+                part[r] += share * score.reshape(SHIFTS, -1).mean(axis=1)
+        return found + direct, direct
+
+    def unscattered(
+        self, link: Link, mesh: TriangleMesh, facets: Sequence[NDArray[np.int64]] | None = None
+    ) -> Floats:
+        """Return the unscattered gain of each receiver of a neighbouring link, without noise.
+
+        Through all facets, or through some for each receiver; 0 where it is sampled with the
+        chains.
+        """
+        found = np.zeros(len(link.receivers))
+        arrays, aimed = self._aimed(link, mesh)
+        for e, t in [] if aimed.sampled else arrays.pairs:
+            r = arrays.receiver(e, t)
+            if facets is None or len(facets[r]):
+                some = None if facets is None else facets[r]
+                found[r] += arrays.share(e, t) * aimed.direct_gains(e, t, facets=some).sum()
+        return found
+
+    def light(self, link: Link, mesh: TriangleMesh) -> list[Light]:
+        """Return the light that arrives at each receiver of a neighbouring link."""
+        arrays, aimed = self._aimed(link, mesh)
+        sets = self._sets(link, arrays, aimed)
+        rows: list[list[Light]] = [[] for _ in link.receivers]
+        for e, t in arrays.pairs:
+            row = rows[arrays.receiver(e, t)]
+            if not aimed.sampled:
+                row.append(direct_light(aimed, e, t, aimed.direct_gains(e, t)))
+            row += [chain_light(aimed, e, t, chains) for chains in sets[e]]
+        return [merged(row) for row in rows]
+
+    def _aimed(self, link: Link, mesh: TriangleMesh) -> tuple[ForcedLink, AimedChains]:
+        """Return the arrays of a link and its surface (cached for recent ones)."""
+        arrays = forced_link(link, self._base.arrays.frame)
+        if len(arrays.emitters) != len(self._base.arrays.emitters):
+            name = "receiver" if arrays.down else "transmitter"
+            raise Refused(name, len(arrays.emitters), f"as many {name}s as in the base link")
+        key = id(mesh), link.physics.unresolved
+        known = self._seas.get(key)
+        if known is not None:
+            aimed = known[1].of_link(arrays)
+        else:
+            aimed = AimedChains(arrays, mesh, self._normals, key[1], self._search)
+            with self._lock:
+                while len(self._seas) >= self._kept:
+                    del self._seas[next(iter(self._seas))]
+                self._seas[key] = mesh, aimed  # the mesh lives as long as its number
+        aimed.nodes = self._nodes
+        return arrays, aimed
+
+    def _sets(self, link: Link, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
+        """Return the chains of a link (cached for recent geometries)."""
+        lamps = [(e.position, e.axis, e.radius) for e in arrays.emitters]
+        ends = [(t.center, t.axis, t.radius) for t in arrays.targets]
+        parts = link.water.phase, link.bubbles, link.physics
+        models = [part and part.model_dump_json() for part in parts]
+        key = repr((lamps, ends, models, link.water.n, link.n_air, aimed.sampled))
+        with self._lock:
+            known = self._drawn.get(key)
+            if known is None:
+                while len(self._drawn) >= _KEPT:
+                    del self._drawn[next(iter(self._drawn))]
+                drawn = self._drawn[key] = Future()
+        if known is not None:
+            return known.result()
+        try:
+            drawn.set_result(self._draw(arrays, aimed))
+        except BaseException as error:  # of the threads that wait, too
+            drawn.set_exception(error)
+        return drawn.result()
+
+    def _draw(self, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
+        """Draw the chains of a link by the laws and numbers of the base."""
+        base = self._base.drawer
+        drawer = ChainDrawer(arrays, base.crest, base.ceiling)
+        drawer.nominals = self._stretched(arrays)
+
+        def drawn(s: int, like: ChainSet) -> ChainSet:
+            per_shift = len(like.audit) // SHIFTS
+            return drawer.draw(Request(s, like.order, per_shift, (self._seed, s, like.order, 1)))
+
+        rows = self._base.sets(aimed.sampled)
+        return [[drawn(s, like) for like in row] for s, row in enumerate(rows)]
+
+    def _stretched(self, arrays: ForcedLink) -> list[Nominal]:
+        """Return the laws of the base, with lengths times the ratio of the depths."""
+        laws = []
+        pairs = zip(
+            self._base.drawer.nominals, self._base.arrays.emitters, arrays.emitters, strict=True
+        )
+        for law, before, now in pairs:
+            k = now.position.z / before.position.z
+            lengths: dict[str, Any] = {"distance": law.distance * k, "step": law.step * k}
+            laws.append(law._replace(**lengths, c=law.c / k, density=law.density / k))
+        return laws
