@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import meshtrace as mt
-from meshtrace.cli.made import entries
 from meshtrace.comms import ReceiverModel
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import ChannelResponse
 from meshtrace.comms.spectra import Curve
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import Source
-from meshtrace.models import Family, Model
+from meshtrace.models import Family, Model, entries
 from meshtrace.optics.bubbles import BubblePopulation
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.scenario import Scenario

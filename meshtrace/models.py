@@ -29,6 +29,7 @@ from meshtrace.errors import (
     MISSING,
     Refused,
     did_you_mean,
+    one_line,
     require_keys,
     require_kind,
     require_number,
@@ -62,8 +63,22 @@ _WORDS = {
 }
 
 
-_NOTE = re.compile(r"^(\w[\w, ]*) : [^\n]*\n((?:[ ]{4}[^\n]*\n?|\n)+)", re.M)
-"""Names and description of a field in a numpydoc docstring."""
+_SECTION = re.compile(r"^Parameters\n-+\n(.*?)(?=^[^\n]+\n-+$|\Z)", re.M | re.S)
+_ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : (.*))?\n((?: .*\n|\n)+)", re.M)
+
+
+def entries(owner: Any) -> dict[str, tuple[str, str]]:
+    """Return type and text of each parameter of a function, or of a class and its bases.
+
+    A text "See ..." does not replace that of a base.
+    """
+    found: dict[str, tuple[str, str]] = {}
+    for one in reversed(getattr(owner, "__mro__", (owner,))):
+        section = _SECTION.search(f"{inspect.cleandoc(one.__doc__ or '')}\n")
+        for names, kind, text in _ENTRY.findall(section[1] if section else ""):
+            told = dict.fromkeys(names.split(", "), (kind, one_line(text)))
+            found = told | found if text.lstrip().startswith("See ") else found | told
+    return found
 
 
 class _Documented(_ModelMetaclass):
@@ -125,15 +140,11 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         >>> Receiver.notes()["radius"]
         'Radius of the aperture [m], > 0'
         """
-        found: dict[str, str] = {}
-        for parent in reversed(cls.__mro__):
-            text = inspect.cleandoc(parent.__doc__ or "")
-            section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", text, re.M | re.S)
-            for names, note in _NOTE.findall(section[1] if section else ""):
-                if note.lstrip().startswith("See "):
-                    continue
-                first = re.split(r"(?<!\.)[:;.](?:\s|$)", " ".join(note.split()))[0]
-                found.update(dict.fromkeys(names.split(", "), first))
+        found = {
+            name: re.split(r"(?<!\.)[:;.](?:\s|$)", text)[0]
+            for name, (_, text) in entries(cls).items()
+            if not text.startswith("See ")
+        }
         keys = {n: n if n in found else field.alias for n, field in cls.model_fields.items()}
         return {name: found[key] for name, key in keys.items() if key in found}
 
@@ -450,9 +461,14 @@ def modules_of(text: str) -> list[str]:
 
 
 def import_modules(names: Iterable[str]) -> None:
-    """Import modules, also from the working directory, so that their classes join families."""
-    for name in names:
-        _module(name)
+    """Import modules, also from the working directory as `python -m` does."""
+    folder = os.getcwd()
+    sys.path.append(folder)
+    try:
+        for name in names:
+            importlib.import_module(name)
+    finally:
+        sys.path.remove(folder)
 
 
 def _module_of(kind: str) -> str:
@@ -477,17 +493,9 @@ def _found(kind: str) -> Any:
     module = _module_of(kind)
     if not module:
         return next((e.load() for e in entry_points(group=GROUP) if e.name == kind), None)
-    found = sys.modules.get(module) or _module(module)
+    if module not in sys.modules:
+        import_modules([module])
+    found: Any = sys.modules[module]
     for word in kind.partition(":")[2].split("."):
         found = getattr(found, "__dict__", {}).get(word)  # runs nothing
     return found
-
-
-def _module(name: str) -> Any:
-    """Import a module, also from the working directory as `python -m` does."""
-    folder = os.getcwd()
-    sys.path.append(folder)
-    try:
-        return importlib.import_module(name)
-    finally:
-        sys.path.remove(folder)

@@ -16,7 +16,8 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 import typer
 from typer.core import TyperCommand
 
-from meshtrace.errors import MISSING, Refused, one_line, require_word
+from meshtrace.errors import MISSING, Refused, require_word
+from meshtrace.models import entries
 
 
 class Reader(NamedTuple):
@@ -132,9 +133,7 @@ def _words(annotation: Any) -> tuple[str, ...]:
     return tuple(word for part in parts for word in _words(part))
 
 
-_SECTION = re.compile(r"^Parameters\n-+\n(.*?)(?=^[^\n]+\n-+$|\Z)", re.MULTILINE | re.DOTALL)
 _KEYWORD = inspect.Parameter.KEYWORD_ONLY
-_ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : (.*))?\n((?: .*\n|\n)+)", re.MULTILINE)
 _SHORT = {"output": ["-o"], "realizations": ["-n"], "verbose": ["-v"]}
 
 
@@ -311,16 +310,6 @@ def _typed(value: Any) -> str:
     if isinstance(value, list | tuple):
         return ",".join(map(_typed, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def entries(owner: Any) -> dict[str, tuple[str, str]]:
-    """Return type and text of each parameter of a function, or of a class and its bases."""
-    found: dict[str, tuple[str, str]] = {}
-    for one in reversed(getattr(owner, "__mro__", (owner,))):
-        section = _SECTION.search(f"{inspect.cleandoc(one.__doc__ or '')}\n")
-        for names, kind, text in _ENTRY.findall(section[1] if section else ""):
-            found |= dict.fromkeys(names.split(", "), (kind, one_line(text)))
-    return found
 
 
 def sentences(function: Callable[..., Any]) -> dict[str, str]:
