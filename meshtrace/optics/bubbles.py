@@ -6,7 +6,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,10 +22,7 @@ from meshtrace.errors import (
 )
 from meshtrace.models import Family, Floats
 from meshtrace.optics.mie import MieTable, cached_table, population_table
-
-if TYPE_CHECKING:
-    from meshtrace.optics.phase import HistogramPhase, PhaseFunction
-
+from meshtrace.optics.phase import HistogramPhase, PhaseFunction
 
 # Depth of the layer in e-folding depths: `BubblePopulation.profile` ends there.
 LAYER = 12.0
@@ -484,7 +481,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         The table for the default radii, 470 nm and 1.33 comes with the package; any other is
         computed once (some 10 s) and kept in MESHTRACE_CACHE_DIR or the user's cache folder.
         """
-        return _phase_function(self.n_water, self.wavelength_nm, self.r_min, self.r_max)
+        return self._table().phase
 
 
 def compute_bubble_phase(
@@ -536,15 +533,6 @@ def compute_bubble_phase(
     radii = bubbles.equal_area_radii(sizes, depth)
     x = 2.0 * np.pi * radii * n_water / (wavelength_nm * 1e-9)
     return population_table(1.0 / n_water, x, rotations=rotations)
-
-
-@lru_cache(maxsize=16)
-def _phase_function(*population: float) -> HistogramPhase:
-    """Return the phase function of a population, see `_bubble_phase`."""
-    from meshtrace.optics.phase import HistogramPhase
-
-    table = _bubble_phase(*population)
-    return HistogramPhase(theta_edges=table.theta_edges, cdf_edges=table.cdf)
 
 
 @lru_cache(maxsize=16)

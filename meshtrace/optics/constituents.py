@@ -172,7 +172,9 @@ class Constituents(WaterSpectrum, frozen=True):
         else:
             particles = bbp / _backscatter_ratio(chlorophyll, 700.0) * (w / 700.0) ** v
         cdom = _DISSOLVED * chlorophyll**0.63 if self.cdom is None else self.cdom
-        a = pure_water_absorption(w) + _particle_absorption(chlorophyll, float(w))
+        nodes, factor, power = read_table("particle_absorption.csv").T
+        pigments = interpolate(w, nodes, factor) * chlorophyll ** interpolate(w, nodes, power)
+        a = pure_water_absorption(w) + pigments
         a = a + cdom * np.exp(-self.cdom_slope * (w - 440.0))
         a = a + 0.041 * self.minerals * np.exp(-0.0123 * (w - 443.0))
         b = molecules + particles + 0.5 * self.minerals
@@ -191,13 +193,6 @@ class Constituents(WaterSpectrum, frozen=True):
         depth = np.unique(np.concatenate([row[:, 0] for row in rows]))
         chlorophyll, bbp = (np.interp(depth, *row.T) for row in rows)
         return depth, chlorophyll, None if self.bbp700 is None else bbp
-
-
-def _particle_absorption(chlorophyll: Floats, wavelength_nm: float) -> Floats:
-    """Return A C^E [m-1]."""
-    nodes, a, e = read_table("particle_absorption.csv").T
-    w = np.asarray(wavelength_nm)
-    return interpolate(w, nodes, a) * chlorophyll ** interpolate(w, nodes, e)
 
 
 def _exponent(chlorophyll: Floats) -> Floats:

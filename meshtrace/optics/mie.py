@@ -14,18 +14,18 @@ import logging
 import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
+from dataclasses import asdict, dataclass
+from functools import cached_property, lru_cache
 from types import ModuleType
 from typing import IO, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, Refused, require_all
+from meshtrace.errors import Refused, require_all
 from meshtrace.files import atomic, cache_directory
 from meshtrace.models import Floats
+from meshtrace.optics.phase import HistogramPhase
 
 _LOG = logging.getLogger(__name__)
 # Raise when the recipe of `population_table` changes: tables kept on disk are then left behind.
@@ -70,18 +70,17 @@ class MieTable:
     closure: float
 
     def __post_init__(self) -> None:
-        theta, cdf = self.theta_edges, self.cdf
-        rising = theta.ndim == 1 and theta.shape == cdf.shape and bool(np.all(np.diff(theta) > 0))
-        if not rising or theta[0] != 0.0 or theta[-1] != np.pi:
-            allowed = "edges increasing from 0 to pi, one cdf value each"
-            raise Refused("theta_edges", Described(f"{theta.size} numbers"), allowed)
-        if not np.all(np.diff(cdf) >= 0) or cdf[0] != 0.0 or cdf[-1] != 1.0:
-            raise Refused("cdf", Described(f"{cdf.size} numbers"), "values increasing from 0 to 1")
         if not np.all(np.isfinite([self.q_sca, self.g, self.closure])):
             raise Refused("q_sca, g, closure", (self.q_sca, self.g, self.closure), "finite numbers")
+        _ = self.phase  # refuses other edges and probabilities
         # One table is shared by all who ask for it.
-        theta.setflags(write=False)
-        cdf.setflags(write=False)
+        self.theta_edges.setflags(write=False)
+        self.cdf.setflags(write=False)
+
+    @cached_property
+    def phase(self) -> HistogramPhase:
+        """Phase function of the population."""
+        return HistogramPhase(theta_edges=self.theta_edges, cdf_edges=self.cdf)
 
 
 @lru_cache(maxsize=1)
@@ -347,7 +346,9 @@ def cached_table(
     _LOG.info("computing the Mie table %s (about 10 s, once)", name)
     table = compute()
     try:
-        _write(kept, table, text)
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with atomic(kept) as temporary, temporary.open("wb") as stream:
+            np.savez(stream, inputs=np.array(text), **asdict(table))
     except OSError as why:
         warnings.warn(f"{kept}: not kept ({why})", stacklevel=2)
     return table
@@ -359,9 +360,3 @@ def _read(stream: IO[bytes], text: str) -> MieTable:
             raise ValueError("made from other inputs")
         numbers = (float(data[name]) for name in ("q_sca", "g", "closure"))
         return MieTable(data["theta_edges"], data["cdf"], *numbers)
-
-
-def _write(path: Path, table: MieTable, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, inputs=np.array(text), **vars(table))

@@ -11,7 +11,6 @@ import itertools
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -24,6 +23,7 @@ from meshtrace.errors import Described, Refused, require_all, require_array
 from meshtrace.kernels import phase as kernel
 from meshtrace.kernels.phase import PhaseTables
 from meshtrace.models import Family, Floats
+from meshtrace.optics.pure_water import read_table
 from meshtrace.tables import read_columns
 
 _QUANTILE_TOLERANCE = 5e-7
@@ -475,10 +475,7 @@ class Petzold(BuiltInPhase, frozen=True):
 
     def _segments(self) -> Segments:
         column = ("clear", "coastal", "harbour", "average").index(self.water) + 1
-        file = resources.files("meshtrace.optics") / "data" / "petzold_vsf.csv"
-        theta_deg, value = np.loadtxt(
-            file.read_text().splitlines(), delimiter=",", usecols=(0, column), unpack=True
-        )
+        theta_deg, value = read_table("petzold_vsf.csv")[:, (0, column)].T
         return power_law_segments(s_of(np.radians(theta_deg)), value)
 
 
@@ -610,8 +607,13 @@ class FournierForand(BuiltInPhase, frozen=True):
 
     def _mean_s(self) -> float:
         exponent = -1.0 / self._v
-        y, weight = _gauss_panels()
+        # a composite Gauss rule on [0, 1], finer towards 0
+        x, weight = np.polynomial.legendre.leggauss(20)
+        edges = np.linspace(0.0, 1.0, 41) ** 2
+        width = np.diff(edges)[:, None]
+        y = (edges[:-1, None] + width * (x + 1.0) / 2.0).ravel()
         s = y**exponent
+        weight = (width * weight / 2.0).ravel()
         return float(np.sum(weight * (1.0 - self._cdf_s(s)) * exponent * s / y))
 
     def _components(self) -> list[MixtureComponent]:
@@ -769,12 +771,3 @@ class MixturePhase(BuiltInPhase, frozen=True):
             for w, c in self._shares
             for part in c._components()
         ]
-
-
-@lru_cache(maxsize=1)
-def _gauss_panels() -> tuple[Floats, Floats]:
-    """Return nodes and weights of a composite Gauss rule on [0, 1], finer towards 0."""
-    x, weight = np.polynomial.legendre.leggauss(20)
-    edges = np.linspace(0.0, 1.0, 41) ** 2
-    width = np.diff(edges)[:, None]
-    return (edges[:-1, None] + width * (x + 1.0) / 2.0).ravel(), (width * weight / 2.0).ravel()
