@@ -112,8 +112,7 @@ def _soft(link: OokLink, n0: float, n1: float) -> float:
 def _interference(link: OokLink) -> tuple[float, Floats, Floats]:
     """Return the share of a bit's light in its slot, and the law of the light of other bits."""
     shares = link.filters.slot_shares(link.bit_time, link.memory)
-    if link.equalizer == "dfe":
-        shares = np.where(link.equalized(link.memory), 0.0, shares)
+    shares = np.where(link.equalized(link.memory), 0.0, shares)
     others = shares[1:]
     bits = np.array(np.unravel_index(np.arange(2**others.size), (2,) * others.size)).T
     light = np.asarray(bits @ others)

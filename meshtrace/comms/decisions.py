@@ -176,11 +176,6 @@ def generalized_poisson_logpmf(k: ArrayLike, primaries: float, branching: float)
     return np.where(k == 0.0, -primaries, grown - rate - gammaln(k + 1.0))
 
 
-def _error_free(n0: float, n1: float, branching: float) -> bool:
-    """Return whether the error rate underflows, without a sum over huge counts."""
-    return (n1 - n0) ** 2 * (1.0 - branching) > 1e4 * n1
-
-
 def _distance(n0: float, n1: float, branching: float) -> float:
     """Return the distance of the means of huge counts, in standard deviations."""
     return (n1 - n0) * math.sqrt((1.0 - branching) / n1) if n1 > 0.0 else 0.0
@@ -233,7 +228,7 @@ def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float)
 
 
 def _count_decision(n0: float, n1: float, branching: float) -> tuple[float, float]:
-    if _error_free(n0, n1, branching):
+    if (n1 - n0) ** 2 * (1.0 - branching) > 1e4 * n1:  # underflows, without a sum over huge counts
         return 0.0, 0.5 * (n0 + n1) / (1.0 - branching)
     if n0 > _NORMAL:
         from scipy.special import ndtr
@@ -415,7 +410,10 @@ def compound_poisson_decision(
     for ago in (*range(1, removed.size - ahead), *range(-ahead, 0)):
         zero = zero * 0.5 * (1.0 + bit(ago))
     one = zero * bit(0)
-    ber, index = _least_error(np.fft.irfft(zero, _POINTS), np.fft.irfft(one, _POINTS))
+    missed = np.concatenate(([0.0], np.cumsum(np.fft.irfft(one, _POINTS))))
+    false = np.concatenate((np.cumsum(np.fft.irfft(zero, _POINTS)[::-1])[::-1], [0.0]))
+    index = int(np.argmin(missed + false))  # the lowest lattice point above the threshold
+    ber = max(0.5 * float(missed[index] + false[index]), 0.0)
     return ber, (index - 0.5 - math.ceil(below / step)) * step
 
 
@@ -429,11 +427,3 @@ def _borel(branching: float) -> Floats:
     p = np.exp(-branching * m + (m - 1) * np.log(branching * m) - gammaln(m + 1))
     kept = p[p > 1e-16]
     return np.asarray(kept / kept.sum())
-
-
-def _least_error(zero: Floats, one: Floats) -> tuple[float, int]:
-    """Return the error rate of the best threshold, and the lowest lattice point above it."""
-    missed = np.concatenate(([0.0], np.cumsum(one)))
-    false = np.concatenate((np.cumsum(zero[::-1])[::-1], [0.0]))
-    index = int(np.argmin(missed + false))
-    return max(0.5 * float(missed[index] + false[index]), 0.0), index

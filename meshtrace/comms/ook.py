@@ -390,9 +390,10 @@ class OokLink(Model, frozen=True):
         return np.array(np.unravel_index(np.arange(2**count), (2,) * count)).T.astype(bool)
 
     def equalized(self, count: int) -> NDArray[np.bool_]:
-        """Return which of the bits (count,) decision feedback knows, the earlier ones."""
+        """Return which of the bits (count,) decision feedback, if any, knows: the earlier ones."""
         ago = np.arange(count)
-        return (ago > 0) & (ago < count - self.filters.bits_ahead(self.bit_time))
+        earlier = (ago > 0) & (ago < count - self.filters.bits_ahead(self.bit_time))
+        return earlier & (self.equalizer == "dfe")
 
     def moments(self, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
         """Return mean and variance of the sample for every bit pattern.

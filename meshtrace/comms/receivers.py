@@ -59,26 +59,16 @@ class SampledPulses(ReceiverModel):
 
     def moments(self, link: OokLink, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
         """Return the moments of filtered pulses with Campbell shot noise."""
-        pulses = _pulses(link, phase)
-        low, high = (level[..., None] for level in link.shot_levels(power))
-        shot = pulses.bits @ pulses.shot
-        energy, f = pulses.energy, link.sipm.excess_noise_factor
+        pulses, f = _pulses(link, phase), link.sipm.excess_noise_factor
         thermal = link.tia.thermal_noise(link.sipm.gain)
-        variance = f * (low * energy + (high - low) * shot) + 0.5 * thermal * energy
+        shot = pulses.of_levels(link.shot_levels(power), pulses.energy, pulses.shot)
+        variance = f * shot + 0.5 * thermal * pulses.energy
         return self.pattern_means(link, power, phase), variance
 
     def pattern_means(self, link: OokLink, power: ArrayLike, phase: float) -> Floats:
         """Return the mean of the sample for each bit pattern, behind the equaliser [s-1]."""
-        return self._means(link, link.levels(power), phase, link.equalizer == "dfe")
-
-    def _means(
-        self, link: OokLink, levels: tuple[Floats, Floats], phase: float, equalized: bool
-    ) -> Floats:
-        low, high = (level[..., None] for level in levels)
         pulses = _pulses(link, phase)
-        w = pulses.mean
-        heard = np.where(link.equalized(len(w)), 0.0, w) if equalized else w
-        return low + (high - low) * (pulses.bits @ heard)
+        return pulses.of_levels(link.levels(power), 1.0, pulses.heard)
 
     def decide(self, link: OokLink, power: Floats) -> Decision:
         """Decide between Gaussian bit patterns."""
@@ -95,7 +85,8 @@ class PatternNoise(SampledPulses):
         """Return the moments of filtered pulses with noise in a fixed bandwidth."""
         bandwidth = min(0.5 * link.bit_rate, 0.5 * math.pi * link.sipm.bandwidth)
         f, thermal = link.sipm.excess_noise_factor, link.tia.thermal_noise(link.sipm.gain)
-        shot = self._means(link, link.shot_levels(power), phase, False)
+        pulses = _pulses(link, phase)
+        shot = pulses.of_levels(link.shot_levels(power), 1.0, pulses.mean)
         variance = (2.0 * f * shot + thermal) * bandwidth
         return self.pattern_means(link, power, phase), variance
 
@@ -122,11 +113,8 @@ class CompoundPoisson(AveragedPulses):
 
     def _decide_at(self, link: OokLink, power: float) -> tuple[float, float]:
         low, high = (float(level) for level in link.levels(power))
-        filters, count = link.filters, link.patterns().shape[1]
-        removed = np.zeros(count)
-        if link.equalizer == "dfe":
-            shares = filters.mean_cursors(link.bit_time, count)
-            removed = np.where(link.equalized(count), (high - low) * shares, 0.0)
+        filters, pulses = link.filters, _pulses(link, 1.0)
+        removed = (high - low) * (pulses.mean - pulses.heard)
         thermal = link.tia.thermal_noise(link.sipm.gain)
         thermal_std = math.sqrt(0.5 * thermal * filters.noise_energy)
         return compound_poisson_decision(
@@ -139,8 +127,14 @@ class _Pulses(NamedTuple):
 
     bits: NDArray[np.bool_]
     mean: Floats
+    heard: Floats  # the mean behind the equaliser
     shot: Floats
     energy: float
+
+    def of_levels(self, levels: tuple[Floats, Floats], steady: float, shares: Floats) -> Floats:
+        """Return a quantity of each pattern from its levels in long zeros and long ones."""
+        low, high = (level[..., None] for level in levels)
+        return low * steady + (high - low) * (self.bits @ shares)
 
 
 @functools.lru_cache(maxsize=128)
@@ -148,9 +142,9 @@ def _pulses(link: OokLink, phase: float) -> _Pulses:
     """Return the quantities common to all powers, for searches over the power."""
     bits, filters = link.patterns(), link.filters
     size = link.bit_time, bits.shape[1], phase
-    return _Pulses(
-        bits, filters.mean_cursors(*size), filters.shot_cursors(*size), filters.noise_energy
-    )
+    mean, shot = filters.mean_cursors(*size), filters.shot_cursors(*size)
+    heard = np.where(link.equalized(len(mean)), 0.0, mean)
+    return _Pulses(bits, mean, heard, shot, filters.noise_energy)
 
 
 @functools.lru_cache(maxsize=128)

@@ -96,22 +96,15 @@ class Passed(NamedTuple):
     counted: float
 
 
-class _Angles(NamedTuple):
-    """Squared sines of angles of incidence, with equal shares of the light."""
+def _view(fov_deg: float) -> Floats:
+    """Return squared sines of incidence, with equal shares of light that fills a field of view."""
+    edge = math.sin(math.radians(0.5 * fov_deg)) ** 2
+    return edge * (np.arange(_RAYS) + 0.5) / _RAYS
 
-    sin2: Floats
 
-    @classmethod
-    def of_view(cls, fov_deg: float) -> _Angles:
-        """Return the spectra of light that fills a field of view, by the cosine law."""
-        edge = math.sin(math.radians(0.5 * fov_deg)) ** 2
-        return cls(edge * (np.arange(_RAYS) + 0.5) / _RAYS)
-
-    def factors(self, index: float | None) -> Floats:
-        """Return the factors on the wavelengths of an interference filter."""
-        if index is None:
-            return np.ones(1)
-        return np.sqrt(1.0 - self.sin2 / index**2)
+def _factors(sin2: Floats, index: float | None) -> Floats:
+    """Return the factors on the wavelengths of an interference filter."""
+    return np.ones(1) if index is None else np.sqrt(1.0 - sin2 / index**2)
 
 
 @functools.lru_cache(maxsize=256)
@@ -136,9 +129,9 @@ def signal_passed(ook: Any) -> Passed:
             lowest, *_, highest = gain.wavelength_nm
             raise Refused("gain_spectrum", nm, f"light at the signal, {lowest:g} ... {highest:g}")
         density = density * gain.at(at) / here
-    angles = _Angles.of_view(ook.optics.fov_deg)
+    angles = _view(ook.optics.fov_deg)
     if ook.response is not None and ook.response.angle_deg:
-        angles = _Angles(np.sin(np.radians(ook.response.angle_deg)) ** 2)
+        angles = np.sin(np.radians(ook.response.angle_deg)) ** 2
     counted = density * ook.sipm.pde_at(at) * at / nm
     return Passed(*(_through(ook.optics, nm, at, w, angles) for w in (density, counted)))
 
@@ -153,7 +146,7 @@ def lit_band(ook: Any) -> tuple[float, float]:
     if led.spectrum is not None:
         low, *_, high = led.spectrum.wavelength_nm
     first, last = ook.optics.band(nm)
-    first *= float(_Angles.of_view(ook.optics.fov_deg).factors(ook.optics.filter_index).min())
+    first *= float(_factors(_view(ook.optics.fov_deg), ook.optics.filter_index).min())
     return max(low, min(first, nm)), min(high, max(last, nm))
 
 
@@ -173,9 +166,9 @@ def background_counted(ook: Any, nm: float, light: Callable[[Floats], Floats]) -
         Returns the spectrum over that at this wavelength, at wavelengths (n,) [nm].
     """
     optics = ook.optics
-    angles = _Angles.of_view(optics.fov_deg)
+    angles = _view(optics.fov_deg)
     low, high = optics.band(1e9 * ook.led.wavelength)
-    low *= float(angles.factors(optics.filter_index).min())
+    low *= float(_factors(angles, optics.filter_index).min())
     beyond = 0.01 * (high - low)
     at = np.linspace(max(low - beyond, 1e-3), high + beyond, _NODES)
     weight = light(at) * ook.sipm.pde_at(at) * at / nm * (at[1] - at[0])
@@ -196,9 +189,9 @@ def _source(ook: Any, nm: float) -> tuple[Floats, Floats]:
     return at, density / density.sum()
 
 
-def _through(optics: Any, signal_nm: float, at: Floats, weight: Floats, angles: _Angles) -> float:
+def _through(optics: Any, signal_nm: float, at: Floats, weight: Floats, sin2: Floats) -> float:
     """Return the sum of weights (n,) behind a filter, averaged over angles."""
-    factors = angles.factors(optics.filter_index)[:, None]
+    factors = _factors(sin2, optics.filter_index)[:, None]
     transmission = optics.filter_transmission
     if isinstance(transmission, Curve):
         return float((transmission.at(at / factors) @ weight).mean())

@@ -422,10 +422,7 @@ class Link(Model, frozen=True):
         far = float(np.abs(places - middle).max())
         if far <= most:
             return (float(middle[0]), float(middle[1])), far, far
-        n = self.water.n / self.n_air
-        crossings = np.array(
-            [_crossing(*_low_and_high(t, r), n) for t in self.transmitters for r in self.receivers]
-        )
+        crossings = np.array([crossing.place for crossing in self.crossings()])
         middle = 0.5 * (crossings.min(axis=0) + crossings.max(axis=0))
         half = float(np.abs(crossings - middle).max())
         return (float(middle[0]), float(middle[1])), half, float(np.abs(places - middle).max())

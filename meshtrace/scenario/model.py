@@ -214,9 +214,7 @@ class Scenario(Model, frozen=True):
             run=validated(Run, run, "run", run_keys()),
             detector=parts.read_detector(config["detector"]) if "detector" in config else None,
             uav=parts.read_uav(config["uav"]) if "uav" in config else None,
-            daylight=parts.read_daylight(config["daylight"], link)
-            if "daylight" in config
-            else None,
+            daylight=parts.read_daylight(config.get("daylight", "none"), link),
         )
         if scenario.detector is not None:
             parts.require_of_link(config["detector"], scenario.detector)
