@@ -213,10 +213,20 @@ def require_seed(value: Any) -> None:
     require_whole(value, 0, 2**64 - 1, "seed", "an integer 0 <= seed < 2^64")
 
 
-def require_all(values: NDArray[Any], good: Any, path: str, allowed: str) -> None:
-    """Refuse an array by the first of its values that is not good."""
+def require_range(
+    value: Any, low: float, high: float, path: str, ends: str = "[]", allowed: str = ""
+) -> NDArray[Any]:
+    """Return numbers of an interval as an array; refuse them by the first outside.
+
+    `ends` are those of `require_between`.
+    """
+    left, right = ("<=" if end in "[]" else "<" for end in ends)
+    allowed = allowed or f"{low:g} {left} {path} {right} {high:g}"
+    array = require_array(value, path, allowed)
+    good = _COMPARED[left](low, array) & _COMPARED[right](array, high)
     if not good.all():
-        raise Refused(path, values[~good].flat[0], allowed)
+        raise Refused(path, array[~good].flat[0], allowed)
+    return array
 
 
 def require_number(value: Any, path: str) -> None:

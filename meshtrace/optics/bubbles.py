@@ -12,14 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
 
-from meshtrace.errors import (
-    Refused,
-    is_number,
-    require_all,
-    require_array,
-    require_between,
-    require_whole,
-)
+from meshtrace.errors import Refused, is_number, require_between, require_range, require_whole
 from meshtrace.models import Family, Floats
 from meshtrace.optics.mie import MieTable, cached_table, population_table
 from meshtrace.optics.phase import HistogramPhase, PhaseFunction
@@ -57,11 +50,9 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         """Return the phase function of the population, the same at all depths."""
 
     def _checked(self, depth: ArrayLike) -> Floats:
-        values = require_array(depth, "depth", "finite depths [m]")
         lowest = -HIGHEST if self.depth == "mean_level" else 0.0
-        good = np.isfinite(values) & (values >= lowest)
-        require_all(values, good, "depth", f"finite depth >= {lowest:g} m")
-        return values
+        allowed = f"finite depth >= {lowest:g} m"
+        return require_range(depth, lowest, math.inf, "depth", "[)", allowed)
 
     def optical_depth(self, depth1: ArrayLike, depth2: ArrayLike) -> Floats:
         """Return the vertical optical depth of the bubbles between two depths.
@@ -327,8 +318,7 @@ class HallNovarini(BubblePopulation, frozen=True):
             If a depth is not allowed or a radius is not positive and finite.
         """
         z = self._checked(depth)
-        radius = require_array(r, "r", "finite r > 0 m")
-        require_all(radius, np.isfinite(radius) & (radius > 0.0), "r", "finite r > 0 m")
+        radius = require_range(r, 0.0, math.inf, "r", "()", "finite r > 0 m")
         ratio = radius / _r_ref(z)
         present = (radius >= self.r_min) & (radius <= self.r_max)
         shape = np.where(ratio <= 1.0, ratio**-4.0, np.maximum(ratio, 1.0) ** -_kappa(z))

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from meshtrace.errors import Described, Refused, require_all, require_array, require_between
+from meshtrace.errors import Described, Refused, require_array, require_between, require_range
 from meshtrace.models import Floats
 from meshtrace.optics.phase import FournierForand, MixturePhase, PhaseFunction, Rayleigh
 from meshtrace.optics.pure_water import (
@@ -124,7 +124,7 @@ class Constituents(WaterSpectrum, frozen=True):
             raise Refused("", value, allowed)
         if rows[0, 0] != 0.0 or np.any(np.diff(rows[:, 0]) <= 0.0):
             raise Refused("", Described(f"depths {rows[:, 0]}"), allowed)
-        require_all(rows[:, 1], (rows[:, 1] >= 0.0) & (rows[:, 1] <= most), "", f"0 to {most:g}")
+        require_range(rows[:, 1], 0.0, most, "", allowed=f"0 to {most:g}")
         return tuple(map(tuple, rows.tolist()))
 
     @property
@@ -162,8 +162,7 @@ class Constituents(WaterSpectrum, frozen=True):
         wavelength_nm : float
             Wavelength in vacuum [nm], 400 ... 700.
         """
-        w = np.asarray(wavelength_nm, np.float64)
-        check_range("wavelength_nm", w, *self.limits_nm, "nm")
+        w = check_range("wavelength_nm", wavelength_nm, *self.limits_nm, "nm")
         depth, chlorophyll, bbp = self._nodes()
         t, s = np.asarray(self.temperature_c), np.asarray(self.salinity)
         molecules, v = float(zhang_hu_he(w, t, s)), _exponent(chlorophyll)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Refused, require_all
+from meshtrace.errors import Refused, require_range
 from meshtrace.models import Floats
 
 
@@ -99,8 +99,7 @@ def polarised_reflectances(cos_i: ArrayLike, n1: float, n2: float) -> tuple[Floa
     >>> round(float((rho_s - rho_p) / (rho_s + rho_p)), 4)
     0.4441
     """
-    cos_i = np.asarray(cos_i, dtype=np.float64)
-    require_all(cos_i, (cos_i >= 0.0) & (cos_i <= 1.0), "cos_i", "0 <= cos_i <= 1")
+    cos_i = require_range(cos_i, 0.0, 1.0, "cos_i")
     _check_indices(n1, n2)
     sin2_t = (n1 / n2) ** 2 * (1.0 - cos_i**2)
     total = sin2_t >= 1.0

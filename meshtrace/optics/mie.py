@@ -22,7 +22,7 @@ from typing import IO, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Refused, require_all
+from meshtrace.errors import Refused, require_range
 from meshtrace.files import atomic, cache_directory
 from meshtrace.models import Floats
 from meshtrace.optics.phase import HistogramPhase
@@ -100,9 +100,7 @@ def _miepython() -> ModuleType:
 
 
 def _size_parameter(x: ArrayLike) -> Floats:
-    sizes = np.asarray(x, dtype=np.float64)
-    require_all(sizes, np.isfinite(sizes) & (sizes > 0), "x", "finite x > 0")
-    return sizes
+    return require_range(x, 0.0, np.inf, "x", "()", "finite x > 0")
 
 
 def efficiencies(m: complex, x: ArrayLike) -> Efficiencies:
@@ -190,8 +188,7 @@ def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> Floats:
     2.232265
     """
     size = float(_size_parameter(x))
-    cosine = np.asarray(cos_theta, dtype=np.float64)
-    require_all(cosine, np.abs(cosine) <= 1.0, "cos_theta", "-1 <= cos_theta <= 1")
+    cosine = require_range(cos_theta, -1.0, 1.0, "cos_theta")
     intensity = _miepython().i_unpolarized(m, size, cosine.ravel(), norm="wiscombe")
     return np.asarray(intensity).reshape(cosine.shape)[()]
 

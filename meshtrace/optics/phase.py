@@ -19,7 +19,7 @@ import pydantic
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, SerializeAsAny
 
-from meshtrace.errors import Described, Refused, require_all, require_array
+from meshtrace.errors import Described, Refused, require_range
 from meshtrace.kernels import phase as kernel
 from meshtrace.kernels.phase import PhaseTables
 from meshtrace.models import Family, Floats
@@ -294,8 +294,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         Refused
             If a u lies outside [0, 1).
         """
-        u = require_array(u, "u", "0 <= u < 1")
-        require_all(u, (u >= 0.0) & (u < 1.0), "u", "0 <= u < 1")
+        u = require_range(u, 0.0, 1.0, "u", "[)")
         return 2.0 * np.arcsin(np.sqrt(sample_s(self.tables(), u)))
 
     @property
@@ -370,10 +369,8 @@ AnyPhase = Annotated[SerializeAsAny[PhaseFunction], BeforeValidator(PhaseFunctio
 
 def s_of(theta: ArrayLike) -> Floats:
     """Return sin^2(theta / 2) of checked angles."""
-    theta = require_array(theta, "theta", "0 <= theta <= pi rad")
-    good = (theta >= 0.0) & (theta <= np.pi)
-    require_all(theta, good, "theta", "0 <= theta <= pi rad")
-    return np.sin(0.5 * theta) ** 2
+    checked = require_range(theta, 0.0, np.pi, "theta", allowed="0 <= theta <= pi rad")
+    return np.sin(0.5 * checked) ** 2
 
 
 def _as_list(value: Any) -> Any:

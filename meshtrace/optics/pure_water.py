@@ -10,7 +10,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused, require_all, require_array
+from meshtrace.errors import Described, Refused, require_array, require_range
 from meshtrace.models import Floats
 
 
@@ -45,8 +45,7 @@ def pure_water_absorption(wavelength_nm: ArrayLike) -> Floats:
     >>> round(float(pure_water_absorption(470.0)), 4)
     0.0106
     """
-    wavelength = np.asarray(wavelength_nm, dtype=np.float64)
-    return interpolate(wavelength, *read_table("pure_water_absorption.csv").T)
+    return interpolate(wavelength_nm, *read_table("pure_water_absorption.csv").T)
 
 
 def sea_water_scattering(wavelength_nm: ArrayLike) -> Floats:
@@ -84,8 +83,7 @@ def sea_water_scattering(wavelength_nm: ArrayLike) -> Floats:
     >>> round(float(sea_water_scattering(470.0)), 6)
     0.003777
     """
-    wavelength = np.asarray(wavelength_nm, dtype=np.float64)
-    check_range("wavelength_nm", wavelength, 350.0, 800.0, "nm")
+    wavelength = check_range("wavelength_nm", wavelength_nm, 350.0, 800.0, "nm")
     return 16.06 * 4.72e-4 * (400.0 / wavelength) ** 4.32
 
 
@@ -243,16 +241,15 @@ def _of_one_shape(w: ArrayLike, t: ArrayLike, s: ArrayLike) -> tuple[Floats, Flo
     return one, two, three
 
 
-def interpolate(wavelength: Floats, nodes: Floats, values: Floats) -> Floats:
+def interpolate(wavelength_nm: ArrayLike, nodes: Floats, values: Floats) -> Floats:
     """Return values at wavelengths, linear between nodes; refuse wavelengths outside."""
-    check_range("wavelength_nm", wavelength, nodes[0], nodes[-1], "nm")
-    return np.interp(wavelength, nodes, values)
+    at = check_range("wavelength_nm", wavelength_nm, nodes[0], nodes[-1], "nm")
+    return np.interp(at, nodes, values)
 
 
-def check_range(name: str, value: Floats, low: float, high: float, unit: str) -> None:
-    """Refuse values outside a range."""
-    good = (value >= low) & (value <= high)
-    require_all(value, good, name, f"{low:g} <= {name} <= {high:g} {unit}")
+def check_range(name: str, value: ArrayLike, low: float, high: float, unit: str) -> Floats:
+    """Return values of a range as an array; refuse others."""
+    return require_range(value, low, high, name, allowed=f"{low:g} <= {name} <= {high:g} {unit}")
 
 
 @lru_cache(maxsize=4)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, SerializeAsAny, field_validator
 
-from meshtrace.errors import Described, Refused, did_you_mean, require_all, require_array
+from meshtrace.errors import Described, Refused, did_you_mean, require_array, require_range
 from meshtrace.models import Family, Floats
 from meshtrace.optics.phase import FournierForand, Petzold, PhaseFunction, Rayleigh
 from meshtrace.optics.pure_water import (
@@ -190,11 +190,12 @@ class SpectralTable(WaterSpectrum, frozen=True):
 
     def properties(self, wavelength_nm: float) -> dict[str, Any]:
         """Return a and b [m-1], or their layers, at a wavelength in vacuum [nm]."""
-        rows, w = np.array(self.table), np.asarray(wavelength_nm, np.float64)
+        rows = np.array(self.table)
         depth = np.unique(rows[:, 0])
-        blocks = rows.reshape(len(depth), -1, 4)
+        blocks = rows.reshape(len(depth), -1, 4).transpose(0, 2, 1)
         a, b = (
-            np.array([interpolate(w, block[:, 1], block[:, i]) for block in blocks]) for i in (2, 3)
+            np.array([interpolate(wavelength_nm, at, values[i]) for _, at, *values in blocks])
+            for i in (0, 1)
         )
         return uniform_or_layers(np.append(0.0, depth[1:]), a, b)
 
@@ -251,21 +252,20 @@ def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Floats, Floats]:
     (0.366, 1.824)
     """
     name = _water_type(type)
-    wavelength = np.asarray(wavelength_nm, dtype=np.float64)
     family, _, water = name.partition("-")
     if family == "petzold":
         a, b = PETZOLD[water]
-        good = np.abs(wavelength - PETZOLD_NM) <= 0.5 * _PETZOLD_WIDTH_NM
         allowed = (
             f"476.5 to 551.5 nm for {name}, measured at {PETZOLD_NM:g} nm; for these values at "
             f"another wavelength give a = {a:g} and b = {b:g}; jerlov-* have 300 to 700 nm"
         )
-        require_all(wavelength, good, "wavelength_nm", allowed)
+        limits = WaterType(type=name).limits_nm
+        wavelength = require_range(wavelength_nm, *limits, "wavelength_nm", allowed=allowed)
         return np.full_like(wavelength, a), np.full_like(wavelength, b)
     if family == "pure":
-        return pure_water_absorption(wavelength), sea_water_scattering(wavelength)
+        return pure_water_absorption(wavelength_nm), sea_water_scattering(wavelength_nm)
     nodes, a, b = _nodes(water)
-    return interpolate(wavelength, nodes, a), interpolate(wavelength, nodes, b)
+    return interpolate(wavelength_nm, nodes, a), interpolate(wavelength_nm, nodes, b)
 
 
 def _nodes(jerlov: str) -> Floats:
