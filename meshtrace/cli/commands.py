@@ -46,22 +46,7 @@ def on_link(
     total = steps if isinstance(steps, int | None) else len(steps)
     if total is not None and total < study.least:
         raise Refused(study.steps, total, f">= {study.least}")
-    _run(study, function, scenario, total, asked, written)
-
-
-def _run(
-    study: StudyRow,
-    function: Callable[..., Any],
-    of: Any,
-    total: int | None,
-    asked: Asked,
-    written: PlotOptions,
-    hidden: bool = False,
-) -> None:
-    """Run a study behind a progress bar, print and write its result."""
-    with progress(total, hidden, study.doing, study.kernels) as (_, advance):
-        found = function(of, progress=advance, **asked)
-    written.write(found)
+    written.write(study.run(function, scenario, total, asked))
 
 
 def compare(
@@ -84,7 +69,7 @@ def compare(
         raise Refused("links", ", ".join(map(str, links)), "files of different names")
     written.check(*links)
     seas = (defaults(function) | asked)["realizations"] * len(links)
-    _run(study, function, scenarios, seas, asked, written)
+    written.write(study.run(function, scenarios, seas, asked))
 
 
 _REFINED = {"spacings": "--spacings", "steps": "--time-steps", "omega_max": "--omega-max"}
@@ -117,7 +102,7 @@ def converge(
         exact = is_wave_sum(scenario.case().surface) and values["unresolved"] != "tilt"
         asked["reference"] = "analytic" if exact else None
     total = _surfaces(values)
-    _run(study, function, scenario, total, asked, written, hidden=total == 0)
+    written.write(study.run(function, scenario, total, asked, hidden=total == 0))
 
 
 def _chosen(study: StudyRow, asked: Asked, what: str) -> Any:
@@ -207,7 +192,7 @@ def traces(
         asked["down"] = None if down == "none" else case.scenario(Path(down)).link
     values = defaults(function) | asked
     total = pieces_in(values["hours"], values["rate"])
-    _run(study, function, scenario, total, asked, written)
+    written.write(study.run(function, scenario, total, asked))
 
 
 def ber(
@@ -302,11 +287,8 @@ def sweep(
     found, store = read_study(file, asked.pop("store", None), trust)
     total = len(list(found.tasks()))
     try:
-        with (
-            extra("sweep", "batch"),
-            progress(total, False, study.doing, study.kernels) as (_, advance),
-        ):
-            data = found.run(store, progress=advance, **asked)
+        with extra("sweep", "batch"):
+            data = study.run(found.run, store, total, asked)
     except KeyboardInterrupt:
         typer.echo(f"finished points are in {store}; the same command resumes", err=True)
         raise
@@ -327,43 +309,35 @@ def sweep(
 
 def _rows(data: xr.Dataset) -> list[str]:
     """Return gains over the realizations as a table, one row for each point and receiver."""
-    import numpy as np
+    import xarray as xr
 
     from meshtrace.results.wavelengths import by_wavelength
     from meshtrace.tables import text_table
 
     data = by_wavelength(data)
-    gain, stderr = data["gain"], data["gain_stderr"]
+    gain, stderr, n = data["gain"], data["gain_stderr"], data.sizes["realization"]
     dims = [str(name) for name in gain.dims if name != "realization"]
-    n = data.sizes["realization"]
-    mean = gain.mean("realization").values
-    # each realization draws its own chains: their errors are independent
-    error = np.sqrt((stderr**2).sum("realization", skipna=False).values) / n
-    spread = gain.std("realization", ddof=1).values if n > 1 else mean
-    lit = [name for name in ("background_radiance", "ber") if name in data]
-    by_light = [data[name].mean("realization").values for name in lit]
+    columns = {
+        "gain": gain.mean("realization"),
+        # each realization draws its own chains: their errors are independent
+        "stderr": (stderr**2).sum("realization", skipna=False) ** 0.5 / n,
+        "scatter": gain.std("realization", ddof=min(1, n - 1)),
+    }
+    lit = {"background_radiance": "background", "ber": "BER"} if "ber" in data else {}
+    columns |= {heading: data[name].mean("realization") for name, heading in lit.items()}
+    forms = [*[".6g"] * len(dims), ".4e", ".1e", ".1e", ".3e", ".3e"]
+    frame = xr.Dataset(columns).to_dataframe(dim_order=dims)[list(columns)].reset_index()
+    if n == 1:
+        frame["scatter"] = "-"
     rows = [
-        (
-            *(_label(data, name, i) for name, i in zip(dims, index, strict=True)),
-            f"{mean[index]:.4e}",
-            f"{error[index]:.1e}",
-            f"{spread[index]:.1e}" if n > 1 else "-",
-            *(f"{values[index]:.3e}" for values in by_light),
-        )
-        for index in list(np.ndindex(mean.shape))[:_MOST_ROWS]
+        [f"{x:{forms[i]}}" if isinstance(x, float) else str(x) for i, x in enumerate(row)]
+        for row in frame.head(_MOST_ROWS).itertuples(index=False)
     ]
-    headings = [*dims, "gain", "stderr", "scatter", *(("background", "BER") if lit else ())]
-    lines = text_table(rows, headings).splitlines()
-    lines += [f"... {mean.size - len(rows)} more"] * (mean.size > len(rows))
+    lines = text_table(rows, [*dims, *columns]).splitlines()
+    lines += [f"... {len(frame) - len(rows)} more"] * (len(frame) > len(rows))
     if lit:
         lines += ["", "background in W m-2 sr-1 nm-1", f"light of the BER: {data['ber'].light}"]
     return lines
-
-
-def _label(data: xr.Dataset, name: str, i: int) -> str:
-    """Return a coordinate as text."""
-    value: Any = data[name].values[i] if name in data.coords else i
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 _OWN: dict[str, Callable[..., None]] = {

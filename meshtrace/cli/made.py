@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 import typer
 from typer.core import TyperCommand
 
+from meshtrace.cli.console import progress
 from meshtrace.errors import MISSING, Refused, require_word
 from meshtrace.models import entries
 
@@ -154,6 +155,18 @@ class StudyRow:
         """The function, and further functions of its module that share the options."""
         module, _, names = self.study.partition(":")
         return [getattr(import_module(module), name) for name in names.split()]
+
+    def run(
+        self,
+        function: Callable[..., Any],
+        of: Any,
+        total: int | None,
+        asked: dict[str, Any],
+        hidden: bool = False,
+    ) -> Any:
+        """Return the result of a study of something, behind a progress bar."""
+        with progress(total, hidden, self.doing, self.kernels) as (_, advance):
+            return function(of, progress=advance, **asked)
 
 
 class StudyCommand(TyperCommand):
