@@ -1,7 +1,6 @@
 """Sea surfaces: wave spectra, random seas, and the triangle meshes made of them."""
 
 from .bands import Band as Band
-from .gram_charlier import GramCharlier as GramCharlier
 from .measured import from_gauge as from_gauge
 from .measured import from_wavespectra as from_wavespectra
 from .measured import gauge_spectrum as gauge_spectrum
@@ -27,6 +26,7 @@ from .spectra import Spreading as Spreading
 from .spectra import TabulatedSpectrum as TabulatedSpectrum
 from .spectra import Tma as Tma
 from .spectra import Torsethaugen as Torsethaugen
+from .statistics import GramCharlier as GramCharlier
 from .surface import FlatSea as FlatSea
 from .surface import SinusoidalSea as SinusoidalSea
 from .surface import Surface as Surface

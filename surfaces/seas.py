@@ -22,8 +22,6 @@ from meshtrace.mesh import Cumulants, UnresolvedSlopes
 from meshtrace.models import NonNegative
 
 from .bands import PAPER_FETCH, Band, OwnWaves, direction_grid, drawn_places, named_band
-from .gram_charlier import SlopeLaw, real_cumulants, require_random
-from .nonlinear import with_bound_waves
 from .parameters import (
     Alpha,
     Current,
@@ -52,12 +50,15 @@ from .spectra import (
     Tma,
 )
 from .statistics import (
+    SlopeLaw,
     SlopeSpectrum,
     meshed_slope_variance,
+    real_cumulants,
     real_slope_variance,
+    require_random,
     unresolved_slope_variance,
 )
-from .surface import FlatSea, Surface, WaveSurface
+from .surface import FlatSea, Surface, WaveSurface, with_bound_waves
 from .waves import WaveComponents, flat_components, wavenumber, wavenumber_in_current
 
 _ORDER_OMEGA_MAX = 3.0  # highest frequency of waves that make bound waves, over the peak's
@@ -159,8 +160,7 @@ class RandomSea(WaveSurface, frozen=True):
         True
         """
         other = self.model_copy(update={"seed": seed})
-        other._grids.share(self._grids)
-        other._common = self._common
+        other._grids, other._common = self._grids, self._common
         return other
 
     @property
@@ -296,14 +296,8 @@ class _BandedSea(RandomSea, frozen=True):
         """
         if not isinstance(self.spectrum, Jonswap | PiersonMoskowitz | Tma):
             return self
-        fetch = getattr(self.spectrum, "fetch", None)
-        return SpectralSea(
-            spectrum=Elfouhaily(wind_speed=self.spectrum.wind_speed, fetch=fetch),
-            spreading=ElfouhailySpreading(),
-            mss="elfouhaily",
-            depth=self._water_depth(),
-            **{name: getattr(self, name) for name in _KEPT},
-        )
+        kept = {name: getattr(self, name) for name in _KEPT}
+        return resolved_sea(*self._wind).model_copy(update={"depth": self._water_depth(), **kept})
 
     @property
     def for_fading(self) -> _BandedSea | None:

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import os
 import re
-from abc import ABC, abstractmethod
-from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import lru_cache
 from glob import glob
 from os.path import abspath
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -49,34 +48,25 @@ _SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "ms": 1e-3, "millisecond": 1e-3
             "minute": 60.0, "h": 3600.0, "hour": 3600.0, "day": 86400.0}  # fmt: skip
 
 
-class Frames(ABC):
-    """Meshes in files.
+class Frames(NamedTuple):
+    """Meshes in files, listed but not read.
 
-    Attributes
+    Parameters
     ----------
-    path : Path
-        The file, where one holds all frames.
-    times : ndarray or None
+    names : list of str
+        Names of the frames, for errors.
+    read : callable
+        Function that returns a frame by its number, as it is in the file.
+    times : ndarray, optional
         Times of the frames [s], None if the files hold none.
+    metres : float or None
+        Unit of length of the files [m], None if they have none.
     """
 
-    path: Path
+    names: list[str]
+    read: Callable[[int], Facets]
     times: Floats | None = None
-
-    @abstractmethod
-    def __len__(self) -> int: ...
-
-    def name(self, i: int) -> str:
-        """Return the name of a frame for errors: by default, the file's and the number."""
-        return f"{self.path} [{i}]"
-
-    @abstractmethod
-    def read(self, i: int) -> Facets:
-        """Return a frame as it is in the file."""
-
-    def metres(self) -> float | None:
-        """Return the unit of length of the files [m], None if they have none."""
-        return 1.0
+    metres: float | None = 1.0
 
 
 def open_frames(source: str | Sequence[str]) -> Frames:
@@ -99,15 +89,15 @@ def open_frames(source: str | Sequence[str]) -> Frames:
         if suffix == ".pvd":
             return _collection(path)
         if suffix in _XDMF:
-            return XdmfFrames(path)
-        return GridFrames(path) if suffix in _GRID else _files([path], source)
+            return _xdmf(path)
+        return _grids(path) if suffix in _GRID else _files([path], source)
     except Refused:
         raise
     except Exception as error:  # readers of XML, HDF5 and netCDF raise any exception
         raise unfit(f"{path}: {reason_of(error)}", _ALLOWED) from error
 
 
-def _files(files: list[Path], source: object) -> FileFrames:
+def _files(files: list[Path], source: object) -> Frames:
     """Return files in the order of the number that distinguishes their names, or of the names."""
     if not files:
         raise unfit(f"no files in {source!r}", _ALLOWED)
@@ -120,11 +110,11 @@ def _files(files: list[Path], source: object) -> FileFrames:
         times = np.array([float(row[column]) for row in numbers])
         if len(np.unique(times)) == len(files):
             order = np.argsort(times)
-            return FileFrames([files[i] for i in order], times[order])
-    return FileFrames(files)
+            return _one_each([files[i] for i in order], times[order])
+    return _one_each(files)
 
 
-def _collection(path: Path) -> FileFrames:
+def _collection(path: Path) -> Frames:
     """Return the files of a ParaView collection with their times; parts of one time are refused."""
     entries = ElementTree.parse(path).getroot().iter("DataSet")
     rows = sorted((float(e.get("timestep", 0.0)), e.attrib["file"]) for e in entries)
@@ -132,26 +122,17 @@ def _collection(path: Path) -> FileFrames:
     missing = next((f for f in files if not f.is_file()), None)
     if missing is not None or not files:
         raise unfit(f"{path}: no {missing or 'files'}", _ALLOWED)
-    return FileFrames(files, np.array([time for time, _ in rows]))
+    return _one_each(files, np.array([time for time, _ in rows]))
 
 
-class FileFrames(Frames):
-    """One file a frame."""
+def _one_each(files: list[Path], times: Floats | None = None) -> Frames:
+    """Return files of one frame each, polygons split."""
 
-    def __init__(self, files: list[Path], times: Floats | None = None) -> None:
-        self.files, self.times = files, times
-
-    def __len__(self) -> int:
-        return len(self.files)
-
-    def name(self, i: int) -> str:
-        """Return the name of the file."""
-        return str(self.files[i])
-
-    def read(self, i: int) -> Facets:
-        """Return the facets of a file, polygons split."""
-        path = self.files[i]
+    def read(i: int) -> Facets:
+        path = files[i]
         return read_mesh(path) if path.suffix.lower() in _TRIMESH else _read_vtk(path)
+
+    return Frames(list(map(str, files)), read, times)
 
 
 def _read_vtk(path: Path) -> Facets:
@@ -169,45 +150,44 @@ def _read_vtk(path: Path) -> Facets:
     return np.asarray(data.points, np.float64), data.faces.reshape(-1, 4)[:, 1:].astype(np.int64)
 
 
-class XdmfFrames(Frames):
-    """Grids of an XDMF file: one, or a temporal collection.
+def _numbered(path: Path, n: int) -> list[str]:
+    """Return the names of the frames of one file."""
+    return [f"{path} [{i}]" for i in range(n)]
+
+
+def _xdmf(path: Path) -> Frames:
+    """Return the grids of an XDMF file: one, or a temporal collection.
 
     The grids of a collection have their own points and cells, or share those of the first and move
     their points by a point array: positions or displacements of three components, or heights z.
+    Quadrangles are split.
     """
+    found = list(ElementTree.parse(path).getroot().iter("Grid"))
+    collection = next((g for g in found if g.get("CollectionType") == "Temporal"), None)
+    grids = found[:1] if collection is None else collection.findall("Grid")
+    shared = collection is not None and grids[-1].find("Geometry") is None
+    at = [time.attrib["Value"] for grid in grids if (time := grid.find("Time")) is not None]
+    times = np.array(at, np.float64) if len(at) == len(grids) else None
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        root = ElementTree.parse(path).getroot()
-        grids = list(root.iter("Grid"))
-        collection = next((g for g in grids if g.get("CollectionType") == "Temporal"), None)
-        self._grids = grids[:1] if collection is None else collection.findall("Grid")
-        self._shared = collection is not None and self._grids[-1].find("Geometry") is None
-        at = [grid.find("Time") for grid in self._grids]
-        if all(time is not None for time in at):
-            self.times = np.array([float(t.attrib["Value"]) for t in at if t is not None])
-
-    def __len__(self) -> int:
-        return len(self._grids)
-
-    def read(self, i: int) -> Facets:
-        """Return the triangles and quadrangles of a grid, the latter split."""
+    def read(i: int) -> Facets:
         try:
             from meshio.xdmf import TimeSeriesReader
             from meshio.xdmf.main import XdmfReader
         except ImportError as error:
             allowed = 'pip install "meshtrace[meshes]" for XDMF files'
-            raise Refused("source", str(self.path), allowed) from error
-        if self._shared:
-            with TimeSeriesReader(self.path) as series:
+            raise Refused("source", str(path), allowed) from error
+        if shared:
+            with TimeSeriesReader(path) as series:
                 points, cells = series.read_points_cells()
                 return _moved(points, series.read_data(i)[1]), _triangles(cells)
-        grid = ElementTree.Element("Grid", self._grids[i].attrib)
-        grid.extend(c for c in self._grids[i] if c.tag in ("Topology", "Geometry"))
+        grid = ElementTree.Element("Grid", grids[i].attrib)
+        grid.extend(c for c in grids[i] if c.tag in ("Topology", "Geometry"))
         root = ElementTree.Element("Xdmf", Version="3.0")
         ElementTree.SubElement(root, "Domain").append(grid)
-        mesh = XdmfReader(str(self.path)).read_xdmf3(root)
+        mesh = XdmfReader(str(path)).read_xdmf3(root)
         return _spatial(mesh.points), _triangles(mesh.cells)
+
+    return Frames(_numbered(path, len(grids)), read, times)
 
 
 def _spatial(points: Any) -> Floats:
@@ -241,65 +221,63 @@ def _triangles(blocks: Any) -> NDArray[np.int64]:
     return np.concatenate(faces).astype(np.int64)
 
 
-class GridFrames(Frames):
-    """Heights z(t, i, j) over a grid x(i, j), y(i, j), or over axes, in a netCDF or HDF5 file."""
+def _grids(path: Path) -> Frames:
+    """Return heights z(t, i, j) over a grid x(i, j), y(i, j), or over axes, of netCDF or HDF5."""
+    with _opened(path) as data:
+        names = {name.lower(): name for name in map(str, data.variables)}
+        z = data[_height(data, names)]
+        missing = [axis for axis in "xy" if axis not in names]
+        if missing:
+            raise unfit(f"without {missing}", "x, y and z(t, i, j)")
+        variables = names["x"], names["y"], str(z.name)
+        units = [str(data[name].attrs.get("units")).lower() for name in variables]
+        metres = {_METRES.get(unit.removesuffix("s")) for unit in units}
+        time = next((names[name] for name in ("time", "t") if name in names), None)
+        times = None
+        if time is not None and z.ndim == 3 and data[time].shape == z.shape[:1]:
+            times = _seconds(data[time])
+        n = z.shape[0] if z.ndim == 3 else 1
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        with self._opened() as data:
-            names = {name.lower(): name for name in map(str, data.variables)}
-            self._height = _height(data, names)
-            z = data[self._height]
-            missing = [axis for axis in "xy" if axis not in names]
-            if missing:
-                raise unfit(f"without {missing}", "x, y and z(t, i, j)")
-            self._axes = names["x"], names["y"]
-            self._n = z.shape[0] if z.ndim == 3 else 1
-            self._units = [data[name].attrs.get("units") for name in (*self._axes, z.name)]
-            time = next((names[name] for name in ("time", "t") if name in names), None)
-            if time is not None and z.ndim == 3 and data[time].shape == z.shape[:1]:
-                self.times = _seconds(data[time])
+    def read(i: int) -> Facets:
+        with _opened(path) as data:
+            x, y, z = (data[name] for name in variables)
+            return _grid_facets(x, y, z, i)
 
-    def _opened(self) -> xarray.Dataset:
-        import xarray
+    unit = metres.pop() if len(metres) == 1 else None
+    return Frames(_numbered(path, n), read, times, unit)
 
-        with open(self.path, "rb") as file:
-            classic = file.read(3) == b"CDF"
-        own: Any = {"engine": "h5netcdf", "phony_dims": "sort"}
-        options = {"engine": "scipy"} if classic else own
-        return xarray.open_dataset(self.path, decode_times=False, **options)
 
-    def __len__(self) -> int:
-        return self._n
+def _opened(path: Path) -> xarray.Dataset:
+    import xarray
 
-    def metres(self) -> float | None:
-        """Return the unit of x, y and z [m], None unless all have the same known one."""
-        found = {_METRES.get(str(unit).lower().removesuffix("s")) for unit in self._units}
-        return found.pop() if len(found) == 1 else None
+    with open(path, "rb") as file:
+        classic = file.read(3) == b"CDF"
+    own: Any = {"engine": "h5netcdf", "phony_dims": "sort"}
+    options = {"engine": "scipy"} if classic else own
+    return xarray.open_dataset(path, decode_times=False, **options)
 
-    def read(self, i: int) -> Facets:
-        """Return a frame as triangles that face up, cells split."""
-        with self._opened() as data:
-            z = data[self._height]
-            z = z[i] if z.ndim == 3 else z
-            axes = [data[name] for name in self._axes]
-            first, second = (axis.dims for axis in axes)
-            if len(first) == len(second) == 1 and (*second, *first) == z.dims:
-                z = z.transpose()
-            height = np.asarray(z.values, np.float64)
-            x, y = (np.asarray(axis.values, np.float64) for axis in axes)
-        if x.ndim == y.ndim == 1:
-            x, y = np.meshgrid(x, y, indexing="ij")
-        if not x.shape == y.shape == height.shape:
-            raise unfit(f"shapes {x.shape}, {y.shape}, {height.shape}", "x, y and z of one grid")
-        gaps = np.count_nonzero(~np.isfinite(height))
-        if gaps:
-            raise unfit(f"{gaps} gaps (nan) in z", "none: fill them first")
-        vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3)
-        faces = grid_faces(*height.shape).astype(np.int64)
-        along, across = np.diff(x, axis=0)[0, 0], np.diff(x, axis=1)[0, 0]
-        turn = along * np.diff(y, axis=1)[0, 0] - across * np.diff(y, axis=0)[0, 0]
-        return vertices, faces if turn > 0.0 else faces[:, ::-1]
+
+def _grid_facets(
+    along: xarray.DataArray, across: xarray.DataArray, heights: xarray.DataArray, i: int
+) -> Facets:
+    """Return a frame as triangles that face up, cells split."""
+    z = heights[i] if heights.ndim == 3 else heights
+    first, second = along.dims, across.dims
+    if len(first) == len(second) == 1 and (*second, *first) == z.dims:
+        z = z.transpose()
+    x, y, height = (np.asarray(axis.values, np.float64) for axis in (along, across, z))
+    if x.ndim == y.ndim == 1:
+        x, y = np.meshgrid(x, y, indexing="ij")
+    if not x.shape == y.shape == height.shape:
+        raise unfit(f"shapes {x.shape}, {y.shape}, {height.shape}", "x, y and z of one grid")
+    gaps = np.count_nonzero(~np.isfinite(height))
+    if gaps:
+        raise unfit(f"{gaps} gaps (nan) in z", "none: fill them first")
+    vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3)
+    faces = grid_faces(*height.shape).astype(np.int64)
+    step, side = np.diff(x, axis=0)[0, 0], np.diff(x, axis=1)[0, 0]
+    turn = step * np.diff(y, axis=1)[0, 0] - side * np.diff(y, axis=0)[0, 0]
+    return vertices, faces if turn > 0.0 else faces[:, ::-1]
 
 
 def _height(data: xarray.Dataset, names: dict[str, str]) -> str:
@@ -401,7 +379,7 @@ class MeshSequence(Model, frozen=True):
 
     _frames: Frames = PrivateAttr()
     _at: Floats = PrivateAttr()
-    _kept: OrderedDict[int, TriangleMesh] = PrivateAttr(default_factory=OrderedDict)
+    _mesh_of: Callable[[int], TriangleMesh] = PrivateAttr()
     _lock: Any = PrivateAttr(default_factory=Lock)
 
     def __init__(
@@ -417,9 +395,10 @@ class MeshSequence(Model, frozen=True):
         """List the frames and their times."""
         self._frames = open_frames(self.source)
         self._at = self._read_times()
+        self._mesh_of = lru_cache(maxsize=_KEPT)(self._read)
 
     def _read_times(self) -> Floats:
-        at, n = self._frames.times, len(self._frames)
+        at, n = self._frames.times, len(self)
         if self.times is not None:
             at = np.array(self.times)
         elif self.frame_rate is not None:
@@ -435,7 +414,7 @@ class MeshSequence(Model, frozen=True):
         return at
 
     def __len__(self) -> int:
-        return len(self._frames)
+        return len(self._frames.names)
 
     def frame(self, i: int) -> TriangleMesh:
         """Return frame i, from memory or its file.
@@ -451,19 +430,14 @@ class MeshSequence(Model, frozen=True):
             If there is no such frame, or its file is damaged.
         """
         require_whole(i, 0, len(self) - 1, "i")
-        with self._lock:
-            if i not in self._kept:
-                self._kept[i] = self._read(i)
-                while len(self._kept) > _KEPT:
-                    self._kept.popitem(last=False)
-            self._kept.move_to_end(i)
-            return self._kept[i]
+        with self._lock:  # threads that want one frame read it once
+            return self._mesh_of(i)
 
     def _read(self, i: int) -> TriangleMesh:
-        name = self._frames.name(i)
+        name = self._frames.names[i]
         try:
             vertices, faces = self._frames.read(i)
-            unit = self.scale if "scale" in self.model_fields_set else self._frames.metres()
+            unit = self.scale if "scale" in self.model_fields_set else self._frames.metres
             if unit is None:
                 raise Refused("source", Described("no units"), "x, y, z in m, cm or mm, or scale")
             vertices = unit * vertices[:, _AXES[self.up]]
@@ -512,7 +486,7 @@ class MeshSequence(Model, frozen=True):
         if not np.array_equal(before.faces, after.faces):
             found = Described(f'"linear" from {len(before.faces)} to {len(after.faces)} facets')
             allowed = 'the same facets in all frames; else blend = "nearest"'
-            raise Refused("blend", found, allowed, source=self._frames.name(i + 1))
+            raise Refused("blend", found, allowed, source=self._frames.names[i + 1])
         vertices = before.vertices + share * (after.vertices - before.vertices)
         normals = (1.0 - share) * before.vertex_normals + share * after.vertex_normals
         length = np.linalg.norm(normals, axis=1)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from os import PathLike
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
@@ -167,12 +167,8 @@ class Jonswap(Spectrum, frozen=True):
             X = _dimensionless_fetch(self.wind_speed, self.fetch)
             return self.alpha_coefficient * X**-0.22
         # deep-water variance for alpha = 1, with x = omega / omega_p
-        total = integral_over_peak(self._shape)
+        total = _peak_integral(5.0, self.gamma, self.sigma_a, self.sigma_b)
         return self.hs**2 * self.omega_p**4 / (16.0 * GRAVITY**2 * total)
-
-    def _shape(self, x: Floats) -> Floats:
-        enhanced = peak_enhancement(x, self.gamma, self.sigma_a, self.sigma_b)
-        return x**-5.0 * np.exp(-1.25 * x**-4.0) * enhanced
 
     def __call__(self, omega: ArrayLike) -> Floats:
         """Return S(omega) [m2 s rad-1]."""
@@ -354,22 +350,32 @@ def sea_state(spectrum: Spectrum) -> dict[str, float]:
     return {"omega_p": spectrum.omega_p, "wind_speed": spectrum.wind_speed}
 
 
-def integral_over_peak(shape: Callable[[Floats], Floats]) -> float:
-    """Return the integral of a shape with a kink at its peak x = 1, which underflows below 0.1."""
-    from scipy.integrate import quad
-
-    return sum(
-        quad(lambda x: float(shape(np.array(x))), *limits, epsabs=0.0, epsrel=1e-12)[0]
-        for limits in ((0.1, 1.0), (1.0, 2.0), (2.0, math.inf))
-    )
-
-
 def peak_enhancement(
     x: Floats, gamma: float, sigma_a: float = 0.07, sigma_b: float = 0.09
 ) -> Floats:
     """Return the factor gamma^exp(-(x - 1)^2 / (2 sigma^2)) at x = omega / omega_p."""
     sigma = np.where(x <= 1.0, sigma_a, sigma_b)
     return gamma ** np.exp(-((x - 1.0) ** 2) / (2.0 * sigma**2))
+
+
+def _peak_shape(
+    x: Floats, tail: float, gamma: float, sigma_a: float = 0.07, sigma_b: float = 0.09
+) -> Floats:
+    """Return x^-n exp(-n / 4 x^-4) times the enhancement, of the tail n; x = omega / omega_p."""
+    enhanced = peak_enhancement(x, gamma, sigma_a, sigma_b)
+    return x**-tail * np.exp(-0.25 * tail * x**-4.0) * enhanced
+
+
+@lru_cache
+def _peak_integral(tail: float, *enhancement: float) -> float:
+    """Return the integral of `_peak_shape`, which has a kink at 1 and underflows below 0.1."""
+    from scipy.integrate import quad
+
+    return sum(
+        quad(lambda x: float(_peak_shape(np.array(x), tail, *enhancement)), *limits,
+             epsabs=0.0, epsrel=1e-12)[0]
+        for limits in ((0.1, 1.0), (1.0, 2.0), (2.0, math.inf))
+    )  # fmt: skip
 
 
 AnySpectrum = Annotated[SerializeAsAny[Spectrum], BeforeValidator(Spectrum.read)]
@@ -580,7 +586,7 @@ class Torsethaugen(Spectrum, frozen=True):
 
     @model_validator(mode="after")
     def _check_height(self) -> Self:
-        if not 0.0 < self.hs < 50.0:
+        if not self.hs < 50.0:
             raise Refused("hs", self.hs, "0 < hs < 50 m")
         return self
 
@@ -592,7 +598,14 @@ class Torsethaugen(Spectrum, frozen=True):
     def __call__(self, omega: ArrayLike) -> Floats:
         """Return S(omega) [m2 s rad-1]."""
         omega = self._raised(omega)
-        return sum((_peak_density(peak, omega) for peak in self.peaks), np.zeros_like(omega))
+        density = np.zeros_like(omega)
+        for peak in self.peaks:
+            # below a tenth of the peak the density has underflowed, and f^-4 would overflow
+            f = np.maximum(omega * peak.tp / (2.0 * math.pi), 0.1)
+            total = _peak_integral(4.0, peak.gamma)
+            scale = peak.hs**2 / 16.0 * peak.tp / (2.0 * math.pi * total)
+            density = density + scale * _peak_shape(f, 4.0, peak.gamma)
+        return density
 
     @cached_property
     def peaks(self) -> tuple[_Peak, _Peak]:
@@ -600,12 +613,13 @@ class Torsethaugen(Spectrum, frozen=True):
         hs, tp = self.hs, self.tp
         separation = 6.6 * hs ** (1.0 / 3.0)
         if tp <= separation:
-            e = _unit((separation - tp) / (separation - 2.0 * math.sqrt(hs)))
+            e = (separation - tp) / (separation - 2.0 * math.sqrt(hs))
+            e = min(1.0, max(0.0, e))
             share = 0.7 + 0.3 * math.exp(-4.0 * e * e)
             gamma = 35.0 * (2.0 * math.pi * share * hs / (GRAVITY * tp**2)) ** 0.857
             second = separation + 2.0
         else:
-            e = _unit((tp - separation) / (LONGEST_SWELL - separation))
+            e = min(1.0, max(0.0, (tp - separation) / (LONGEST_SWELL - separation)))
             share = 0.6 + 0.4 * math.exp(-((e / 0.3) ** 2))
             gamma = 35.0 * (2.0 * math.pi * hs / (GRAVITY * separation**2)) ** 0.857
             gamma *= 1.0 + 6.0 * e
@@ -613,26 +627,6 @@ class Torsethaugen(Spectrum, frozen=True):
         rest = math.sqrt(max(0.0, 1.0 - share**2)) * hs
         # a vanished part keeps a period, so that its density is zero and not undefined
         return _Peak(share * hs, tp, max(1.0, gamma)), _Peak(rest, max(second, 1e-3), 1.0)
-
-
-def _unit(value: float) -> float:
-    return min(1.0, max(0.0, value))
-
-
-def _shape(f: Floats, gamma: float) -> Floats:
-    return f**-4.0 * np.exp(-(f**-4.0)) * peak_enhancement(f, gamma)
-
-
-@lru_cache
-def _integral(gamma: float) -> float:
-    return integral_over_peak(lambda f: _shape(f, gamma))
-
-
-def _peak_density(peak: _Peak, omega: Floats) -> Floats:
-    # below a tenth of the peak the density has underflowed, and f^-4 would overflow
-    f = np.maximum(omega * peak.tp / (2.0 * math.pi), 0.1)
-    scale = peak.hs**2 / 16.0 * peak.tp / (2.0 * math.pi * _integral(peak.gamma))
-    return scale * _shape(f, peak.gamma)
 
 
 class TabulatedSpectrum(Spectrum, frozen=True):

@@ -491,28 +491,17 @@ def _segments_meet(p: Floats, q: Floats, r: Floats, s: Floats, least: float) -> 
 def _refuse_uncovered(segments: Floats, extent: float) -> None:
     """Refuse an outline, shape (e, 2, 2), that leaves part of the square |x|, |y| <= extent."""
     inner = extent * (1.0 - _COVERAGE_TOLERANCE)
-    start, step = segments[:, 0], segments[:, 1] - segments[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        first, second = (-inner - start) / step, (inner - start) / step
-    # A segment along an axis stays inside or outside that slab for good.
-    parallel = step == 0.0
-    within = np.abs(start) < inner
-    enter = np.where(parallel, np.where(within, -np.inf, np.inf), np.minimum(first, second))
-    leave = np.where(parallel, np.inf, np.maximum(first, second))
-    crosses = np.maximum(enter.max(axis=1), 0.0) < np.minimum(leave.min(axis=1), 1.0)
-    if crosses.any() or not _around_origin(start, step):
+    corners = inner * np.array([[[1.0, 1.0]], [[-1.0, 1.0]], [[-1.0, -1.0]], [[1.0, -1.0]]])
+    start, end = segments[:, 0], segments[:, 1]
+    crosses = [_segments_meet(start, end, corners[i - 1], corners[i], 0.0).any() for i in range(4)]
+    # an outline that leaves the sides alone goes round the whole square, or round no corner
+    passing = (start[:, 1] > inner) != (end[:, 1] > inner)
+    (x, y), (step_x, step_y) = start[passing].T, (end - start)[passing].T
+    right = np.count_nonzero(x + (inner - y) * step_x / step_y > inner)
+    if any(crosses) or right % 2 == 0:
         low, high = start.min(axis=0), start.max(axis=0)
         allowed = (
             "a square |x|, |y| <= extent [m] that the surface covers; it lies in "
             f"x {low[0]:g}..{high[0]:g} m, y {low[1]:g}..{high[1]:g} m"
         )
         raise Refused("extent", Described(f"{extent} m"), allowed)
-
-
-def _around_origin(start: Floats, step: Floats) -> bool:
-    """Return whether a closed outline that avoids the origin winds around it."""
-    end = start + step
-    crossing = (start[:, 1] > 0.0) != (end[:, 1] > 0.0)
-    start, step = start[crossing], step[crossing]
-    x = start[:, 0] - start[:, 1] * step[:, 0] / step[:, 1]
-    return bool(np.count_nonzero(x > 0.0) % 2)

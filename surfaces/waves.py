@@ -585,7 +585,3 @@ class WaveGrids:
     def __deepcopy__(self, memo: Any) -> WaveGrids:
         # plans are no data; copies of a sea share them as its seeds do
         return self
-
-    def share(self, other: WaveGrids) -> None:
-        """Use one store with `other` from now on."""
-        self._grids = other._grids

@@ -137,10 +137,18 @@ class LeaningWave(Surface, frozen=True):
         normals = grid_points(-dz / length, np.zeros_like(y), (dx / length)[:, None])
         return grid_points(x, y, z[:, None]), normals
 
-    def _triangulated(
-        self, time: float, center: tuple[float, float], lines: GridLines
+    def mesh(
+        self,
+        time: float = 0.0,
+        extent: float = 20.0,
+        spacing: float = 0.1,
+        *,
+        center: tuple[float, float] = (0.0, 0.0),
+        fine_extent: float | None = None,
+        coarse_spacing: float | None = None,
     ) -> TriangleMesh:
-        half = 0.5 * self.lean
+        """Triangulate the surface; see `Surface.mesh`."""
+        lines, half = GridLines(extent, spacing, fine_extent, coarse_spacing), 0.5 * self.lean
         s = lines.widened(half).axis(center[0] - half)
         y = lines.axis(center[1])
         return mesh_of_sheet(*self.sheet(s, y, time), overhangs=not self.single_valued)

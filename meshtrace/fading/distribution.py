@@ -203,24 +203,6 @@ def wilson(probability: float, n: float, confidence: float) -> Estimate:
     return Estimate(probability, max(0.0, low), min(1.0, high))
 
 
-def poisson_limits(count: float, confidence: float) -> tuple[float, float]:
-    """Return Garwood's limits of the mean of a Poisson count observed once."""
-    from scipy import special
-
-    tail = 0.5 - 0.5 * confidence
-    low = float(special.gammaincinv(count, tail)) if count else 0.0
-    return low, float(special.gammainccinv(count + 1.0, tail))
-
-
-def exponential_limits(value: float, count: float, confidence: float) -> Estimate:
-    """Return the limits of the mean of `count` exponential durations."""
-    from scipy import special
-
-    tail = 0.5 - 0.5 * confidence
-    high, low = special.gammaincinv(count, tail), special.gammainccinv(count, tail)
-    return Estimate(value, float(count * value / low), float(count * value / high))
-
-
 # Below this number the jackknife of the BCa bootstrap has too little to work on.
 _FEWEST_ACCELERATED = 8
 # Bound of memory: gains resampled at a time.

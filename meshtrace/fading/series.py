@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.fading.distribution import (
@@ -18,9 +18,7 @@ from meshtrace.fading.distribution import (
     checked,
     checked_gain,
     checked_step,
-    exponential_limits,
     level_of,
-    poisson_limits,
 )
 from meshtrace.models import Floats
 
@@ -382,12 +380,17 @@ def level_crossing_rate(
     >>> level_crossing_rate(t, 1.0 + 0.1 * np.sin(2.0 * np.pi * t / 4.0 + 0.1), 1.0).value
     0.25
     """
+    from scipy import special
+
     check_bootstrap(confidence, resamples)
-    g, step, (fall, _) = _record(time, gain, threshold, relative_to)
+    g, step, under = _record(time, gain, threshold, relative_to)
+    fall = (~under[:-1] & under[1:]).astype(np.float64)
     count, duration = float(fall.sum()), step * fall.size
     block = series_block(block, g)
     if count < _FEWEST_CROSSINGS:
-        low, high = poisson_limits(count, confidence)
+        tail = 0.5 - 0.5 * confidence
+        low = float(special.gammaincinv(count, tail)) if count else 0.0
+        high = float(special.gammainccinv(count + 1.0, tail))
         return Estimate(count / duration, low / duration, high / duration)
     rate = block_means((fall,), min(block, fall.size), resamples, seed)[0] / step
     return block_interval(count / duration, rate, g.size / block, confidence)
@@ -437,15 +440,21 @@ def mean_fade_duration(
     >>> round(fade.value, 6)
     2.0
     """
+    from scipy import special
+
     check_bootstrap(confidence, resamples)
-    g, step, (fall, below) = _record(time, gain, threshold, relative_to)
+    g, step, under = _record(time, gain, threshold, relative_to)
+    fall = (~under[:-1] & under[1:]).astype(np.float64)
+    below = 0.5 * under[:-1] + 0.5 * under[1:]
     count = float(fall.sum())
     block = series_block(block, g)
     if count == 0.0:
         return Estimate(math.nan, math.nan, math.nan)
     value = float(below.sum()) * step / count
     if count < _FEWEST_CROSSINGS:
-        return exponential_limits(value, count, confidence)
+        tail = 0.5 - 0.5 * confidence
+        most, least = special.gammaincinv(count, tail), special.gammainccinv(count, tail)
+        return Estimate(value, float(count * value / least), float(count * value / most))
     low, falls = block_means((below, fall), min(block, fall.size), resamples, seed)
     durations = step * np.divide(low, falls, out=np.full_like(low, math.inf), where=falls > 0.0)
     return block_interval(value, durations, g.size / block, confidence)
@@ -478,20 +487,16 @@ def fade_durations(
     >>> fade_durations([0.0, 0.1, 0.2, 0.3, 0.4], [1.0, 0.3, 0.2, 1.0, 1.2], 0.5).round(3)
     array([0.2])
     """
-    g = checked_gain(gain)
-    step = checked_step(time, g.size)
-    under = (g < level_of(g, threshold, relative_to)).astype(np.int8)
-    falls, rises = np.flatnonzero(np.diff(under) > 0), np.flatnonzero(np.diff(under) < 0)
+    _, step, under = _record(time, gain, threshold, relative_to)
+    change = np.diff(under.astype(np.int8))
+    falls, rises = np.flatnonzero(change > 0), np.flatnonzero(change < 0)
     rises = rises[rises > falls[0]] if falls.size else falls
     return np.asarray(step * (rises - falls[: rises.size]), dtype=np.float64)
 
 
 def _record(
     time: ArrayLike, gain: ArrayLike, threshold: float, relative_to: Reference
-) -> tuple[Floats, float, tuple[Floats, Floats]]:
-    """Return gains, time step, and the falls through the level and the share below per step."""
+) -> tuple[Floats, float, NDArray[np.bool_]]:
+    """Return gains, time step, and whether each gain is below the level."""
     g = checked_gain(gain)
-    step = checked_step(time, g.size)
-    under = g < level_of(g, threshold, relative_to)
-    fall = (~under[:-1] & under[1:]).astype(np.float64)
-    return g, step, (fall, 0.5 * under[:-1] + 0.5 * under[1:])
+    return g, checked_step(time, g.size), g < level_of(g, threshold, relative_to)
