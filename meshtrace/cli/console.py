@@ -74,12 +74,12 @@ def kernels_are_compiled(estimator: str) -> bool:
 
     Forced detection has one slow kernel for seas with random slopes and one for other surfaces.
     """
-    from meshtrace.engine.chains import gain, microfacets
+    from meshtrace.engine.chains import gain
     from meshtrace.engine.photons import flight
     from meshtrace.kernels import jit
 
     slowest = {
-        "forced": (gain.contributions, microfacets.blurred_contributions),
+        "forced": (gain.contributions, gain.blurred_contributions),
         "analog": (flight.follow,),
     }
     return any(jit.is_compiled(kernel) for kernel in slowest[estimator])

@@ -229,6 +229,7 @@ class Intersector(ABC):
         The surface.
     """
 
+    threads = 1
     shortcut = False  # whether facets may be found without it where the answer is known
 
     def __init__(self, mesh: TriangleMesh) -> None:
@@ -267,7 +268,13 @@ class Intersector(ABC):
             raise errors[0]
 
     def intersect(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
-        """Return the first hit of each ray."""
+        """Return the first hit of each ray, rays spread over the threads.
+
+        Parameters
+        ----------
+        origins, directions : array_like, shape (n, 3)
+            Rays; directions need not be unit vectors, distances are in their length.
+        """
         o = np.ascontiguousarray(origins, dtype=np.float64)
         d = np.ascontiguousarray(directions, dtype=np.float64)
         for name, array in (("origins", o), ("directions", d)):
@@ -276,10 +283,17 @@ class Intersector(ABC):
         if o.shape != d.shape:
             other = Described(f"shape {d.shape}")
             raise Refused("directions", other, f"that of origins, {o.shape}")
-        facet = self.facets(o.astype(np.float32), d.astype(np.float32))
         triangles = Triangles(self.mesh.vertices, self.mesh.faces, self.mesh.face_normals)
-        distance, u, v = facet_hits(facet, o, d, triangles)
-        return Hits(facet, distance, u, v)
+
+        def hits(rows: slice) -> Hits:
+            facet = self.facets(o[rows].astype(np.float32), d[rows].astype(np.float32))
+            return Hits(facet, *facet_hits(facet, o[rows], d[rows], triangles))
+
+        if self.threads == 1 or len(o) < 2 * self.threads:
+            return hits(slice(None))
+        bounds = np.linspace(0, len(o), self.threads + 1, dtype=int)
+        parts = ordered_map(hits, (slice(*ends) for ends in pairwise(bounds)), self.threads)
+        return Hits(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 
 class EmbreeIntersector(Intersector):
@@ -336,22 +350,6 @@ class EmbreeIntersector(Intersector):
             return
         with super().function() as python:
             yield python
-
-    def intersect(self, origins: ArrayLike, directions: ArrayLike) -> Hits:
-        """Return the first hit of each ray, rays spread over the threads.
-
-        Parameters
-        ----------
-        origins, directions : array_like, shape (n, 3)
-            Rays; directions need not be unit vectors, distances are in their length.
-        """
-        o, d = np.asarray(origins, dtype=float), np.asarray(directions, dtype=float)
-        if self.threads == 1 or len(o) < 2 * self.threads:
-            return super().intersect(o, d)
-        bounds = np.linspace(0, len(o), self.threads + 1, dtype=int)
-        chunks, hits = (slice(*ends) for ends in pairwise(bounds)), super().intersect
-        parts = ordered_map(lambda chunk: hits(o[chunk], d[chunk]), chunks, self.threads)
-        return Hits(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 
 class BruteForceIntersector(Intersector):

@@ -59,29 +59,15 @@ STEP = 1e-5  # [m], displacement of P for the derivatives
 _TOLERANCE = 1e-4  # [m], step of P behind which the error is its square
 _ITERATIONS = 12
 
-FLAT = np.dtype(
-    [
-        ("x", float),
-        ("y", float),
-        ("branch", float),  # see `Shot`; 0: no crossing
-        ("low", float),  # smallest and largest stretch of dX/dP
-        ("high", float),
-        ("lever", float),  # |dX / dslope| [m]
-        ("lift", float),  # |dX / dz|
-        ("level", float),  # height of the flat sea [m]
-        ("m11", float),  # dP / dslope [m]
-        ("m12", float),
-        ("m21", float),
-        ("m22", float),
-        ("h1", float),  # dP / dz
-        ("h2", float),
-        ("c11", float),  # dP / d(x, y) of the aperture's centre
-        ("c12", float),
-        ("c21", float),
-        ("c22", float),
-    ]
-)
-"""A crossing of a flat sea, and its displacement by slopes and heights."""
+_STRETCHES = ("low", "high", "lever", "lift", "level")
+_MOVES = ("m11", "m12", "m21", "m22", "h1", "h2", "c11", "c12", "c21", "c22")
+FLAT = np.dtype([(name, float) for name in ("x", "y", "branch", *_STRETCHES, *_MOVES)])
+"""A crossing of a flat sea, and its displacement by slopes and heights.
+
+Branch 0, see `Shot`: no crossing. `low` and `high` are the smallest and the largest stretch of
+dX/dP, `lever` |dX / dslope| [m], `lift` |dX / dz|, `level` the height of the flat sea [m]. The
+displacements are m = dP / dslope [m], h = dP / dz, and c = dP / d(x, y) of the aperture's centre.
+"""
 
 
 class Shot(NamedTuple):
@@ -513,6 +499,18 @@ def radius_of(flat, search, shot, scene):
     slope = search.slope + math.hypot(shot.tilt.x, shot.tilt.y)
     move = MARGIN * (slope * flat.lever + waves * flat.lift) / max(flat.low, 1e-3)
     return min(move + search.margin, search.widest)
+
+
+@inlined
+def is_steep(m, scene):
+    """Return whether no wave can block a path before or after its crossing.
+
+    Array twin: `_cut` of `meshtrace.engine.forced`, by Embree.
+    """
+    slope = scene.surface.max_slope
+    return m.d.z > slope * math.hypot(m.d.x, m.d.y) and (
+        not scene.interface.follow_second_hit or m.r.z > slope * math.hypot(m.r.x, m.r.y)
+    )
 
 
 @inlined

@@ -22,7 +22,7 @@ from meshtrace.kernels import scene
 from meshtrace.scenario import Scenario
 
 compile_ahead(sys.argv[1])
-kernels = (microfacets.blurred_gain, microfacets.blurred_contributions, chain_gain.contributions,
+kernels = (microfacets.blurred_gain, chain_gain.blurred_contributions, chain_gain.contributions,
            unscattered.image_gain, scene.facet_summary, scene.count_bins, scene.fill_bins)
 ahead = [kernel.signatures for kernel in kernels]
 Scenario.from_toml(sys.argv[1]).simulate()

@@ -121,9 +121,9 @@ def test_kernels_once_compiled_are_found(monkeypatch, estimator):
 
 
 def test_seas_with_random_slopes_need_one_kernel_of_forced_detection(monkeypatch):
-    from meshtrace.engine.chains import microfacets
+    from meshtrace.engine.chains import gain
 
-    only = microfacets.blurred_contributions
+    only = gain.blurred_contributions
     monkeypatch.setattr("meshtrace.kernels.jit.is_compiled", lambda kernel: kernel is only)
     assert cli.console.kernels_are_compiled("forced")
     assert not cli.console.kernels_are_compiled("analog")

@@ -15,9 +15,8 @@ from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains import gain as kernel
 from meshtrace.engine.chains import microfacets
 from meshtrace.engine.chains import unscattered as image
-from meshtrace.engine.chains.gain import Counter
+from meshtrace.engine.chains.gain import Counter, tint_chains, tint_straight
 from meshtrace.engine.chains.sets import Aimed, ChainDrawer, ChainSet, Request
-from meshtrace.engine.chains.tinted import tint_chains, tint_straight
 from meshtrace.engine.crossing import FLAT, ROOT, Search
 from meshtrace.engine.setup.arrays import locator, surface_arrays, with_raster
 from meshtrace.engine.setup.ends import ForcedLink, expected_water, forced_link
@@ -215,7 +214,7 @@ class AimedChains:
             scene, flat = self.scene(emitter, self.link.targets[first]), chains.crossings(first)
             places = np.array([self.link.targets[r].center for r in receivers])
             near = np.zeros(flat.shape[1], FLAT)
-            found = microfacets.blurred_contributions(
+            found = kernel.blurred_contributions(
                 chains.chains, flat, places, near, self.spread, scene, out
             )
         else:

@@ -1,7 +1,8 @@
 """Forced detection: crossings of each chain over one surface, and its contribution to the aperture.
 
 Newton starts from the crossings of a flat sea, which do not depend on the waves. An audit searches
-every facet for all crossings near that of a flat sea that land on one point.
+every facet for all crossings near that of a flat sea that land on one point. Chains at other
+wavelengths are sums over their ways and scatterings, see `kernels.tints`.
 """
 
 from __future__ import annotations
@@ -14,17 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
+from meshtrace.engine.chains.microfacets import slope_towards, whitened
+from meshtrace.engine.chains.unscattered import aperture_at
+from meshtrace.engine.crossing import is_steep
 from meshtrace.kernels.interface import SMOOTH, normal_at, over_gaussian, slope_tilt
 from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import (
+    Medium,
     absorption_path,
     bubble_scattering,
     is_uniform,
     scattering_path,
     water_coefficients,
 )
-from meshtrace.kernels.scene import FLAT_SEA, height_on
+from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
 from meshtrace.kernels.sources import intensity
+from meshtrace.kernels.tints import Tints, tint_scattering, tint_way
 from meshtrace.kernels.vectors import UP, Vec2, Vec3, along, dot, minus, norm, plus, row, write
 
 _FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, that is much
@@ -109,32 +115,22 @@ def flat_crossings(chains, starts, still, raised, out):
     on both branches; the others have one crossing, found from below the receiver. A chain that
     ends above still water is searched on a sea `raised` above every crest.
     """
-    for i in range(len(chains.last)):
-        flat_crossings_of(chains, i, starts, still, raised, out[i])
-
-
-@outlined
-def flat_crossings_of(chains, i, starts, still, raised, out):
-    """Write the flat-sea crossings of chain i; return their number.
-
-    Array twin: see `flat_crossings`.
-    """
     depth = -still.emitter.position.z
-    q, v = row(chains.tail, i), row(chains.last, i)
-    size = norm(q)
-    plain = size < 0.95 * depth and dot(q, v) >= 0.4 * size
-    n = ZERO
-    for scene in (still, raised):
-        for side in range(1 if size < depth else 2):
-            for k in range(len(starts)):
-                if n < len(out) and not (n > 0 and plain):
-                    shot = shot_of(chains, i, scene, 1.0 - 2.0 * side, SMOOTH)
-                    n = _flat_root(n, starts[k], shot, scene, out)
-        if n > 0:
-            break
-    if n < len(out):
-        out[n].branch = 0.0
-    return n
+    for i in range(len(chains.last)):
+        q, v = row(chains.tail, i), row(chains.last, i)
+        size = norm(q)
+        plain = size < 0.95 * depth and dot(q, v) >= 0.4 * size
+        n = ZERO
+        for scene in (still, raised):
+            for side in range(1 if size < depth else 2):
+                for k in range(len(starts)):
+                    if n < len(out[i]) and not (n > 0 and plain):
+                        shot = shot_of(chains, i, scene, 1.0 - 2.0 * side, SMOOTH)
+                        n = _flat_root(n, starts[k], shot, scene, out[i])
+            if n > 0:
+                break
+        if n < len(out[i]):
+            out[i, n].branch = 0.0
 
 
 @outlined
@@ -148,27 +144,13 @@ def _flat_root(n, start, shot, scene, out):
     return n + 1
 
 
-@inlined
-def find_crossings(chains, i, flat, audit, search, scene, out):
-    """Write the crossings of chain i (`Output.roots`); return their number.
-
-    Newton starts from the flat crossings. More roots, if the sea focuses, are searched in a
-    share of the chains and count by the inverse of that share: unbiased.
-    """
-    n = ZERO
-    for k in range(len(flat)):
-        if flat[k].branch == 0.0:
-            if k == 0:
-                out.counters[Counter.NO_FLAT.value] += 1
-            break
-        shot = shot_of(chains, i, scene, flat[k].branch, scene.surface.roughness)
-        n = _near(n, flat[k], audit, search, shot, scene, out.roots, out.counters)
-    return n
-
-
 @outlined
 def _near(n, flat, audit, search, shot, scene, roots, counters):
-    """Append the crossings that belong to one flat crossing."""
+    """Append the crossings that belong to one flat crossing; return their number.
+
+    Newton starts from the flat crossing. More roots, if the sea focuses, are searched in a share of
+    the chains and count by the inverse of that share: unbiased.
+    """
     surface, target, tilt = scene.surface, scene.target, shot.tilt
     radius = crossing.radius_of(flat, search, shot, scene)
     off = math.hypot(flat.x - target.center.x, flat.y - target.center.y)
@@ -225,7 +207,15 @@ def contributions(chains, flat, audits, search, scene, out):
     """
     counts = ZERO, ZERO, ZERO
     for i in range(len(chains.last)):
-        for k in range(find_crossings(chains, i, flat[i], audits[i], search, scene, out)):
+        n = ZERO
+        for k in range(len(flat[i])):
+            if flat[i, k].branch == 0.0:
+                if k == 0:
+                    out.counters[Counter.NO_FLAT.value] += 1
+                break
+            shot = shot_of(chains, i, scene, flat[i, k].branch, scene.surface.roughness)
+            n = _near(n, flat[i, k], audits[i], search, shot, scene, out.roots, out.counters)
+        for k in range(n):
             root = out.roots[k]
             shot = shot_of(chains, i, scene, root.branch, scene.surface.roughness)
             light = weigh(chains, i, root.x, root.y, root.facet, shot, scene)
@@ -259,6 +249,121 @@ def flat_contributions(chains, flat, scene, score):
                 score[i] += w
 
 
+@entry
+def blurred_contributions(chains, flat, places, near, spread, scene, out):
+    """Write the contribution of each chain to the aperture at each of some places.
+
+    Returns (doubtful crossings, rays, arrivals); their rows, and those of the scores, count the
+    chains to the first place, to the second, and so on.
+
+    Array twin: `contributions`, which finds the crossings of a chosen slope.
+    Here the crossing is chosen, as that of a flat sea moved by slopes of the law `spread`, and the
+    slope follows: one evaluation a crossing. Crossings that several flat ones may lead to count
+    by the sum of their densities. They are unbiased about any point: `flat` are the crossings to
+    the aperture of the scene, moved to first order to its `places` (m, 3); `near` has room for
+    those of a chain.
+    """
+    counts, n = (ZERO, ZERO, ZERO), len(chains.last)
+    for m in range(len(places)):
+        there = aperture_at(row(places, m), scene)
+        x, y = places[m, 0] - scene.target.center.x, places[m, 1] - scene.target.center.y
+        own = Output(
+            out.score[m * n :], out.doubtful, out.rays, out.arrivals, out.counters, out.roots
+        )
+        for i in range(n):
+            if flat[i, 0].branch == 0.0:
+                out.counters[Counter.NO_FLAT.value] += 1
+                continue
+            for k in range(len(near)):
+                near[k] = flat[i, k]
+                near[k].x += flat[i, k].c11 * x + flat[i, k].c12 * y
+                near[k].y += flat[i, k].c21 * x + flat[i, k].c22 * y
+            for k in range(len(near)):
+                if near[k].branch == 0.0:
+                    break
+                light = _sloped_crossing(chains, i, near, k, spread, there)
+                if light.weight <= 0.0:
+                    continue
+                out.counters[Counter.SOLVED.value] += 1
+                doubt, _, arrival = counts
+                counts = keep(chains, i, light.weight, light, counts, there, own)
+                if counts[0] > doubt:
+                    out.doubtful[doubt].chain += m * n
+                if counts[2] > arrival:
+                    out.arrivals[arrival].chain += m * n
+    return counts
+
+
+@inlined
+def _lifted(flat, scene):
+    """Return a crossing of the flat sea, raised to the height of the surface there."""
+    facet = locate(scene.locator, scene.surface, flat.x, flat.y)
+    rise = 0.0
+    if facet >= 0:
+        rise = height_on(flat.x, flat.y, facet, scene.surface) - flat.level
+    return flat.x + flat.h1 * rise, flat.y + flat.h2 * rise
+
+
+@outlined
+def _density(flat, x, y, branch, spread, scene):
+    """Return the density of the proposed crossings at (x, y) [m-2], on one branch."""
+    total = 0.0
+    for k in range(len(flat)):
+        if flat[k].branch == 0.0:
+            break
+        det = flat[k].m11 * flat[k].m22 - flat[k].m12 * flat[k].m21
+        if flat[k].branch != branch or det == 0.0:
+            continue
+        x0, y0 = _lifted(flat[k], scene)
+        dx, dy = (x - x0) / det, (y - y0) / det
+        s = Vec2(flat[k].m22 * dx - flat[k].m12 * dy, flat[k].m11 * dy - flat[k].m21 * dx)
+        u = whitened(spread, s)
+        law = math.exp(-0.5 * (u.x * u.x + u.y * u.y))
+        total += law / (2.0 * math.pi * spread.along * spread.across * abs(det))
+    return total
+
+
+@outlined
+def _sloped_crossing(chains, i, flat, k, spread, scene):
+    """Return the `Crossing` of chain i that is proposed for crossing k of the flat sea.
+
+    Its weight is its light over the density of the point.
+    """
+    x, y = _lifted(flat[k], scene)
+    s = slope_tilt(spread, chains.tilt[i, 0], chains.tilt[i, 1])  # displaces the crossing
+    x = x + flat[k].m11 * s.x + flat[k].m12 * s.y
+    y = y + flat[k].m21 * s.x + flat[k].m22 * s.y
+    facet = locate(scene.locator, scene.surface, x, y)
+    shot = shot_of(chains, i, scene, flat[k].branch, scene.surface.roughness)
+    p = Vec3(x, y, height_on(x, y, facet, scene.surface))
+    ok, length, w, d = crossing.emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
+    none = crossing.Aim(False, shot.goal, w, d, UP, 1.0, length, 0.0)
+    nothing = Crossing(0.0, True, none, p, shot.start)
+    if facet < 0 or not ok or dot(d, row(scene.surface.face_normals, facet)) <= 0.0:
+        return nothing
+    n = normal_at(x, y, facet, scene.surface)
+    slope = slope_towards(p, n, w, d, length, shot.goal, scene)
+    density = _density(flat, x, y, shot.branch, spread, scene)
+    if slope.density == 0.0 or density == 0.0:
+        return nothing
+    ok_x, w_x = _emission_at(x + crossing.STEP, y, facet, shot, scene)
+    ok_y, w_y = _emission_at(x, y + crossing.STEP, facet, shot, scene)
+    turns = crossing.quotients(w, w_x, w_y)
+    # a scattering closer to the surface than a step has no derivative
+    j = crossing.Jacobian(ok_x and ok_y, slope.aim, density / slope.density, 0.0, 0.0, 1.0, *turns)
+    shot = crossing.Shot(shot.start, shot.q, shot.v, shot.goal, shot.branch, slope.tilt)
+    weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
+    return Crossing(weight, is_steep(slope.aim, scene) and deep, slope.aim, p, shot.start)
+
+
+@inlined
+def _emission_at(x, y, facet, shot, scene):
+    """Return (ok, direction of emission) through the plane of a facet over (x, y)."""
+    p = Vec3(x, y, height_on(x, y, facet, scene.surface))
+    ok, _, w, _ = crossing.emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
+    return ok, w
+
+
 @inlined
 def keep(chains, i, w, light, counts, scene, out):
     """Score the light w of chain i by its `Crossing`, or list it as doubtful with its rays.
@@ -284,18 +389,6 @@ def keep(chains, i, w, light, counts, scene, out):
     else:
         out.score[i] += w
     return n_doubt, n_rays, n_arrivals
-
-
-@inlined
-def is_steep(m, scene):
-    """Return whether no wave can block a path before or after its crossing.
-
-    Array twin: `_cut` of `meshtrace.engine.forced`, by Embree.
-    """
-    slope = scene.surface.max_slope
-    return m.d.z > slope * math.hypot(m.d.x, m.d.y) and (
-        not scene.interface.follow_second_hit or m.r.z > slope * math.hypot(m.r.x, m.r.y)
-    )
 
 
 @inlined
@@ -408,3 +501,87 @@ def list_paths(chains, i, light, doubt, scene, rays, n):
             n += 1
         start = end
     return n
+
+
+class Colours(NamedTuple):
+    """Wavelengths of straight ways, and their factors on the weight of the last one."""
+
+    tints: Tints | None
+    shares: NDArray[np.float64]  # (wavelengths, tints)
+    clear: Medium  # the water with its bubbles alone
+    tint: NDArray[np.float64]  # (tints,)
+    factor: NDArray[np.float64]  # (wavelengths,)
+
+
+@outlined
+def straight_factors(p, q, colours):
+    """Write the factors of a straight way from p to q.
+
+    Array twin: see `tint_chains`.
+    """
+    colours.tint[:] = 0.0
+    _add_way(p, q, colours.clear, colours.tints, colours.tint)
+    for j in range(len(colours.factor)):
+        log = 0.0
+        for r in range(len(colours.tint)):
+            log += colours.shares[j, r] * colours.tint[r]
+        colours.factor[j] = math.exp(log)
+
+
+@inlined
+def _add_way(p, q, clear, tints, tint):
+    """Add a straight way from p to q."""
+    if tints is not None:
+        length = norm(minus(q, p))
+        tint_way(tints, tint, p.z, q.z, length)
+        depth = scattering_path(clear, p, q, length)
+        for r in range(len(tints.c)):
+            tint[r] -= tints.bubble_c[r] * depth
+
+
+@entry
+def tint_chains(chains, arrivals, emitter, clear, tints, out):
+    """Write the sums (arrivals, tints) of chains that arrive.
+
+    Array twin: direct runs of the wavelengths.
+    `clear` is the water with its bubbles alone.
+    """
+    for n in range(len(arrivals)):
+        a, tint = arrivals[n], out[n]
+        i, w = a.chain, Vec3(a.emission[0], a.emission[1], a.emission[2])
+        start = crossing.start_of(emitter, chains.disk[i, 0], chains.disk[i, 1])
+        end = Vec3(a.point[0], a.point[1], a.point[2])
+        for r in range(len(tint)):
+            tint[r] = 0.0
+        before, last = start, w
+        order = chains.vertex.shape[1]
+        for k in range(order + 1):
+            at = end
+            if k < order:
+                at = plus(turned(w, row(chains.vertex[i], k)), start)
+            way = minus(at, before)
+            if k > 0:
+                s = 0.5 * norm(minus(_unit(way), _unit(last)))
+                theta = 2.0 * math.asin(min(s, 1.0))
+                tint_scattering(tints, tint, before.z, theta, chains.kind[i, k - 1] == 1)
+            _add_way(before, at, clear, tints, tint)
+            before, last = at, way
+
+
+@inlined
+def _unit(way):
+    """Return the direction of a way."""
+    size = norm(way)
+    return Vec3(way.x / size, way.y / size, way.z / size)
+
+
+@entry
+def tint_straight(start, ends, clear, tints, out):
+    """Write the sums (ways, tints) of straight ways from a point to ends (ways, 3).
+
+    Array twin: see `tint_chains`.
+    """
+    for n in range(len(ends)):
+        for r in range(len(out[n])):
+            out[n, r] = 0.0
+        _add_way(start, row(ends, n), clear, tints, out[n])

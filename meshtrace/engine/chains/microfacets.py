@@ -24,15 +24,7 @@ from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
 from meshtrace.engine.chains import unscattered
-from meshtrace.engine.chains.gain import (
-    Counter,
-    Crossing,
-    Output,
-    is_steep,
-    keep,
-    shot_of,
-    weight_of,
-)
+from meshtrace.engine.crossing import is_steep
 from meshtrace.kernels.interface import (
     exposure,
     normal_at,
@@ -43,7 +35,6 @@ from meshtrace.kernels.interface import (
 )
 from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
-from meshtrace.kernels.scene import Scene, Target, height_on, locate
 from meshtrace.kernels.sources import (
     SourceKind,
     beam_width,
@@ -53,7 +44,6 @@ from meshtrace.kernels.sources import (
     off_axis,
 )
 from meshtrace.kernels.vectors import (
-    UP,
     Vec2,
     Vec3,
     along,
@@ -232,22 +222,34 @@ def blurred_gain(scene, rule, blocks, stack, coarse, gain, doubtful):
 
 
 @inlined
+def _turn_within(p, h, scene):
+    """Return (bounded, N, turn): the change of N, see `_normal_to`, within a distance h of P.
+
+    Array twin: `is_lit` of facets there.
+    Directions turn by at most h / (D - h), D the distance of the source or of the aperture.
+    """
+    way = minus(p, scene.emitter.position)
+    length = norm(way)
+    big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
+    wide = h + scene.target.radius
+    if h >= length or wide >= flight:
+        return False, big, 0.0
+    n_water, n_air = scene.medium.n_water, scene.medium.n_air
+    return True, big, n_water * h / (length - h) + n_air * wide / (flight - wide)
+
+
+@inlined
 def _is_reached(p, h, bend, scene):
     """Return whether the steepest facet within h of P may send light to the aperture, see `is_lit`.
 
     Array twin: `is_lit` of facets there.
     """
-    target = scene.target
-    way = minus(p, scene.emitter.position)
-    length = norm(way)
-    big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
-    wide = h + target.radius
-    if h >= length or wide >= flight:
+    bounded, big, turn = _turn_within(p, h, scene)
+    if not bounded:
         return True
-    medium, rough = scene.medium, scene.surface.roughness
-    turn = medium.n_water * h / (length - h) + medium.n_air * wide / (flight - wide)
     if big.z + turn <= 0.0:  # also where N is antiparallel to the normal
         return False
+    rough = scene.surface.roughness
     narrow, broad = min(rough.along, rough.across), max(rough.along, rough.across)
     steep = scene.surface.max_slope + bend
     slack = turn * math.sqrt(1.0 + steep * steep) + bend * (abs(big.z) + turn)
@@ -260,22 +262,16 @@ def is_lit(f, p, h, dark, scene):
     """Return whether random slopes may send light through a part of a facet.
 
     Array twin: `_part_gain` of its parts.
-    The bounds hold for any size: within a distance h of its centre P directions turn by at
-    most h / (D - h), D the distance of the source or of the aperture, so that the normal
-    N = n_w d - n_a r which refracts to the aperture changes by at most `turn`.
+    The bounds hold for any size: within a distance h of its centre P the normal N = n_w d - n_a r
+    which refracts to the aperture changes by at most `turn`, see `_turn_within`.
     """
     bend = 2.0 * h * scene.facets[f].curvature
     # most facets lie where the steepest one is not steep enough
     if not _is_reached(p, h, bend, scene):
         return False
-    target = scene.target
-    way = minus(p, scene.emitter.position)
-    length = norm(way)
-    big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
-    wide = h + target.radius
-    if h < length and wide < flight:
-        medium, rough = scene.medium, scene.surface.roughness
-        turn = medium.n_water * h / (length - h) + medium.n_air * wide / (flight - wide)
+    bounded, big, turn = _turn_within(p, h, scene)
+    if bounded:
+        rough = scene.surface.roughness
         narrow = min(rough.along, rough.across)
         n = normal_at(p.x, p.y, f, scene.surface)
         u = whitened(rough, Vec2(n.x / n.z * big.z - big.x, n.y / n.z * big.z - big.y))
@@ -352,7 +348,12 @@ def _parts_along(f, i, j, side, scene):
     a, b, c = unscattered.nodes_of(f, _NODES, i, j, side, scene.surface)
     change, least = slope_change(f, a, b, c, scene)
     from_center = 0.5 if change < _EVEN else 1.0
-    beyond = least - from_center * (change + _slope_of_rim(p, scene))
+    # twice the change from the centre of the aperture to its rim, for light that is not slanted
+    big, _, flight = _normal_from_source(p, Vec2(0.0, 0.0), scene)
+    rough, n = scene.surface.roughness, max(scene.medium.n_water, scene.medium.n_air)
+    narrow = min(rough.along, rough.across)
+    rim = 2.0 * n * scene.target.radius / (flight * max(big.z, 1e-9) * narrow)
+    beyond = least - from_center * (change + rim)
     if beyond > MOST_SLOPE:
         return 0.0, 0.0
     if beyond > _FAINT:
@@ -361,18 +362,6 @@ def _parts_along(f, i, j, side, scene):
         change = min(change, _clipped_change(f, a, b, c, scene))
     longest = 2.0 * facet.radius * share
     return longest / (PART_BEAM * width), max(change / PART_SLOPE, longest / edge)
-
-
-@inlined
-def _slope_of_rim(p, scene):
-    """Return twice the change of the needed slope from the centre of the aperture to its rim.
-
-    Array twin: see `slope_towards`; in standard deviations, for light that is not slanted.
-    """
-    big, _, flight = _normal_from_source(p, Vec2(0.0, 0.0), scene)
-    rough, n = scene.surface.roughness, max(scene.medium.n_water, scene.medium.n_air)
-    narrow = min(rough.along, rough.across)
-    return 2.0 * n * scene.target.radius / (flight * max(big.z, 1e-9) * narrow)
 
 
 @outlined
@@ -394,20 +383,21 @@ def _clipped_change(f, p, q, r, scene):
             _clipped(q, f, goal, scene),
             _clipped(r, f, goal, scene),
         )
-        a, b, c = minus2(u, v), minus2(v, w), minus2(w, u)
-        change = max(change, dot2(a, a), dot2(b, b), dot2(c, c))
+        change = max(change, _variation(u, v, w))
     return math.sqrt(change)
+
+
+@inlined
+def _variation(u, v, w):
+    """Return the square of the largest difference between three slopes."""
+    a, b, c = minus2(u, v), minus2(v, w), minus2(w, u)
+    return max(dot2(a, a), dot2(b, b), dot2(c, c))
 
 
 @inlined
 def _clipped(p, f, goal, scene):
     """Return the random slope at P that refracts light to a point, at most `_CLIPPED` in size."""
-    n = normal_at(p.x, p.y, f, scene.surface)
-    big, _, _ = _normal_from_source(p, goal, scene)
-    steep = max(big.z, 1e-9)
-    u = whitened(
-        scene.surface.roughness, Vec2(n.x / n.z - big.x / steep, n.y / n.z - big.y / steep)
-    )
+    u, _ = _slope_to(p, f, goal, scene)
     share = min(_CLIPPED / max(math.sqrt(dot2(u, u)), 1e-12), 1.0)
     return Vec2(share * u.x, share * u.y)
 
@@ -449,8 +439,7 @@ def slope_change(f, p, q, r, scene):
     In standard deviations; infinite if no slope refracts light to the aperture at a point.
     """
     u, v, w = _needed(p, f, scene), _needed(q, f, scene), _needed(r, f, scene)
-    a, b, c = minus2(u, v), minus2(v, w), minus2(w, u)
-    square = max(dot2(a, a), dot2(b, b), dot2(c, c))
+    square = _variation(u, v, w)
     least = math.sqrt(min(dot2(u, u), dot2(v, v), dot2(w, w)))
     return math.sqrt(square) if square < math.inf else math.inf, least
 
@@ -458,12 +447,18 @@ def slope_change(f, p, q, r, scene):
 @inlined
 def _needed(p, f, scene):
     """Return the random slope at P on a facet that refracts light to the centre of the aperture."""
+    u, rise = _slope_to(p, f, Vec2(0.0, 0.0), scene)
+    return u if rise > 0.0 else Vec2(math.inf, math.inf)
+
+
+@inlined
+def _slope_to(p, f, goal, scene):
+    """Return the random slope at P that refracts light to a point, and the rise of its normal."""
     n = normal_at(p.x, p.y, f, scene.surface)
-    big, _, _ = _normal_from_source(p, Vec2(0.0, 0.0), scene)
-    if big.z <= 0.0:
-        return Vec2(math.inf, math.inf)
-    tilt = Vec2(n.x / n.z - big.x / big.z, n.y / n.z - big.y / big.z)
-    return whitened(scene.surface.roughness, tilt)
+    big, _, _ = _normal_from_source(p, goal, scene)
+    steep = max(big.z, 1e-9)
+    tilt = Vec2(n.x / n.z - big.x / steep, n.y / n.z - big.y / steep)
+    return whitened(scene.surface.roughness, tilt), big.z
 
 
 class LitPart(NamedTuple):
@@ -543,135 +538,3 @@ def _part_gain(f, n, i, j, side, rule, number, scene):
     if not scene.mirrored:
         light *= math.exp(-depth_between(scene.medium, source, middle, part.length))
     return scene.target.area * light * part.omega * total, steep
-
-
-@entry
-def blurred_contributions(chains, flat, places, near, spread, scene, out):
-    """Write the contribution of each chain to the aperture at each of some places.
-
-    Returns (doubtful crossings, rays, arrivals); their rows, and those of the scores, count the
-    chains to the first place, to the second, and so on.
-
-    Array twin: `gain.contributions`, which finds the crossings of a chosen slope.
-    Here the crossing is chosen, as that of a flat sea moved by slopes of the law `spread`, and the
-    slope follows: one evaluation a crossing. Crossings that several flat ones may lead to count
-    by the sum of their densities. They are unbiased about any point: `flat` are the crossings to
-    the aperture of the scene, moved to first order to its `places` (m, 3); `near` has room for
-    those of a chain.
-    """
-    counts, n = (ZERO, ZERO, ZERO), len(chains.last)
-    for m in range(len(places)):
-        there = _aperture_at(row(places, m), scene)
-        x, y = places[m, 0] - scene.target.center.x, places[m, 1] - scene.target.center.y
-        own = Output(
-            out.score[m * n :], out.doubtful, out.rays, out.arrivals, out.counters, out.roots
-        )
-        for i in range(n):
-            if flat[i, 0].branch == 0.0:
-                out.counters[Counter.NO_FLAT.value] += 1
-                continue
-            _move_to(flat[i], x, y, near)
-            for k in range(len(near)):
-                if near[k].branch == 0.0:
-                    break
-                light = sloped_crossing(chains, i, near, k, spread, there)
-                if light.weight <= 0.0:
-                    continue
-                out.counters[Counter.SOLVED.value] += 1
-                doubt, _, arrival = counts
-                counts = keep(chains, i, light.weight, light, counts, there, own)
-                if counts[0] > doubt:
-                    out.doubtful[doubt].chain += m * n
-                if counts[2] > arrival:
-                    out.arrivals[arrival].chain += m * n
-    return counts
-
-
-@inlined
-def _aperture_at(place, scene):
-    """Return a scene with the centre of its aperture at a place."""
-    return Scene(scene.emitter, Target(place, *scene.target[1:]), *scene[2:])
-
-
-@inlined
-def _move_to(flat, x, y, near):
-    """Write the crossings of a flat sea to an aperture moved by x and y, to first order."""
-    for k in range(len(flat)):
-        near[k] = flat[k]
-        if flat[k].branch == 0.0:
-            break
-        near[k].x += flat[k].c11 * x + flat[k].c12 * y
-        near[k].y += flat[k].c21 * x + flat[k].c22 * y
-
-
-@inlined
-def _lifted(flat, scene):
-    """Return a crossing of the flat sea, raised to the height of the surface there."""
-    facet = locate(scene.locator, scene.surface, flat.x, flat.y)
-    rise = 0.0
-    if facet >= 0:
-        rise = height_on(flat.x, flat.y, facet, scene.surface) - flat.level
-    return flat.x + flat.h1 * rise, flat.y + flat.h2 * rise
-
-
-@inlined
-def sloped_crossing(chains, i, flat, k, spread, scene):
-    """Return the `Crossing` of chain i that is proposed for crossing k of the flat sea."""
-    x, y = _lifted(flat[k], scene)
-    s = slope_tilt(spread, chains.tilt[i, 0], chains.tilt[i, 1])  # displaces the crossing
-    x = x + flat[k].m11 * s.x + flat[k].m12 * s.y
-    y = y + flat[k].m21 * s.x + flat[k].m22 * s.y
-    facet = locate(scene.locator, scene.surface, x, y)
-    shot = shot_of(chains, i, scene, flat[k].branch, scene.surface.roughness)
-    return _weigh_sloped(chains, i, flat, x, y, facet, shot, spread, scene)
-
-
-@outlined
-def _density(flat, x, y, branch, spread, scene):
-    """Return the density of the proposed crossings at (x, y) [m-2], on one branch."""
-    total = 0.0
-    for k in range(len(flat)):
-        if flat[k].branch == 0.0:
-            break
-        det = flat[k].m11 * flat[k].m22 - flat[k].m12 * flat[k].m21
-        if flat[k].branch != branch or det == 0.0:
-            continue
-        x0, y0 = _lifted(flat[k], scene)
-        dx, dy = (x - x0) / det, (y - y0) / det
-        s = Vec2(flat[k].m22 * dx - flat[k].m12 * dy, flat[k].m11 * dy - flat[k].m21 * dx)
-        u = whitened(spread, s)
-        law = math.exp(-0.5 * (u.x * u.x + u.y * u.y))
-        total += law / (2.0 * math.pi * spread.along * spread.across * abs(det))
-    return total
-
-
-@outlined
-def _weigh_sloped(chains, i, flat, x, y, facet, shot, spread, scene):
-    """Return the `Crossing` of chain i over (x, y): its light over the density of the point."""
-    p = Vec3(x, y, height_on(x, y, facet, scene.surface))
-    ok, length, w, d = crossing.emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
-    none = crossing.Aim(False, shot.goal, w, d, UP, 1.0, length, 0.0)
-    nothing = Crossing(0.0, True, none, p, shot.start)
-    if facet < 0 or not ok or dot(d, row(scene.surface.face_normals, facet)) <= 0.0:
-        return nothing
-    n = normal_at(x, y, facet, scene.surface)
-    s = slope_towards(p, n, w, d, length, shot.goal, scene)
-    density = _density(flat, x, y, shot.branch, spread, scene)
-    if s.density == 0.0 or density == 0.0:
-        return nothing
-    ok_x, w_x = _emission_at(x + crossing.STEP, y, facet, shot, scene)
-    ok_y, w_y = _emission_at(x, y + crossing.STEP, facet, shot, scene)
-    turns = crossing.quotients(w, w_x, w_y)
-    # a scattering closer to the surface than a step has no derivative
-    j = crossing.Jacobian(ok_x and ok_y, s.aim, density / s.density, 0.0, 0.0, 1.0, *turns)
-    shot = crossing.Shot(shot.start, shot.q, shot.v, shot.goal, shot.branch, s.tilt)
-    weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
-    return Crossing(weight, is_steep(s.aim, scene) and deep, s.aim, p, shot.start)
-
-
-@inlined
-def _emission_at(x, y, facet, shot, scene):
-    """Return (ok, direction of emission) through the plane of a facet over (x, y)."""
-    p = Vec3(x, y, height_on(x, y, facet, scene.surface))
-    ok, _, w, _ = crossing.emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
-    return ok, w

@@ -6,12 +6,11 @@ import math
 from typing import NamedTuple
 
 from meshtrace.engine import crossing
-from meshtrace.engine.chains.gain import is_steep
-from meshtrace.engine.crossing import transmittance
+from meshtrace.engine.crossing import is_steep, transmittance
 from meshtrace.kernels.interface import FieldOfView, corners, normal_at
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
-from meshtrace.kernels.scene import height_on
+from meshtrace.kernels.scene import Scene, Target, height_on
 from meshtrace.kernels.sources import SourceKind, beam_width, dark_angle, intensity, is_dark
 from meshtrace.kernels.vectors import (
     Vec2,
@@ -66,6 +65,15 @@ class Region(NamedTuple):
     y: float
     half: float  # of the edge [m]
     radius: float  # of the corners [m]
+
+
+@inlined
+def aperture_at(place, scene):
+    """Return a scene with the centre of its aperture at a place.
+
+    Array twin: none, a tuple.
+    """
+    return Scene(scene.emitter, Target(place, *scene.target[1:]), *scene[2:])
 
 
 @inlined

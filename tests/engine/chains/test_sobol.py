@@ -5,8 +5,7 @@ import pytest
 from scipy import stats
 
 from meshtrace.engine.chains.sampling import DIMENSIONS
-from meshtrace.engine.chains.sets import poisson_law
-from meshtrace.engine.chains.sobol import sobol_points
+from meshtrace.engine.chains.sets import poisson_law, sobol_points
 
 HIGHEST = len(poisson_law(1.0)) - 1
 WIDEST = DIMENSIONS * HIGHEST + 6
