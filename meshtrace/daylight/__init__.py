@@ -1,9 +1,5 @@
 """Daylight: spectra, position of the sun, patterns of the sky, glint, light out of the water."""
 
-from meshtrace.daylight.light import Daylight as Daylight
-from meshtrace.daylight.light import clear_irradiance as clear_irradiance
-from meshtrace.daylight.light import moon_phase_factor as moon_phase_factor
-from meshtrace.daylight.light import sky as sky
-from meshtrace.daylight.light import sky_radiance as sky_radiance
-from meshtrace.daylight.upward import QuasiSingle as QuasiSingle
-from meshtrace.daylight.upward import glint_radiance as glint_radiance
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

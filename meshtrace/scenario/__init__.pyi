@@ -1,0 +1,11 @@
+from . import files as files
+from . import model as model
+from . import parts as parts
+from . import seas as seas
+from .files import KEYS as KEYS
+from .files import parse_setting as parse_setting
+from .model import Meshing as Meshing
+from .model import Run as Run
+from .model import Scenario as Scenario
+from .parts import DEFAULT_WIND_SPEED as DEFAULT_WIND_SPEED
+from .seas import MeshFile as MeshFile
