@@ -23,6 +23,7 @@ from meshtrace.kernels.sources import LEAST_COS, Sky
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.models import Finite, Floats, Model, NonNegative
 from meshtrace.optics.fresnel import unit_vector
+from meshtrace.optics.pure_water import read_table
 
 _GRADATION = ((4.0, -0.70), (1.1, -0.80), (0.0, -1.00), (-1.0, -0.55), (-1.0, -0.32), (-1.0, -0.15))
 _INDICATRIX = ((0.0, -1.0, 0.0), (2.0, -1.5, 0.15), (5.0, -2.5, 0.30), (10.0, -3.0, 0.45),
@@ -136,25 +137,7 @@ def _coefficients(pattern: str, sun_zenith_deg: float) -> tuple[float, ...]:
     return 1.0, a, b, 1.0 - c * math.exp(0.5 * math.pi * d), c, d, e
 
 
-# zenith angle [deg], direct normal and diffuse horizontal irradiance at 470 nm [W m-2 nm-1] of
-# `clear_irradiance` with its defaults, pvlib 0.16.1
-_TABLE = (
-    (0, 1.48813947, 0.309690989),
-    (10, 1.48136548, 0.308144685),
-    (20, 1.46012145, 0.303396329),
-    (30, 1.42148152, 0.295017935),
-    (40, 1.3594451, 0.282171414),
-    (50, 1.26246321, 0.263351564),
-    (60, 1.10752009, 0.235805161),
-    (70, 0.845562803, 0.194022912),
-    (75, 0.645445611, 0.164323154),
-    (80, 0.381423226, 0.125073112),
-    (82.5, 0.231746455, 0.100411878),
-    (85, 0.0942745455, 0.0713391658),
-    (87, 0.0225533009, 0.0443104814),
-    (89, 0.000840088917, 0.014413627),
-)
-_TABLE_NM = 470.0
+_TABLE_NM = 470.0  # of clear_irradiance.csv
 
 SPECTRUM_FROM_NM = 300.0
 """Shortest wavelength of SPECTRL2 [nm]."""
@@ -280,8 +263,8 @@ def default_irradiance(zenith_deg: float, wavelength_nm: float) -> Irradiance:
         return clear_irradiance(zenith_deg, wavelength_nm)
     from scipy.interpolate import CubicSpline
 
-    zenith, *values = np.array(_TABLE).T
-    found = CubicSpline(zenith, np.array(values).T)(zenith_deg)
+    table = read_table("clear_irradiance.csv")
+    found = CubicSpline(table[:, 0], table[:, 1:])(zenith_deg)
     return Irradiance(*(float(v) for v in found))
 
 

@@ -252,7 +252,7 @@ def check_range(name: str, value: ArrayLike, low: float, high: float, unit: str)
     return require_range(value, low, high, name, allowed=f"{low:g} <= {name} <= {high:g} {unit}")
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def read_table(file: str, dtype: type = float) -> NDArray[Any]:
     """Return the rows of a table of the package."""
     text = (resources.files("meshtrace.optics") / "data" / file).read_text(encoding="utf-8")
