@@ -15,9 +15,10 @@ from meshtrace.comms import ReceiverModel
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import ChannelResponse
 from meshtrace.comms.spectra import Curve
+from meshtrace.fields import entries
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import Source
-from meshtrace.models import Family, Model, entries
+from meshtrace.models import Family, Model
 from meshtrace.optics.bubbles import BubblePopulation
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.scenario import Scenario

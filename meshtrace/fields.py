@@ -1,13 +1,15 @@
-"""Registry of variables: CF units, long name and symbol for results, plots and docs."""
+"""Registry of variables: CF units, long name and symbol; parameters as docstrings describe them."""
 
 from __future__ import annotations
 
 import difflib
+import inspect
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 
 class Field(NamedTuple):
@@ -89,3 +91,21 @@ def attrs(name: str) -> dict[str, str]:
     {'units': 'm', 'long_name': 'significant wave height', 'symbol': 'H_s'}
     """
     return field(name)._asdict()
+
+
+_SECTION = re.compile(r"^Parameters\n-+\n(.*?)(?=^[^\n]+\n-+$|\Z)", re.M | re.S)
+_ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : (.*))?\n((?: .*\n|\n)+)", re.M)
+
+
+def entries(owner: Any) -> dict[str, tuple[str, str]]:
+    """Return type and text of each parameter of a function, or of a class and its bases.
+
+    A text "See ..." does not replace that of a base.
+    """
+    found: dict[str, tuple[str, str]] = {}
+    for one in reversed(getattr(owner, "__mro__", (owner,))):
+        section = _SECTION.search(f"{inspect.cleandoc(one.__doc__ or '')}\n")
+        for names, kind, text in _ENTRY.findall(section[1] if section else ""):
+            told = dict.fromkeys(names.split(", "), (kind, " ".join(text.split())))
+            found = told | found if text.lstrip().startswith("See ") else found | told
+    return found

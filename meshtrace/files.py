@@ -68,25 +68,14 @@ def _prefix() -> str:
 @cache
 def _remove_left(folder: Path) -> None:
     """Remove the temporary files of processes of this host that have ended."""
-    with suppress(OSError):
+    import psutil
+
+    with suppress(OSError, OverflowError):
         for left in folder.iterdir():
             own, _, rest = left.name.partition(_prefix())
             owner = rest.partition("-")[0]
-            if not own and owner.isdecimal() and not _runs(int(owner)):
+            if not own and owner.isdecimal() and not psutil.pid_exists(int(owner)):
                 left.unlink(missing_ok=True)
-
-
-def _runs(process: int) -> bool:
-    """Return whether a process of this host runs."""
-    if os.name == "nt":  # no signal 0 there
-        return True
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):
-        return True
-    return True
 
 
 def _synchronize(path: Path) -> None:

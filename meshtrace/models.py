@@ -29,12 +29,12 @@ from meshtrace.errors import (
     MISSING,
     Refused,
     did_you_mean,
-    one_line,
     require_keys,
     require_kind,
     require_number,
     within,
 )
+from meshtrace.fields import entries
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass as _ModelMetaclass
@@ -61,24 +61,6 @@ _WORDS = {
     "float": "a number",
     "int": "an integer",
 }
-
-
-_SECTION = re.compile(r"^Parameters\n-+\n(.*?)(?=^[^\n]+\n-+$|\Z)", re.M | re.S)
-_ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : (.*))?\n((?: .*\n|\n)+)", re.M)
-
-
-def entries(owner: Any) -> dict[str, tuple[str, str]]:
-    """Return type and text of each parameter of a function, or of a class and its bases.
-
-    A text "See ..." does not replace that of a base.
-    """
-    found: dict[str, tuple[str, str]] = {}
-    for one in reversed(getattr(owner, "__mro__", (owner,))):
-        section = _SECTION.search(f"{inspect.cleandoc(one.__doc__ or '')}\n")
-        for names, kind, text in _ENTRY.findall(section[1] if section else ""):
-            told = dict.fromkeys(names.split(", "), (kind, one_line(text)))
-            found = told | found if text.lstrip().startswith("See ") else found | told
-    return found
 
 
 class _Documented(_ModelMetaclass):

@@ -4,6 +4,6 @@ Heavy imports happen inside the commands, so that --help is quick.
 """
 
 from meshtrace.cli import tools  # noqa: F401, the commands join the application
-from meshtrace.cli.app import app
+from meshtrace.cli.commands import app
 
 __all__ = ["app"]

@@ -18,7 +18,7 @@ from typer.core import TyperCommand
 
 from meshtrace.cli.console import progress
 from meshtrace.errors import MISSING, Refused, require_word
-from meshtrace.models import entries
+from meshtrace.fields import entries
 
 
 class Reader(NamedTuple):
@@ -114,7 +114,7 @@ def reader_of(annotation: str, names: dict[str, Any]) -> tuple[Reader, tuple[str
     reader = _READERS.get(annotation.removesuffix(" | None"))
     if reader is not None:
         return reader, ()
-    words = _words(eval(annotation, names))
+    words = _literals(eval(annotation, names))
 
     def word(option: str, text: str) -> str:
         require_word(text, words, option)
@@ -126,12 +126,12 @@ def reader_of(annotation: str, names: dict[str, Any]) -> tuple[Reader, tuple[str
     return Reader("WORD", several if annotation.startswith("Sequence[") else word), words
 
 
-def _words(annotation: Any) -> tuple[str, ...]:
+def _literals(annotation: Any) -> tuple[str, ...]:
     """Return the words of all literals in an annotation."""
     parts = get_args(annotation)
     if get_origin(annotation) is Literal:
         return parts
-    return tuple(word for part in parts for word in _words(part))
+    return tuple(word for part in parts for word in _literals(part))
 
 
 _KEYWORD = inspect.Parameter.KEYWORD_ONLY
@@ -178,8 +178,15 @@ class StudyCommand(TyperCommand):
 
     @cached_property
     def _made(self) -> Any:
-        one = typer.Typer(add_completion=False, rich_markup_mode=None)
-        one.command()(_function(self._study, self._work))
+        study, one = self._study, typer.Typer(add_completion=False, rich_markup_mode=None)
+        options = {name: _option(study, name) for name in study.options}
+
+        def read(**texts: Any) -> dict[str, Any]:
+            given = {name: text for name, text in texts.items() if text is not None}
+            return {name: options[name][0].read(name, text) for name, text in given.items()}
+
+        asked = Group([parameter for _, parameter in options.values()], read)
+        one.command()(described(self._work, study=Group([], lambda: study), asked=asked))
         return typer.main.get_command(one)
 
     def get_params(self, context: Any) -> Any:
@@ -268,22 +275,12 @@ def _declared(owner: Any, p: inspect.Parameter) -> inspect.Parameter:
     return p.replace(kind=_KEYWORD, annotation=Annotated[kind, declared])
 
 
-def _function(study: StudyRow, work: Callable[..., None]) -> Callable[..., None]:
-    """Return the work of a study as a function of its options."""
-    options = {name: _option(study, name) for name in study.options}
-
-    def read(**texts: Any) -> dict[str, Any]:
-        given = {name: text for name, text in texts.items() if text is not None}
-        return {name: options[name][0].read(name, text) for name, text in given.items()}
-
-    asked = Group([parameter for _, parameter in options.values()], read)
-    return described(work, study=Group([], lambda: study), asked=asked)
-
-
-def _names(study: StudyRow, name: str) -> list[str]:
-    """Return the names of the option of a parameter, the longest last."""
-    given = [word for word in study.options[name].split() if word.startswith("-")]
-    return given or [f"--{name.replace('_', '-')}"]
+def _words(study: StudyRow, name: str) -> tuple[list[str], str, str | None]:
+    """Return the names of the option of a parameter, the longest last, metavariable and default."""
+    words = study.options[name].split()
+    names = [word for word in words if word.startswith("-")] or [f"--{name.replace('_', '-')}"]
+    metavar = next((word for word in words if word[0] not in "-="), "")
+    return names, metavar, next((word[1:] for word in words if word.startswith("=")), None)
 
 
 def _option(study: StudyRow, name: str) -> tuple[Reader, inspect.Parameter]:
@@ -291,29 +288,22 @@ def _option(study: StudyRow, name: str) -> tuple[Reader, inspect.Parameter]:
     functions = [one for one in study.functions if name in parameters_of(one)]
     annotation = parameters_of(functions[0])[name].annotation
     reader, choices = reader_of(annotation, functions[0].__globals__)
-    text, names = _help(study, functions[0], name), _names(study, name)
+    names, metavar, default = _words(study, name)
+    text = sentences(functions[0])[name].rstrip(".")
+    if default is not None:  # in place of that of the function
+        text = re.sub(r"[,;] (\S+ by default|by default .*)$", "", text)
+    options = {key: _words(study, key)[0][-1] for key in study.options}
+    text = re.sub(r"`([\w.]+)`", lambda code: options.get(code[1], code[1]), text)
     text += f": {', '.join(choices[:-1])} or {choices[-1]}" if choices else ""
     text += f"{reader.note}."
-    words = [word for word in study.options[name].split() if not word.startswith("-")]
-    default = next((word[1:] for word in words if word.startswith("=")), None)
     found = list(filter(None, dict.fromkeys(_typed(defaults(one)[name]) for one in functions)))
     if default is None and found and "default" not in text:
         text += f"  [default: {' or '.join(found)}]"
     unit = re.search(r"\[(\w)\]", text) if reader.metavar == "X" else None
-    metavar = unit[1].upper() if unit else reader.metavar
-    metavar = next((word for word in words if not word.startswith("=")), metavar)
+    metavar = metavar or (unit[1].upper() if unit else reader.metavar)
     declared: Any = typer.Option(*names, metavar=metavar, help=text)
     kind = Annotated[reader.kind, declared]  # type: ignore[name-defined]
     return reader, inspect.Parameter(name, _KEYWORD, default=default, annotation=kind)
-
-
-def _help(study: StudyRow, function: Callable[..., Any], name: str) -> str:
-    """Return the sentence about a parameter, with names of options in place of parameters."""
-    text = sentences(function)[name].rstrip(".")
-    if "=" in study.options[name]:  # the command has a default of its own
-        text = re.sub(r"[,;] (\S+ by default|by default .*)$", "", text)
-    options = {key: _names(study, key)[-1] for key in study.options}
-    return re.sub(r"`([\w.]+)`", lambda code: options.get(code[1], code[1]), text)
 
 
 def _typed(value: Any) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from meshtrace.cli.app import app
+from meshtrace.cli.commands import app
 from meshtrace.cli.console import (
     COMPILING,
     AllChanges,
@@ -282,7 +282,12 @@ def bench(
     from meshtrace.bench import report
 
     check_output(output, link)
-    before = None if compare is None else _measurement(compare)
+    before = None
+    try:
+        if compare is not None:
+            before = dict(json.loads(compare.read_text(encoding="utf-8")))
+    except (TypeError, ValueError) as error:
+        raise Refused("--compare", str(compare), "JSON of meshtrace bench") from error
     changes = ["wind_speed=13", "bubbles=none"] if link is None else []
     scenario = Changes(set_=changes, trust=trust).scenario(link)
     result = measure(scenario, quick=quick, cold=cold)
@@ -297,14 +302,6 @@ def bench(
         if slower:
             typer.echo(f"slower by more than 15 %: {', '.join(slower)}", err=True)
             raise typer.Exit(1)
-
-
-def _measurement(path: Path) -> dict[str, Any]:
-    """Return an earlier output of `bench`."""
-    try:
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (TypeError, ValueError) as error:
-        raise Refused("--compare", str(path), "JSON of meshtrace bench") from error
 
 
 @app.command("plot")

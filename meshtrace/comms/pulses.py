@@ -179,21 +179,20 @@ class PulseFilters:
         return step(t[..., None] - self._delays) @ np.array(self.response.share)
 
     def _step(self, t: ArrayLike, inside: _Terms, behind: _Terms) -> Floats:
-        at = np.asarray(t, dtype=float)
-        return self._behind_channel(lambda then: self._prompt_step(then, inside, behind), at)
-
-    def _prompt_step(self, t: Floats, inside: _Terms, behind: _Terms) -> Floats:
         # g or g^2 is one sum of exponentials c exp(-a u) inside the window and another, counted
         # from the window's end, after it.
-        elapsed: Floats = np.maximum(t, 0.0)
-        during = np.minimum(elapsed, self.window)
-        after = elapsed - during
-        total = np.zeros_like(elapsed)
-        for c, a in inside:
-            total += c * self._overlap(a, during, elapsed)
-        for c, a in behind:
-            total += c * self._overlap(a, after, after)
-        return total
+        def prompt(then: Floats) -> Floats:
+            elapsed: Floats = np.maximum(then, 0.0)
+            during = np.minimum(elapsed, self.window)
+            after = elapsed - during
+            total = np.zeros_like(elapsed)
+            for c, a in inside:
+                total += c * self._overlap(a, during, elapsed)
+            for c, a in behind:
+                total += c * self._overlap(a, after, after)
+            return total
+
+        return self._behind_channel(prompt, np.asarray(t, dtype=float))
 
     def _overlap(self, a: float, m: Floats, t: Floats) -> Floats:
         # int_0^m exp(-a u) l(t - u) du with the LED's step l(t) = 1 - exp(-t / tau_led)

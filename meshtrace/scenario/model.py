@@ -189,36 +189,32 @@ class Scenario(Model, frozen=True):
         `waves` in [sea] chooses the waves of all studies, see `Meshing`.
         """
         with trusting(trust):
-            return cls._of(config, folder)
-
-    @classmethod
-    def _of(cls, config: Mapping[str, Any], folder: str | Path) -> Self:
-        require_keys(config, KEYS)
-        config = located(config, folder)
-        wind_speed = parts.read_wind_speed(config)
-        sea = as_table(config.get("sea", {}), "sea")
-        run = as_table(config.get("run", {}), "run")
-        meshing = seas.read_sampling(sea)
-        printed = config.get("physics") == "paper"
-        with within("sea"):
-            surface = seas.read_surface(sea, wind_speed, meshing, Path(folder), printed)
-        link = parts.read_link(config, wind_speed)
-        normals = {"normals": run.pop("normals")} if "normals" in run else {}
-        run = {**parts.default_estimator(link), **run}
-        checked = validated(Meshing, normals, "run")
-        scenario = cls(
-            wind_speed=wind_speed,
-            link=link,
-            surface=surface,
-            meshing=validated(Meshing, {**checked.model_dump(), **meshing}, "sea"),
-            run=validated(Run, run, "run", run_keys()),
-            detector=parts.read_detector(config["detector"]) if "detector" in config else None,
-            uav=parts.read_uav(config["uav"]) if "uav" in config else None,
-            daylight=parts.read_daylight(config.get("daylight", "none"), link),
-        )
-        if scenario.detector is not None:
-            parts.require_of_link(config["detector"], scenario.detector)
-        return scenario
+            require_keys(config, KEYS)
+            config = located(config, folder)
+            wind_speed = parts.read_wind_speed(config)
+            sea = as_table(config.get("sea", {}), "sea")
+            run = as_table(config.get("run", {}), "run")
+            meshing = seas.read_sampling(sea)
+            printed = config.get("physics") == "paper"
+            with within("sea"):
+                surface = seas.read_surface(sea, wind_speed, meshing, Path(folder), printed)
+            link = parts.read_link(config, wind_speed)
+            normals = {"normals": run.pop("normals")} if "normals" in run else {}
+            run = {**parts.default_estimator(link), **run}
+            checked = validated(Meshing, normals, "run")
+            scenario = cls(
+                wind_speed=wind_speed,
+                link=link,
+                surface=surface,
+                meshing=validated(Meshing, {**checked.model_dump(), **meshing}, "sea"),
+                run=validated(Run, run, "run", run_keys()),
+                detector=parts.read_detector(config.get("detector")),
+                uav=parts.read_uav(config.get("uav")),
+                daylight=parts.read_daylight(config.get("daylight", "none"), link),
+            )
+            if scenario.detector is not None:
+                parts.require_of_link(config["detector"], scenario.detector)
+            return scenario
 
     @classmethod
     def from_provenance(cls, provenance: Mapping[str, Any]) -> Self:

@@ -149,20 +149,25 @@ def _over(base: Model, table: Table, path: str) -> Any:
 
 
 def _over_preset(presets: Mapping[str, Model], value: Any, path: str) -> Any:
-    """Return the preset that a table names, by default the first, with its fields replaced."""
+    """Return the preset that a table names, by default the first, with its fields replaced.
+
+    None without a table.
+    """
+    if value is None:
+        return None
     table = as_table(value, path, "preset")
     preset = table.pop("preset", next(iter(presets)))
     require_word(preset, presets, f"{path}.preset")
     return _over(presets[preset], table, path)
 
 
-def read_detector(value: Any) -> OokLink:
+def read_detector(value: Any) -> OokLink | None:
     """Return the transmission of [detector]: a preset with replaced fields."""
     presets = {name: OokLink.preset(name) for name in get_args(Preset)}
     return _over_preset(presets, value, "detector")
 
 
-def read_uav(value: Any) -> Uav:
+def read_uav(value: Any) -> Uav | None:
     """Return the airframe of [uav]: a known airframe with replaced fields."""
     return _over_preset(UAVS, value, "uav")
 

@@ -28,11 +28,11 @@ def test_design_prints_a_page_and_writes_it(golden, tmp_path, monkeypatch, calm_
     path.write_text(LINK)
     calls = []
 
-    def run(study, function, of, total, asked, written):
+    def run(study, function, of, total, asked):
         calls.append((function, of, asked))
-        written.write(calm_design)
+        return calm_design
 
-    monkeypatch.setattr(commands, "_run", run)
+    monkeypatch.setattr(commands.StudyRow, "run", run)
     text = meshtrace(
         "design", path, "--photons", "32", "-n", "9", "-o", out, "--plot", picture
     ).stdout
