@@ -25,7 +25,7 @@ from .engine.simulate import simulate as simulate
 from .engine.simulate import trace_paths as trace_paths
 from .errors import DomainWarning as DomainWarning
 from .errors import Refused as Refused
-from .explorer.launch import explore as explore
+from .explorer import explore as explore
 from .link import AirBeam as AirBeam
 from .link import AirLed as AirLed
 from .link import AirTopHatBeam as AirTopHatBeam

@@ -7,7 +7,6 @@ from typing import Any, Literal
 
 import numpy as np
 import pyvista as pv
-from matplotlib.colors import to_rgb
 
 from meshtrace.engine.paths import PhotonPaths
 from meshtrace.engine.photons.state import Vertex
@@ -20,15 +19,6 @@ from .stage import ScenePlotter
 from .style import CHALK, FATE_COLORS, SEQUENTIAL
 
 PathColor = Literal["fate", "weight"]
-
-
-def fate_names(paths: PhotonPaths) -> np.ndarray:
-    """Return the key of `FATE_COLORS` for every path."""
-    received, landed, water = FATE_COLORS
-    names = np.full(len(paths.what), water, dtype=object)
-    names[paths.final == Vertex.LANDED] = landed
-    names[paths.received] = received
-    return names
 
 
 def add_paths(
@@ -58,9 +48,11 @@ def add_paths(
         If the colour is unknown.
     """
     scene.shown["received" if paths.received.all() else "paths"] = paths
-    names, width = fate_names(paths), scene.window_size[0] / 1600.0
-    for name, shade in reversed(FATE_COLORS.items()):
-        chosen = select_paths(paths, names == name)
+    width = scene.window_size[0] / 1600.0
+    landed = ~paths.received & (paths.final == Vertex.LANDED)
+    fates = (paths.received, landed, ~paths.received & ~landed)  # in the order of the colours
+    for (name, shade), rows in reversed([*zip(FATE_COLORS.items(), fates, strict=True)]):
+        chosen = select_paths(paths, rows)
         if not len(chosen.what):
             continue
         received = name == "received"
@@ -69,16 +61,16 @@ def add_paths(
             continue
         strength = (_RECEIVED if received else _SEEN) / math.sqrt(seen)
         alpha = min(strength, 0.8) * rays["fade"] * (1.0 if received else rays["weight"])
-        look: Any = {"line_width": (1.6 if received else 1.0) * width, "lighting": False}
+        thick: Any = {"line_width": (1.6 if received else 1.0) * width}
         if color == "weight":
-            look |= {"scalars": "weight", "cmap": SEQUENTIAL, "clim": (0.0, 1.0)}
-            look |= {"opacity": alpha, "scalar_bar_args": scene.bar("photon weight")}
+            look: Any = {"cmap": SEQUENTIAL, "clim": (0.0, 1.0), "opacity": alpha}
+            bar = scene.bar("photon weight")
+            scene.add_mesh(
+                rays, scalars="weight", lighting=False, scalar_bar_args=bar, **look, **thick
+            )
         else:
-            tint = np.broadcast_to(255.0 * np.array(to_rgb(shade)), (rays.n_points, 3))
-            rays["tint"] = np.rint(np.column_stack([tint, 255.0 * alpha])).astype(np.uint8)
-            look |= {"scalars": "tint", "rgb": True}
+            scene.add_tinted(rays, shade, alpha, **thick)
             scene.key[f"photons {name}"] = shade
-        scene.add_mesh(rays, **look)
         if received:
             _add_dots(scene, chosen, (Vertex.SCATTER,), 0.002 * scene.stage.size, shade)
     return scene

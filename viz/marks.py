@@ -166,7 +166,7 @@ def curves(data: xr.Dataset, quantity: str) -> Iterator[tuple[Any, ...]]:
 
 
 def lines(
-    ax: Axes,
+    ax: Axes | None,
     data: xr.Dataset,
     quantity: str,
     styles: Sequence[str] = ("-",),
@@ -177,8 +177,8 @@ def lines(
 
     Parameters
     ----------
-    ax : matplotlib Axes
-        Axes to draw on.
+    ax : matplotlib Axes or None
+        Axes to draw on; None for those of a new figure.
     data : xarray.Dataset
         With `quantity` over one or two dimensions.
     quantity : str
@@ -190,7 +190,7 @@ def lines(
         Of `Axes.plot`.
     """
     x, label = along(data, quantity)
-    found = list(curves(data, quantity))
+    ax, found = axes(ax), list(curves(data, quantity))
     every = math.ceil(len(found) / _NAMED)
     if every > 1:
         ax.set_prop_cycle(color=colormaps["viridis"](np.linspace(0.0, 0.95, len(found))))
@@ -222,14 +222,14 @@ def band(ax: Axes, line: Line2D, low: Any, high: Any) -> None:
 
 
 def bars(
-    ax: Axes, data: xr.Dataset, quantity: str, *, across: bool = False, beside: bool = True
+    ax: Axes | None, data: xr.Dataset, quantity: str, *, across: bool = False, beside: bool = True
 ) -> Axes:
     """Draw the values of a variable as bars with whiskers of two standard errors; nan has no bar.
 
     Parameters
     ----------
-    ax : matplotlib Axes
-        Axes to draw on.
+    ax : matplotlib Axes or None
+        Axes to draw on; None for those of a new figure.
     data : xarray.Dataset
         With `quantity` over names or counts, or groups of them.
     quantity : str
@@ -240,6 +240,7 @@ def bars(
         Draw groups beside each other, else from one line.
     """
     groups, names = list(curves(data, quantity)), str(data[quantity].dims[-1])
+    ax = axes(ax)
     room = 0.8 / len(groups) if beside else 0.8
     for i, (name, values, _, high) in enumerate(groups):
         shift = (i - 0.5 * (len(groups) - 1)) * room if beside else 0.0

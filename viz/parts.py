@@ -19,7 +19,7 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.bubbles import BubblePopulation
 
 from .export import surface_sampler, to_pyvista
-from .stage import ScenePlotter, Stage, Z, add_labels, round_range
+from .stage import ScenePlotter, Z, add_labels, round_range
 from .style import LED_COLOR, PALETTE, RECEIVER_COLOR, plain_label, water_map
 from .water import SeaLight, ShadedSea
 
@@ -195,10 +195,13 @@ def add_bubbles(
         scene.add_mesh(pv.lines_from_points(foot, close=True), color=DEEP_COLORS[0], opacity=0.5)
         floor = pv.PolyData(foot, faces=[len(foot), *reversed(range(len(foot)))]).triangulate()
         block = pv.merge([block, floor], merge_points=False)
-    block.point_data["tint"] = _tint(block.points[:, 2], bottom, 0.3 if near else 0.97)
-    culled: Literal["back", "front"] = "back" if near else "front"
-    name = "near water" if near else "water"
-    scene.add_mesh(block, scalars="tint", rgb=True, lighting=False, culling=culled, name=name)
+    # water darkens with depth, as light from above decays
+    dark = 1.0 - np.exp(-3.0 * np.clip(block.points[:, 2:] / bottom, 0.0, 1.0))
+    shallow, deep = (np.array(to_rgb(c)) for c in DEEP_COLORS)
+    side: Any = (
+        {"name": "near water", "culling": "back"} if near else {"name": "water", "culling": "front"}
+    )
+    scene.add_tinted(block, shallow + dark * (deep - shallow), 0.3 if near else 0.97, **side)
     if bubbles is not None and not near:
         _add_points(scene, mesh, bubbles)
     return scene
@@ -238,14 +241,6 @@ def _outline(mesh: TriangleMesh) -> np.ndarray:
     x, y = ring[:, :2].T
     clockwise = float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) < 0.0
     return ring[::-1] if clockwise else ring
-
-
-def _tint(z: np.ndarray, bottom: float, opacity: float) -> np.ndarray:
-    """Return RGBA bytes (n, 4): water that darkens with depth, as light from above decays."""
-    dark = (1.0 - np.exp(-3.0 * np.clip(z / bottom, 0.0, 1.0)))[:, None]
-    shallow, deep = (np.array(to_rgb(c)) for c in DEEP_COLORS)
-    color = shallow + dark * (deep - shallow)
-    return np.rint(255.0 * np.hstack([color, np.full_like(dark, opacity)])).astype(np.uint8)
 
 
 def add_transmitter(
@@ -315,21 +310,16 @@ def add_receiver(
         _add_cone(scene, mesh, receiver.center, (-x, -y, -z), half, RECEIVER_COLOR)
         if not stage.contains(receiver.center):
             continue
-        disk, scale = receiver_disk(receiver, stage)
+        radius = max(receiver.radius, 0.016 * stage.size)  # to be seen
+        size: Any = {"radius": radius, "height": 0.15 * radius}
+        disk = pv.Cylinder(center=receiver.center, direction=receiver.axis, **size)
         scene.add_mesh(disk, color=RECEIVER_COLOR, ambient=0.4)
+        scale = radius / receiver.radius
         drawn = "" if scale == 1.0 else f"\n(drawn {scale:.2g}x)"
         text = f"receiver, radius {receiver.radius:g} m{drawn}\nfield of view {receiver.fov_deg:g}°"
         if labels:
             _label(scene, receiver.center, max(0.075, aside / stage.size), text)
     return scene
-
-
-def receiver_disk(receiver: Any, stage: Stage) -> tuple[pv.PolyData, float]:
-    """Return the disk of a receiver, and the factor by which it is enlarged to be seen."""
-    radius = max(receiver.radius, 0.016 * stage.size)
-    size: Any = {"radius": radius, "height": 0.15 * radius}
-    disk = pv.Cylinder(center=receiver.center, direction=receiver.axis, **size)
-    return disk, radius / receiver.radius
 
 
 def _label(scene: ScenePlotter, place: Vector, shift: float, text: str) -> None:
@@ -355,7 +345,9 @@ def _add_cone(
     x0, x1, y0, y1, *_ = stage.bounds
     if not ((rim[:, :2] >= (x0, y0)) & (rim[:, :2] <= (x1, y1))).all():
         return
-    cone = fan(apex, rim)
+    row = np.arange(len(rim) - 1)  # a triangle between the apex and each side of the rim
+    faces = np.column_stack([np.full_like(row, 3), np.zeros_like(row), row + 1, row + 2])
+    cone = pv.PolyData(np.vstack([apex, rim]), faces=faces.ravel())
     ring = pv.lines_from_points(rim + 2e-3 * stage.size * Z).tube(radius=0.0014 * stage.size)
     for part, opacity in ((cone, fill), (ring, 0.9)):
         shown = part.clip_box(stage.bounds, invert=False)
@@ -376,29 +368,11 @@ def _add_beam(
         rim = cone_rim(mesh, apex, axis, min(half_deg, 80.0) * i / _SHELLS, 2.0 * stage.size)
         points = np.array(apex) + share * (rim - apex)
         way = np.linalg.norm(points - apex, axis=2)
-        alpha = 0.11 * np.exp(-loss * way)
         grid = pv.StructuredGrid(*(points[..., k][..., None] for k in range(3)))
-        rgb = np.broadcast_to(255.0 * np.array(to_rgb(LIGHT_COLOR)), (alpha.size, 3))
-        flat = 255.0 * alpha.ravel(order="F")[:, None]
-        grid.point_data["tint"] = np.rint(np.hstack([rgb, flat])).astype(np.uint8)
+        grid.point_data["alpha"] = (0.11 * np.exp(-loss * way)).ravel(order="F")
         shell = grid.extract_surface(algorithm=None).clip_box(stage.bounds, invert=False)
         if shell.n_cells:
-            scene.add_mesh(shell, scalars="tint", rgb=True, lighting=False)
-
-
-def fan(apex: Vector | np.ndarray, rim: np.ndarray) -> pv.PolyData:
-    """Return the triangles between an apex and the sides of a closed line (n, 3) [m]."""
-    row = np.arange(len(rim) - 1)
-    faces = np.column_stack([np.full_like(row, 3), np.zeros_like(row), row + 1, row + 2])
-    return pv.PolyData(np.vstack([apex, rim]), faces=faces.ravel())
-
-
-def cone_rays(axis: Vector, half_deg: float, n: int) -> np.ndarray:
-    """Return unit vectors (n, 3) along the sides of a cone, the last one as the first."""
-    azimuth = np.linspace(0.0, 2.0 * math.pi, n)
-    half = math.radians(half_deg)
-    around = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1) * math.sin(half)
-    return np.column_stack([around, np.full(n, math.cos(half))]) @ rotation_from_z(axis).T
+            scene.add_tinted(shell, LIGHT_COLOR, shell["alpha"])
 
 
 def cone_rim(
@@ -408,7 +382,9 @@ def cone_rim(
 
     Rays without a crossing within `longest` [m] end there.
     """
-    rays = cone_rays(axis, half_deg, 97)
+    azimuth, half = np.linspace(0.0, 2.0 * math.pi, 97), math.radians(half_deg)
+    around = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1) * math.sin(half)
+    rays = np.column_stack([around, np.full(97, math.cos(half))]) @ rotation_from_z(axis).T
     elevation, towards = surface_sampler(mesh), -math.copysign(1.0, apex[2])
     climb = np.maximum(towards * rays[:, 2], 1e-3)
     rim, z = np.empty_like(rays), np.zeros(97)

@@ -60,7 +60,7 @@ def plot_curves(
     >>> plot_curves(gain, "gain").get_xlabel()
     'depth below still water $d$ [m]'
     """
-    return lines(axes(ax), data, quantity, (style,))
+    return lines(ax, data, quantity, (style,))
 
 
 def plot_phase_function(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
@@ -153,7 +153,7 @@ def plot_wavelengths(result: ByWavelength[Any], *, ax: Axes | None = None) -> Ax
         data[name + suffix] = (("receiver", "wavelength_nm"), rows[:, i].T)
     if len(receivers) == 1:
         data = data.isel(receiver=0)
-    return lines(axes(ax), data, name)
+    return lines(ax, data, name)
 
 
 def _with_errors(values: Any, errors: Any) -> list[Any]:

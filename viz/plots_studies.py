@@ -1,27 +1,23 @@
-"""Plots of studies: comparisons, convergence, sensitivities, optima, measured values."""
+"""Plots of studies: comparisons, convergence, sensitivities, optima; plot of any result."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
+from meshtrace import studies
 from meshtrace.errors import Described, Refused, require_word
 from meshtrace.models import Floats
-from meshtrace.studies.comparison import Comparison, Duplex
-from meshtrace.studies.convergence.drivers import FadingConvergence
-from meshtrace.studies.convergence.study import ConvergenceStudy
-from meshtrace.studies.designs.page import LIGHTS, Design
-from meshtrace.studies.inference import Inference
-from meshtrace.studies.optimisation import Optimum
-from meshtrace.studies.sensitivity.study import Sensitivities, swings
-from meshtrace.studies.traces import ChannelTrace
+from meshtrace.stored import Stored
+from meshtrace.studies.designs.page import LIGHTS
 from meshtrace.validation.measured.suite import MeasuredTable
 
-from . import marks
+from . import marks, plots_curves, plots_results
 from .style import INK, PALETTE, label_of, verbatim
 
 _LINE: Any = {"color": INK, "lw": 0.8}
@@ -37,7 +33,7 @@ _COSTS = {
 """What each objective of an optimisation minimises."""
 
 
-def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
+def plot_comparison(result: studies.Comparison, *, ax: Axes | None = None) -> Axes:
     """Plot the gains of links relative to the first link [dB], with two standard errors.
 
     Parameters
@@ -51,13 +47,13 @@ def plot_comparison(result: Comparison, *, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    ax = marks.bars(marks.axes(ax), result.to_dataset(), "gain_ratio_db", across=True)
+    ax = marks.bars(ax, result.to_dataset(), "gain_ratio_db", across=True)
     ax.axvline(0.0, **_LINE)
     ax.set_xlabel(f"gain over {verbatim(result.names[0])} [dB]")
     return ax
 
 
-def plot_duplex(result: Duplex, *, ax: Axes | None = None) -> Axes:
+def plot_duplex(result: studies.Duplex, *, ax: Axes | None = None) -> Axes:
     """Plot the gains of both directions over their means, over time or realizations.
 
     Parameters
@@ -75,10 +71,10 @@ def plot_duplex(result: Duplex, *, ax: Axes | None = None) -> Axes:
     name, times = result.up.along, result.up.coordinate
     along = {name: times if name == "time" else range(len(times))}
     data = marks.dataset({"gain over its mean": gains}, way=["up", "down"], **along)
-    return marks.finished(marks.lines(marks.axes(ax), data, "gain over its mean"), ylim=(0.0, None))
+    return marks.finished(marks.lines(ax, data, "gain over its mean"), ylim=(0.0, None))
 
 
-def plot_trace(result: ChannelTrace, *, ax: Axes | None = None) -> Axes:
+def plot_trace(result: studies.ChannelTrace, *, ax: Axes | None = None) -> Axes:
     """Plot the gains of a channel trace and its background over their means.
 
     Parameters
@@ -96,7 +92,7 @@ def plot_trace(result: ChannelTrace, *, ax: Axes | None = None) -> Axes:
     gains = {name: row.reshape(len(row), -1) for name, row in rows.items() if row is not None}
     over = [row[:, 0] / row[:, 0].mean() for row in gains.values()]
     data = marks.dataset({"over its mean": over}, part=list(gains), time=result.time)
-    ax = marks.lines(marks.axes(ax), data, "over its mean", ("-", "--"))
+    ax = marks.lines(ax, data, "over its mean", ("-", "--"))
     times, light = result.background_time, result.background_radiance
     if times is not None and light is not None:
         color = list(PALETTE.values())[2]
@@ -104,7 +100,7 @@ def plot_trace(result: ChannelTrace, *, ax: Axes | None = None) -> Axes:
     return marks.finished(ax, ylim=(0.0, None))
 
 
-def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes:
+def plot_convergence(study: studies.ConvergenceStudy, *, ax: Axes | None = None) -> Axes:
     """Plot errors of the gain over the step of a study, with the fitted law.
 
     Parameters
@@ -139,7 +135,7 @@ def plot_convergence(study: ConvergenceStudy, *, ax: Axes | None = None) -> Axes
     return _over_steps(ax, study.values, ylabel="error of the gain [%]")
 
 
-def plot_fading_convergence(study: FadingConvergence, *, ax: Axes | None = None) -> Axes:
+def plot_fading_convergence(study: studies.FadingConvergence, *, ax: Axes | None = None) -> Axes:
     """Plot the scintillation index over the highest frequency of the waves.
 
     Parameters
@@ -160,7 +156,7 @@ def plot_fading_convergence(study: FadingConvergence, *, ax: Axes | None = None)
     found = {"scintillation_index": rows[:n]}
     found |= {"scintillation_index_stderr": errors} if n == 3 else {}
     data = marks.dataset(found, curve=names[:n], omega_max=study.omega_max)
-    ax = marks.lines(marks.axes(ax), data, "scintillation_index", ("-", "--", "o"))
+    ax = marks.lines(ax, data, "scintillation_index", ("-", "--", "o"))
     ax.axhline(study.all_waves, ls=":", label="all waves", **_LINE)
     return _over_steps(ax, study.omega_max, yscale="log")
 
@@ -174,7 +170,7 @@ def _over_steps(ax: Axes, values: Floats, **settings: Any) -> Axes:
 
 
 def plot_tornado(
-    s: Sensitivities,
+    s: studies.Sensitivities,
     *,
     change: float | Mapping[str, tuple[float, float]] = 0.1,
     ax: Axes | None = None,
@@ -196,7 +192,7 @@ def plot_tornado(
     Axes
         Bars in dB, in m for the range, the largest on top, with whiskers of two standard errors.
     """
-    found = swings(s, change)
+    found = studies.swings(s, change)
     names = [f"{one.name}\n{one.values[0]:.4g} to {one.values[1]:.4g} {one.unit}" for one in found]
     values = {
         "change": [one.change for one in found],
@@ -205,7 +201,7 @@ def plot_tornado(
     data = marks.dataset(
         values, name=[name.removesuffix(" 1") for name in names], side=["lower", "higher"]
     )
-    ax = marks.bars(marks.axes(ax), data.transpose(), "change", across=True, beside=False)
+    ax = marks.bars(ax, data.transpose(), "change", across=True, beside=False)
     ax.tick_params(axis="y", labelsize=8)
     ax.axvline(0.0, **_LINE)
     form = ".2e" if s.of == "gain" else ".3g"
@@ -214,7 +210,7 @@ def plot_tornado(
     return ax
 
 
-def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
+def plot_optimum(o: studies.Optimum, *, ax: Axes | None = None) -> Axes:
     """Plot the cost of all candidates over the first variable, with the best one.
 
     Parameters
@@ -235,7 +231,7 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
     return marks.finished(ax, xlabel=label_of(o.variables[0]), ylabel=_COSTS[o.objective])
 
 
-def plot_design(d: Design, *, light: str = "day", ax: Axes | None = None) -> Axes:
+def plot_design(d: studies.Design, *, light: str = "day", ax: Axes | None = None) -> Axes:
     """Plot the reserve over each scanned key, relative to the values of the link.
 
     Parameters
@@ -269,7 +265,7 @@ def plot_design(d: Design, *, light: str = "day", ax: Axes | None = None) -> Axe
     return marks.finished(ax, legend=False, xscale="log", **labels)
 
 
-def plot_inference(f: Inference, *, ax: Axes | None = None) -> Axes:
+def plot_inference(f: studies.Inference, *, ax: Axes | None = None) -> Axes:
     """Plot measured over fitted gains.
 
     Parameters
@@ -328,3 +324,66 @@ def plot_measured(table: MeasuredTable, *, ax: Axes | None = None) -> Axes:
     ax.axvline(1.0, **_LINE)
     ax.invert_yaxis()
     return marks.finished(ax, xlabel="measured over computed")
+
+
+def plot(result: Stored | xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Plot a result of any kind, or the dataset of a sweep or of `Water.spectra`.
+
+    Parameters
+    ----------
+    result : result or xarray.Dataset
+        As returned by a study, `meshtrace.results.load` or `sweep`.
+    ax : matplotlib Axes, optional
+        Axes to draw on; a new figure by default.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    Refused
+        If there is no plot of this kind.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> from meshtrace.surfaces import FlatSea
+    >>> plot(mt.simulate(mt.Link(), FlatSea(), photons=64)).get_xlabel()
+    'number of scatterings $n$'
+    """
+    if isinstance(result, xr.Dataset):
+        if "wavelength_nm" in result.dims and "source" in result.attrs:
+            return plots_curves.plot_water(result, ax=ax)
+        return plots_curves.plot_sweep(result, quantity="ber" if "ber" in result else "gain", ax=ax)
+    kind = getattr(result, "kind", None)
+    if kind not in _PLOTS:
+        raise Refused("result", Described(type(result).__name__), f"a {', '.join(_PLOTS)}")
+    return _PLOTS[kind](result, ax=ax)
+
+
+_PLOTS: dict[str, Callable[..., Any]] = {
+    "gain": plots_results.plot_gain,
+    "series": plots_results.plot_series,
+    "coverage": plots_results.plot_coverage,
+    "impulse-response": plots_results.plot_impulse_response,
+    "fading": plots_results.plot_autocorrelation,
+    "markov-channel": plots_results.plot_autocorrelation,
+    "transformed-gaussian": plots_results.plot_autocorrelation,
+    "performance": plots_curves.plot_performance,
+    "depth-sweep": plots_curves.plot_winds,
+    "convergence": plot_convergence,
+    "fading-convergence": plot_fading_convergence,
+    "comparison": plot_comparison,
+    "duplex": plot_duplex,
+    "trace": plot_trace,
+    "background": plots_results.plot_background,
+    "background-series": plots_results.plot_background,
+    "irradiance-series": plots_results.plot_irradiance,
+    "wavelengths": plots_curves.plot_wavelengths,
+    "sensitivity": plot_tornado,
+    "design": plot_design,
+    "optimum": plot_optimum,
+    "inference": plot_inference,
+    "measured": plot_measured,
+}

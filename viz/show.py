@@ -32,7 +32,7 @@ from meshtrace.studies.series import time_series
 
 from .export import export_scene, require_suffix, save_html
 from .marks import seen_from_above
-from .plots_fading import plot_gain_series
+from .plots_results import plot_gain_series
 from .scenes import RECEIVED_SHOWN, SceneStyle, Shown, scene
 from .style import CHALK, DUSK, FATE_COLORS, NIGHT, PALETTE, RC, axis_label, water_map
 
@@ -43,6 +43,7 @@ LIGHT_SIZE = (960, 464)
 """Pixels of a movie of the light pattern."""
 
 _SCENE_SHARE = 0.64
+_SCENE_SIZE = (round(_SCENE_SHARE * SIZE[0]), SIZE[1])
 _BRIGHTEST = 16.0  # end of the colours of the light, in means, which go as its root
 _STEEPEST = 2.5  # end of the colours of the sea, in standard deviations of the slope
 _LIGHT_QUALITY = 4.0  # of the encoder: fine caustics that move leave little to predict
@@ -100,33 +101,31 @@ def save_movie(
         If the suffix is not .mp4 or .gif, there are fewer than two times, or the gain has other
         times.
     """
-    path, times = Path(path), require_finite(times, "times", "two times or more")
-    if len(times) < 2:
-        raise Refused("times", times.tolist(), "two times or more")
-    if frame_rate is None:
-        frame_rate = natural_rate(times)
-    options = writer_options(path, frame_rate, quality)
+    at, path = require_finite(times, "times", "two times or more"), Path(path)
+    if len(at) < 2:
+        raise Refused("times", at.tolist(), "two times or more")
+    options = writer_options(path, natural_rate(at) if frame_rate is None else frame_rate, quality)
     surface = resolve_band(link, surface, fading=True)
     seed = shown.get("seed", 1)
-    gain = gain or time_series(link, surface, times, photons=photons, seed=seed)
-    if not np.array_equal(gain.coordinate, times):
+    gain = gain or time_series(link, surface, at, photons=photons, seed=seed)
+    if not np.array_equal(gain.coordinate, at):
         raise Refused("gain", Described("at other times"), "a series at the times of the frames")
-    heights = surface.mesh(float(times[0]), extent=20.0, spacing=1.0).vertices[:, 2]
-    style, frame = shown.get("style", SceneStyle()), _GainFrame(gain)
+    heights = surface.mesh(float(at[0]), extent=20.0, spacing=1.0).vertices[:, 2]
+    style = shown.get("style", SceneStyle())
     limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
-    shown["style"] = style.replace(color_limit=limit, off_screen=True, window_size=frame.scene_size)
+    shown["style"] = style.replace(color_limit=limit, off_screen=True, window_size=_SCENE_SIZE)
 
-    def frames() -> Iterator[NDArray[np.uint8]]:
+    def pictures() -> Iterator[NDArray[np.uint8]]:
         plotter = None
         try:
-            for time in map(float, times):
+            for time in map(float, at):
                 plotter = scene(link, surface, time=time, plotter=plotter, **shown)
-                yield frame.draw(np.asarray(plotter.screenshot(return_img=True)), time)
+                yield np.asarray(plotter.screenshot(return_img=True))
         finally:
             if plotter is not None:
                 plotter.close()
 
-    return _write_movie(path, frames(), len(times), options, progress)
+    return _write_movie(path, _beside_gain(pictures(), gain), len(at), options, progress)
 
 
 def save_light(
@@ -178,10 +177,11 @@ def save_light(
     pattern_ends(link, surface, extent, step)  # refuses what has no pattern
     lines, slope = _crossed(link, surface, extent, float(at[0]))
     steepest = _STEEPEST * float(slope.std()) or 0.1
-    sloped = Normalize(-steepest, steepest)
-    sea = _Map(lines, water_map(), sloped, "both", axis_label("slope_x"))
     around = [float(x) + np.array([-extent, extent]) for x in link.only_receiver.position]
-    maps = (sea, _light_map(around, "gain of unscattered light over its mean"))
+    maps = (
+        _Map(lines, axis_label("slope_x"), water_map(), Normalize(-steepest, steepest)),
+        _Map(around, "gain of unscattered light over its mean"),
+    )
     mean = None
 
     def frames() -> Iterator[_Values]:
@@ -258,7 +258,7 @@ def save_irradiance(
     pattern = series.pattern[:, [known.index(depth) for depth in shown]]
     pattern = pattern / pattern.mean(axis=(0, 2, 3), keepdims=True)
     ends = [np.asarray(c)[[0, -1]] for c in (series.x, series.y)]
-    maps = [_light_map(ends, "irradiance over its mean") for _ in shown]
+    maps = [_Map(ends, "irradiance over its mean") for _ in shown]
     titles = ([f"{depth:g} m deep, t = {t:.3f} s" for depth in shown] for t in series.time)
     frames = zip(pattern, titles, strict=True)
     return _save_maps(path, maps, frames, len(series.time), options, progress)
@@ -321,14 +321,12 @@ def _pixels(figure: Figure) -> NDArray[np.uint8]:
 _TEXTS = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
 
 
-class _GainFrame:
-    """Figure with the scene on the left and the gain up to its time on the right."""
-
-    @mpl.rc_context(RC | dict.fromkeys(_TEXTS, CHALK))
-    def __init__(self, gain: GainSeries) -> None:
-        width, height = SIZE
-        self.scene_size = (round(_SCENE_SHARE * width), height)
-        self._figure = figure = _figure(SIZE, 100)
+def _beside_gain(
+    pictures: Iterable[NDArray[np.uint8]], gain: GainSeries
+) -> Iterator[NDArray[np.uint8]]:
+    """Yield frames: the pictures of the scene on the left, the gain up to their times beside."""
+    figure, times, gains = _figure(SIZE, 100), gain.coordinate, gain.gains[:, 0]
+    with mpl.rc_context(RC | dict.fromkeys(_TEXTS, CHALK)):
         figure.set_layout_engine("none")
         back = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         sky = LinearSegmentedColormap.from_list("sky", [DUSK, NIGHT])
@@ -336,46 +334,35 @@ class _GainFrame:
         back.imshow(np.linspace(0.0, 1.0, 256)[:, None], cmap=sky, aspect="auto")
         left = figure.add_axes((0.0, 0.0, _SCENE_SHARE, 1.0))
         left.axis("off")
-        self._image = left.imshow(np.full((height, self.scene_size[0], 3), 255, np.uint8))
+        image = left.imshow(np.full((*_SCENE_SIZE[::-1], 3), 255, np.uint8))
         right = figure.add_axes((_SCENE_SHARE + 0.085, 0.16, 0.96 - _SCENE_SHARE - 0.085, 0.7))
         right.set_facecolor("none")
         plot_gain_series(gain, ax=right)
         for text in list(right.texts):  # the title takes its place
             text.remove()
-        self._times = gain.coordinate
-        self._gain = gain.gains[:, 0]
         for earlier in (*right.lines, *right.collections):
             earlier.set_visible(False)  # what is yet to come sets the limits alone
-        (self._past,) = right.plot([], [], color=PALETTE["sky"], lw=1.8)
+        (past,) = right.plot([], [], color=PALETTE["sky"], lw=1.8)
         received: Any = {"color": FATE_COLORS["received"]}
-        (self._mark,) = right.plot([], [], "o", markersize=9, **received)
-        self._now = right.axvline(self._times[0], lw=0.8, **received)
-        self._title = right.set_title("")
-
-    def draw(self, picture: NDArray[np.uint8], time: float) -> NDArray[np.uint8]:
-        """Return the pixels (height, width, 3) of one frame."""
-        gain = float(np.interp(time, self._times, self._gain))
-        past = self._times <= time
-        self._image.set_data(picture)
-        self._past.set_data(self._times[past], self._gain[past])
-        self._mark.set_data([time], [gain])
-        self._now.set_xdata([time, time])
-        self._title.set_text(f"t = {time:.2f} s, gain = {gain:.2e}")
-        return _pixels(self._figure)
+        (mark,) = right.plot([], [], "o", markersize=9, **received)
+        now = right.axvline(times[0], lw=0.8, **received)
+        title = right.set_title("")
+    for i, picture in enumerate(pictures):
+        image.set_data(picture)
+        past.set_data(times[: i + 1], gains[: i + 1])
+        mark.set_data(times[i : i + 1], gains[i : i + 1])
+        now.set_xdata([times[i], times[i]])
+        title.set_text(f"t = {times[i]:.2f} s, gain = {gains[i]:.2e}")
+        yield _pixels(figure)
 
 
 class _Map(NamedTuple):
-    """A map of a movie: its ends along x and y [m], colours with their range, and a label."""
+    """A map of a movie: its ends along x and y [m], a label, colours with their range."""
 
     ends: Sequence[Any]
-    colors: Any
-    norm: Normalize
-    extend: str
     label: str
-
-
-def _light_map(ends: Sequence[Any], label: str) -> _Map:
-    return _Map(ends, "inferno", PowerNorm(0.5, 0.0, _BRIGHTEST), "max", label)
+    colors: Any = "inferno"
+    norm: Normalize = PowerNorm(0.5, 0.0, _BRIGHTEST)
 
 
 _Values = tuple[Any, Sequence[str]]  # of the maps of a frame, and their titles
@@ -398,7 +385,8 @@ def _save_maps(
         look: Any = {"extent": np.concatenate(one.ends), "interpolation": "bilinear"}
         look |= {"cmap": one.colors, "norm": one.norm, "origin": "lower"}
         images.append(ax.imshow(np.zeros((2, 2)), **look))
-        size: Any = {"extend": one.extend, "shrink": 0.78, "aspect": 18}
+        beyond = "both" if one.norm.vmin else "max"  # of light there is none below 0
+        size: Any = {"extend": beyond, "shrink": 0.78, "aspect": 18}
         figure.colorbar(images[-1], ax=ax, label=one.label, **size)
         seen_from_above(ax)
 

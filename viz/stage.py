@@ -10,6 +10,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pyvista as pv
+from matplotlib.colors import to_rgb
+from numpy.typing import ArrayLike
 
 from meshtrace.engine.paths import PhotonPaths
 from meshtrace.errors import Refused, require_array
@@ -154,6 +156,15 @@ class ScenePlotter(pv.Plotter):
         """Write a text at a place in the window, of 1 by 1."""
         font: Any = {"font_size": round(0.5 * self.font_size), "font_file": FONT_FILE}
         self.add_text(text, position=(left, bottom), viewport=True, color=color, **font)
+
+    def add_tinted(self, part: pv.DataSet, color: Any, alpha: ArrayLike, **look: Any) -> None:
+        """Draw a part without shading, in colours and opacities of its points, 0 ... 1."""
+        color = np.broadcast_to(
+            to_rgb(color) if isinstance(color, str) else color, (part.n_points, 3)
+        )
+        alpha = np.broadcast_to(alpha, part.n_points)
+        part.point_data["tint"] = np.rint(255.0 * np.column_stack([color, alpha])).astype(np.uint8)
+        self.add_mesh(part, scalars="tint", rgb=True, lighting=False, **look)
 
     def bar(self, title: str) -> Any:
         """Return the options of a colour bar, in the next place along the right edge."""

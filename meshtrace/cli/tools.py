@@ -161,7 +161,7 @@ def explore(
     browser
         Open the page in a browser.
     """
-    from meshtrace.explorer.launch import explore as start
+    from meshtrace.explorer import explore as start
 
     title = "the link of the paper" if link is None else link.name
     start(changes.scenario(link), host=host, port=port, open_browser=browser, title=title)

@@ -127,14 +127,11 @@ def _expression(value: Any, indent: int) -> str:
     path = next((f"mt.{part}{name}" for part in places), "")
     if not path:
         raise Refused("", name, "a public class")
-    fields = type(value).model_fields
     follows = isinstance(value, Water) and value.spectrum is not None  # a, b and others from it
     given = {
-        key: getattr(value, key)
-        for key, field in fields.items()
-        if key != "kind"
-        and (not follows or key in value.model_fields_set)
-        and getattr(value, key) != field.get_default(call_default_factory=True)
+        key: item
+        for key, item in value.__repr_args__()
+        if key != "kind" and (not follows or key in value.model_fields_set)
     }
     items = [f"{key}={_expression(item, indent + 4)}" for key, item in given.items()]
     short = f"{path}({', '.join(items)})"

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, NamedTuple, Self, get_args
 
 from meshtrace.comms.ook import OokLink, Preset
-from meshtrace.errors import Refused, require_keys, require_word
+from meshtrace.errors import Refused, is_number, require_keys, require_word
 from meshtrace.optics.spectra import WATER_TYPES, WaterType
 from meshtrace.optics.water import Water
 from meshtrace.scenario import Scenario
@@ -34,7 +37,7 @@ class Control(NamedTuple):
         Texts beside it.
     group : str
         Heading of its group.
-    keys : tuple of str
+    keys : list of str
         Dotted keys of a link file, of which the first present one is set.
     low, high : float
         Range of the slider; see `State.ranges`.
@@ -50,7 +53,7 @@ class Control(NamedTuple):
     label: str
     unit: str
     group: str
-    keys: tuple[str, ...]
+    keys: list[str]
     low: float
     high: float
     step: float
@@ -58,53 +61,11 @@ class Control(NamedTuple):
     per_unit: float = 1.0
 
 
-_LAMP, _RECEIVER = "transmitter", "receiver"
+_ROWS = tomllib.loads(
+    Path(__file__).with_name("assets").joinpath("controls.toml").read_text(encoding="utf-8")
+)
 
-CONTROLS = (
-    Control("wind", "Wind", "m/s", "Sea", ("wind_speed",), 0.0, 20.0, 0.5),
-    Control(
-        "fetch", "Fetch", "km", "Sea", ("sea.fetch", "sea.spectrum.fetch"),
-        1.0, 1000.0, 0.05, True, 1e-3,
-    ),
-    Control("seed", "Waves, seed", "", "Sea", ("sea.seed",), 0, 100, 1),
-    Control("chlorophyll", "Chlorophyll", "mg/m³", "Water", ("water.chlorophyll",),
-            0.01, 25.0, 0.01, True),
-    Control("a", "Absorption a", "1/m", "Water", ("water.a",), 0.01, 2.0, 0.01, True),
-    Control("b", "Scattering b", "1/m", "Water", ("water.b",), 0.001, 5.0, 0.01, True),
-    Control("depth", "Depth", "m", "Place", (f"{_LAMP}.depth", f"{_RECEIVER}.depth"),
-            0.5, 40.0, 0.5),
-    Control("height", "Height", "m", "Place", (f"{_RECEIVER}.height", f"{_LAMP}.height"),
-            0.5, 40.0, 0.5),
-    Control("offset_x", "Offset x", "m", "Place", (f"{_RECEIVER}.position.0",), -20, 20, 0.1),
-    Control("offset_y", "Offset y", "m", "Place", (f"{_RECEIVER}.position.1",), -20, 20, 0.1),
-    Control("lamp_x", "Lamp x", "m", "Place", (f"{_LAMP}.position.0",), -20.0, 20.0, 0.1),
-    Control("lamp_y", "Lamp y", "m", "Place", (f"{_LAMP}.position.1",), -20.0, 20.0, 0.1),
-    Control(
-        "half_angle", "Half angle", "deg", "Lamp",
-        (f"{_LAMP}.half_angle_deg", f"{_LAMP}.divergence_deg"), 0.5, 80.0, 0.5,
-    ),
-    Control("power", "Power", "mW", "Lamp", (f"{_LAMP}.power_mw",), 1.0, 10_000.0, 0.05, True),
-    Control("wavelength", "Wavelength", "nm", "Lamp", (f"{_LAMP}.wavelength_nm",),
-            400.0, 700.0, 5.0),
-    Control("tilt", "Tilt", "deg", "Receiver", (f"{_RECEIVER}.tilt_deg",), 0.0, 60.0, 1.0),
-    Control("fov", "Field of view", "deg", "Receiver", (f"{_RECEIVER}.fov_deg",),
-            1.0, 180.0, 1.0),
-    Control(
-        "aperture", "Aperture radius", "cm", "Receiver", (f"{_RECEIVER}.radius",),
-        0.5, 50.0, 0.05, True, 100.0,
-    ),
-    Control(
-        "filter", "Filter width", "nm", "Receiver", ("detector.optics.filter_width_nm",),
-        0.5, 100.0, 0.05, True,
-    ),
-    Control("pde", "Efficiency", "%", "Receiver", ("detector.sipm.pde",), 1.0, 60.0, 1.0,
-            per_unit=100.0),
-    Control(
-        "bit_rate", "Bit rate", "Mbit/s", "Bits", ("detector.bit_rate",),
-        0.1, 100.0, 0.05, True, 1e-6,
-    ),
-    Control("sun", "Sun from zenith", "deg", "Bits", ("daylight.sun_zenith_deg",), 0.0, 89.0, 1.0),
-)  # fmt: skip
+CONTROLS = tuple(Control(name=name, **row) for name, row in _ROWS.items())
 """All controls with a number, in the order of the page."""
 
 BY_NAME = {control.name: control for control in CONTROLS}
@@ -149,6 +110,19 @@ CHOICES = {
 }
 """Choices by name."""
 
+
+def groups() -> dict[str, dict[str, list[dict[str, Any]]]]:
+    """Return the choices and the numbers of each group as the page shows them."""
+    found: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    for c in CONTROLS:
+        title = f"{c.label} [{c.unit}]" if c.unit else c.label
+        group = found.setdefault(c.group, {"choices": [], "numbers": []})
+        group["numbers"].append({**c._asdict(), "title": title})
+    for name, choice in CHOICES.items():
+        found[choice.group]["choices"].append({"name": name, **choice._asdict()})
+    return found
+
+
 BITS_ALONE = ("power", "filter", "pde", "detector", "aircraft", "bit_rate", "light", "sun")
 """Controls on which no gain depends."""
 
@@ -168,10 +142,10 @@ def value_of(config: Mapping[str, Any], control: Control) -> float | None:
     12.0
     >>> value_of({"transmitter": {"kind": "sun"}}, BY_NAME["depth"])
     """
-    found = _find(config, control)
-    if found is None or not isinstance(found[1], int | float):  # a profile
+    place = _place(config, control)
+    if place is None or not is_number(place[0][place[1]]):  # a profile
         return None
-    return float(f"{control.per_unit * found[1]:.12g}")
+    return float(f"{control.per_unit * place[0][place[1]]:.12g}")
 
 
 def with_value(config: Table, control: Control, value: float) -> Table:
@@ -182,12 +156,15 @@ def with_value(config: Table, control: Control, value: float) -> Table:
     Refused
         If the value is no finite number, or the link has no such key.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if not is_number(value) or not math.isfinite(value):
         raise Refused(control.name, value, "finite numbers")
-    found = _find(config, control)
-    if found is None or value_of(config, control) is None:
+    config = copy.deepcopy(config)
+    place = _place(config, control)
+    if place is None or value_of(config, control) is None:
         raise Refused(control.name, value, "a link with this value")
-    return _with(config, found[0], float(f"{value / control.per_unit:.12g}"))
+    part, key = place
+    part[key] = float(f"{value / control.per_unit:.12g}")
+    return config
 
 
 def with_coefficients(config: Table) -> Table:
@@ -226,18 +203,18 @@ def with_choice(config: Table, name: str, word: str) -> Table:
 
 def _with_lamp(config: Table, word: str) -> Table:
     """Return tables with another kind of the first lamp."""
-    angle = _find(config, BY_NAME["half_angle"])
-    if angle is None:
+    config = copy.deepcopy(config)
+    place = _place(config, BY_NAME["half_angle"])
+    if place is None:
         raise Refused("lamp", word, "a link with a lamp that has an angle")
-    path = angle[0][:-1]
-    old: Any = config
-    for part in path:
-        old = old[part]
-    air = "air-" if "height" in old else ""
+    lamp, angle = place
     kind, key = _LAMPS[word]
-    common = {k: old[k] for k in _OF_LAMPS if k in old}
-    widest = min(angle[1], _widest(air + kind))
-    return _with(config, path, {**common, "kind": air + kind, key: widest})
+    kind = f"air-{kind}" if "height" in lamp else kind
+    widest = min(lamp[angle], _widest(kind))
+    kept = {k: lamp[k] for k in _OF_LAMPS if k in lamp}
+    lamp.clear()
+    lamp.update({**kept, "kind": kind, key: widest})
+    return config
 
 
 def _widest(kind: str) -> float:
@@ -265,32 +242,24 @@ def slider_range(control: Control, value: float | None) -> tuple[float, float]:
     return low, high
 
 
-def _find(config: Mapping[str, Any], control: Control) -> tuple[list[str | int], Any] | None:
-    """Return path and value of the first key of a control that the tables have.
+def _place(config: Mapping[str, Any], control: Control) -> tuple[Any, Any] | None:
+    """Return the table or list that holds the first key of a control that there is, and its key.
 
     Of a list of parts the first one counts.
     """
-    for key in control.keys:
-        path: list[str | int] = [int(word) if word.isdecimal() else word for word in key.split(".")]
-        if isinstance(config.get(str(path[0])), list):
+    for name in control.keys:
+        *path, last = [int(word) if word.isdecimal() else word for word in name.split(".")]
+        if path and isinstance(config.get(str(path[0])), list):
             path.insert(1, 0)
         found: Any = config
         try:
             for part in path:
                 found = found[part]
+            found[last]
         except (KeyError, IndexError, TypeError):
             continue
-        return path, found
+        return found, last
     return None
-
-
-def _with(part: Any, path: list[str | int], value: Any) -> Any:
-    """Return a copy of nested tables and lists with the value at a path."""
-    if not path:
-        return value
-    copy: Any = list(part) if isinstance(part, list | tuple) else dict(part)
-    copy[path[0]] = _with(part[path[0]], path[1:], value)
-    return copy
 
 
 @dataclass(frozen=True)
@@ -413,6 +382,16 @@ class State:
             for word, (low, high) in limits.items()
             if not low <= nm <= high
         }
+
+    @property
+    def limits(self) -> dict[str, Any]:
+        """Ends of the sliders, and the words that the wavelength bars, with the reason."""
+        ends = {
+            name: [math.log10(end) if BY_NAME[name].log else end for end in pair]
+            for name, pair in self.ranges.items()
+        }
+        barred = {word: f" ({reason})" for word, reason in self.barred.items()}
+        return {"ends": ends, "barred": {"water": barred}}
 
     @property
     def settings(self) -> dict[str, Any]:

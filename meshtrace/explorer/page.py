@@ -1,14 +1,25 @@
-"""Page of one user of the explorer: a trame server that shows a session and sends its moves."""
+"""Page of one user of the explorer: a trame server that shows a session and sends its moves.
+
+A page of any site can send requests to servers of this machine. Those that carry another host
+(a name that a stranger points at this machine) or another origin are turned away, and a session is
+opened, read and steered with the token of its address alone.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import base64
 import functools
+import hashlib
 import logging
 import math
 import re
+import secrets
+import socket
 import uuid
+from collections.abc import Collection
 from contextlib import suppress
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
@@ -18,22 +29,33 @@ from yarl import URL
 
 from meshtrace.engine.paths import PhotonPaths
 from meshtrace.errors import Refused, one_line
-from meshtrace.explorer import code, layout, readings, stages
-from meshtrace.explorer.controls import BY_NAME, CHOICES, State
-from meshtrace.explorer.designing import design_of, design_reading
-from meshtrace.explorer.door import guard, new_token, policy
-from meshtrace.explorer.scene import LiveScene
+from meshtrace.explorer import code, readings, stages
+from meshtrace.explorer.controls import BY_NAME, CHOICES, State, groups
+from meshtrace.explorer.scene import COLORS, LiveScene
 from meshtrace.explorer.session import STAGES, Session
-from meshtrace.results.coverage import CoverageMap
 from meshtrace.scenario import Scenario
 
 _ASSETS = Path(__file__).with_name("assets")
+_TEMPLATE = (_ASSETS / "page.html").read_text(encoding="utf-8")
 _SCENE_PERIOD = 0.05  # shortest time between two scenes while a control moves [s]
 _FRAME_PERIOD = 0.1  # of the running sea [s]
 _PATIENCE = 2.0  # longest wait for the browser to draw it [s]
 _REST = 0.5  # time without a move after which controls rest [s]
 _FIXED_ZOOM = re.compile(r",\s*maximum-scale=1,minimum-scale=1")  # readers may enlarge the page
 _IDLE = 600  # time without a browser after which a session ends [s]
+
+_POLICY = (
+    "default-src 'self'; connect-src 'self' data: blob: ws://{host}; img-src 'self' data: blob:; "
+    "font-src 'self' data:; style-src 'self' 'unsafe-inline'; "
+    "script-src 'self' 'unsafe-eval' {scripts}; "  # Vue compiles the template in the browser
+    "object-src 'none'; base-uri 'self'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+_INLINE = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 
 
 class Page:
@@ -74,7 +96,9 @@ class Page:
         self._design: asyncio.Task[None] | None = None
         self._designed: State | None = None
         self._fill(title, base)
-        layout.build(self.server, self, scenario.link)
+        for action in (self.compare, self.swap, self.restore, self.show_text, self.scene_ready,
+                       self.drawn, self.seek, self.make_map, self.design):  # fmt: skip
+            self.server.trigger(action.__name__)(action)
         self.server.state.change(*BY_NAME, *CHOICES)(self._moved)
         self.server.state.change("playing")(self._play_or_pause)
         self.server.controller.on_exception.add(self._tell)
@@ -175,23 +199,21 @@ class Page:
     async def _show_design(self, state: State) -> None:
         """Show the design of a state once it is made, until then the seconds of the work."""
         loop, page = asyncio.get_running_loop(), self.server.state
-        start, work = loop.time(), asyncio.ensure_future(design_of(state.scenario))
+        start, work = loop.time(), asyncio.ensure_future(stages.design_of(state.scenario))
+        shown = None
         try:
-            done: Any = ()
-            while not done:
+            while not work.done():
                 with page:
                     page.designing = round(loop.time() - start)
-                done, _ = await asyncio.wait({work}, timeout=1.0)
-            shown = design_reading(work.result())
+                await asyncio.wait({work}, timeout=1.0)
+            shown = readings.design_reading(work.result())
         except asyncio.CancelledError:
             work.cancel()
             await asyncio.wait({work})
-            shown = None
         except Refused as error:
             shown = {"problem": str(error)}
         except Exception as error:
             self._tell(error)
-            shown = None
         self._design = None
         with page:
             page.designing = None
@@ -256,12 +278,12 @@ class Page:
     def _fill(self, title: str, base: str) -> None:
         """Set all variables of the page."""
         state, page = self.session.state, self.server.state
-        page.trame__title = "meshtrace explorer"
-        choices = {name: list(choice.words) for name, choice in CHOICES.items()}
-        page.update({**state.settings, "choices": choices, "kept": None, "base": base})
-        page.update({"title": title, "refused": "", "text": "", "text_title": ""})
+        page.trame__title, page.trame__template_main = "meshtrace explorer", _TEMPLATE
+        page.update({**state.settings, "title": title, "base": base})
+        page.update({"controls": groups(), "labels": readings.LABELS, "colors": COLORS})
+        page.update(dict.fromkeys(("refused", "text", "text_title"), ""))
         page.update(dict.fromkeys(("playing", "text_shown", "design_shown"), False))
-        page.update({"design": None, "designing": None})
+        page.update(dict.fromkeys(("kept", "design", "designing")))
         self._refresh()
         self._refresh_views()
 
@@ -337,8 +359,8 @@ class Page:
 
     def _show_light(self) -> None:
         """Show the rays and the map of the state as far as they are made, and refresh the views."""
-        self.scene.show_rays(self._shown("rays", PhotonPaths))
-        found = self._shown("map", CoverageMap)
+        self.scene.show_rays(self._shown("rays"))
+        found = self._shown("map")
         self.scene.show_map(found, None if found is None else readings.map_shades(found))
         self._push_scene()
         self._refresh_views()
@@ -349,10 +371,10 @@ class Page:
         if changes:
             self._call_scene("show", changes)
 
-    def _shown(self, name: str, kind: type) -> Any:
+    def _shown(self, name: str) -> Any:
         """Return the answer of a stage to the present state; None if it is missing or failed."""
-        found = self.session.answer(name)
-        return found if self.session.fresh(name) and isinstance(found, kind) else None
+        found = self.session.answer(name) if self.session.fresh(name) else None
+        return None if isinstance(found, stages.Failed) else found
 
     def _answered(self, name: str) -> None:
         """Show an answer; called in the thread of the work."""
@@ -374,7 +396,7 @@ class Page:
         stale = {name: not session.fresh(name) for name in STAGES}
         other = self._designed is not None and self._designed.moves != session.state.moves
         page.stale = {**stale, "design": other}
-        page.update(layout.limits(session.state))
+        page.update(session.state.limits)
         page.working = session.working
         page.reading = readings.gain_reading(session)
         page.fading = readings.fading_reading(session)
@@ -389,8 +411,8 @@ class Page:
         """Set the side view, the plan, the time and the colour bar."""
         page, state = self.server.state, self.session.state
         page.time = round(state.time, 3)
-        page.update(layout.views(state, self.scene))
-        found = self._shown("map", CoverageMap)
+        page.update(self.scene.views(state))
+        found = self._shown("map")
         page.map = None if found is None else readings.map_image(found)
 
     def _play_or_pause(self, playing: bool = False, **_: Any) -> None:
@@ -416,7 +438,7 @@ class Page:
                 with suppress(ConnectionResetError), self.server.state as page:
                     self.scene.show_rays(paths)
                     page.time = round(state.time, 3)
-                    page.update(layout.views(state, self.scene))
+                    page.update(self.scene.views(state))
                     page.reading = readings.gain_reading(session, running=True)
                     self._push_scene()
                 with suppress(TimeoutError):  # owed pictures would delay all answers
@@ -447,3 +469,63 @@ def _moves(state: State) -> dict[str, Any]:
     """Return the moved controls, and the time of the sea if it is not that at the start."""
     start = state.given.meshing.time
     return {**dict(state.moves), **({"time": state.time} if state.time != start else {})}
+
+
+def new_token() -> str:
+    """Return a secret for an address: the page reads digits as a number, capitals as small."""
+    return f"t{secrets.token_hex(24)}"
+
+
+def guard(app: web.Application, host: str, token: str, private: Collection[str]) -> None:
+    """Let an application answer its own host and origin alone, and some paths with a token.
+
+    Parameters
+    ----------
+    app : aiohttp.web.Application
+        Application, not yet started.
+    host : str
+        Address that it listens on.
+    token : str
+        Value of the parameter `token` of the private paths.
+    private : collection of str
+        Paths that need the token.
+    """
+
+    @web.middleware
+    async def check(request: web.Request, handler: Any) -> web.StreamResponse:
+        if not _is_of(request, host):
+            raise web.HTTPForbidden(text="another host\n")
+        if set(request.headers.getall("Origin", ())) - {f"http://{request.host}"}:
+            raise web.HTTPForbidden(text="another origin\n")
+        given = request.query.get("token", "")
+        if request.path in private and not secrets.compare_digest(given.encode(), token.encode()):
+            raise web.HTTPForbidden(text="open the address that meshtrace explore prints\n")
+        response: web.StreamResponse = await handler(request)
+        return response
+
+    async def protect(request: web.Request, response: web.StreamResponse) -> None:
+        for name, value in (*_HEADERS.items(), ("Content-Security-Policy", policy(request, ""))):
+            response.headers.setdefault(name, value)
+
+    app.middlewares.append(check)
+    app.on_response_prepare.append(protect)
+
+
+def policy(request: web.Request, page: str) -> str:
+    """Return the Content-Security-Policy of a page: its own scripts, this server, no frame."""
+    digests = (hashlib.sha256(script.encode()).digest() for script in _INLINE.findall(page))
+    scripts = (f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
+    return _POLICY.format(host=request.host, scripts=" ".join(scripts))
+
+
+def _is_of(request: web.Request, host: str) -> bool:
+    """Return whether a request names the address that it has reached."""
+    if request.transport is None:
+        return False
+    address, port, *_ = request.transport.get_extra_info("sockname")
+    names = {host, address}
+    names.add("localhost" if ip_address(address).is_loopback else socket.gethostname())
+    try:
+        return request.url.host in names and request.url.port == port
+    except ValueError:  # no name of a host
+        return False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from meshtrace.explorer.controls import BY_NAME, CHOICES, State
 from meshtrace.explorer.session import Session
 from meshtrace.explorer.stages import DURATION, FADING_RATE, LIMIT, Fading, Failed, Signal
 from meshtrace.results.coverage import CoverageMap
+from meshtrace.studies.designs.page import LIGHTS, BestValue, Design, Reach
 from meshtrace.viz import scenes
 
 BER_FLOOR = 1e-15
@@ -31,6 +33,13 @@ BITS = {
     "background": "Background",
 }
 """Labels of the readings of a transmission."""
+
+LABELS = {
+    "gain": {"unscattered": "Unscattered share", "chains": "Sample", "lean": "Aircraft leans by"},
+    "bits": BITS,
+    "fading": {"index": "Scintillation", "all_waves": "… of all waves", "low": "Lowest / mean"},
+}
+"""Labels of the tables of the page."""
 
 _NO_BITS = dict.fromkeys(BITS, "–")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -257,3 +266,93 @@ def bit_error_rate(ber: float) -> str:
     ('1.23e-04', '< 1e-15')
     """
     return f"< {BER_FLOOR:g}" if ber < BER_FLOOR else f"{ber:.2e}"
+
+
+def design_reading(found: Design) -> dict[str, Any]:
+    """Return the page of a design as texts: answer, tables of (title, head, rows) and notes.
+
+    Values are in the units of the controls.
+    """
+    values, remarks = ("", "given", *LIGHTS), []
+    for choice in found.choices:
+        remarks += [f"{_scale(choice.key, '')[0]}: {choice.note}"] if choice.note else []
+    gained = {c.light: f"{c.gained:+.1f} ± {c.gained_stderr:.1f} dB" for c in found.together}
+    together = ["Gained", "", *(minus(gained.get(light, "–")) for light in LIGHTS)]
+    tables = (
+        ("Figures", ("", *LIGHTS), _figures(found)),
+        ("Best values, each alone", values, _by_key(found.choices, _best_alone)),
+        ("Best lens, view and filter together", values,
+         [*_by_key(found.together, _best), together]),
+        ("Just closes, each alone", values, _by_key(found.reach, _closing)),
+        ("Budget", ("", *LIGHTS, "unit"), _budget(found)),
+    )  # fmt: skip
+    return {
+        "answer": [line.strip().replace("+-", "±") for line in found.answer],
+        "tables": [dict(zip(("title", "head", "rows"), table, strict=True)) for table in tables],
+        "notes": [*dict.fromkeys(remarks), *found.notes, *filter(None, [found.status])],
+        "text": found.summary(),
+    }
+
+
+def _figures(found: Design) -> list[list[str]]:
+    columns = [
+        (
+            f"{f.outage[0]:.2g} ({f.outage[1]:.2g} … {f.outage[2]:.2g})",
+            bit_error_rate(f.ber[0]),
+            f"{f.margin:.1f} dB",
+            f"{f.reserve:.1f} ± {f.reserve_stderr:.1f} dB",
+            f"{f.capacity / 1e6:.3g} Mbit/s",
+        )
+        for f in found.figures
+    ]
+    names = ("Outage", "Mean bit error rate", "Margin of the mean",
+             f"Reserve, outage {100.0 * found.outage:g} %", "Capacity")  # fmt: skip
+    return [list(map(minus, row)) for row in zip(names, *columns, strict=True)]
+
+
+def _by_key(table: Sequence[Any], cell: Callable[[Any, float], str]) -> list[list[str]]:
+    """Return a row for each key: name, value as given, and a cell for each light."""
+    rows = []
+    for key in dict.fromkeys(one.key for one in table):
+        mine = [one for one in table if one.key == key]
+        name, scale = _scale(key, mine[0].unit)
+        cells = (minus(cell(one, scale)) for one in mine)
+        rows.append([name, f"{mine[0].given * scale:.3g}", *cells])
+    return rows
+
+
+def _best(choice: BestValue, scale: float) -> str:
+    low, high = (end * scale for end in choice.flat)
+    return f"{choice.best * scale:.3g} ({low:.3g} … {high:.3g})"
+
+
+def _best_alone(choice: BestValue, scale: float) -> str:
+    return f"{_best(choice, scale)}, {round(choice.gained, 1) + 0.0:+.1f} dB"
+
+
+def _closing(row: Reach, scale: float) -> str:
+    """Return where a link closes; a whole scan says nothing beyond its end."""
+    if math.isnan(row.value):
+        return "none"
+    whole = row.note == "end of the scan"
+    sides = ("all from", "all to") if whole else ("≥", "≤")
+    return f"{sides[row.side == 'at most']} {row.value * scale:.3g}"
+
+
+def _budget(found: Design) -> list[list[str]]:
+    return [
+        [
+            f"= {line.name}" if line.total else line.name,
+            *(minus(f"{round(value, 1) + 0.0:.1f}") for value in (line.night, line.day)),
+            line.unit,
+        ]
+        for line in found.budget
+    ]
+
+
+def _scale(key: str, unit: str) -> tuple[str, float]:
+    """Return the label of the control of a key with the unit, and its scale."""
+    for control in BY_NAME.values():
+        if key in control.keys:
+            return f"{control.label} [{control.unit}]", control.per_unit
+    return f"{key} [{unit}]", 1.0

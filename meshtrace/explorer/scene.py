@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 from scipy.stats import norm
 
 from meshtrace.daylight.light import Daylight
@@ -21,7 +21,7 @@ from meshtrace.results.coverage import CoverageMap
 from meshtrace.viz import parts
 from meshtrace.viz.scenes import longest_left_out, wind_of
 from meshtrace.viz.stage import Stage, stage_of
-from meshtrace.viz.style import PALETTE, RECEIVER_COLOR
+from meshtrace.viz.style import PALETTE, RECEIVER_COLOR, to_srgb
 from meshtrace.viz.water import (
     WATER_BRIGHTNESS,
     SeaLight,
@@ -34,6 +34,14 @@ CELLS = 120
 """Cells of the sea along a side."""
 
 UNSCATTERED_COLOR, SCATTERED_COLOR = "#FFD34D", PALETTE["purple"]
+
+COLORS = {
+    "lamp and beam": "var(--lamp)",
+    "receiver and view": RECEIVER_COLOR,
+    "unscattered light": UNSCATTERED_COLOR,
+    "scattered light": SCATTERED_COLOR,
+}
+"""Key of the scene: parts and their colours; that of the lamp is the colour of its light."""
 
 _LEAST_IRRADIANCE = 1e-4  # of daylight rather than moon or night [W m-2 nm-1]
 _DUSK = Daylight(direct=0.25, diffuse=1.0, sun_zenith_deg=80.0, sun_azimuth_deg=118.0)
@@ -146,6 +154,33 @@ class LiveScene:
         line = line[np.argsort(line[:, 0])]
         return [(round(float(x), 3), round(float(z), 3)) for x, _, z in line]
 
+    def views(self, state: State) -> dict[str, Any]:
+        """Return the data of the side view and the plan: limits, lamp, receiver and waves [m].
+
+        With the colour of the light of the lamp.
+        """
+        stage, link = self.stage, state.scenario.link
+        (x, y), half = stage.center, stage.half
+        lamp, receiver = link.transmitters[0], link.receivers[0]
+        room = 0.05 * (stage.top - stage.bottom)  # for the marks of lamp and receiver
+        low, high = stage.bottom - room, stage.top + room
+        color = np.minimum(0.12 + 0.9 * np.array(light_color(lamp.wavelength_nm)), 1.0)
+        return {
+            "side": {
+                "frame": {"x0": x - half, "x1": x + half, "y0": low, "y1": high},
+                "lamp": _end(lamp, (0, 2), getattr(lamp, "spread_deg", 0.0), 1.0),
+                "receiver": _end(receiver, (0, 2), 0.5 * receiver.fov_deg, -1.0),
+                "profile": self.profile(),
+            },
+            "plan": {
+                "frame": {"x0": x - half, "x1": x + half, "y0": y - half, "y1": y + half},
+                "lamp": _end(lamp, (0, 1), 0.0, 1.0),
+                "receiver": _end(receiver, (0, 1), 0.0, 1.0),
+                "wind": getattr(state.scenario.surface, "wind_direction_deg", None),
+            },
+            "lamp_color": to_hex(to_srgb(color)),
+        }
+
     def _set(self, name: str, value: Any) -> None:
         if name not in self.parts or self.parts[name] != value:
             self.parts[name] = value
@@ -242,6 +277,18 @@ class LiveScene:
             self._tile = key, {"bytes": pixels.tobytes(), "n": _TEXELS, "size": size,
                                "scale": scale, "rest": list(drawn.rest)}  # fmt: skip
         return self._tile[1]
+
+
+def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str, Any] | None:
+    """Return place and cone of a lamp or receiver in two of the axes; None for sun and sky."""
+    if not hasattr(part, "depth") and not hasattr(part, "height"):
+        return None
+    i, j = axes
+    across, up = (sign * part.axis[k] for k in (0, 2))
+    return {
+        "x": part.center[i], "y": part.center[j], "half": half, "axis": math.atan2(across, up),
+        "air": part.center[2] > 0.0,
+    }  # fmt: skip
 
 
 def segments(paths: PhotonPaths) -> Any:

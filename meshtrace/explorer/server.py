@@ -15,8 +15,7 @@ from aiohttp import web
 from yarl import URL
 
 from meshtrace.errors import Described, Refused, one_line, require_whole
-from meshtrace.explorer.door import guard, new_token
-from meshtrace.explorer.page import Page
+from meshtrace.explorer.page import Page, guard, new_token
 from meshtrace.scenario import Scenario
 
 MOST_SESSIONS = 16

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Mapping
+from concurrent import futures
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 from meshtrace.errors import Refused
@@ -17,17 +20,8 @@ class Superseded(Exception):
     """A newer job has been submitted, or the worker closed."""
 
 
-class Ticket:
-    """Right of a job to go on while no newer one waits."""
-
-    def __init__(self, worker: Worker, number: int) -> None:
-        self._worker = worker
-        self.number = number
-
-    @property
-    def newest(self) -> bool:
-        """Whether no newer job has been submitted."""
-        return self._worker.newest == self.number
+class Ticket(threading.Event):
+    """Right of a job to go on, until it is set: a newer job waits."""
 
     def check(self, *_: Any) -> None:
         """Return if the job may go on; takes and ignores the arguments of progress callbacks.
@@ -37,8 +31,7 @@ class Ticket:
         Superseded
             If a newer job has been submitted.
         """
-        if not self.newest:
-            raise Superseded
+        self.rest(0.0)
 
     def rest(self, seconds: float) -> None:
         """Wait for a newer job, if one comes.
@@ -48,8 +41,8 @@ class Ticket:
         Superseded
             If a newer job has been submitted.
         """
-        self._worker.wait_for_newer(self.number, seconds)
-        self.check()
+        if self.wait(seconds):
+            raise Superseded
 
 
 class Worker:
@@ -62,69 +55,47 @@ class Worker:
     """
 
     def __init__(self, on_error: Callable[[Exception], None]) -> None:
-        self._changed = threading.Condition()
-        self._job: Callable[[Ticket], None] | None = None
-        self._running = False
-        self._closed = False
         self._on_error = on_error
-        self.newest = 0
-        self._thread = threading.Thread(target=self._run, name="meshtrace explorer", daemon=True)
-        self._thread.start()
+        self._pool = ThreadPoolExecutor(1, "meshtrace explorer")
+        self._lock = threading.RLock()
+        self._ticket = Ticket()
+        self._newest: Future[None] = Future()
+        self._newest.set_result(None)
 
-    def submit(self, job: Callable[[Ticket], None] | None) -> int:
-        """Replace the waiting job, supersede the running one, and return the ticket's number.
-
-        Without a job the thread rests.
-        """
-        with self._changed:
-            self.newest += 1
-            self._job = job
-            self._changed.notify_all()
-            return self.newest
+    def submit(self, job: Callable[[Ticket], None]) -> None:
+        """Replace the waiting job and supersede the running one; nothing after `close`."""
+        with self._lock, suppress(RuntimeError):
+            self.supersede()
+            self._newest = self._pool.submit(self._run, job, self._ticket)
 
     def supersede(self) -> None:
         """End the running job after its present step, and leave out the waiting one."""
-        self.submit(None)
+        with self._lock:
+            self._ticket.set()
+            self._newest.cancel()
+            self._ticket = Ticket()
 
     def close(self) -> None:
         """End the thread after the present step of its job."""
-        with self._changed:
-            self._closed = True
         self.supersede()
+        self._pool.shutdown(wait=False)
 
     def join(self) -> None:
         """Wait until the thread has ended, after `close`: the interpreter must not end before."""
-        self._thread.join()
+        self._pool.shutdown()
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until no job waits or runs, and return whether that is so."""
-        with self._changed:
-            return self._changed.wait_for(lambda: self._job is None and not self._running, timeout)
+        return not futures.wait([self._newest], timeout).not_done
 
-    def wait_for_newer(self, number: int, seconds: float) -> None:
-        """Wait until a job newer than a ticket has been submitted, at most some seconds."""
-        with self._changed:
-            self._changed.wait_for(lambda: self.newest != number, seconds)
-
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._job is not None or self._closed)
-                if self._closed:
-                    return
-                job, self._job = self._job, None
-                ticket, self._running = Ticket(self, self.newest), True
-            assert job is not None
-            try:
-                job(ticket)
-            except Superseded:
-                pass
-            except Exception as error:  # the thread outlives any job
-                self._on_error(error)
-            finally:
-                with self._changed:
-                    self._running = False
-                    self._changed.notify_all()
+    def _run(self, job: Callable[[Ticket], None], ticket: Ticket) -> None:
+        try:
+            ticket.check()
+            job(ticket)
+        except Superseded:
+            pass
+        except Exception as error:  # the thread outlives any job
+            self._on_error(error)
 
 
 _REST = 0.15  # between the first gain and further work: the page shows gain and scene [s]
@@ -177,7 +148,6 @@ class Session(Worker):
         self._state = State(scenario, time=scenario.meshing.time)
         self._answers: dict[str, Answer] = {}
         self._on_answer = on_answer
-        self._lock = threading.Lock()
         self._map_wanted = False
         self.working = ""
         super().__init__(self._fail)

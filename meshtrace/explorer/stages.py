@@ -6,12 +6,17 @@ steps, which raises where a newer move has made the answer useless.
 
 from __future__ import annotations
 
+import asyncio
 import math
+import os
+import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -41,8 +46,10 @@ from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
 from meshtrace.results.impulse import impulse_response
 from meshtrace.results.tallies import error_of_groups
+from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import Steps, campaign_of
 from meshtrace.studies.coverage import coverage_map
+from meshtrace.studies.designs.page import Design
 
 Found = TypeVar("Found")
 Check = Callable[..., None]
@@ -264,3 +271,42 @@ def coverage(state: State, check: Check) -> Iterator[CoverageMap]:
             state.channel, extent=extent, step=2.0 * extent / MAP_CELLS, times=(state.time,),
             photons=photons, progress=check,
         )  # fmt: skip
+
+
+_DESIGN = """
+import sys
+import meshtrace as mt
+try:
+    scenario = mt.Scenario.load(sys.argv[1], trust=True)
+    mt.design(scenario).save(sys.argv[2])
+except mt.Refused as error:
+    sys.exit(str(error))
+"""
+
+
+async def design_of(scenario: Scenario) -> Design:
+    """Return `mt.design(scenario)` of another process, which ends if this task is cancelled.
+
+    Raises
+    ------
+    Refused
+        If the design is refused or the process fails, by the last line of its error.
+    """
+    with TemporaryDirectory(prefix="meshtrace-") as folder:
+        link, made = Path(folder, "link.toml"), Path(folder, "design.nc")
+        link.write_text(scenario.to_toml(), encoding="utf-8")
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-c", _DESIGN, str(link), str(made),
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
+        )  # fmt: skip
+        try:
+            _, said = await process.communicate()
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+        if process.returncode:
+            lines = said.decode(errors="replace").strip().splitlines() or ["ended without a word"]
+            raise Refused("design", Described(lines[-1]), "a link that can be designed")
+        return Design.load(made)

@@ -8,8 +8,9 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.explorer import designing
-from meshtrace.explorer.designing import design_of, design_reading
+from meshtrace.explorer import stages
+from meshtrace.explorer.readings import design_reading
+from meshtrace.explorer.stages import design_of
 from meshtrace.scenario import Scenario
 from meshtrace.studies import Design
 from meshtrace.studies.designs.page import BestValue, Figures, Line, Reach
@@ -66,8 +67,8 @@ def test_a_design_is_read_in_the_units_of_the_page():
 @pytest.mark.slow
 def test_the_design_is_that_of_the_library(monkeypatch):
     options = ", ".join(f"{key}={value}" for key, value in FEW.items())
-    program = designing._DESIGN.replace("mt.design(scenario)", f"mt.design(scenario, {options})")
-    monkeypatch.setattr(designing, "_DESIGN", program)
+    program = stages._DESIGN.replace("mt.design(scenario)", f"mt.design(scenario, {options})")
+    monkeypatch.setattr(stages, "_DESIGN", program)
     found, expected = asyncio.run(design_of(CALM)), mt.design(CALM, **FEW)
     assert found.figures == expected.figures
     assert found.choices == expected.choices

@@ -146,6 +146,8 @@ def explorer():
 
 
 VALUES = [None, "x", -1, 1e300, [], {}, [[]], {"key": 1}, True, "\x00", 10**30, b"\xff"]
+ACTIONS = ["compare", "design", "drawn", "make_map", "restore", "scene_ready", "seek", "show_text",
+           "swap"]  # fmt: skip
 KEYS = ["depth", "wind", "water", "light", "playing", "time", "trame__title", "text", ""]
 
 
@@ -171,7 +173,7 @@ def test_wrong_messages_are_lines_and_the_session_goes_on(explorer):
                 await call(connection, "system:c0:0", "wslink.hello", {"secret": token})
                 for i in range(300):
                     value, key = random.choice(VALUES), random.choice(KEYS)
-                    name = f"trigger__{random.randrange(12)}"
+                    name = random.choice(ACTIONS)
                     method, *args = random.choice(
                         [
                             ("trame.trigger", name, [value], {}),

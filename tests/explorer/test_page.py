@@ -71,7 +71,7 @@ def page(browser):
     for name, value in reset.items():
         browser.execute_script("window.trame.state.set(arguments[0], arguments[1])", name, value)
     if browser.execute_script("return trame.state.get('time')") != 0.0:
-        browser.execute_script("trame.trigger(arguments[0], [0.0])", seek_trigger(browser))
+        browser.execute_script("trame.trigger('seek', [0.0])")
     until(lambda: gain_is(browser, {}), "the page does not return to the paper's link")
     return browser
 
@@ -577,7 +577,7 @@ def test_a_value_typed_while_a_refused_field_is_sent_again_stays(page):
 
 @pytest.mark.slow
 def test_an_internal_error_is_a_line_of_the_page(page):
-    page.execute_script("trame.trigger(arguments[0], ['never'])", seek_trigger(page))
+    page.execute_script("trame.trigger('seek', ['never'])")
     until(lambda: page.find_elements("id", "refused"), "no message")
     assert page.find_element("id", "refused").text.startswith("internal error: ValueError: ")
     enter(page, "fov", 59)
@@ -634,12 +634,6 @@ def test_time_runs_and_stops(page):
     sample = page.execute_script("return trame.state.get('time')")
     wanted = pytest.approx(expected_gain((), sample), rel=0.05)
     until(lambda: reading(page) == wanted, "not the gain at that time", 120.0)
-
-
-def seek_trigger(driver):
-    """Return the name of the action behind the chart."""
-    markup = driver.execute_script("return trame.state.get('trame__template_main')")
-    return re.search(r"@seek=\"trigger\('([^']+)'", markup)[1]
 
 
 @pytest.mark.slow

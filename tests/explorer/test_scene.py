@@ -5,9 +5,8 @@ import pytest
 from scipy.stats import norm
 
 import meshtrace as mt
-from meshtrace.explorer import stages
+from meshtrace.explorer import scenario_of, stages
 from meshtrace.explorer.controls import State
-from meshtrace.explorer.launch import scenario_of
 from meshtrace.explorer.scene import LiveScene, light_color, segments
 from meshtrace.scenario import Scenario
 

@@ -105,7 +105,7 @@ def test_daylight_changes_the_bits_alone(session):
 
 
 def test_light_downwards(session):
-    from meshtrace.explorer.launch import scenario_of
+    from meshtrace.explorer import scenario_of
 
     down = Session(scenario_of(mt.Link().mirrored(), PAPER.surface))
     down.answer_now()

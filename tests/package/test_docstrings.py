@@ -20,7 +20,7 @@ MODULES = sorted(
     }
 )
 SLOW = {
-    "meshtrace.explorer.layout",
+    "meshtrace.explorer.page",
     "meshtrace.optics.mie",
     "meshtrace.studies.convergence.drivers",
     "meshtrace.studies.comparison",

@@ -55,10 +55,10 @@ def test_code_and_data_count_and_words_do_not(room, tmp_path):
     ("name", "used", "unused"),
     [
         ("spectra", "plots_curves", "show"),
-        ("coverage", "plots_fading", "links"),
+        ("coverage", "plots_results", "links"),
         ("movie", "scenes", "links"),
         ("make_tornado_figure", "plots_studies", "scenes"),
-        ("make_explorer_pictures", "page", "plots"),
+        ("make_explorer_pictures", "page", "show"),
         ("gain-depth", "links", "show"),
         ("surfaces", "scenes", "show"),
     ],

@@ -116,10 +116,10 @@ def test_digits_of_the_gallery_are_those_of_their_time(tmp_path):
     quality = float(re.search(r"quality=([\d.]+)", script.read_text("utf-8")).group(1))
     times = np.arange(30) / 20.0
     gain = 1e-4 * (1.0 + 0.3 * np.sin(3.0 * times))
-    frame = show._GainFrame(mt.GainSeries("time", times, gain, 0.01 * gain, gain, 1e-7))
-    width, height = frame.scene_size
+    series = mt.GainSeries("time", times, gain, 0.01 * gain, gain, 1e-7)
+    width, height = show._SCENE_SIZE
     scene = np.full((height, width, 3), 180, np.uint8)
-    drawn = [frame.draw(scene, float(t)) for t in times]
+    drawn = list(show._beside_gain([scene] * len(times), series))
     path = tmp_path / "a.mp4"
     show._write_movie(path, drawn, len(drawn), show.writer_options(path, 20.0, quality), None)
     title = np.s_[60:85, 960:1200]

@@ -257,7 +257,7 @@ def test_sweeps_over_words_and_over_many_values():
 def test_every_kind_of_result_has_a_plot():
     """Kinds of files beside kinds of plots."""
     from meshtrace import stored
-    from meshtrace.viz import plots
+    from meshtrace.viz import plots_studies as plots
 
     assert plots._PLOTS.keys() == stored._HOMES.keys()
     with pytest.raises(Refused, match="result: 3, allowed: Stored or Dataset"):
@@ -267,7 +267,7 @@ def test_every_kind_of_result_has_a_plot():
 def test_every_file_that_a_command_writes_has_a_plot():
     """Kinds of results of the studies of all commands; a dataset is that of a sweep."""
     from meshtrace import stored
-    from meshtrace.viz import plots
+    from meshtrace.viz import plots_studies as plots
 
     for home in stored._HOMES.values():
         import_module(home)

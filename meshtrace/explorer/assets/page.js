@@ -415,9 +415,16 @@
     template: `<button type="button" id="link" @click="copy(base + fragment)">{{ done ? "Copied" : "Copy link" }}</button>`,
   };
 
+  const Rows = {
+    // Table of the texts of a reading by the labels of its keys, with those of state A before them.
+    props: { name: String, labels: Object, texts: Object, other: { type: Object, default: null } },
+    template: `<dl class="mt-rows"><div v-for="(label, key) in labels" :key="key"><dt>{{ label }}</dt>
+      <dd v-if="other" class="mt-a">{{ other[key] }}</dd><dd :id="name + '-' + key">{{ texts[key] }}</dd></div></dl>`,
+  };
+
   window.meshtrace = {
     install(app) {
-      const parts = { Scene: window.meshtraceScene, Drag, Series, Histogram, Text, Design, Link };
+      const parts = { Scene: window.meshtraceScene, Drag, Series, Histogram, Text, Design, Link, Rows };
       for (const [name, part] of Object.entries(parts)) app.component(`mt-${name.toLowerCase()}`, part);
     },
   };

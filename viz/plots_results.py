@@ -1,32 +1,39 @@
-"""Plots of gains: fates, series, distributions, correlation in time, maps."""
+"""Plots of results: gains, fading, maps, pulses, eye diagrams, light by day."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from scipy.ndimage import gaussian_filter
 
 from meshtrace import fading
+from meshtrace.comms.pulses import Eye
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.models import Floats
+from meshtrace.results.background import PARTS, Background, BackgroundSeries
 from meshtrace.results.coverage import CoverageMap, as_high, place_of_highest
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
+from meshtrace.results.impulse import ImpulseResponse
+from meshtrace.results.irradiance import IrradianceSeries
 from meshtrace.results.series import GainSeries
 from meshtrace.uav import Route
 
 from . import marks
 from .plots_curves import plot_curves
-from .style import INK, LED_COLOR, PALETTE, axis_label
+from .style import INK, LED_COLOR, PALETTE, axis_label, verbatim
 
 _LINE: Any = {"color": INK, "lw": 0.8}
 _SHOWN = 1e-6  # of the largest bar, down to which bars are drawn
 _TIMES_SHOWN = 10.0  # coherence times along the axis of lags
 _COVERED = 20.0  # decibels below the highest gain of a map that have colours
+_LARGEST_ERROR = 0.4  # of a bin of an impulse response that is drawn, over its value
 _FITS = {"lognormal": fading.fit_lognormal, "gamma-gamma": fading.fit_gamma_gamma}
 
 
@@ -53,7 +60,7 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     found = {"gain": np.where(gains > 0.0, gains, np.nan)}
     data = marks.dataset(found, receiver=names, order=range(gains.shape[1]))
     shown = data if len(gains) > 1 else data.isel(receiver=0)
-    ax = marks.lines(marks.axes(ax), shown, "gain", ("o:",), lw=0.8)
+    ax = marks.lines(ax, shown, "gain", ("o:",), lw=0.8)
     if most > 0.0:
         ax.set(yscale="log", ylim=(_SHOWN * most, 2.0 * most))
     ax.set_xlim(-0.6, last + 0.6)
@@ -83,9 +90,7 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
     if not shares:
         raise Refused("result", Described("no fates"), 'a result of estimator="analog"')
     meanings, values = [FATE_MEANING[Fate[name.upper()]] for name in shares], list(shares.values())
-    ax = marks.bars(
-        marks.axes(ax), marks.dataset({"share": values}, fate=meanings), "share", across=True
-    )
+    ax = marks.bars(ax, marks.dataset({"share": values}, fate=meanings), "share", across=True)
     ax.bar_label(ax.containers[0], [f"{v:.2g}" for v in values], padding=3, fontsize=9)  # type: ignore[arg-type]
     # room for the numbers beside the bars
     ax.set(xlabel="share of the emitted light", xlim=(0.0, 1.15 * max(values)))
@@ -298,11 +303,11 @@ def plot_autocorrelation(
         rows = [statistics.autocorrelation, statistics.model_autocorrelation]
         both = {name: rows, f"{name}_stderr": [error, 0.0 * error]}
         data = marks.dataset(both, curve=["series", "model"], lag=statistics.lag)
-        return marks.finished(marks.lines(marks.axes(ax), data, name))
+        return marks.finished(marks.lines(ax, data, name))
     if statistics.lag is None or statistics.autocorrelation is None:
         raise Refused("statistics", Described("of an ensemble"), "those of a time series")
     data = marks.dataset({"autocorrelation": statistics.autocorrelation}, lag=statistics.lag)
-    ax = marks.lines(marks.axes(ax), data, "autocorrelation")
+    ax = marks.lines(ax, data, "autocorrelation")
     ax.axhline(np.exp(-1.0), ls="--", **_LINE)
     tau = statistics.coherence_time
     if tau is not None and np.isfinite(tau.value):
@@ -370,3 +375,137 @@ def plot_coverage(
     elif np.isfinite(stderr).all() and smooth.max() > 0.0:
         marks.note(ax, f"highest gain: {level} cells are equal within errors")
     return ax
+
+
+def plot_impulse_response(
+    responses: ImpulseResponse | Mapping[str, ImpulseResponse],
+    *,
+    decades: float = 5.0,
+    ax: Axes | None = None,
+) -> Axes:
+    """Plot impulse responses, logarithmic, with bands of two standard errors.
+
+    A response ends at the first bin after its peak with a standard error beyond 40 % of its value,
+    that of a few photons.
+
+    Parameters
+    ----------
+    responses : ImpulseResponse or mapping of str to these
+        The responses.
+    decades : float
+        Range of the ordinate below the highest value; lower values are cut off.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    named = responses if isinstance(responses, Mapping) else {"": responses}
+    top = max((float(np.max(response.h, initial=0.0)) for response in named.values()), default=0.0)
+    if not 0.0 < top < np.inf:
+        raise Refused("responses", Described("no light"), "responses with light")
+    if not 0.0 < decades < 300.0:
+        raise Refused("decades", decades, "0 < decades < 300")
+    ax, last = marks.axes(ax), 0.0
+    floor = top * 10.0**-decades
+    for name, response in named.items():
+        edges, h, error = marks.scaled("delay", response.edges)[0], response.h, response.h_stderr
+        known = (error <= _LARGEST_ERROR * h) & (h > 0.0)
+        later = np.arange(len(h)) > np.argmax(h)
+        known &= np.cumsum(later & ~known) == 0
+        shown = np.where(known, np.maximum(h, floor), np.nan)
+        spread = f"rms delay spread {1e9 * response.rms_delay_spread:.3g} ns"
+        label = f"{name}, {spread}" if name else spread
+        marks.density(ax, edges, shown, error, floor, label)
+        last = max(last, float(np.max(edges[1:][known & (h > floor)], initial=0.0)))
+    if not last > 0.0:
+        raise Refused("responses", Described("single photons alone"), "responses with more light")
+    marks.note(ax, "band: ± 2 standard errors")
+    limits: Any = {"xlim": (0.0, last), "ylim": (floor, 2.0 * top)}
+    label = marks.scaled("delay", 0.0)[1]
+    return marks.finished(ax, y="impulse_response", xlabel=label, yscale="log", **limits)
+
+
+def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = None) -> Axes:
+    """Plot the background radiance by its parts, as bars or over time.
+
+    Parameters
+    ----------
+    result : Background or BackgroundSeries
+        Of `background` or `background_series`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    data = result.to_dataset().assign_coords(part=list(PARTS)).transpose("part", ...)
+    data = data.isel(part=[np.any(radiance) for radiance in result.parts.values()])
+    if isinstance(result, BackgroundSeries):
+        return marks.finished(marks.lines(ax, data, "part_radiance"), ylim=(0.0, None))
+    ax = marks.bars(ax, data, "part_radiance")
+    ax.set_title(verbatim(result.light), loc="left")
+    return marks.finished(ax, y="background_radiance")
+
+
+def plot_irradiance(series: IrradianceSeries, *, ax: Axes | None = None) -> Axes:
+    """Plot the irradiance under a moving sea over time, a line for each depth.
+
+    Parameters
+    ----------
+    series : IrradianceSeries
+        Of `irradiance_series`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    data = series.to_dataset()[["spectral_irradiance"]].transpose("depth", "time")
+    return marks.finished(marks.lines(ax, data, "spectral_irradiance"), ylim=(0.0, None))
+
+
+def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
+    """Plot an eye diagram over two bits: mean signal of each bit pattern, standard deviation.
+
+    Parameters
+    ----------
+    eye : Eye
+        Of `OokLink.eye`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    if not eye.level.size or not np.isfinite(eye.level).all():
+        raise Refused("eye", Described("no levels, or nan"), "an eye of OokLink.eye")
+    ax, time = marks.axes(ax), marks.scaled("delay", eye.time)[0]
+    floor = eye.level.min()
+    for bit, shade, name in ((True, "vermilion", "one"), (False, "blue", "zero")):
+        chosen = np.flatnonzero(eye.bits[:, 0] == bit)
+        level, std = (eye.level[chosen] - floor) / eye.swing, eye.std[chosen] / eye.swing
+        color = PALETTE[shade]
+        for start in (0.0, time[-1]):  # every pattern may follow in the second bit
+            ax.plot(start + time, level.T, color=color, lw=0.8, alpha=0.6)
+            ax.add_patch(_cover(start + time, level - std, level + std, color))
+        ax.plot([], [], color=color, label=name)
+    ax.margins(y=0.12)
+    ax.legend(loc="upper left", ncols=2)
+    marks.note(ax, "band: ± 1 standard deviation")
+    title = f"opening {eye.opening:.2f}, Q = {eye.q_factor:.2f}"
+    labels = {"xlabel": "time [ns], two bits", "ylabel": "signal over its swing"}
+    return marks.finished(ax, legend=False, title=title, **labels)
+
+
+def _cover(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:
+    """Return the area covered by the bands of many curves (curves, n), in one tone."""
+    there, back = np.broadcast_to(x, low.shape), np.broadcast_to(x[::-1], low.shape)
+    around = np.stack([np.hstack([there, back]), np.hstack([low, high[:, ::-1]])], axis=-1)
+    closed = np.concatenate([around, around[:, :1]], axis=1)
+    outline = Path.make_compound_path(*(Path(loop, closed=True) for loop in closed))
+    return PathPatch(outline, color=color, alpha=0.22, lw=0)
