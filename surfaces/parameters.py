@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Field
 
-from meshtrace.errors import Described, Refused, require_array, require_real
+from meshtrace.errors import Described, Refused, require_array, require_between
 from meshtrace.models import Finite as Finite
 from meshtrace.models import Floats as Floats
 from meshtrace.models import Positive as Positive
@@ -26,13 +26,9 @@ class Range(NamedTuple):
 
     def check(self, value: float) -> float:
         """Return `value` unchanged; raise `Refused` outside of the interval."""
-        if isinstance(value, float) and self.low < value <= self.high and math.isfinite(value):
-            return value  # without the text of the interval
-        number = require_real(value, self.name, str(self))
-        inside = self.low < number <= self.high or (self.closed and number == self.low)
-        if inside and math.isfinite(number):
-            return value
-        raise Refused(self.name, value, str(self))
+        ends = f"{'[' if self.closed else '('}{']' if math.isfinite(self.high) else ')'}"
+        require_between(value, self.low, self.high, self.name, ends, str(self))
+        return value
 
     def __str__(self) -> str:
         """Return the interval as text, such as `0 < wind_speed <= 60 m/s`."""

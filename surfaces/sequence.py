@@ -394,10 +394,7 @@ class MeshSequence(Model, frozen=True):
     def model_post_init(self, context: Any) -> None:
         """List the frames and their times."""
         self._frames = open_frames(self.source)
-        self._at = self._read_times()
         self._mesh_of = lru_cache(maxsize=_KEPT)(self._read)
-
-    def _read_times(self) -> Floats:
         at, n = self._frames.times, len(self)
         if self.times is not None:
             at = np.array(self.times)
@@ -411,7 +408,7 @@ class MeshSequence(Model, frozen=True):
             raise Refused("times", Described(f"{len(at)} times for {n} frames"), "one a frame")
         if not np.isfinite(at).all() or not (np.diff(at) > 0.0).all():
             raise Refused("times", Described("not increasing"), "increasing times [s], all finite")
-        return at
+        self._at = at
 
     def __len__(self) -> int:
         return len(self._frames.names)
@@ -479,9 +476,6 @@ class MeshSequence(Model, frozen=True):
         share = min(max((time - at[i]) / (at[i + 1] - at[i]), 0.0), 1.0)
         if share in (0.0, 1.0):
             return self.frame(i + int(share))
-        return self._blended(i, share)
-
-    def _blended(self, i: int, share: float) -> TriangleMesh:
         before, after = self.frame(i), self.frame(i + 1)
         if not np.array_equal(before.faces, after.faces):
             found = Described(f'"linear" from {len(before.faces)} to {len(after.faces)} facets')

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -32,9 +32,9 @@ from .triangulate import GridLines, height_field, mesh_of_sheet
 from .waves import (
     WaveComponents,
     WaveGrid,
-    WaveGrids,
     angular_frequency,
     elevation_and_slopes,
+    grid_store,
     sum_elevation,
     sum_second_derivatives,
     sum_slopes,
@@ -667,7 +667,7 @@ class WaveSurface(Surface, frozen=True):
 
     choppy: bool = False
 
-    _grids: WaveGrids = PrivateAttr(default_factory=WaveGrids)
+    _grids: Callable[..., WaveGrid] = PrivateAttr(default_factory=grid_store)
 
     @property
     @abstractmethod
@@ -676,6 +676,11 @@ class WaveSurface(Surface, frozen=True):
 
     def _water_depth(self) -> float | None:
         return getattr(self, "depth", None)
+
+    def _grid(self, x_axis: Floats, y_axis: Floats) -> WaveGrid:
+        """Return the sums of these waves on a tensor grid, planned on first use."""
+        arrays = self.components.kx, self.components.ky, x_axis, y_axis
+        return self._grids(*(array.tobytes() for array in arrays))
 
     @cached_property
     def _sheet(self) -> ChoppyWaves:
@@ -714,10 +719,8 @@ class WaveSurface(Surface, frozen=True):
         if self.choppy:
             at = self._at(*np.meshgrid(*grid_lines(x_axis, y_axis), indexing="ij"), time)
             return at.z, *at.slopes
-        waves = self.components
-        x_axis, y_axis = grid_lines(x_axis, y_axis)
-        weights = elevation_and_slopes(waves, TIME.check(time))
-        z, zx, zy = self._grids.get(waves, x_axis, y_axis).sum(weights)
+        weights = elevation_and_slopes(self.components, TIME.check(time))
+        z, zx, zy = self._grid(*grid_lines(x_axis, y_axis)).sum(weights)
         return z, zx, zy
 
     def sheet(
@@ -727,7 +730,7 @@ class WaveSurface(Surface, frozen=True):
         if not self.choppy:
             return super().sheet(x_axis, y_axis, time)
         x_axis, y_axis = grid_lines(x_axis, y_axis)
-        grid = self._grids.get(self.components, x_axis, y_axis)
+        grid = self._grid(x_axis, y_axis)
         sheet = self._sheet.on_grid(grid, x_axis, y_axis, TIME.check(time))
         return np.stack([sheet.x, sheet.y, sheet.z], axis=-1), sheet.normals
 
@@ -735,7 +738,7 @@ class WaveSurface(Surface, frozen=True):
         """Refuse a mesh that would fill the memory; announce one that takes long."""
         super()._require_modest(x_axis, y_axis)
         waves, nx, ny = len(self.components.amplitude), len(x_axis), len(y_axis)
-        seconds = self._grids.get(self.components, x_axis, y_axis).seconds
+        seconds = self._grid(x_axis, y_axis).seconds
         memory = VERTEX_BYTES * nx * ny / 1e9
         size = f"{nx:,} by {ny:,} vertices from {waves:,} waves, some {memory:.2g} GB"
         announce((_CHOPPY_SUMS if self.choppy else _SUMS) * seconds, f"mesh of {size}", _LONG)

@@ -315,7 +315,15 @@ def unfit(found: str, allowed: str) -> Refused:
 def read_mesh(source: Any) -> tuple[Floats, NDArray[np.int64]]:
     """Return vertices and facets of any source of `from_trimesh`, with their shapes checked."""
     if isinstance(source, str | PathLike):
-        source = _loaded(source)
+        import trimesh
+
+        allowed = "an undamaged STL, PLY or OBJ file"
+        if not isfile(source):
+            raise Refused(str(source), Described("no such file"), allowed)
+        try:
+            source = trimesh.load_mesh(source, process=False)
+        except Exception as error:  # readers raise IndexError, KeyError, struct.error, ...
+            raise Refused(str(source), Described(reason_of(error)), allowed) from error
     if isinstance(source, tuple | list) and len(source) == 3:
         return _read_grid(*source)
     pair = (source.vertices, source.faces) if hasattr(source, "faces") else source
@@ -335,19 +343,6 @@ def read_mesh(source: Any) -> tuple[Floats, NDArray[np.int64]]:
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise unfit(f"faces {faces.min()}..{faces.max()}", f"0..{len(vertices) - 1}")
     return vertices, faces.astype(np.int64)
-
-
-def _loaded(path: str | PathLike[str]) -> trimesh.Trimesh:
-    """Read a mesh file; refuse files that its reader fails on."""
-    import trimesh
-
-    allowed = "an undamaged STL, PLY or OBJ file"
-    if not isfile(path):
-        raise Refused(str(path), Described("no such file"), allowed)
-    try:
-        return trimesh.load_mesh(path, process=False)
-    except Exception as error:  # readers raise IndexError, KeyError, struct.error, ...
-        raise Refused(str(path), Described(reason_of(error)), allowed) from error
 
 
 def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -383,6 +383,11 @@ class WaveGrid:
     real part of one over the waves alone. The choice, and with it the digits, follow the waves and
     the grid alone, not the number of threads.
 
+    Attributes
+    ----------
+    seconds : float
+        Time of a sum [s], roughly.
+
     References
     ----------
     Barnett, Magland and af Klinteberg (2019), SIAM J. Sci. Comput. 41(5), C479-C504.
@@ -402,12 +407,10 @@ class WaveGrid:
             ]
         else:
             self._lines = [_Lines.along(axis) for axis in self._axes]
-        self._fast = self._transform_cost() < self._direct_cost()
-
-    @property
-    def seconds(self) -> float:
-        """Time of a sum [s], roughly."""
-        return min(self._transform_cost(), self._direct_cost())
+        direct = _TERM * len(kx) * len(x_axis) * len(y_axis)
+        transform = self._transform_cost()
+        self._fast = transform < direct
+        self.seconds = min(transform, direct)
 
     def sum(self, weights: NDArray[np.complex128]) -> Floats:
         """Return the sums for several weights, shape (m, n), as an array (m, nx, ny)."""
@@ -480,10 +483,6 @@ class WaveGrid:
                 # not a BLAS product, whose last digits change with its number of threads
                 total += np.einsum("mi,in->mn", both, parts)
         return sums
-
-    def _direct_cost(self) -> float:
-        x, y = self._axes
-        return _TERM * len(self._waves[0]) * len(x) * len(y)
 
     def _transform_cost(self) -> float:
         cells, waves = math.prod(one.number for one in self._lines), 2 * len(self._waves[0])
@@ -564,24 +563,15 @@ class _Lines(NamedTuple):
         return found.view(complex)
 
 
-class WaveGrids:
-    """The last grids by wave vectors and grid lines, shared by the seeds of a sea."""
+def grid_store() -> Callable[..., WaveGrid]:
+    """Return a function that keeps the last grids by the bytes of wave vectors and grid lines.
 
-    def __init__(self) -> None:
-        self._grids: dict[tuple[bytes, ...], WaveGrid] = {}
+    Copies of a sea share it, as its seeds do: plans are no data.
+    """
 
-    def get(self, waves: WaveComponents, x_axis: Floats, y_axis: Floats) -> WaveGrid:
-        """Return the grid, planned on first use."""
-        key = tuple(array.tobytes() for array in (waves.kx, waves.ky, x_axis, y_axis))
-        grid = self._grids.get(key)
-        if grid is None:
-            grid = WaveGrid(waves.kx, waves.ky, x_axis, y_axis)
-            # other threads may add grids meanwhile
-            for old in list(self._grids)[: 1 - _GRIDS_KEPT]:
-                self._grids.pop(old, None)
-            self._grids[key] = grid
-        return grid
+    @lru_cache(maxsize=_GRIDS_KEPT)
+    def planned(*arrays: bytes) -> WaveGrid:
+        kx, ky, x_axis, y_axis = (np.ndarray(len(a) // 8, buffer=a) for a in arrays)
+        return WaveGrid(kx, ky, x_axis, y_axis)
 
-    def __deepcopy__(self, memo: Any) -> WaveGrids:
-        # plans are no data; copies of a sea share them as its seeds do
-        return self
+    return planned

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -252,7 +252,8 @@ class MarkovChannel(ChannelModel):
             allowed = f"1 to {_MOST_STATES - 1} increasing thresholds, or a number of states"
             raise Refused("thresholds", thresholds, allowed)
         states, m = np.searchsorted(levels, g, side="right"), levels.size + 1
-        counts = _counts(states, m)
+        pairs = np.bincount(states[:-1] * m + states[1:], minlength=m * m)
+        counts = pairs.reshape(m, m).astype(np.float64)
         if not counts.sum(axis=1).all():
             lost = int(np.argmin(counts.sum(axis=1)))
             allowed = "thresholds between which the gain enters each state and leaves it"
@@ -262,8 +263,10 @@ class MarkovChannel(ChannelModel):
         level = np.bincount(states, g, m) / np.bincount(states, minlength=m)
         mean = float(steady @ level)
         variance = float(steady @ (level - mean) ** 2)
-        kept = list(_powers(transition, level - mean, found["lag"].size))
-        rho = np.array([(steady * (level - mean)) @ row for row in kept]) / variance
+        rho, expected = np.empty(found["lag"].size), level - mean
+        for lag in range(rho.size):
+            rho[lag] = (steady * (level - mean)) @ expected / variance
+            expected = transition @ expected
         errors = _chain_errors(states, counts, block_length(g), seed)
         return cls(
             **found,
@@ -339,12 +342,6 @@ class MarkovChannel(ChannelModel):
         return "\n".join([head, *lines, *crossings, *rest])
 
 
-def _counts(states: NDArray[np.int64], m: int) -> Floats:
-    """Return the numbers of transitions from each state (rows) to each other."""
-    flat = np.bincount(states[:-1] * m + states[1:], minlength=m * m)
-    return flat.reshape(m, m).astype(np.float64)
-
-
 def _steady(transition: Floats) -> Floats:
     """Return the probabilities that a chain keeps."""
     m = len(transition)
@@ -353,13 +350,6 @@ def _steady(transition: Floats) -> Floats:
     found = np.maximum(found, 0.0)
     steady: Floats = found / found.sum()
     return steady
-
-
-def _powers(transition: Floats, values: Floats, n: int) -> Iterator[Floats]:
-    """Yield the expected values 0, 1, ... n - 1 steps after each state."""
-    for _ in range(n):
-        yield values
-        values = transition @ values
 
 
 def _chain_errors(

@@ -190,19 +190,6 @@ def block_interval(
     return Estimate(value, float(low), float(high))
 
 
-def wilson(probability: float, n: float, confidence: float) -> Estimate:
-    """Return the Wilson limits of a fraction observed in n trials, n not necessarily whole."""
-    from scipy import special
-
-    z2 = float(special.ndtri(0.5 + 0.5 * confidence)) ** 2
-    scale = 1.0 / (1.0 + z2 / n)
-    center = (probability + 0.5 * z2 / n) * scale
-    half = math.sqrt(z2 / n * (probability * (1.0 - probability) + 0.25 * z2 / n)) * scale
-    # At 0 and 1 the exact limit is lost to rounding, and the value would lie outside.
-    low, high = min(probability, center - half), max(probability, center + half)
-    return Estimate(probability, max(0.0, low), min(1.0, high))
-
-
 # Below this number the jackknife of the BCa bootstrap has too little to work on.
 _FEWEST_ACCELERATED = 8
 # Bound of memory: gains resampled at a time.
@@ -273,7 +260,21 @@ def scintillation_index(
     if np.ptp(g) == 0.0:
         return Estimate(value, value, value)
     if block == 1:
-        return _accelerated_interval(value, g, noise, confidence, resamples, seed)
+        require_seed(seed)
+        from scipy import stats
+
+        interval = stats.bootstrap(
+            (g, noise),
+            _scintillation,
+            paired=True,
+            vectorized=True,
+            confidence_level=confidence,
+            n_resamples=resamples,
+            batch=max(1, _BATCH_ELEMENTS // g.size),
+            method="BCa" if g.size >= _FEWEST_ACCELERATED else "percentile",
+            random_state=np.random.default_rng(seed),
+        ).confidence_interval
+        return Estimate(value, float(interval.low), float(interval.high))
     mean, square = block_means((g, g**2), block, resamples, seed)
     raw = (square / mean**2 - 1.0) * g.size / (g.size - 1.0)
     seen = block_interval(float(_scintillation(g, 0.0 * g)), raw, g.size / block, confidence)
@@ -284,26 +285,6 @@ def _scintillation(g: Floats, noise: Floats, axis: int = -1) -> Floats:
     excess, mean = g.var(axis, ddof=1) - noise.mean(axis), g.mean(axis)
     # A resample of blocked links alone has no light: count it as no fading.
     return np.divide(excess, mean**2, out=np.zeros_like(mean), where=mean > 0.0)
-
-
-def _accelerated_interval(
-    value: float, g: Floats, noise: Floats, confidence: float, resamples: int, seed: int
-) -> Estimate:
-    require_seed(seed)
-    from scipy import stats
-
-    interval = stats.bootstrap(
-        (g, noise),
-        _scintillation,
-        paired=True,
-        vectorized=True,
-        confidence_level=confidence,
-        n_resamples=resamples,
-        batch=max(1, _BATCH_ELEMENTS // g.size),
-        method="BCa" if g.size >= _FEWEST_ACCELERATED else "percentile",
-        random_state=np.random.default_rng(seed),
-    ).confidence_interval
-    return Estimate(value, float(interval.low), float(interval.high))
 
 
 class Histogram(NamedTuple):
@@ -370,10 +351,19 @@ def outage(
     >>> outage([0.4, 1.0, 1.2, 1.4], 0.5, relative_to="absolute").value
     0.25
     """
+    from scipy import special
+
     g = remove_noise(gain, gain_stderr)
     check_bootstrap(confidence)
     n = check_effective(n_effective, g.size)
-    return wilson(float(np.mean(g < level_of(g, threshold, relative_to))), n, confidence)
+    probability = float(np.mean(g < level_of(g, threshold, relative_to)))
+    z2 = float(special.ndtri(0.5 + 0.5 * confidence)) ** 2
+    scale = 1.0 / (1.0 + z2 / n)
+    center = (probability + 0.5 * z2 / n) * scale
+    half = math.sqrt(z2 / n * (probability * (1.0 - probability) + 0.25 * z2 / n)) * scale
+    # At 0 and 1 the exact limit is lost to rounding, and the value would lie outside.
+    low, high = min(probability, center - half), max(probability, center + half)
+    return Estimate(probability, max(0.0, low), min(1.0, high))
 
 
 def gain_pdf(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -283,18 +283,13 @@ def correlation_replicates(
     g: Floats, lags: int, block: int, resamples: int, seed: int, noise: Floats | float = 0.0
 ) -> Floats:
     """Return the autocorrelations (lags, resamples) of random moving blocks; 1 without variance."""
-    means = block_means(_lagged_products(g / g.mean() - 1.0, lags), block, resamples, seed)
+    x, rows = g / g.mean() - 1.0, g.size - lags + 1
+    products = (x[:rows] * x[lag : lag + rows] for lag in range(lags))
+    means = block_means(chain((x[:rows],), products), block, resamples, seed)
     covariance = means[1:] - means[0] ** 2
     variance = covariance[0] - np.mean(noise) / g.mean() ** 2
     covariance[0] = variance
     return np.divide(covariance, variance, out=np.ones_like(covariance), where=variance > 0.0)
-
-
-def _lagged_products(x: Floats, lags: int) -> Iterator[Floats]:
-    rows = x.size - lags + 1
-    yield x[:rows]
-    for lag in range(lags):
-        yield x[:rows] * x[lag : lag + rows]
 
 
 def _first_crossing(rho: Floats) -> Floats:

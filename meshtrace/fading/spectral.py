@@ -178,11 +178,10 @@ def paraxial_lever(link: Any) -> Lever:
             "receiver.position", receiver.position, f"that of the source, {source.position}"
         )
     leans = "tilt_deg" if down else "zenith_deg"
-    if getattr(source, leans) != 0.0:
-        paraxial = "0: the closed form is paraxial"
-        raise Refused(f"transmitter.{leans}", getattr(source, leans), paraxial)
-    if receiver.tilt_deg != 0.0:
-        raise Refused("receiver.tilt_deg", receiver.tilt_deg, "0: the closed form is paraxial")
+    tilts = {f"transmitter.{leans}": getattr(source, leans), "receiver.tilt_deg": receiver.tilt_deg}
+    for name, tilt in tilts.items():
+        if tilt != 0.0:
+            raise Refused(name, tilt, "0: the closed form is paraxial")
     n = link.water.n / link.n_air
     d, h = (receiver.depth, source.height) if down else (source.depth, receiver.height)
     height = -link.water.c + 2.0 * (n - 1.0) / (d + n * h)
@@ -194,13 +193,22 @@ def paraxial_lever(link: Any) -> Lever:
 def _slopes_seen(
     link: Any, surface: Any, omega_max: float | None, tilts: bool = True
 ) -> tuple[Lever, Any, tuple[float, float]]:
-    """Return geometry, slope spectrum, and slope variances of the waves beyond a band."""
+    """Return geometry, slope spectrum, and slope variances of the waves beyond a band.
+
+    Refuse a field of view too narrow for light deflected by such waves.
+    """
     _require_spectrum(surface)
     lever, spectrum = paraxial_lever(link), surface.slope_spectrum(omega_max)
     missing = (0.0, 0.0)
     if tilts and omega_max is not None:
         missing = surface.slopes_beyond(omega_max)
-    _require_view(link, lever, math.sqrt(max(spectrum.along_and_across) + max(missing)))
+    slope = math.sqrt(max(spectrum.along_and_across) + max(missing))
+    receiver = link.receivers[0]
+    away = receiver.height if hasattr(receiver, "height") else receiver.depth
+    edge = (3.0 * lever.beta * slope + lever.aperture) / away
+    if math.tan(math.radians(min(receiver.fov_deg, 179.0)) / 2.0) < edge:
+        least = 2.0 * math.degrees(math.atan(edge))
+        raise Refused("receiver.fov_deg", receiver.fov_deg, f">= {least:.3g}, the whole footprint")
     return lever, spectrum, missing
 
 
@@ -210,16 +218,6 @@ def _require_spectrum(surface: Any) -> None:
         raise Refused(
             "surface", type(surface).__name__, "a sea with a spectrum: JonswapSea, SpectralSea"
         )
-
-
-def _require_view(link: Any, lever: Lever, slope: float) -> None:
-    """Require a field of view wide enough for light deflected by waves of an rms slope."""
-    receiver = link.receivers[0]
-    away = receiver.height if hasattr(receiver, "height") else receiver.depth
-    edge = (3.0 * lever.beta * slope + lever.aperture) / away
-    if math.tan(math.radians(min(receiver.fov_deg, 179.0)) / 2.0) < edge:
-        least = 2.0 * math.degrees(math.atan(edge))
-        raise Refused("receiver.fov_deg", receiver.fov_deg, f">= {least:.3g}, the whole footprint")
 
 
 def _covariance(
@@ -403,7 +401,11 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     def resolved(omega: float) -> bool:
         return abs(scintillation_of_spectrum(link, surface, omega) - target) <= within * target
 
-    high = _start(link, surface)
+    lever, slopes = paraxial_lever(link), surface.slope_spectrum()
+    beyond = np.cumsum(slopes.variance[::-1])[::-1]
+    blur = np.sqrt(lever.beta**2 * 0.5 * beyond + 0.25 * lever.aperture**2)
+    visible = np.flatnonzero(slopes.k * blur >= _START)
+    high = float(slopes.omega[visible[0]]) if len(visible) else _HIGHEST / _STEP
     while not resolved(high):
         high *= _STEP
         if high > _HIGHEST:
@@ -541,12 +543,3 @@ def _cached_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     if key not in _bands:
         _bands[key] = fading_band(link, surface, within)
     return _bands[key]
-
-
-def _start(link: Any, surface: Any) -> float:
-    """Return the frequency of the shortest waves that the blur leaves visible [rad s-1]."""
-    lever, slopes = paraxial_lever(link), surface.slope_spectrum()
-    beyond = np.cumsum(slopes.variance[::-1])[::-1]
-    blur = np.sqrt(lever.beta**2 * 0.5 * beyond + 0.25 * lever.aperture**2)
-    visible = np.flatnonzero(slopes.k * blur >= _START)
-    return float(slopes.omega[visible[0]]) if len(visible) else _HIGHEST / _STEP

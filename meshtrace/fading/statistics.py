@@ -295,18 +295,21 @@ def fading_statistics(
     levels = tuple(require_array(thresholds, "thresholds", "numbers > 0").ravel().tolist())
     block = 1 if time is None else block_length(g)
     boot: Any = {"block": block, "confidence": confidence, "resamples": resamples, "seed": seed}
-    n_effective = float(g.size)
-    series: dict[str, Any] = {}
+    series: dict[str, Any] = {"n_effective": float(g.size)}
     if time is not None:
-        n_effective = effective_samples(g, stderr) if fades else n_effective
-        series = _series_part(time, g, stderr, fades, levels, relative_to, boot)
+        series |= _series_part(time, g, stderr, fades, levels, relative_to, boot)
+    n_effective = series["n_effective"]
     sample = remove_noise(g, stderr)
     fits, goodness, fit_notes = _all_fits(sample, n_effective, test_resamples, seed)
+    outages = []
+    for level in levels:
+        below = (sample < level_of(sample, level, relative_to)).astype(np.float64)
+        trials: Any = {"n_effective": _trials(below, n_effective), "confidence": confidence}
+        outages.append(outage(sample, level, relative_to=relative_to, **trials))
     index = scintillation_index(g, stderr, **boot)
     own = max(spread - noise, 0.0) / n_effective + noise / g.size
     return FadingStatistics(
         n=g.size,
-        n_effective=n_effective,
         block=block,
         confidence=confidence,
         mean=float(g.mean()),
@@ -316,16 +319,12 @@ def fading_statistics(
         noise_share=noise / spread if spread > 0.0 else 0.0,
         thresholds=levels,
         relative_to=relative_to,
-        outage=tuple(_outages(sample, levels, relative_to, n_effective, confidence)),
+        outage=tuple(outages),
         pdf=gain_pdf(sample),
         cdf=gain_cdf(sample, n_effective=n_effective, confidence=confidence),
         fits=fits,
         goodness=goodness,
-        notes=(
-            *_noise_notes(g, variance, fades, index),
-            *(_series_notes(g, noise, n_effective, series) if series else ()),
-            *fit_notes,
-        ),
+        notes=(*_notes(g, variance, fades, index, series), *fit_notes),
         **series,
     )
 
@@ -344,6 +343,7 @@ def _series_part(
     nothing = Estimate(math.nan, math.nan, math.nan)
     below = {"relative_to": relative_to, **boot}
     return {
+        "n_effective": effective_samples(g, stderr) if fades else float(g.size),
         "lag": lag,
         "autocorrelation": autocorrelation(g, stderr) if fades else np.full_like(lag, math.nan),
         "coherence_time": coherence_time(time, g, stderr, **boot)
@@ -354,22 +354,12 @@ def _series_part(
     }
 
 
-def _outages(
-    sample: Floats,
-    levels: tuple[float, ...],
-    relative_to: Reference,
-    n_effective: float,
-    confidence: float,
-) -> Iterator[Estimate]:
-    """Yield the outage below each threshold, with the number of trials behind it."""
-    options: Any = {"relative_to": relative_to, "confidence": confidence}
-    for threshold in levels:
-        trials = n_effective
-        if n_effective != sample.size:
-            below = (sample < level_of(sample, threshold, relative_to)).astype(np.float64)
-            # Rare outages decorrelate faster than the gain: their own correlation counts.
-            trials = effective_samples(below) if 0.0 < below.mean() < 1.0 else n_effective
-        yield outage(sample, threshold, n_effective=trials, **options)
+def _trials(below: Floats, n_effective: float) -> float:
+    """Return the number of independent samples behind a share of the gains."""
+    if n_effective == below.size or not 0.0 < below.mean() < 1.0:
+        return n_effective
+    # Rare outages decorrelate faster than the gain: their own correlation counts.
+    return effective_samples(below)
 
 
 def _all_fits(
@@ -390,39 +380,36 @@ def _all_fits(
     return fits, tests, notes
 
 
-def _noise_notes(g: Floats, variance: Floats, fades: bool, index: Estimate) -> list[str]:
-    notes = []
+def _notes(
+    g: Floats, variance: Floats, fades: bool, index: Estimate, found: dict[str, Any]
+) -> Iterator[str]:
+    """Yield the limitations of the statistics found."""
     if not fades:
-        notes.append("no fading above the Monte Carlo noise")
+        yield "no fading above the Monte Carlo noise"
     if index.high < 0.0:
-        notes.append(
+        yield (
             "the gains scatter less than independent errors of the stated size would: give the "
             "error common to all gains (common random numbers) as common_stderr"
         )
     blurred = np.count_nonzero(variance > (0.3 * g) ** 2)
     if blurred:
-        notes.append(f"{blurred} gains have an error above 30 %: deep fades are blurred by noise")
-    return notes
-
-
-def _series_notes(
-    g: Floats, independent: float, n_effective: float, series: dict[str, Any]
-) -> list[str]:
-    notes = []
+        yield f"{blurred} gains have an error above 30 %: deep fades are blurred by noise"
+    if "lag" not in found:
+        return
+    n_effective, coherence = found["n_effective"], found["coherence_time"].value
     if n_effective < _FEWEST_EFFECTIVE:
-        notes.append(
+        yield (
             f"the effective sample size is {n_effective:.2g}: the scintillation index is biased "
             f"low by about {100.0 / n_effective:.0f} %, and the intervals are approximate"
         )
-    if math.isnan(series["coherence_time"].value):
-        notes.append(f"the coherence time needs gains that vary, at {_FEWEST_STEPS} times or more")
-    if series["coherence_time"].value < series["lag"][1]:
-        notes.append("the coherence time is below one time step: use shorter steps")
-    steps = float(np.mean(np.diff(g) ** 2))
-    if independent and 2.0 * independent > 0.1 * steps:
-        notes.append(
-            f"Monte Carlo noise is {100.0 * min(1.0, 2.0 * independent / steps):.0f} % of the "
+    if math.isnan(coherence):
+        yield f"the coherence time needs gains that vary, at {_FEWEST_STEPS} times or more"
+    if coherence < found["lag"][1]:
+        yield "the coherence time is below one time step: use shorter steps"
+    noise, steps = 2.0 * float(variance.mean()), float(np.mean(np.diff(g) ** 2))
+    if noise and noise > 0.1 * steps:
+        yield (
+            f"Monte Carlo noise is {100.0 * min(1.0, noise / steps):.0f} % of the "
             "step-to-step variance: crossing rates are too high, fades too short; use common "
             "random numbers or more photons"
         )
-    return notes

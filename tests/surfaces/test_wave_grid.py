@@ -118,7 +118,7 @@ def test_threads_and_other_frames_leave_every_bit():
 def test_a_choppy_sea_takes_its_displacements_from_one_sum():
     sea = JonswapSea(wind_speed=8.0, choppy=True, omega_max=4.0)
     x, y = EVEN
-    got = sea._sheet.on_grid(sea._grids.get(sea.components, x, y), x, y, 2.0)
+    got = sea._sheet.on_grid(sea._grid(x, y), x, y, 2.0)
     points = np.meshgrid(x, y, indexing="ij")
     wanted = sea._sheet._over(*points, 2.0)
     for one, other in zip(got, wanted, strict=True):
