@@ -29,7 +29,8 @@ from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.stored import SHIFTS
 
-_PILOT = 128  # chains of each order in the first pilot
+PILOT = 128
+"""Chains of each order in the first pilot."""
 _PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order with fewer hits
 _PILOT_HITS = 4
 _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
@@ -58,11 +59,6 @@ class Pilot(NamedTuple):
     mean: Floats  # (receivers, orders)
     spread: Floats  # (receivers, orders) standard deviation of one chain
     scored: NDArray[np.int64]  # (receivers, orders) chains with a score > 0
-
-    @staticmethod
-    def request(source: int, order: int, seed: tuple[int, int]) -> Request:
-        """Return the chains of an order with which the pilot begins."""
-        return Request(source, order, _PILOT // SHIFTS, (*seed, order))
 
     @classmethod
     def of_orders(cls, table: Floats) -> Pilot:

@@ -13,9 +13,10 @@ same chains, stretched.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
+from functools import partial
 from threading import Lock
 from typing import Any, NamedTuple
 
@@ -24,17 +25,16 @@ from numpy.typing import NDArray
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.aimed import AimedChains, Nodes, SearchMode
-from meshtrace.engine.chains.sampling import Nominal
-from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request
+from meshtrace.engine.chains.sets import ChainSet
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.outcome import warn_of_chains
 from meshtrace.engine.parts import Light, Parts, chain_light, direct_light, merged
 from meshtrace.engine.photons.analog import PhotonSums, run_analog, tinted
 from meshtrace.engine.setup.ends import ForcedLink, forced_link
-from meshtrace.engine.setup.options import Analog, Arrivals
+from meshtrace.engine.setup.options import Analog, Arrivals, Record
 from meshtrace.engine.setup.tinting import (
     Common,
-    CommonPaths,
+    Tinting,
     common_paths,
     photon_paths,
     scattering,
@@ -160,62 +160,59 @@ def _moved(parts: Parts, low: Parts, high: Parts, share: float) -> Parts:
 
 
 def analog_sums(
-    links: Sequence[Link], intersector: EmbreeIntersector, options: Analog, photons: int,
-    progress: Callable[[int], None] | None, arrivals: bool = False, **how: Any,
-) -> list[PhotonSums]:  # fmt: skip
+    links: Sequence[Link],
+    intersector: EmbreeIntersector,
+    options: Analog,
+    photons: int,
+    progress: Callable[[int], None] | None,
+    record: Collection[Record] = (),
+    **how: Any,
+) -> list[PhotonSums]:
     """Return the tallies of analog photons at each wavelength, of common photons where possible.
 
     Photons are those of several bases in turn, half of them with the smallest and half with the
     largest index of the water; so are their fates. Below bubbles that differ in number each
-    wavelength has its own photons.
+    wavelength has its own photons. Of several wavelengths arrivals alone are recorded.
     """
     waiting, found = list(range(len(links))), dict[int, PhotonSums]()
+    first = options.first_photon
     while waiting:
         _, common = photon_paths(links, waiting, mixed=True)
-        group = [links[i] for i in common.rows]
-        sums = _analog_group(
-            common, group, intersector, options, photons, progress, arrivals, **how
-        )
-        found |= dict(zip(common.rows, sums, strict=True))
-        waiting = [i for i in waiting if i not in found]
+        waiting = [i for i in waiting if i not in common.rows]
+        tinting, ends = common.tinting, len(common.bases)
+        if tinting is None:
+            (row,) = common.rows
+            of = {**how, "photons": photons, "progress": progress, "record": record}
+            found[row] = run_analog(links[row], intersector, options, **of)
+            continue
+        several = [links[common.rows[i]] for i in tinting.bases] or [common.bases[0]]
+        runs = [(base, end) for base in range(len(several)) for end in range(ends)]
+        cuts = [first + k * photons // len(runs) for k in range(len(runs) + 1)]
+        numbers = np.diff(cuts).reshape(len(several), ends)
+        strata: list[list[PhotonSums]] = []
+        for k, (base, end) in enumerate(runs):
+            link = several[base].replace("water.n", common.bases[end].water.n)
+            sums = run_analog(
+                link, intersector, options.replace(first_photon=cuts[k]),
+                photons=cuts[k + 1] - cuts[k], progress=progress, record=[Arrivals()],
+                tinting=tinting, **how,
+            )  # fmt: skip
+            of_end = int(numbers[:, end].sum())
+            part = common.shares if end else 1.0 - common.shares
+            scale = part * photons / of_end if ends > 1 else np.ones(len(common.rows))
+            shares = numbers[:, end] / numbers[:, end].sum()
+            mixed = partial(_scaled, tinting, base=base, parts=shares, scale=scale)
+            strata.append(tinted(sums, mixed, cuts[k], bool(record)))
+        each = (PhotonSums.of_strata(rows) for rows in zip(*strata, strict=True))
+        found |= dict(zip(common.rows, each, strict=True))
     return [found[i] for i in range(len(links))]
 
 
-def _analog_group(
-    common: CommonPaths, links: Sequence[Link], intersector: EmbreeIntersector, options: Analog,
-    photons: int, progress: Callable[[int], None] | None, arrivals: bool, **how: Any,
-) -> list[PhotonSums]:  # fmt: skip
-    """Return the tallies of wavelengths with common photons."""
-    tinting = common.tinting
-    if tinting is None:
-        (link,) = common.bases
-        how = {**how, "photons": photons, "progress": progress}
-        how["record"] = [Arrivals()] if arrivals else ()
-        return [run_analog(link, intersector, options, **how)]
-    several = [links[i] for i in tinting.bases] or [common.bases[0]]
-    first, ends = options.first_photon, len(common.bases)
-    runs = [(base, end) for base in range(len(several)) for end in range(ends)]
-    cuts = [first + k * photons // len(runs) for k in range(len(runs) + 1)]
-    numbers = np.diff(cuts).reshape(len(several), ends)
-    strata: list[list[PhotonSums]] = []
-    for k, (base, end) in enumerate(runs):
-        link = several[base].replace("water.n", common.bases[end].water.n)
-        n = cuts[k + 1] - cuts[k]
-        sums = run_analog(
-            link, intersector, options.replace(first_photon=cuts[k]), photons=n,
-            progress=progress, record=[Arrivals()], tinting=tinting, **how,
-        )  # fmt: skip
-        of_end = int(numbers[:, end].sum())
-        part = common.shares if end else 1.0 - common.shares
-        scale = part * photons / of_end if ends > 1 else np.ones(len(links))
-
-        def factors(sums: Floats, base: int = base, end: int = end, by: Floats = scale) -> Floats:
-            found = tinting.mixed(sums, base, numbers[:, end] / numbers[:, end].sum())
-            found *= by[:, None]
-            return found
-
-        strata.append(tinted(sums, factors, cuts[k], arrivals))
-    return [PhotonSums.of_strata(rows) for rows in zip(*strata, strict=True)]
+def _scaled(tinting: Tinting, sums: Floats, base: int, parts: Floats, scale: Floats) -> Floats:
+    """Return the factors on the weights of paths of one base, times a scale by wavelength."""
+    found = tinting.mixed(sums, base, parts)
+    found *= scale[:, None]
+    return found
 
 
 class FrozenForced:
@@ -373,25 +370,9 @@ class FrozenForced:
 
     def _draw(self, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
         """Draw the chains of a link by the laws and numbers of the base."""
-        base = self._base.drawer
-        drawer = ChainDrawer(arrays, base.crest, base.ceiling)
-        drawer.nominals = self._stretched(arrays)
-
-        def drawn(s: int, like: ChainSet) -> ChainSet:
-            per_shift = len(like.audit) // SHIFTS
-            return drawer.draw(Request(s, like.order, per_shift, (self._seed, s, like.order, 1)))
-
-        rows = self._base.sets(aimed.sampled)
-        return [[drawn(s, like) for like in row] for s, row in enumerate(rows)]
-
-    def _stretched(self, arrays: ForcedLink) -> list[Nominal]:
-        """Return the laws of the base, with lengths times the ratio of the depths."""
-        laws = []
-        pairs = zip(
-            self._base.drawer.nominals, self._base.arrays.emitters, arrays.emitters, strict=True
-        )
-        for law, before, now in pairs:
-            k = now.position.z / before.position.z
-            lengths: dict[str, Any] = {"distance": law.distance * k, "step": law.step * k}
-            laws.append(law._replace(**lengths, c=law.c / k, density=law.density / k))
-        return laws
+        drawer, found = self._base.drawer.of_link(arrays), list[list[ChainSet]]()
+        for s, row in enumerate(self._base.sets(aimed.sampled)):
+            requests = (drawing.request for drawing in row)
+            keyed = (one._replace(key=(self._seed, s, one.order, 1)) for one in requests)
+            found.append([drawer.draw(one) for one in keyed])
+        return found

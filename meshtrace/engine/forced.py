@@ -30,14 +30,7 @@ from numpy.typing import NDArray
 
 from meshtrace.engine import choice, parts
 from meshtrace.engine.chains.aimed import AimedChains, SearchMode
-from meshtrace.engine.chains.sets import (
-    ChainDrawer,
-    ChainSet,
-    Drawing,
-    Request,
-    flat_mesh,
-    points_of,
-)
+from meshtrace.engine.chains.sets import ChainDrawer, Drawing, Request, flat_mesh, points_of
 from meshtrace.engine.photons.joined import JoinedParts, JoinedPhotons
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import Case
@@ -246,7 +239,7 @@ class ForcedDetection:
     ) -> list[list[list[choice.Pilot]]]:
         """Return the pilots of the sources up to their orders, by surface and wavelength."""
         requests = [
-            choice.Pilot.request(s, k, self._seed(s))
+            Request(s, k, choice.PILOT // SHIFTS, (*self._seed(s), k))
             for s, last in enumerate(orders)
             for k in range(1, last + 1)
         ]
@@ -385,12 +378,12 @@ class ForcedDetection:
         normals, unresolved = self.normals, self.link.physics.unresolved
         return AimedChains(self.arrays, mesh, normals, unresolved, self.search)
 
-    def sets(self, unscattered: bool) -> list[list[ChainSet]]:
+    def sets(self, unscattered: bool) -> list[list[Drawing]]:
         """Return the chains by source, on demand with unscattered ones."""
-        rows = self.scattered_sets
-        if unscattered:
-            rows = [[first, *row] for first, row in zip(self.unscattered(), rows, strict=True)]
-        return [[self.drawer.whole(one) for one in row] for row in rows]
+        if not unscattered:
+            return self.scattered_sets
+        pairs = zip(self.unscattered(), self.scattered_sets, strict=True)
+        return [[first, *row] for first, row in pairs]
 
     def unscattered(self) -> list[Drawing]:
         """Return unscattered chains by source, which differ by their random slopes only."""

@@ -8,7 +8,9 @@ many places and angles, which average it.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -45,14 +47,6 @@ class _Sheet(NamedTuple):
 
     points: Floats
     normals: Floats
-
-
-class _Slopes(NamedTuple):
-    """Slopes of all meshes that are compared."""
-
-    unresolved: UnresolvedSlopes | None
-    normals: str
-    physics: str  # `Physics.unresolved`
 
 
 def with_mesh_errors(
@@ -131,24 +125,27 @@ def relative_mesh_error(
     if arrays.medium.depth_mode == DepthMode.LOCAL:  # whose raster costs more than the light
         clamped = arrays.medium._replace(depth_mode=int(DepthMode.CLAMPED))
         arrays = arrays._replace(medium=clamped)
-    slopes = _Slopes(mesh.unresolved, normals, link.physics.unresolved)
-    found, gain = _compare(arrays, _patch(link, mesh, sheet), slopes)
+    physics = link.physics.unresolved
+    light = partial(_unscattered, slopes=mesh.unresolved, normals=normals, physics=physics)
+    found, gain = _compare(arrays, _patch(link, mesh, sheet), light)
     for r in np.flatnonzero(
         np.isnan(found) & (arrays.stands_for_receivers == np.arange(receivers))
     ):
-        found[r] = _compare(_facing(arrays, int(r)), sheet, slopes)[0][r if arrays.down else 0]
+        found[r] = _compare(_facing(arrays, int(r)), sheet, light)[0][r if arrays.down else 0]
     return found[arrays.stands_for_receivers], gain[arrays.stands_for_receivers]
 
 
-def _compare(arrays: ForcedLink, sheet: _Sheet, slopes: _Slopes) -> tuple[Floats, Floats]:
+def _compare(
+    arrays: ForcedLink, sheet: _Sheet, light: Callable[[ForcedLink, _Sheet], tuple[Floats, bool]]
+) -> tuple[Floats, Floats]:
     """Return the relative change of unscattered light over `_DIVISOR`, and the light itself."""
-    fine, blurred = _unscattered(arrays, sheet, slopes)
+    fine, blurred = light(arrays, sheet)
     coarse = []
     # sums without blur may agree by chance
     enough = (_BLURRED if blurred else -1.0), _LITTLE, -1.0, math.inf
     for (i, j), little in zip(_STARTS, enough, strict=True):
         second = _Sheet(sheet.points[i::2, j::2], sheet.normals[i::2, j::2])
-        coarse.append(_unscattered(arrays, second, slopes)[0])
+        coarse.append(light(arrays, second)[0])
         scale = np.maximum(fine, np.mean(coarse, axis=0))
         change = np.sqrt(np.mean(np.square(np.array(coarse) - fine), axis=0)) / _DIVISOR
         relative = np.divide(change, scale, out=np.full_like(scale, np.nan), where=scale > 0.0)
@@ -157,13 +154,16 @@ def _compare(arrays: ForcedLink, sheet: _Sheet, slopes: _Slopes) -> tuple[Floats
     return relative, fine
 
 
-def _unscattered(link: ForcedLink, sheet: _Sheet, slopes: _Slopes) -> tuple[Floats, bool]:
+def _unscattered(
+    link: ForcedLink, sheet: _Sheet, slopes: UnresolvedSlopes | None, normals: str, physics: str
+) -> tuple[Floats, bool]:
     """Return the unscattered gain of each receiver through a sheet, and whether it is blurred.
 
-    From the centres of the sources. Random slopes too narrow to be integrated over are left out.
+    From the centres of the sources. `slopes` are the random ones, `physics` their use
+    (`Physics.unresolved`). Random slopes too narrow to be integrated over are left out.
     """
-    mesh = mesh_of_sheet(sheet.points, sheet.normals, slopes.unresolved)
-    aimed = AimedChains(link, mesh, slopes.normals, slopes.physics)
+    mesh = mesh_of_sheet(sheet.points, sheet.normals, slopes)
+    aimed = AimedChains(link, mesh, normals, physics)
     gains = np.zeros((len(link.emitters), len(link.targets)))
     for e, t in link.pairs:
         if link.stands_for[t] == t:

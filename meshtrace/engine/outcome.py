@@ -205,7 +205,7 @@ def warn_of_few(results: list[GainResult], links: list[Link], first: int) -> Non
     for i in dict.fromkeys((first, worst)):
         nm = links[i].transmitters[0].wavelength_nm
         where = "" if i == first else f"{nm:g} nm, the wavelength of fewest samples, "
-        _warn_of_few([(r, row) for r, row, _ in _samples(results[i])], where)
+        _warn_of_few(_samples(results[i]), where)
 
 
 def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
@@ -220,7 +220,7 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
     """
     parts = chains.evaluate(chains.flat())
     light = parts.scattered.mean(axis=1)
-    found = [row[:2] for row in _that_matter(parts.samples_by_receiver(), light, parts.gain)]
+    found = _that_matter(parts.samples_by_receiver(), light, parts.gain)
     worse = [r for r, method in enumerate(usual.method) if method == "joined"]
     for r in worse:
         _warn(
@@ -228,12 +228,12 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
             "beam; scattering chains miss part of it, for which `simulate` uses joined photons",
             FewSamplesWarning,
         )
-    _warn_of_few([(r, row) for r, row in found if r not in worse])
+    _warn_of_few([row for row in found if row[0] not in worse])
     warn_of_omitted(chains.link, parts.gain)
 
 
-def _warn_of_few(found: list[tuple[int, ScatteredSamples]], where: str = "") -> None:
-    for r, row in found:
+def _warn_of_few(found: list[tuple[int, ScatteredSamples, float]], where: str = "") -> None:
+    for r, row, _ in found:
         if _is_few(row):
             _warn(
                 f"{where}receiver {r}: {row.scored:,} of {row.samples:,} {row.estimator} "

@@ -67,11 +67,8 @@ class PhotonPaths:
         """Return points (n, 3) and VTK cells: the count of each line before its points."""
         used = self.what >= 0
         points = self.vertex[used]
-        cells, start = [], 0
-        for n in self.length:
-            cells.append(np.concatenate([[n], start + np.arange(n)]))
-            start += n
-        return points, np.concatenate(cells) if cells else np.zeros(0, np.int64)
+        starts = np.cumsum(self.length) - self.length
+        return points, np.insert(np.arange(len(points)), starts, self.length)
 
     def to_dataset(self) -> xr.Dataset:
         """Return the paths as an xarray Dataset."""
@@ -174,7 +171,7 @@ def received_light(
     paths: list[Floats] = []
     for s, power in enumerate(link.power):
         e, t = (0, s) if link.down else (s, 0)
-        for chains in sets[e]:
+        for chains in map(forced.drawer.whole, sets[e]):
             found = aimed.aim(e, t, chains, keep=True).arrivals
             weight = power * found["weight"] / len(chains.audit)
             if not weight.sum() > 0.0:

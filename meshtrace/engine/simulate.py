@@ -208,12 +208,7 @@ def _followed(
         if isinstance(run.estimator, Analog):
             intersector = EmbreeIntersector(mesh, case.threads)
             of: dict[str, Any] = {**case.how, "photons": run.photons, "progress": progress}
-            if len(links) == 1:
-                of["record"] = records.values()
-                sums = [run_analog(case.link, intersector, run.estimator, **of)]
-            else:
-                of["arrivals"] = bool(records)
-                sums = analog_sums(links, intersector, run.estimator, **of)
+            sums = analog_sums(links, intersector, run.estimator, record=records.values(), **of)
             found = [
                 outcome.analog_result(link, one, origin, records)
                 for link, one, origin in zip(links, sums, origins, strict=True)

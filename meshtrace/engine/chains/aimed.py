@@ -297,19 +297,17 @@ class AimedChains:
         self, source: int, chains: ChainSet, arrivals: NDArray[np.void], tints: Tints | None
     ) -> Floats:
         """Return the sums (arrivals, tints) of the chains that arrive from a source."""
-        if tints is None:
-            return np.zeros((len(arrivals), 0))
-        sums = np.empty((len(arrivals), len(tints.c)))
-        emitter = self.link.emitters[source]
-        tint_chains(chains.chains, arrivals, emitter, self.clear, tints, sums)
+        sums = np.zeros((len(arrivals), len(tints.c) if tints else 0))
+        if tints:
+            emitter = self.link.emitters[source]
+            tint_chains(chains.chains, arrivals, emitter, self.clear, tints, sums)
         return sums
 
     def straight_tints(self, start: Emitter, ends: Floats, tints: Tints | None) -> Floats:
         """Return the sums (ways, tints) of straight ways from a source to ends (ways, 3)."""
-        if tints is None:
-            return np.zeros((len(ends), 0))
-        sums = np.empty((len(ends), len(tints.c)))
-        tint_straight(start.position, ends, self.clear, tints, sums)
+        sums = np.zeros((len(ends), len(tints.c) if tints else 0))
+        if tints:
+            tint_straight(start.position, ends, self.clear, tints, sums)
         return sums
 
     @property

@@ -137,14 +137,6 @@ class Drawing(NamedTuple):
             yield Block(self.request, rows, points, shifts, None)
 
 
-class StillWater(NamedTuple):
-    """Still water between a source and a receiver, where chains cross it."""
-
-    starts: Floats  # (x, y) of the search for crossings
-    scene: Scene
-    raised: Scene  # water at the ceiling, for chains that end above the mean level
-
-
 class ChainDrawer:
     """Sampler of the chains of a link.
 
@@ -171,9 +163,14 @@ class ChainDrawer:
         ]
 
     def of_link(self, link: ForcedLink) -> ChainDrawer:
-        """Return a sampler of the same chains, which end at the receivers of another link."""
+        """Return a sampler of the same chains for another link, stretched with the depths."""
         found = copy(self)
-        found.link = link
+        found.link, found.nominals = link, []
+        emitters = zip(self.link.emitters, link.emitters, strict=True)
+        for law, (before, now) in zip(self.nominals, emitters, strict=True):
+            k = now.position.z / before.position.z
+            law = law._replace(distance=law.distance * k, step=law.step * k)
+            found.nominals.append(law._replace(c=law.c / k, density=law.density / k))
         return found
 
     def last_order(self, source: int) -> int:
@@ -281,29 +278,30 @@ class ChainDrawer:
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
         kernel.make_chains(found.chains, law, self.link.medium, u, component)
         for receiver, out in found.flat.items():
-            still = self._still_water(source, receiver)
-            flat_crossings(found.chains, still.starts, still.scene, still.raised, out)
+            flat_crossings(found.chains, *self._still_water(source, receiver), out)
 
     def _found(self, source: int, chains: Chains, receiver: int) -> NDArray[np.void]:
         """Return the crossings of a flat sea by chains from a source to a receiver."""
         out = np.zeros((len(chains.path), CROSSINGS), FLAT)
-        still = self._still_water(source, receiver)
-        flat_crossings(chains, still.starts, still.scene, still.raised, out)
+        flat_crossings(chains, *self._still_water(source, receiver), out)
         return out
 
-    def _still_water(self, source: int, receiver: int) -> StillWater:
-        """Return still water between a source and a receiver."""
+    def _still_water(self, source: int, receiver: int) -> tuple[Floats, Scene, Scene]:
+        """Return where the search for crossings of still water starts, and the water.
+
+        At the mean level, and at the ceiling, for chains that end above the mean level.
+        """
         link, sea = self.link, _still_surface()
         emitter, target = link.emitters[source], link.targets[receiver]
         bins, facets = empty_locator(), np.zeros(0, FACET)
         scene = Scene(emitter, target, sea, bins, facets, link.medium, link.interface)
         raised = scene._replace(surface=sea._replace(level=self.ceiling))
-        return StillWater(starts_of(emitter, target), scene, raised)
+        return starts_of(emitter, target), scene, raised
 
     def aim(self, source: int, receiver: int, chains: ChainSet) -> Aimed:
         """Return the scores of a set of chains over still water, without arrivals."""
         score = np.empty((1, len(chains.audit)))
-        scene = self._still_water(source, receiver).scene
+        _, scene, _ = self._still_water(source, receiver)
         flat_contributions(chains.chains, chains.crossings(receiver), scene, score[0])
         return Aimed(score, np.zeros(0, ARRIVAL))
 
