@@ -14,18 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from meshtrace.cli.console import (
-    AllChanges,
-    FileOptions,
-    LinkFile,
-    PlotOptions,
-    PrintOptions,
-    RunChanges,
-    extra,
-    finite,
-    progress,
-    warnings_as_lines,
-)
+from meshtrace.cli import console
 from meshtrace.cli.made import StudyCommand, StudyRow, defaults, numbers
 from meshtrace.errors import Refused, require_word
 
@@ -40,7 +29,12 @@ _MOST_ROWS = 200  # printed; the store holds all
 
 
 def on_link(
-    study: StudyRow, asked: Asked, *, link: LinkFile = None, written: PlotOptions, case: AllChanges
+    study: StudyRow,
+    asked: Asked,
+    *,
+    link: console.LinkFile = None,
+    written: console.PlotOptions,
+    case: console.AllChanges,
 ) -> None:
     """Run the study of one link."""
     scenario, (function, *_) = case.scenario(link), study.functions
@@ -58,8 +52,8 @@ def compare(
     asked: Asked,
     links: list[Path],
     *,
-    written: PlotOptions,
-    case: AllChanges,
+    written: console.PlotOptions,
+    case: console.AllChanges,
 ) -> None:
     """Compare the links of several files.
 
@@ -83,10 +77,10 @@ def converge(
     study: StudyRow,
     asked: Asked,
     *,
-    link: LinkFile = None,
+    link: console.LinkFile = None,
     what: str = "gain",
-    written: PlotOptions,
-    case: AllChanges,
+    written: console.PlotOptions,
+    case: console.AllChanges,
 ) -> None:
     """Refine the mesh, the time step or the band of waves.
 
@@ -178,10 +172,10 @@ def traces(
     study: StudyRow,
     asked: Asked,
     *,
-    link: LinkFile = None,
+    link: console.LinkFile = None,
     down: str | None = None,
-    written: PlotOptions,
-    case: AllChanges,
+    written: console.PlotOptions,
+    case: console.AllChanges,
 ) -> None:
     """Compute the channel of a link over time.
 
@@ -203,15 +197,15 @@ def ber(
     study: StudyRow,
     asked: Asked,
     *,
-    link: LinkFile = None,
+    link: console.LinkFile = None,
     realizations: int | None = None,
     wind: str | None = None,
     preset: str | None = None,
     uav: str | None = None,
     light: DaylightOptions,
     coupled: bool = False,
-    printed: PrintOptions,
-    changes: RunChanges,
+    printed: console.PrintOptions,
+    changes: console.RunChanges,
 ) -> None:
     """Evaluate a link in each wind.
 
@@ -244,7 +238,7 @@ def ber(
     flights = [Flight(s.uav, coupled=True) if coupled and s.uav else None for s in scenarios]
     if coupled and None in flights:
         raise Refused("--coupled", True, "with an aircraft that tilts the receiver")
-    with progress(seas, printed.json_, study.doing, study.kernels) as (_, advance):
+    with console.progress(seas, printed.json_, study.doing, study.kernels) as (_, advance):
         found = [
             (s.wind_speed, study.functions[0](s, flight=flight, progress=advance, **asked))
             for s, flight in zip(scenarios, flights, strict=True)
@@ -268,14 +262,14 @@ def _plain(speed: float, performance: LinkPerformance) -> dict[str, Any]:
         "confidence": performance.confidence,
         "status": performance.status,
         "light": performance.light,
-        "figures": finite(performance.figures),
-        "ranges": [{"bit_rate": rate, "range": finite(value)} for rate, value in ranges],
+        "figures": console.finite(performance.figures),
+        "ranges": [{"bit_rate": rate, "range": console.finite(value)} for rate, value in ranges],
         "provenance": performance.provenance,
     }
 
 
 def sweep(
-    study: StudyRow, asked: Asked, file: Path, *, written: FileOptions, trust: bool = False
+    study: StudyRow, asked: Asked, file: Path, *, written: console.FileOptions, trust: bool = False
 ) -> None:
     """Run a study file, print and write its gains.
 
@@ -291,7 +285,7 @@ def sweep(
     found, store = read_study(file, asked.pop("store", None), trust)
     total = len(list(found.tasks()))
     try:
-        with extra("sweep", "batch"):
+        with console.extra("sweep", "batch"):
             data = study.run(found.run, store, total, asked)
     except KeyboardInterrupt:
         typer.echo(f"finished points are in {store}; the same command resumes", err=True)
@@ -369,7 +363,7 @@ class _Commands(TyperGroup):
     def main(self, *args: Any, **extra: Any) -> Any:
         standalone = extra.get("standalone_mode", True)
         try:
-            with warnings_as_lines():
+            with console.warnings_as_lines():
                 code = super().main(*args, **{**extra, "standalone_mode": False}) or 0
             if sys.stdout is not None:
                 sys.stdout.flush()

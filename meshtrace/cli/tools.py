@@ -12,24 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from meshtrace.cli import console
 from meshtrace.cli.commands import app
-from meshtrace.cli.console import (
-    COMPILING,
-    AllChanges,
-    Changes,
-    LinkFile,
-    PrintOptions,
-    WindChanges,
-    check_output,
-    check_plot,
-    compiling_ahead,
-    draw,
-    extra,
-    finite,
-    kernels_are_compiled,
-    named_steps,
-    progress,
-)
 from meshtrace.cli.made import Span, described, numbers
 from meshtrace.errors import (
     MISSING,
@@ -50,13 +34,13 @@ if TYPE_CHECKING:
 @described
 def run(
     *,
-    link: LinkFile = None,
-    printed: PrintOptions,
+    link: console.LinkFile = None,
+    printed: console.PrintOptions,
     photons: str | None = None,
     rtol: str | None = None,
     estimator: str | None = None,
     wavelengths: str | None = None,
-    case: AllChanges,
+    case: console.AllChanges,
     verbose: bool = False,
 ) -> None:
     """Simulate one link and print its channel gain.
@@ -94,11 +78,11 @@ def _simulate(
 ) -> tuple[Any, float]:
     """Return the result of a scenario and its wall time [s], compiling beforehand if need be."""
     known = scenario.run.photons if scenario.run.rtol is None else None
-    with progress(known, quiet, "following photons") as (say, advance):
-        if not kernels_are_compiled(scenario.run.estimator.kind):
+    with console.progress(known, quiet, "following photons") as (say, advance):
+        if not console.kernels_are_compiled(scenario.run.estimator.kind):
             scenario.mesh()  # reports a wrong link before the kernels compile
-            say(COMPILING)
-            with warnings.catch_warnings(), compiling_ahead(scenario):
+            say(console.COMPILING)
+            with warnings.catch_warnings(), console.compiling_ahead(scenario):
                 warnings.simplefilter("ignore")
                 # in this thread: others end their compilation before Ctrl-C ends them
                 few = {"photons": min(scenario.run.photons, 64), "rtol": None, "threads": 1}
@@ -118,7 +102,7 @@ _GAINS = (
 def _plain(result: GainResult, wall_time: float) -> dict[str, Any]:
     """Return a result as plain data for JSON, with null for non-finite values."""
     return {
-        **{name: finite(getattr(result, name)) for name in _GAINS},
+        **{name: console.finite(getattr(result, name)) for name in _GAINS},
         "photons": result.photons,
         "photons_per_second": result.photons / wall_time,
         "wall_time": wall_time,
@@ -132,7 +116,7 @@ def _plain(result: GainResult, wall_time: float) -> dict[str, Any]:
 
 @app.command()
 @described
-def new(*, link: LinkFile = None, changes: WindChanges) -> None:
+def new(*, link: console.LinkFile = None, changes: console.WindChanges) -> None:
     """Print a complete link file with a note on every key.
 
     Redirect it to a file: meshtrace new > link.toml
@@ -144,11 +128,11 @@ def new(*, link: LinkFile = None, changes: WindChanges) -> None:
 @described
 def explore(
     *,
-    link: LinkFile = None,
+    link: console.LinkFile = None,
     host: str = "127.0.0.1",
     port: Annotated[int, Span(0, 65_535)] = 8080,
     browser: bool = True,
-    changes: WindChanges,
+    changes: console.WindChanges,
 ) -> None:
     """Explore a link in the browser: move its parts and see gain, rays, fading and coverage.
 
@@ -207,11 +191,11 @@ def validate(
     if case is not None:
         require_word(case, ("w2a1",), "--case")
     steps = len(SUITE) if case is None else w2a1.STEPS
-    with named_steps(steps, json_, "checking", "forced", "analog") as step:
+    with console.named_steps(steps, json_, "checking", "forced", "analog") as step:
         checks = run_checks(quick, step) if case is None else tuple(w2a1.checks(quick, step))
     failed = sum(not check.passed for check in checks)
     if json_:
-        rows = [finite(check.as_data()) for check in checks]
+        rows = [console.finite(check.as_data()) for check in checks]
         typer.echo(json.dumps({"limit": LIMIT, "failed": failed, "checks": rows}, allow_nan=False))
     else:
         typer.echo(
@@ -229,12 +213,12 @@ def _measured(quick: bool, case: str | None, output: Path | None, json_: bool) -
     """Compare published measurements with computed values."""
     from meshtrace.validation import measured
 
-    check_output(output)
+    console.check_output(output)
     names = list(measured.experiments())
     if case is not None:
         require_word(case, names, "--case")
         names = [case]
-    with named_steps(len(names), json_, "comparing", "analog") as step:
+    with console.named_steps(len(names), json_, "comparing", "analog") as step:
         table = measured.run(names, quick=quick, progress=step)
     if json_:
         rows = [dict(zip(measured.HEADINGS, row, strict=True)) for row in table.rows()]
@@ -281,7 +265,7 @@ def bench(
     from meshtrace.bench import compare as compared
     from meshtrace.bench import report
 
-    check_output(output, link)
+    console.check_output(output, link)
     before = None
     try:
         if compare is not None:
@@ -289,7 +273,7 @@ def bench(
     except (TypeError, ValueError) as error:
         raise Refused("--compare", str(compare), "JSON of meshtrace bench") from error
     changes = ["wind_speed=13", "bubbles=none"] if link is None else []
-    scenario = Changes(set_=changes, trust=trust).scenario(link)
+    scenario = console.Changes(set_=changes, trust=trust).scenario(link)
     result = measure(scenario, quick=quick, cold=cold)
     text = json.dumps(result, indent=1)
     typer.echo(text if json_ else report(result))
@@ -317,8 +301,8 @@ def plot_command(file: Path, *, output: Path | None = None) -> None:
         Picture; default: RESULT.png.
     """
     path = file.with_suffix(".png") if output is None else output
-    check_plot(path, file, option="--output")
-    draw(_content(file), path)
+    console.check_plot(path, file, option="--output")
+    console.draw(_content(file), path)
 
 
 def _content(file: Path) -> object:
@@ -351,8 +335,9 @@ def warm() -> None:
         (Link(water=Water(bottom_depth=20.0), receiver=(Receiver(), Receiver())), "forced"),
         (Link(), "analog"),
     ]
-    with progress(len(runs) + 2, False, COMPILING, "forced", "analog") as (_, advance):
-        Changes().scenario(None).simulate()  # the mesh of `meshtrace run` is another kind
+    steps, doing = len(runs) + 2, console.COMPILING
+    with console.progress(steps, False, doing, "forced", "analog") as (_, advance):
+        console.Changes().scenario(None).simulate()  # the mesh of `meshtrace run` is another kind
         advance(1)
         for link, estimator in runs:
             with warnings.catch_warnings():
@@ -368,7 +353,7 @@ def warm() -> None:
 @described
 def water(
     *,
-    link: LinkFile = None,
+    link: console.LinkFile = None,
     type_: str | None = None,
     chlorophyll: float | None = None,
     cdom: float | None = None,
@@ -378,7 +363,7 @@ def water(
     file: Path | None = None,
     wavelengths: str | None = None,
     plot: Path | None = None,
-    changes: Changes,
+    changes: console.Changes,
 ) -> None:
     """Print absorption, scattering, attenuation and index of a water over the wavelength.
 
@@ -409,7 +394,7 @@ def water(
     from meshtrace.scenario.parts import spectrum_of
     from meshtrace.tables import text_table
 
-    check_plot(plot, link)
+    console.check_plot(plot, link)
     keys = {"type": type_, "chlorophyll": chlorophyll, "cdom": cdom, "minerals": minerals,
             "temperature_c": temperature_c, "salinity": salinity}  # fmt: skip
     own = {key: value for key, value in keys.items() if value is not None}
@@ -433,7 +418,7 @@ def water(
     headings = ("wavelength [nm]", "a [m-1]", "b [m-1]", "c [m-1]", "n")
     where = ", at the surface" if found.layers else ""
     typer.echo(f"{data.attrs['source']}{where}\n\n{text_table(rows, headings)}")
-    draw(data, plot)
+    console.draw(data, plot)
 
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
@@ -521,7 +506,7 @@ def view(
     *,
     options: ViewOptions,
     style: StyleOptions,
-    changes: WindChanges,
+    changes: console.WindChanges,
 ) -> None:
     """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files.
 
@@ -532,7 +517,7 @@ def view(
     """
     if options.frame_rate is not None:  # a view without a movie does not check it
         require_between(options.frame_rate, 0.0, math.inf, "--frame-rate", allowed="numbers > 0")
-    with extra("viz", "viz"):
+    with console.extra("viz", "viz"):
         from meshtrace.viz import SceneStyle
         from meshtrace.viz import view as show
     given: Inputs = {name: value for name, value in vars(options).items() if value is not None}
@@ -542,7 +527,10 @@ def view(
     gain = subject.get("gain")
     steps = options.frames if gain is None else len(gain.coordinate)
     kernels = () if subject["link"] is None else ("forced",)
-    with progress(steps, False, "drawing frames", *kernels) as (_, advance), extra("viz", "viz"):
+    with (
+        console.progress(steps, False, "drawing frames", *kernels) as (_, advance),
+        console.extra("viz", "viz"),
+    ):
         written = show(
             **subject,
             title="meshtrace" if file is None else file.name,
@@ -553,7 +541,7 @@ def view(
         typer.echo(f"written to {path}")
 
 
-def _subject(file: Path | None, changes: WindChanges) -> Inputs:
+def _subject(file: Path | None, changes: console.WindChanges) -> Inputs:
     """Return the link, the surface and the data of a file as arguments of a view."""
     from meshtrace.scenario import MeshFile
 

@@ -10,13 +10,7 @@ from numpy.typing import ArrayLike
 from meshtrace.comms.budget import ber_of_gains, faded_gains
 from meshtrace.comms.capacity import hard_information
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import (
-    Refused,
-    require_between,
-    require_finite,
-    require_real,
-    require_whole,
-)
+from meshtrace.errors import Refused, require_between, require_finite, require_whole
 
 _GRID = 4096
 _MOST_FADES = 256
@@ -52,7 +46,7 @@ def mean_below(values: ArrayLike, limit: float, n: int) -> float:
     0.25
     """
     sample = require_finite(values, "values", "(m,) with m >= 1, finite")
-    limit = require_real(limit, "limit", "a number")
+    limit = require_between(limit, -math.inf, math.inf, "limit", "[]", "a number")
     require_whole(n, 1, _MOST_FADES, "n")
     low, high = float(sample.min()), float(sample.max())
     if n == 1 or low == high:

@@ -17,18 +17,7 @@ from meshtrace.link.receivers import (
     Receiver,
     WaterReceiver,
 )
-from meshtrace.link.sources import (
-    AirBeam,
-    AirLamp,
-    AirLed,
-    AirTopHatBeam,
-    AnySource,
-    GaussianBeam,
-    Led,
-    Source,
-    TopHatBeam,
-    WaterSource,
-)
+from meshtrace.link.sources import ABOVE, AirLamp, AnySource, Led, Source, WaterSource
 from meshtrace.models import Family, Floats, Model
 from meshtrace.optics.bubbles import AnyBubbles, HallNovarini
 from meshtrace.optics.water import Water
@@ -39,12 +28,6 @@ _ASIDE = 20.0  # [m], receivers farther aside have the fine mesh where their lig
 _NEAR = 64.0  # depths plus heights: links closer to the origin keep it
 _PLACED = {"kind", "position", "depth", "height"}
 _PLACED |= {"zenith_deg", "azimuth_deg", "tilt_deg", "tilt_azimuth_deg"}
-_ABOVE: dict[type[Source], type[AirLamp]] = {
-    Led: AirLed,
-    GaussianBeam: AirBeam,
-    TopHatBeam: AirTopHatBeam,
-}
-_BELOW = {air: water for water, air in _ABOVE.items()}
 
 
 class Footprint(NamedTuple):
@@ -216,12 +199,12 @@ class Link(Model, frozen=True):
         lamp, end = self.transmitter, self.receiver
         if self.planes is not None:
             raise Refused("planes", Described("given"), "None for the other direction")
-        up = isinstance(lamp, WaterSource) and type(lamp) in _ABOVE and isinstance(end, Receiver)
+        up = isinstance(lamp, WaterSource) and type(lamp) in ABOVE and isinstance(end, Receiver)
         if not up and not (isinstance(lamp, AirLamp) and isinstance(end, WaterReceiver)):
             kinds = ", ".join(item.kind for _, item in self.items()) or "none"
             allowed = "one LED or beam and one receiver, on either side of the surface"
             raise Refused("link", Described(kinds), allowed)
-        source: Any = _ABOVE if up else _BELOW
+        source: Any = ABOVE if up else {air: water for water, air in ABOVE.items()}
         return self.replace(
             transmitter=_moved(source[type(lamp)], lamp, end),
             receiver=_moved(WaterReceiver if up else Receiver, end, lamp),

@@ -381,3 +381,10 @@ class CardioidalSky(AirSource, frozen=True):
 
 AnySource = Annotated[SerializeAsAny[Source], BeforeValidator(Source.read)]
 """A source, or plain data with its `kind`."""
+
+ABOVE: dict[type[Source], type[AirLamp]] = {
+    Led: AirLed,
+    GaussianBeam: AirBeam,
+    TopHatBeam: AirTopHatBeam,
+}
+"""Lamps in the air by those in the water with the same pattern."""

@@ -21,20 +21,8 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model, trusting
 from meshtrace.results.gain import GainResult
 from meshtrace.results.wavelengths import ByWavelength
-from meshtrace.scenario import parts, seas
-from meshtrace.scenario.files import (
-    KEYS,
-    Table,
-    as_table,
-    located,
-    parse_toml,
-    plain,
-    read_text,
-    set_value,
-    validated,
-    with_notes,
-    with_unset_keys,
-)
+from meshtrace.scenario import files, parts, seas
+from meshtrace.scenario.files import Table
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.uav import Uav
 
@@ -120,7 +108,7 @@ class Scenario(Model, frozen=True):
             If the file cannot be read, a value is not allowed, or a module that is not imported
             yet is named without `trust`.
         """
-        text, folder = read_text(path), Path(path).parent
+        text, folder = files.read_text(path), Path(path).parent
         given: Table = {"folder": folder, "changes": changes, "trust": trust}
         return cls.from_toml(text, source=str(path), **given)
 
@@ -156,9 +144,9 @@ class Scenario(Model, frozen=True):
         """
         require_kind(changes, Mapping | None, "changes")
         try:
-            config = parse_toml(text)
+            config = files.parse_toml(text)
             for key, value in (changes or {}).items():
-                set_value(config, key, value)
+                files.set_value(config, key, value)
             return cls.from_config(config, folder=folder, trust=trust)
         except RecursionError as error:
             nested = Described("nested too deeply")
@@ -189,11 +177,11 @@ class Scenario(Model, frozen=True):
         `waves` in [sea] chooses the waves of all studies, see `Meshing`.
         """
         with trusting(trust):
-            require_keys(config, KEYS)
-            config = located(config, folder)
+            require_keys(config, files.KEYS)
+            config = files.located(config, folder)
             wind_speed = parts.read_wind_speed(config)
-            sea = as_table(config.get("sea", {}), "sea")
-            run = as_table(config.get("run", {}), "run")
+            sea = files.as_table(config.get("sea", {}), "sea")
+            run = files.as_table(config.get("run", {}), "run")
             meshing = seas.read_sampling(sea)
             printed = config.get("physics") == "paper"
             with within("sea"):
@@ -201,13 +189,13 @@ class Scenario(Model, frozen=True):
             link = parts.read_link(config, wind_speed)
             normals = {"normals": run.pop("normals")} if "normals" in run else {}
             run = {**parts.default_estimator(link), **run}
-            checked = validated(Meshing, normals, "run")
+            checked = files.validated(Meshing, normals, "run")
             scenario = cls(
                 wind_speed=wind_speed,
                 link=link,
                 surface=surface,
-                meshing=validated(Meshing, {**checked.model_dump(), **meshing}, "sea"),
-                run=validated(Run, run, "run", run_keys()),
+                meshing=files.validated(Meshing, {**checked.model_dump(), **meshing}, "sea"),
+                run=files.validated(Run, run, "run", run_keys()),
                 detector=parts.read_detector(config.get("detector")),
                 uav=parts.read_uav(config.get("uav")),
                 daylight=parts.read_daylight(config.get("daylight", "none"), link),
@@ -237,8 +225,8 @@ class Scenario(Model, frozen=True):
         """
         if not isinstance(provenance, Mapping) or not {"run", "link"} <= provenance.keys():
             raise Refused("provenance", provenance, "a table with run, link and surface")
-        options = as_table(provenance["run"], "run")
-        link = Link.model_validate(as_table(provenance["link"], "link"))
+        options = files.as_table(provenance["run"], "run")
+        link = Link.model_validate(files.as_table(provenance["link"], "link"))
         surface = seas.surface_from_provenance(provenance)
         estimator = Estimator.member(options.get("estimator", "forced"), "run.estimator")
         mine = {*Run.model_fields, *estimator.model_fields} - {"threads"}
@@ -269,11 +257,11 @@ class Scenario(Model, frozen=True):
             "sea": {**seas.surface_config(self.surface, self.wind_speed), **sampling},
             "water": parts.water_config(link),
             "bubbles": parts.bubbles_config(link, self.wind_speed),
-            "transmitter": plain(link.transmitter),
-            "receiver": plain(link.receiver),
-            **({"planes": plain(link.planes)} if link.planes else {}),
+            "transmitter": files.plain(link.transmitter),
+            "receiver": files.plain(link.receiver),
+            **({"planes": files.plain(link.planes)} if link.planes else {}),
             **({"detector": parts.detector_config(self.detector, link)} if self.detector else {}),
-            **({"uav": plain(self.uav)} if self.uav else {}),
+            **({"uav": files.plain(self.uav)} if self.uav else {}),
             **({"daylight": parts.daylight_config(self.daylight)} if self.daylight else {}),
             "run": {key: value for key, value in run.items() if value is not None},
         }
@@ -294,9 +282,9 @@ class Scenario(Model, frozen=True):
             return text
         absent: Table = {"detector": parts.read_detector({}), "uav": parts.read_uav({})}
         absent = {name: part for name, part in absent.items() if name not in config}
-        more = tomli_w.dumps({name: plain(part) for name, part in absent.items()})
+        more = tomli_w.dumps({name: files.plain(part) for name, part in absent.items()})
         own = {**self._parts(), **{name: (part,) for name, part in absent.items()}}
-        return with_unset_keys(with_notes(text, own), with_notes(more, own))
+        return files.with_unset_keys(files.with_notes(text, own), files.with_notes(more, own))
 
     def _parts(self) -> dict[str, tuple[Any, ...]]:
         """Return the models behind each table of a link file."""
