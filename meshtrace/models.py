@@ -414,6 +414,17 @@ class Family(Model, frozen=True):
         model = cls.member(table.get(key, cls._default or MISSING), key)
         return model.model_validate({name: v for name, v in table.items() if name != key})
 
+    @classmethod
+    def read_several(cls, value: Any) -> Self | tuple[Self, ...]:
+        """Return the model that plain data describe, or those of a list as a tuple."""
+        if not isinstance(value, list | tuple):
+            return cls.read(value)
+        parts = []
+        for i, item in enumerate(value):
+            with within(i):
+                parts.append(cls.read(item))
+        return tuple(parts)
+
 
 def _is_ours(cls: type) -> bool:
     return cls.__module__.startswith("meshtrace.")

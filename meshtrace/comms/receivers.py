@@ -12,46 +12,39 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.comms.decisions import (
-    Decision,
-    ReceiverModel,
-    compound_poisson_decision,
-    gaussian_decision,
-    generalized_poisson_decision,
-    pattern_decision,
-)
+from meshtrace.comms import decisions
 from meshtrace.comms.ook import OokLink
 from meshtrace.models import Floats
 
 _DESIGN_BER = 1e-3
 
 
-class IndependentBits(ReceiverModel):
+class IndependentBits(decisions.ReceiverModel):
     """G0: no intersymbol interference, Gaussian noise in B = R_b / 2."""
 
     kind: Literal["G0"] = "G0"
 
-    def decide(self, link: OokLink, power: Floats) -> Decision:
+    def decide(self, link: OokLink, power: Floats) -> decisions.Decision:
         """Decide between two Gaussian levels."""
         mean, variance = self.moments(link, power)
-        return gaussian_decision(mean[:, 0], mean[:, 1], variance[:, 0], variance[:, 1])
+        return decisions.gaussian_decision(mean[:, 0], mean[:, 1], variance[:, 0], variance[:, 1])
 
 
-class CountedBits(ReceiverModel):
+class CountedBits(decisions.ReceiverModel):
     """GP: no intersymbol interference, exact generalized Poisson counts in each bit."""
 
     kind: Literal["GP"] = "GP"
     exact_counts: ClassVar[bool] = True
 
-    def decide(self, link: OokLink, power: Floats) -> Decision:
+    def decide(self, link: OokLink, power: Floats) -> decisions.Decision:
         """Decide by the number of counts."""
         n0, n1 = (level * link.bit_time for level in link.levels(power))
         branching = link.sipm.branching
-        ber, count = generalized_poisson_decision(n0, n1, branching)
-        return Decision(ber, (count - 0.5) * (1.0 - branching) * link.bit_rate)
+        ber, count = decisions.generalized_poisson_decision(n0, n1, branching)
+        return decisions.Decision(ber, (count - 0.5) * (1.0 - branching) * link.bit_rate)
 
 
-class SampledPulses(ReceiverModel):
+class SampledPulses(decisions.ReceiverModel):
     """A: output sampled at the end of the bit; Campbell shot noise; bit patterns."""
 
     kind: Literal["A"] = "A"
@@ -70,10 +63,10 @@ class SampledPulses(ReceiverModel):
         pulses = _pulses(link, phase)
         return pulses.of_levels(link.levels(power), 1.0, pulses.heard)
 
-    def decide(self, link: OokLink, power: Floats) -> Decision:
+    def decide(self, link: OokLink, power: Floats) -> decisions.Decision:
         """Decide between Gaussian bit patterns."""
         mean, variance = self.moments(link, power)
-        return pattern_decision(mean, np.sqrt(variance), _pulses(link, 1.0).bits[:, 0])
+        return decisions.pattern_decision(mean, np.sqrt(variance), _pulses(link, 1.0).bits[:, 0])
 
 
 class PatternNoise(SampledPulses):
@@ -107,9 +100,9 @@ class CompoundPoisson(AveragedPulses):
     kind: Literal["CP"] = "CP"  # type: ignore[assignment]
     exact_counts: ClassVar[bool] = True
 
-    def decide(self, link: OokLink, power: Floats) -> Decision:
+    def decide(self, link: OokLink, power: Floats) -> decisions.Decision:
         """Decide between compound Poisson variables."""
-        return Decision(*np.array([self._decide_at(link, float(p)) for p in power]).T)
+        return decisions.Decision(*np.array([self._decide_at(link, float(p)) for p in power]).T)
 
     def _decide_at(self, link: OokLink, power: float) -> tuple[float, float]:
         low, high = (float(level) for level in link.levels(power))
@@ -117,7 +110,7 @@ class CompoundPoisson(AveragedPulses):
         removed = (high - low) * (pulses.mean - pulses.heard)
         thermal = link.tia.thermal_noise(link.sipm.gain)
         thermal_std = math.sqrt(0.5 * thermal * filters.noise_energy)
-        return compound_poisson_decision(
+        return decisions.compound_poisson_decision(
             low, high, filters, link.bit_time, removed, link.sipm.branching, thermal_std
         )
 

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from meshtrace.errors import Described, Refused, require_real, within
+from meshtrace.errors import Described, Refused, require_real
 from meshtrace.link.physics import Physics, Whitecaps
-from meshtrace.link.receivers import (
-    AnyAperture,
-    Aperture,
-    IrradiancePlanes,
-    Receiver,
-    WaterReceiver,
-)
-from meshtrace.link.sources import ABOVE, AirLamp, AnySource, Led, Source, WaterSource
-from meshtrace.models import Family, Floats, Model
+from meshtrace.link.receivers import Aperture, Apertures, IrradiancePlanes, Receiver, WaterReceiver
+from meshtrace.link.sources import ABOVE, AirLamp, Led, Source, Sources, WaterSource
+from meshtrace.models import Floats, Model, Position
 from meshtrace.optics.bubbles import AnyBubbles, HallNovarini
 from meshtrace.optics.water import Water
 
@@ -46,21 +40,6 @@ class LitPlace(NamedTuple):
     place: Floats  # (x, y) [m]
     lever: float  # displacement of the crossing by a unit of slope [m]
     seen: float  # radius of the aperture as seen from the source [m]
-
-
-def _one_or_more(family: type[Family]) -> BeforeValidator:
-    """Return a validator that reads one part, or a list of parts as a tuple."""
-
-    def read(value: Any) -> Any:
-        if not isinstance(value, list | tuple):
-            return family.read(value)
-        parts = []
-        for i, item in enumerate(value):
-            with within(i):
-                parts.append(family.read(item))
-        return tuple(parts)
-
-    return BeforeValidator(read)
 
 
 class Link(Model, frozen=True):
@@ -94,8 +73,8 @@ class Link(Model, frozen=True):
 
     water: Water = Water()
     bubbles: AnyBubbles | None = None
-    transmitter: Annotated[AnySource | tuple[AnySource, ...], _one_or_more(Source)] = Led()
-    receiver: Annotated[AnyAperture | tuple[AnyAperture, ...], _one_or_more(Aperture)] = Receiver()
+    transmitter: Sources = Led()
+    receiver: Apertures = Receiver()
     whitecaps: Whitecaps | None = None
     planes: IrradiancePlanes | None = None
     n_air: float = Field(1.0, ge=1.0, le=2.0, allow_inf_nan=False)
@@ -386,13 +365,14 @@ class Link(Model, frozen=True):
         found = []
         for t in self.transmitters:
             for r in self.receivers:
-                low_end, high_end = _low_and_high(t, r)
+                low_end, high_end = (r, t) if isinstance(t, AirLamp) else (t, r)
                 depth, height = getattr(low_end, "depth", 1.0), getattr(high_end, "height", 1.0)
                 share = depth / (depth + n * height)  # of the way to the upper end, in the water
                 aside = math.dist(t.position, r.position) / (depth + height)
                 lever = (n - 1.0) * height * share * (1.0 + 2.0 * aside**2) ** 1.5
                 seen = r.radius * (share if r is high_end else 1.0 - share)
-                found.append(LitPlace(_crossing(low_end, high_end, n), lever, seen))
+                place = _crossing(low_end.position, high_end.position, depth, height, n)
+                found.append(LitPlace(place, lever, seen))
         return found
 
     def _middle(self, most: float) -> tuple[tuple[float, float], float, float]:
@@ -430,15 +410,9 @@ def _axis(kind: type[Any]) -> tuple[str, str]:
     return ("zenith_deg", "azimuth_deg") if water else ("tilt_deg", "tilt_azimuth_deg")
 
 
-def _low_and_high(source: Source, end: Aperture) -> tuple[Source | Aperture, Source | Aperture]:
-    """Return a source and a receiver, the lower one first."""
-    return (end, source) if isinstance(source, AirLamp) else (source, end)
-
-
-def _crossing(low: Source | Aperture, high: Source | Aperture, n: float) -> Floats:
+def _crossing(low: Position, high: Position, depth: float, height: float, n: float) -> Floats:
     """Return the crossing (x, y) [m] of still water by light between two ends."""
-    a, b = np.array(low.position, float), np.array(high.position, float)
-    depth, height = getattr(low, "depth", 1.0), getattr(high, "height", 1.0)
+    a, b = np.array(low, float), np.array(high, float)
     distance = math.dist(a, b)
     least, most = 0.0, 1.0
     for _ in range(40):  # n sin(angle in water) - sin(angle in air) grows with the share

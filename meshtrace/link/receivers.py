@@ -147,8 +147,9 @@ class WaterReceiver(Aperture, frozen=True):
         return -x, -y, -z
 
 
-AnyAperture = Annotated[SerializeAsAny[Aperture], BeforeValidator(Aperture.read)]
-"""An aperture, or plain data with its `kind`."""
+AnyAperture = SerializeAsAny[Aperture]
+Apertures = Annotated[AnyAperture | tuple[AnyAperture, ...], BeforeValidator(Aperture.read_several)]
+"""One aperture or several, or plain data with their `kind`."""
 
 
 class IrradiancePlanes(Model, frozen=True):

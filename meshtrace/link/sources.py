@@ -379,8 +379,9 @@ class CardioidalSky(AirSource, frozen=True):
     kind: Literal["cardioidal-sky"] = "cardioidal-sky"
 
 
-AnySource = Annotated[SerializeAsAny[Source], BeforeValidator(Source.read)]
-"""A source, or plain data with its `kind`."""
+AnySource = SerializeAsAny[Source]
+Sources = Annotated[AnySource | tuple[AnySource, ...], BeforeValidator(Source.read_several)]
+"""One source or several, or plain data with their `kind`."""
 
 ABOVE: dict[type[Source], type[AirLamp]] = {
     Led: AirLed,

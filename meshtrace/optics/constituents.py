@@ -10,16 +10,8 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from meshtrace.errors import Described, Refused, require_array, require_between, require_range
 from meshtrace.models import Floats
+from meshtrace.optics import pure_water
 from meshtrace.optics.phase import FournierForand, MixturePhase, PhaseFunction, Rayleigh
-from meshtrace.optics.pure_water import (
-    DEPOLARISATION,
-    check_range,
-    interpolate,
-    pure_water_absorption,
-    read_table,
-    sea_water_index,
-    zhang_hu_he,
-)
 from meshtrace.optics.spectra import WaterSpectrum, uniform_or_layers
 
 _RATIOS = (1e-3, 0.1)  # backscatter ratios of `fournier_forand_of`
@@ -162,18 +154,18 @@ class Constituents(WaterSpectrum, frozen=True):
         wavelength_nm : float
             Wavelength in vacuum [nm], 400 ... 700.
         """
-        w = check_range("wavelength_nm", wavelength_nm, *self.limits_nm, "nm")
+        w = pure_water.check_range("wavelength_nm", wavelength_nm, *self.limits_nm, "nm")
         depth, chlorophyll, bbp = self._nodes()
         t, s = np.asarray(self.temperature_c), np.asarray(self.salinity)
-        molecules, v = float(zhang_hu_he(w, t, s)), _exponent(chlorophyll)
+        molecules, v = float(pure_water.zhang_hu_he(w, t, s)), _exponent(chlorophyll)
         if bbp is None:
             particles = 0.416 * chlorophyll**0.766 * (w / 550.0) ** v
         else:
             particles = bbp / _backscatter_ratio(chlorophyll, 700.0) * (w / 700.0) ** v
         cdom = _DISSOLVED * chlorophyll**0.63 if self.cdom is None else self.cdom
-        nodes, factor, power = read_table("particle_absorption.csv").T
-        pigments = interpolate(w, nodes, factor) * chlorophyll ** interpolate(w, nodes, power)
-        a = pure_water_absorption(w) + pigments
+        nodes, *laws = pure_water.read_table("particle_absorption.csv").T
+        factor, power = (pure_water.interpolate(w, nodes, law) for law in laws)
+        a = pure_water.pure_water_absorption(w) + factor * chlorophyll**power
         a = a + cdom * np.exp(-self.cdom_slope * (w - 440.0))
         a = a + 0.041 * self.minerals * np.exp(-0.0123 * (w - 443.0))
         b = molecules + particles + 0.5 * self.minerals
@@ -181,7 +173,7 @@ class Constituents(WaterSpectrum, frozen=True):
         by_ratio = {ratio: float(particles[0]), _MINERAL_RATIO: 0.5 * self.minerals}
         return {
             **uniform_or_layers(depth, a, b),
-            "n": float(sea_water_index(w, t, s)),
+            "n": float(pure_water.sea_water_index(w, t, s)),
             "phase": _mixture(molecules, by_ratio),
         }
 
@@ -208,7 +200,7 @@ def _backscatter_ratio(chlorophyll: Floats, wavelength_nm: float) -> Floats:
 def _mixture(molecules: float, particles: dict[float, float]) -> PhaseFunction:
     """Return the phase function of water with particles, given as b [m-1] by backscatter ratio."""
     shares = {ratio: b for ratio, b in particles.items() if b > 0.0}
-    water = Rayleigh(gamma=(1.0 - DEPOLARISATION) / (1.0 + DEPOLARISATION))
+    water = Rayleigh(gamma=(1.0 - pure_water.DEPOLARISATION) / (1.0 + pure_water.DEPOLARISATION))
     if not shares:
         return water
     phases = (water, *(fournier_forand_of(ratio) for ratio in shares))

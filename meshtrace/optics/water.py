@@ -220,14 +220,12 @@ class Water(Model, frozen=True):
             wavelengths_nm = steps[(steps >= low) & (steps <= high)]
         wavelengths = require_array(wavelengths_nm, "wavelength_nm", "wavelengths [nm]")
         waters = [self.at_wavelength(float(w)) for w in np.atleast_1d(wavelengths)]
-        rows = np.array([(w.a, w.b, w.c, w.n) for w in waters]).reshape(-1, 4)
-        variables: dict[str, Any] = {
-            name: ("wavelength_nm", column) for name, column in zip("abcn", rows.T, strict=True)
-        }
-        coordinate = {"wavelength_nm": np.atleast_1d(wavelengths)}
-        data = xr.Dataset(variables, coordinate, {"source": spectrum.source})
-        for name in data.variables:
-            data[name].attrs = attrs(str(name))
+        data = xr.Dataset(attrs={"source": spectrum.source})
+        for name in "abcn":
+            values = [getattr(water, name) for water in waters]
+            data[name] = ("wavelength_nm", values, attrs(name))
+        at = np.atleast_1d(wavelengths)
+        data.coords["wavelength_nm"] = ("wavelength_nm", at, attrs("wavelength_nm"))
         return data
 
     def _with_spectrum(self) -> WaterSpectrum:
