@@ -1,36 +1,7 @@
 """Sea surfaces: wave spectra, random seas, and the triangle meshes made of them."""
 
-from .bands import Band as Band
-from .measured import from_gauge as from_gauge
-from .measured import from_wavespectra as from_wavespectra
-from .measured import gauge_spectrum as gauge_spectrum
-from .seas import JonswapSea as JonswapSea
-from .seas import MeasuredSea as MeasuredSea
-from .seas import RandomSea as RandomSea
-from .seas import SpectralSea as SpectralSea
-from .seas import SumSea as SumSea
-from .seas import resolved_sea as resolved_sea
-from .seas import sea_from_config as sea_from_config
-from .seas import sea_in_wind as sea_in_wind
-from .sequence import MeshSequence as MeshSequence
-from .spectra import Cos2sSpreading as Cos2sSpreading
-from .spectra import Elfouhaily as Elfouhaily
-from .spectra import ElfouhailySpreading as ElfouhailySpreading
-from .spectra import IttcSpreading as IttcSpreading
-from .spectra import Jonswap as Jonswap
-from .spectra import MitsuyasuSpreading as MitsuyasuSpreading
-from .spectra import OchiHubble as OchiHubble
-from .spectra import PiersonMoskowitz as PiersonMoskowitz
-from .spectra import Spectrum as Spectrum
-from .spectra import Spreading as Spreading
-from .spectra import TabulatedSpectrum as TabulatedSpectrum
-from .spectra import Tma as Tma
-from .spectra import Torsethaugen as Torsethaugen
-from .statistics import GramCharlier as GramCharlier
-from .surface import FlatSea as FlatSea
-from .surface import SinusoidalSea as SinusoidalSea
-from .surface import Surface as Surface
-from .surface import TiltedPlane as TiltedPlane
-from .surface import WaveSurface as WaveSurface
-from .triangulate import from_trimesh as from_trimesh
-from .waves import WaveComponents as WaveComponents
+import lazy_loader
+
+import meshtrace.surfaces.seas  # noqa: F401, the built-in seas and spectra join their families
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
