@@ -67,7 +67,7 @@ _HOMES = {
     "design": "meshtrace.studies.designs.page",
     "inference": "meshtrace.studies.inference",
     "optimum": "meshtrace.studies.optimisation",
-    "sensitivity": "meshtrace.studies.sensitivity.result",
+    "sensitivity": "meshtrace.studies.sensitivity",
     "measured": "meshtrace.validation.measured",
     "fading-convergence": "meshtrace.studies.convergence.drivers",
 }

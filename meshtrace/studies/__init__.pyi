@@ -23,9 +23,9 @@ from .performance import DepthSweep as DepthSweep
 from .performance import LinkPerformance as LinkPerformance
 from .performance_study import depth_sweep as depth_sweep
 from .performance_study import link_performance as link_performance
-from .sensitivity.result import Sensitivities as Sensitivities
-from .sensitivity.study import sensitivities as sensitivities
-from .sensitivity.study import swings as swings
+from .sensitivity import Sensitivities as Sensitivities
+from .sensitivity import sensitivities as sensitivities
+from .sensitivity import swings as swings
 from .series import ensemble as ensemble
 from .series import time_series as time_series
 from .sweeps import sweep as sweep

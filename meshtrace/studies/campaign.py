@@ -178,7 +178,16 @@ class Campaign(NamedTuple):
         """Return the wind at an aircraft, by default that over the sea."""
         if flight.wind is not None:
             return flight.wind
-        return wind_over(self.scenario or self.surface, self.link, "flight.wind")
+        surface = self.scenario or self.surface
+        speed = getattr(getattr(surface, "spectrum", surface), "wind_speed", None)
+        if speed is None:
+            raise Refused("flight.wind", None, "a wind, over a sea without wind speed")
+        return Dryden(wind_speed=speed, height=self.link.air_end[1].height)
+
+    def tilts(self, flight: Flight, shape: tuple[int, int]) -> Floats:
+        """Return angles of tilt of an aircraft in independent gusts, of a shape [rad]."""
+        wind = self.wind_of(flight).sample_wind(math.prod(shape), self.run.seed)
+        return flight.uav.tilt(wind).angle.reshape(shape)
 
     def of_flight(self, flight: Flight) -> dict[str, Any]:
         """Return the aircraft and its wind as plain data."""
@@ -264,8 +273,12 @@ class Campaign(NamedTuple):
                         if i % _TRIM_EVERY == 0:
                             trim_memory()
                     yield ready.pop(step) if step in ready else kept[step].numbers
-                    if self.progress is not None:
-                        self.progress(1)
+                    self.advance()
+
+    def advance(self) -> None:
+        """Report a finished step."""
+        if self.progress is not None:
+            self.progress(1)
 
     def _computed(self, setup: Setup, steps: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         """Yield the number of each step and its numbers, on a cluster as they finish."""
@@ -338,6 +351,9 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     Each mesh is made in the thread that evaluates it.
     """
     run, normals, links = campaign.run, campaign.meshing.normals, list(campaign.links.values())
+    moving, n, source = steps.links is not None, len(steps.labels), campaign.surface
+    widest = _widest(steps, links)
+    lines = campaign.lines(widest, source) if widest and isinstance(source, MeshSource) else None
 
     def over(i: int) -> Sequence[Link]:
         return links if steps.links is None else steps.links[i]
@@ -345,11 +361,24 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     def mesh(i: int) -> TriangleMesh:
         return campaign.mesh(over(i), *steps.surface(i), lines)
 
+    first = {i: mesh(i) for i in range(min(1 if steps.links else probed, n))}
+    typical = TypicalSea.of(first.values(), MANY_SEAS)
+
     def chains(link: Link) -> ForcedDetection:
         return ForcedDetection(link, run.photons, run.seed, normals, sea=typical)
 
     def spectral(over: Sequence[Link]) -> SpectralDetection:
         return SpectralDetection(over, run.photons, run.seed, normals, sea=typical)
+
+    alone, tilted = campaign.spectral or (moving and not widest), []
+    common = [] if alone else [chains(link) for link in links]
+    paths = spectral(links) if campaign.spectral and not moving else None
+    if moving and common and all(one.serves_neighbours for one in common):
+        tilted = [
+            FrozenForced(link, run.photons, run.seed, typical, normals, "usual") for link in links
+        ]
+    elif moving:
+        common = []
 
     def evaluate(i: int) -> Floats:
         made = first.pop(i) if i in first else mesh(i)
@@ -362,22 +391,6 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
             parts = [one.evaluate(made) for one in common or map(chains, over(i))]
         return np.array([[one.shifts for one in parts], [one.direct for one in parts]])
 
-    n = len(steps.labels)
-    widest, source = _widest(steps, links), campaign.surface
-    lines = campaign.lines(widest, source) if widest and isinstance(source, MeshSource) else None
-    first = {i: mesh(i) for i in range(min(1 if steps.links else probed, n))}
-    typical = TypicalSea.of(first.values(), MANY_SEAS)
-    moving = steps.links is not None
-    alone = campaign.spectral or (moving and not widest)
-    common = [] if alone else [chains(link) for link in links]
-    paths = spectral(links) if campaign.spectral and not moving else None
-    tilted = []
-    if moving and common and all(one.serves_neighbours for one in common):
-        tilted = [
-            FrozenForced(link, run.photons, run.seed, typical, normals, "usual") for link in links
-        ]
-    elif moving:
-        common = []
     return evaluate
 
 
@@ -418,14 +431,6 @@ def with_all_ends(links: Sequence[Link]) -> Link:
         "receiver": tuple(receiver for one in links for receiver in one.receivers),
     }
     return min(links, key=lambda link: link.water.a).replace(**ends)
-
-
-def wind_over(surface: Any, link: Link, name: str) -> Dryden:
-    """Return the wind over a sea at the end in the air; `name` is its argument."""
-    speed = getattr(getattr(surface, "spectrum", surface), "wind_speed", None)
-    if speed is None:
-        raise Refused(name, None, "a wind, over a sea without wind speed")
-    return Dryden(wind_speed=speed, height=link.air_end[1].height)
 
 
 def campaign_of(

@@ -6,12 +6,11 @@ import math
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import islice
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.comms.budget import required_gain
 from meshtrace.comms.ook import OokLink
 from meshtrace.engine.parts import Light
 from meshtrace.errors import Refused
@@ -24,9 +23,8 @@ from meshtrace.studies.background import Lights
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Restored
 from meshtrace.studies.keys import Variant
-from meshtrace.studies.neighbours import Neighbours
+from meshtrace.studies.neighbours import Neighbours, Quantity
 from meshtrace.studies.response import MOST_SEAS, Responses
-from meshtrace.studies.sensitivity.quantity import Quantity
 from meshtrace.studies.store import digest_of
 from meshtrace.uav import Flight, Uav
 
@@ -34,7 +32,6 @@ Objective = Literal["outage", "gain", "range", "margin", "capacity"]
 Custom = Callable[[Variant, Floats, Floats], float]
 
 _DARK = 1e-30  # gain that stands for no light
-_DB = 10.0 / math.log(10.0)
 
 
 def weighted_quantile(values: Floats, weights: Floats, quantile: float) -> float:
@@ -70,7 +67,7 @@ class Goal:
             )
         self.objective = objective
         self._quantile, self._lights, self._limit = quantile, lights, limit
-        self._rates = Quantity("range", limit)
+        self._rates = Quantity("range" if callable(objective) else objective, limit)
 
     @property
     def name(self) -> str:
@@ -92,43 +89,38 @@ class Goal:
             return float(self.objective(at, gains, weights))
         if self.objective == "capacity":
             assert at.detector is not None
-            carried = self._rates.information(at.detector)(np.log(self._powers(at.detector, gains)))
+            powers = np.maximum(at.detector.received_power(gains), _DARK)
+            carried = self._rates.information(at.detector)(np.log(powers))
             rate = at.detector.bit_rate * float(carried @ weights) / float(weights.sum())
             return -math.log(max(rate, _DARK))
         mean = math.log(max(float(gains @ weights) / float(weights.sum()), _DARK))
         if self.objective == "gain":
             return -mean
-        need = math.log(min(self._need(at), 1.0 / _DARK))
+        assert at.detector is not None
+        need = math.log(min(self._rates.need(at.detector), 1.0 / _DARK))
         if self.objective == "margin":
             return need - mean
         logs = np.log(np.maximum(gains, _DARK))
         return need - weighted_quantile(logs, weights, self._quantile)
-
-    @staticmethod
-    def _powers(ook: OokLink, gains: Floats) -> Floats:
-        """Return the received powers of gains, with a floor [W]."""
-        return np.maximum(ook.received_power(gains), _DARK)
 
     def quantity(self, at: Variant, cost: float, sample: Sample) -> float:
         """Return the quantity of the objective, as in `Optimum.value`."""
         if self.objective == "outage":
             gains, weights = sample.groups(at)[0]
             lit = self._lights.lit(sample.responses.behind(at))
-            need = self._need(at._replace(detector=lit))
-            return float(weights[gains < need].sum() / weights.sum())
-        if self.name in ("gain", "capacity"):
-            return math.exp(-cost)
-        return {"range": -cost, "margin": -_DB * cost}.get(self.name, cost)
+            assert lit is not None
+            return float(weights[gains < self._rates.need(lit)].sum() / weights.sum())
+        if callable(self.objective):
+            return cost
+        return -cost if self.objective == "range" else self._rates.value(-cost)
 
     def error(self, cost: float, stderr: float) -> float:
         """Return the standard error of the quantity by the error of the cost; nan for an outage."""
-        if self.name in ("gain", "capacity"):
-            return stderr * math.exp(-cost)
-        return stderr * {"margin": _DB, "outage": math.nan}.get(self.name, 1.0)
-
-    def _need(self, at: Variant) -> float:
-        assert at.detector is not None
-        return required_gain(at.detector, self._limit)
+        if self.objective == "outage":
+            return math.nan
+        if callable(self.objective) or self.objective == "range":
+            return stderr
+        return stderr * self._rates.slope(self._rates.value(-cost))
 
     def _ranges(self, at: Variant, sample: Sample) -> Floats:
         """Return minus the depths of an averaged error rate equal to the limit."""
@@ -154,7 +146,7 @@ class Goal:
     def _excess(self, ook: OokLink, gains: Floats, weights: Floats) -> float:
         """Return the logarithm of the ratio of the light to the need."""
         law = self._rates.law(ook, rising=False)
-        logs = np.log(self._powers(ook, gains))
+        logs = np.log(np.maximum(ook.received_power(gains), _DARK))
         low, high = -20.0, 20.0
         for _ in range(40):
             shift = 0.5 * (low + high)
@@ -265,17 +257,14 @@ class Sample(Restored):
         name, end = link.air_end
         if end.tilt_deg != 0.0 and uav is not None:
             raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the aircraft tilts it")
-        leans: list[dict[str, float]] = [{} for _ in self._offsets]
-        if uav is not None:
-            tilts = (np.degrees(part) for part in uav.tilt(self._winds[i]))
-            keys = ("tilt_deg", "tilt_azimuth_deg")
-            leans = [
-                dict(zip(keys, map(float, one), strict=True)) for one in zip(*tilts, strict=True)
-            ]
+        tilts = None if uav is None else uav.tilt(self._winds[i])
         ends = []
-        for (x, y), lean in zip(self._offsets, leans, strict=True):
-            place = (end.position[0] + float(x), end.position[1] + float(y))
-            ends.append(end.replace(position=place, **lean))
+        for k, (x, y) in enumerate(self._offsets.tolist()):
+            there: dict[str, Any] = {"position": (end.position[0] + x, end.position[1] + y)}
+            if tilts is not None:
+                there["tilt_deg"] = math.degrees(tilts.angle[k])
+                there["tilt_azimuth_deg"] = math.degrees(tilts.azimuth[k])
+            ends.append(end.replace(**there))
         return link.model_copy(update={name: tuple(ends)})
 
     def gains(self, at: Variant) -> Floats:

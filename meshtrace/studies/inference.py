@@ -30,18 +30,16 @@ from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.cluster import Restored
 from meshtrace.studies.keys import Parameter, Variant, parameters
 from meshtrace.studies.measurements import OF_DETECTOR, Measurements, read_measurements
-from meshtrace.studies.neighbours import Neighbours, has_moments, moments
+from meshtrace.studies.neighbours import WATER, Neighbours, Quantity, has_moments, moments
 from meshtrace.studies.response import Responses
-from meshtrace.studies.sensitivity.quantity import Quantity
 from meshtrace.studies.store import digest_of
 from meshtrace.surfaces import FlatSea
 from meshtrace.tables import text_table
 
-WATER = ("water.a", "water.b")
 SCALE = "scale"
 """Unknown factor of all measurements: the calibration of the receiver."""
 
-_SCALE = Parameter(SCALE, 1.0, "1", absolute=False, origin=0.0, step=1.0)
+_SCALE = Parameter(SCALE, 1.0, "1", absolute=False, origin=0.0, step=1.0, usual=1.0)
 _LARGEST = 64  # measurements whose chains are kept
 _LIGHTS = 3  # of each: the base and the sides of a difference
 _STEP = 0.01  # of differences in the logarithm
@@ -108,41 +106,44 @@ class Predictor(Restored):
 
     def at(self, x: Floats) -> Prediction:
         """Return the predictions at a point: ln(p / start), or p - start for offsets and angles."""
-        steps = [(i, *x[self._of_link].tolist()) for i in range(len(self._starts))]
-        found = self._campaign.over(lambda: self._one, steps, "predictions", self._identity)
-        rows = np.array(list(found))
+        point = tuple(x[self._of_link].tolist())
+        steps = [(i, *point) for i in range(len(self._starts))]
+        each = self._campaign.over(lambda: self._one, steps, "predictions", self._identity)
+        rows = np.array(list(each))
         shifts, slopes = rows[:, :SHIFTS], rows[:, SHIFTS:]
         means = shifts.mean(axis=1)
         off = shifts / means[:, None] - 1.0
         covariance = off @ off.T / (SHIFTS * (SHIFTS - 1))
         by_all = np.ones((len(rows), len(x)))
         by_all[:, self._of_link] = slopes
-        gains = np.log(means) + x[~self._of_link].sum()
-        if not any(name in OF_DETECTOR for name in self._names):
-            return Prediction(gains, by_all, covariance)
-        return self._detected(x[self._of_link], Prediction(gains, by_all, covariance))
+        found = Prediction(np.log(means) + x[~self._of_link].sum(), by_all, covariance)
+        behind = any(name in OF_DETECTOR for name in self._names)
+        return self._detected(point, found) if behind else found
 
-    def _detected(self, x: Floats, light: Prediction) -> Prediction:
+    def _detected(self, x: tuple[float, ...], light: Prediction) -> Prediction:
         """Return the predicted powers and error rates from predicted gains.
 
         d ln q / dx = (d ln q / d ln g) (d ln g / dx) + (d ln q / dx at a fixed gain)
         """
         n = len(self._starts)
         logs, growth, own = light.log.copy(), np.ones(n), np.zeros((n, len(x)))
-        for i in range(n):
-
-            def at(point: Floats, step: float = 0.0, i: int = i) -> float:
-                return self._of_gain(i, tuple(point.tolist()), light.log[i] + step)
-
-            logs[i] = at(x)
-            growth[i] = (at(x, _STEP) - at(x, -_STEP)) / (2.0 * _STEP)
-            for k, p in enumerate(self._unknowns):
-                width = p.step if p.absolute else _STEP
-                move = width * (np.arange(len(x)) == k)
-                own[i, k] = (at(x + move) - at(x - move)) / (2.0 * width)
+        for i, gain in enumerate(light.log):
+            logs[i] = self._of_gain(i, x, gain)
+            low, high = (self._of_gain(i, x, gain + step) for step in (-_STEP, _STEP))
+            growth[i] = (high - low) / (2.0 * _STEP)
+            for k in range(len(x)):
+                (below, above), width = self._sides(x, k)
+                own[i, k] = self._of_gain(i, above, gain) - self._of_gain(i, below, gain)
+                own[i, k] /= 2.0 * width
         slope = growth[:, None] * light.slope
         slope[:, self._of_link] += own
         return Prediction(logs, slope, light.covariance * np.outer(growth, growth))
+
+    def _sides(self, x: tuple[float, ...], k: int) -> tuple[list[tuple[float, ...]], float]:
+        """Return the points at a step of one unknown to either side, and the step."""
+        p = self._unknowns[k]
+        width = p.step if p.absolute else _STEP
+        return [(*x[:k], x[k] + side * width, *x[k + 1 :]) for side in (-1.0, 1.0)], width
 
     def _of_gain(self, i: int, x: tuple[float, ...], log_gain: float) -> float:
         """Return the logarithm of a measurement at a gain."""
@@ -158,21 +159,15 @@ class Predictor(Restored):
         number, *values = step
         x = tuple(values)
         gains = self._gains(number, x)
-        slopes = []
+        slopes = np.zeros(len(x))  # none by keys behind the light
         for i, p in enumerate(self._unknowns):
             if self._quick and p.name in WATER:
-                at, light = self._weighed(number, x)
-                slope = float(moments(at, light)[p.name].mean() / gains.mean())
-            elif p.name.split(".")[0] in ("detector", "daylight"):
-                slope = 0.0
-            else:
-                width = p.step if p.absolute else _STEP
-                sides = [
-                    self._gains(number, (*x[:i], x[i] + side * width, *x[i + 1 :])).mean()
-                    for side in (-1.0, 1.0)
-                ]
-                slope = math.log(sides[1] / sides[0]) / (2.0 * width)
-            slopes.append(slope)
+                change = moments(*self._weighed(number, x))[WATER.index(p.name)]
+                slopes[i] = change.mean() / gains.mean()
+            elif p.name.split(".")[0] not in ("detector", "daylight"):
+                sides, width = self._sides(x, i)
+                low, high = (self._gains(number, side).mean() for side in sides)
+                slopes[i] = math.log(high / low) / (2.0 * width)
         return np.concatenate([gains, slopes])
 
     def _gains(self, number: int, x: tuple[float, ...]) -> Floats:
@@ -316,7 +311,7 @@ _SETTLED = 1e-5  # move of the unknowns in a round
 def infer(
     measurements: Any,
     link: Link | Scenario,
-    unknown: Sequence[str] = ("water.a", "water.b", SCALE),
+    unknown: Sequence[str] = (*WATER, SCALE),
     prior: Mapping[str, tuple[float, float]] | None = None,
     *,
     surface: MeshSource | TriangleMesh | None = None,
@@ -452,6 +447,10 @@ class _Fit(NamedTuple):
         relative = np.square(self.data.stderr / np.maximum(self.data.value, 1e-300))
         return np.where(self.data.counted, np.exp(-found.log), relative)
 
+    def _sigma(self, found: Prediction) -> Floats:
+        """Return the standard errors of ln gain by measurements and chains."""
+        return np.sqrt(self._variance(found) + np.diag(found.covariance))
+
     def _residuals(self, log: Floats, around: Floats) -> Floats:
         """Return predicted minus measured ln gain; of counts relative to a prediction `around`."""
         value, counted = self.data.value, self.data.counted
@@ -462,7 +461,7 @@ class _Fit(NamedTuple):
         """Return the least-squares solution for the weights of one prediction."""
         from scipy.optimize import least_squares
 
-        sigma = np.sqrt(self._variance(last) + np.diag(last.covariance))
+        sigma = self._sigma(last)
         counted = self.data.counted
         axes, means, stds = self.priors
 
@@ -477,23 +476,19 @@ class _Fit(NamedTuple):
             growth = np.where(counted, np.exp(found.log - last.log), 1.0)
             return np.concatenate([found.slope * (growth / sigma)[:, None], rows])
 
-        found = least_squares(
-            residuals, x0, jac=jacobian, bounds=(-self._limits(), self._limits()), x_scale="jac"
-        )
+        far = [100.0 * p.step if p.absolute else _FARTHEST for p in self.unknowns]
+        limits = np.where([name == SCALE for name in self.names], _ANY_SCALE, far)
+        bounds = -limits, limits
+        found = least_squares(residuals, x0, jac=jacobian, bounds=bounds, x_scale="jac")
         solution: Floats = found.x
         return solution
-
-    def _limits(self) -> Floats:
-        """Return the largest move of each unknown from its start."""
-        limits = [100.0 * p.step if p.absolute else _FARTHEST for p in self.unknowns]
-        return np.where([name == SCALE for name in self.names], _ANY_SCALE, limits)
 
     def result(self, origin: dict[str, Any]) -> Inference:
         """Return the fit, with the identifiability at its start."""
         first = self.model.at(np.zeros(len(self.names)))
         x = self._start(first)
         last = self.model.at(x)
-        sigma = np.sqrt(self._variance(last) + np.diag(last.covariance))
+        sigma = self._sigma(last)
         _, singular, rows = np.linalg.svd(first.slope / sigma[:, None], full_matrices=False)
         before = _relative(singular, rows)
         for _ in range(_SCORINGS if self.data.counted.any() else _ROUNDS):
@@ -538,10 +533,9 @@ class _Fit(NamedTuple):
         I^-1 S I^-1: information I of the weights, S with the errors that all measurements have in
         common by the chains.
         """
-        variance = self._variance(last)
-        sigma = np.sqrt(variance + np.diag(last.covariance))
+        sigma = self._sigma(last)
         whitened = last.slope / sigma[:, None]
-        noise = (np.diag(variance) + last.covariance) / np.outer(sigma, sigma)
+        noise = (np.diag(self._variance(last)) + last.covariance) / np.outer(sigma, sigma)
         information, spread = whitened.T @ whitened, whitened.T @ noise @ whitened
         for axis, _, std in zip(*self.priors, strict=True):
             for matrix in (information, spread):
@@ -552,7 +546,7 @@ class _Fit(NamedTuple):
 
     def _chi2(self, x: Floats, last: Prediction) -> float:
         """Return the squared residuals of measurements and priors over their variances."""
-        sigma = np.sqrt(self._variance(last) + np.diag(last.covariance))
+        sigma = self._sigma(last)
         off = self._residuals(last.log, last.log) / sigma
         priors = zip(*self.priors, strict=True)
         return float(off @ off) + sum(((x[axis] - mean) / std) ** 2 for axis, mean, std in priors)

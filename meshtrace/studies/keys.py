@@ -45,9 +45,9 @@ _UNITS = {
     "dark_count_rate": "s-1", "background_rate": "s-1", "bandwidth": "Hz", "recovery_time": "s",
     "window": "s", "area": "m2", "resistance": "ohm", "temperature": "K", "mass": "kg",
     "air_density": "kg m-3", "pressure": "Pa", "ozone": "cm", "water_vapour": "cm",
-    "direct": "W m-2 nm-1", "diffuse": "W m-2 nm-1",
+    "direct": "W m-2 nm-1", "diffuse": "W m-2 nm-1", "depth": "m", "height": "m", "radius": "m",
+    "fetch": "m", "hs": "m", "amplitude": "m", "size": "m",
 }  # fmt: skip
-_METRES = ("depth", "height", "radius", "position", "fetch", "hs", "amplitude", "size")
 _GEOMETRY = ("transmitter", "receiver", "sea", "wind_speed")
 _LONGEST = 560  # letters of a list of keys
 _BESIDES = ("detector", "daylight", "uav")
@@ -147,8 +147,8 @@ class Parameter(NamedTuple):
         Whether steps are in the unit of the parameter, which may be 0, and not relative.
     origin : float
         Value from which relative steps count: 1 for the index of the particles.
-    step : float
-        Step of the differences, relative or in `unit`.
+    step, usual : float
+        Step of the differences, relative or in `unit`, and the one without any given.
     """
 
     name: str
@@ -157,6 +157,7 @@ class Parameter(NamedTuple):
     absolute: bool
     origin: float
     step: float
+    usual: float
 
     def shifted(self, steps: float) -> float:
         """Return the value at a signed number of steps."""
@@ -167,6 +168,16 @@ class Parameter(NamedTuple):
         if self.absolute:
             return self.base + move
         return self.origin + self.scale * math.exp(move)
+
+    def about(self, change: float) -> tuple[float, float]:
+        """Return the values at a relative change to either side.
+
+        Offsets and angles change by a share of depth plus height, and of 10 deg.
+        """
+        if self.absolute:
+            far = change * self.step / (_PLACE_STEP if self.unit == "m" else 0.1)
+            return self.base - far, self.base + far
+        return self.origin + self.scale * (1.0 - change), self.origin + self.scale * (1.0 + change)
 
     @property
     def scale(self) -> float:
@@ -251,19 +262,17 @@ def _parameter(name: str, base: float, link: Link, step: float | None) -> Parame
     place = ".position." in name
     absolute = place or last in _ABSOLUTE or last in _ABSOLUTE.values()
     key = next((key for key in _STEPS if name.endswith(key)), "")
-    unit = _UNITS.get(last, "1")
+    unit, usual = _UNITS.get(last, "1"), _STEPS.get(key, 0.01)
     if last.endswith(("_deg", "_nm")):
         unit = last.rpartition("_")[2]
-    elif place or last in _METRES:
+    if place:
         unit = "m"
-    if step is None:
-        step = _STEPS.get(key, 0.01)
-        if place:
-            levels = [abs(item.center[2]) for _, item in link.items()]
-            step = _PLACE_STEP * (max(levels) + min(levels))
-        elif absolute:
-            step = _ANGLE_STEP
-    return Parameter(name, base, unit, absolute, _ORIGINS.get(key, 0.0), step)
+        levels = [abs(item.center[2]) for _, item in link.items()]
+        usual = _PLACE_STEP * (max(levels) + min(levels))
+    elif absolute:
+        usual = _ANGLE_STEP
+    chosen = usual if step is None else step
+    return Parameter(name, base, unit, absolute, _ORIGINS.get(key, 0.0), chosen, usual)
 
 
 def parameters(

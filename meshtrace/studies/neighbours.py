@@ -1,21 +1,28 @@
-"""Links near one link over common seas: common chains, meshes on common grid lines, jackknives."""
+"""Links near one link over common seas, with common chains, and their quantities with errors."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, TypeVar
+from functools import cache, cached_property, partial
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import brentq
+from scipy.special import ndtr
 
+from meshtrace.comms.budget import required_gain
+from meshtrace.comms.capacity import capacity
+from meshtrace.comms.ook import OokLink
 from meshtrace.engine.common import FrozenForced
 from meshtrace.engine.forced import MANY_SEAS, TypicalSea
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines, require_cover
+from meshtrace.errors import Refused, require_word
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
@@ -26,7 +33,25 @@ from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Restored
 
 Result = TypeVar("Result")
+Of = Literal["gain", "ber", "outage", "range", "margin", "capacity"]
 
+FADES = ("ber", "outage", "range", "capacity")
+"""Quantities that depend on the distribution of the gain over seas."""
+
+WATER = "water.a", "water.b"
+"""Keys of uniform water, by which moments of the light give derivatives."""
+
+DECIBELS = 10.0 / math.log(10.0)
+"""Decibels of a factor e."""
+
+WINDOW = 0.5
+"""Half-width of the window at the edge of the field of view, over its half-angle."""
+
+_EDGE_STEP = 0.01  # relative, of the field of view, for unscattered light
+_NODES = 60  # of the table of informations
+_POINTS = 200  # of the table of error rates
+_LEAST_OUTAGES = 30
+_LEAST_SEAS = 8
 _WIDER = 1.2  # reach of meshes over that of a link: its neighbours lie within
 _FEW, _MANY = 8, 32  # surfaces of which facets and Embree scenes are kept, some 50 MiB each
 
@@ -139,14 +164,37 @@ def has_moments(link: Link) -> bool:
     return plain and link.physics.absorption != "paper"
 
 
-def moments(link: Link, light: Light) -> dict[str, Floats]:
-    """Return dh / d ln a and dh / d ln b by shift.
+def moments(link: Link, light: Light) -> Floats:
+    """Return dh / d ln a and dh / d ln b, shape (2, shifts).
 
     dw / da = -L w, dw / db = (K / b - L) w
     """
     way = light.by_shift(light.water)
     scatterings = light.by_shift(light.order.astype(float))
-    return {"water.a": -link.water.a * way, "water.b": scatterings - link.water.b * way}
+    return np.array([-link.water.a * way, scatterings - link.water.b * way])
+
+
+def edge_over(near: Neighbours, name: str, i: int) -> Floats:
+    r"""Return dh / d ln fov over realization i by shift, shape (shifts,).
+
+    Unscattered light is integrated up to the edge, so that its difference over 1 % of the field of
+    view, whose key is `name`, has no noise. Scattered light per angle at the edge is that within a
+    window of half-width s times the half-angle, s = 1/2, of a kernel of fourth order, whose bias
+    grows as :math:`s^4`:
+
+    .. math:: K(x) = \tfrac{15}{32} (1 - x^2) (3 - 7 x^2), \quad
+        \int K \, dx = 1, \quad \int x^2 K \, dx = 0
+    """
+    link = near.campaign.link
+    fov = link.receivers[0].fov_deg
+    views = [min(fov * math.exp(side * _EDGE_STEP), 180.0) for side in (-1.0, 1.0)]
+    low, high = (near.unscattered(link.replace(name, view), i)[0] for view in views)
+    light = near.light(link.replace(name, min((1.0 + WINDOW) * fov, 180.0)), i)[0]
+    off = (np.degrees(light.angle) / (0.5 * fov) - 1.0) / WINDOW
+    square = np.minimum(off**2, 1.0)
+    window = 15.0 / 32.0 * (1.0 - square) * (3.0 - 7.0 * square) / WINDOW
+    change = light.by_shift(np.where(light.shift >= 0, window, 0.0))
+    return change + (high - low) / math.log(views[1] / views[0])
 
 
 def without_each(gains: Floats) -> Iterator[Floats]:
@@ -176,3 +224,126 @@ def covariance_of(values: Floats) -> Floats:
             off = groups - groups.mean(axis=1, keepdims=True)
             total += (m - 1) / m * off @ off.T
     return total
+
+
+class Quantity:
+    """A quantity of a link over seas.
+
+    Parameters
+    ----------
+    of : {"gain", "ber", "outage", "range", "margin", "capacity"}
+        Mean gain; bit error rate averaged over the seas; probability that the bit error rate of a
+        sea misses the limit; depth at which the averaged rate meets it, or else at which the mean
+        gain is that of the link; mean over required gain; rate after hard decisions, averaged
+        over the seas (`comms.capacity`).
+    limit : float
+        Bit error rate of a working link.
+
+    Notes
+    -----
+    `log` is the natural logarithm of the quantity; for "range" that of the factor by which the
+    light exceeds the need, whose zero is the range. `need(ook)` is the gain of a working link,
+    `information(ook)` the information of a bit [bit] and `law(ook)` the logarithm of the bit error
+    rate, both functions of the logarithm of the power; they are tabulated once for each
+    transmission.
+    """
+
+    def __init__(self, of: Of, limit: float) -> None:
+        require_word(of, get_args(Of), "of")
+        self.of, self.limit = of, limit
+        self.need = cache(partial(required_gain, ber=limit))
+        self.information = cache(_information)
+        self.law = cache(partial(_law, limit))
+
+    @property
+    def unit(self) -> str:
+        """Unit of the quantity."""
+        return {"range": "m", "margin": "dB", "capacity": "bit s-1"}.get(self.of, "1")
+
+    def log(self, gains: Floats, ook: OokLink | None, tilt: Floats | None = None) -> float:
+        """Return the logarithm of the quantity for gains (seas, shifts), tilt factors (seas, m)."""
+        means = gains.mean(axis=1)
+        if not means.min() > 0.0:
+            raise Refused("link", float(means.min()), "a gain > 0 over each sea")
+        if self.of == "gain" or ook is None:
+            return math.log(means.mean())
+        if tilt is not None:
+            means = (means[:, None] * tilt).ravel()
+        if self.of == "margin":
+            return math.log(means.mean() / self.need(ook))
+        if self.of == "outage":
+            return self._outage(np.log(means / self.need(ook)))
+        logs = np.log(ook.received_power(means))
+        if self.of == "ber":
+            return math.log(np.exp(self.law(ook)(logs)).mean())
+        if self.of == "capacity":
+            return math.log(max(ook.bit_rate * float(self.information(ook)(logs).mean()), 1e-300))
+        law = self.law(ook, rising=False)
+        goal = math.log(self.limit)
+        spread = 30.0
+
+        def excess(shift: float) -> float:
+            return math.log(np.exp(law(logs + shift)).mean()) - goal
+
+        if not excess(-spread) > 0.0 > excess(spread):
+            raise Refused("limit", self.limit, "a bit error rate that some power reaches")
+        return -float(brentq(excess, -spread, spread, xtol=1e-9))
+
+    def logs(self, gains: Floats, ook: OokLink | None, tilt: Floats | None = None) -> Floats:
+        """Return the logarithm for all gains and for the groups of the jackknife."""
+        found = []
+        for i, group in enumerate(without_each(gains)):
+            sea = i - 1 - SHIFTS  # that is left out
+            kept = tilt if tilt is None or sea < 0 else np.delete(tilt, sea, axis=0)
+            found.append(self.log(group, ook, kept))
+        return np.array(found)
+
+    def value(self, log: float) -> float:
+        """Return the quantity from its logarithm; for "range" the factor of the light."""
+        return DECIBELS * log if self.of == "margin" else math.exp(log)
+
+    def slope(self, value: float) -> float:
+        """Return d quantity / d log; for "range" 1."""
+        return {"margin": DECIBELS, "range": 1.0}.get(self.of, value)
+
+    def _outage(self, logs: Floats) -> float:
+        """Return the logarithm of the outage from the logarithms of gain over need.
+
+        With 30 outages at least: smoothed by a normal kernel. Otherwise: lognormal law. No light,
+        out of the field of view, is an outage beside either.
+        """
+        if len(logs) < _LEAST_SEAS - 1:
+            raise Refused("realizations", len(logs), f">= {_LEAST_SEAS} for outages")
+        lit = logs[np.isfinite(logs)]
+        spread = float(lit.std(ddof=1))
+        if np.count_nonzero(lit < 0.0) >= _LEAST_OUTAGES:
+            width = 1.06 * spread * len(lit) ** -0.2
+            share = float(ndtr(-lit / width).mean())
+        else:
+            share = float(ndtr(-lit.mean() / spread))
+        share = 1.0 - (1.0 - share) * len(lit) / len(logs)
+        return math.log(max(share, 1e-300))
+
+
+def _law(limit: float, ook: OokLink, rising: bool = True) -> Callable[[Floats], Floats]:
+    """Return ln BER over ln power, tabulated about the power for the limit.
+
+    Without `rising` rates of an overloaded receiver stay at their minimum.
+    """
+    middle = math.log(ook.required_power(limit))
+    nodes = np.linspace(middle - 9.0, middle + 7.0, _POINTS)
+    rates = np.log(np.maximum(ook.ber(np.exp(nodes)), 1e-300))
+    table = PchipInterpolator(nodes, rates if rising else np.minimum.accumulate(rates))
+    return lambda logs: table(np.clip(logs, nodes[0], nodes[-1]))
+
+
+def _information(ook: OokLink) -> Callable[[Floats], Floats]:
+    """Return the information of a bit over ln power, by interpolation between 60 powers."""
+    middle = ook.required_power(0.1)
+    if math.isinf(middle):  # a closed eye
+        return np.zeros_like
+    nodes = math.log(middle) + np.linspace(-9.0, 7.0, _NODES)
+    gains = np.exp(nodes) / float(ook.received_power(1.0))
+    carried = [capacity(ook, gain).hard / ook.bit_rate for gain in gains]
+    table = PchipInterpolator(nodes, carried)
+    return lambda logs: table(np.clip(logs, nodes[0], nodes[-1]))

@@ -165,9 +165,8 @@ class Ensemble(NamedTuple):
         if link.direction == "down":
             raise Refused("coupled", False, "True for an aircraft that tilts a lamp")
         tilts = _TILTS if seas > 1 else _TILTS * self.n
-        winds = campaign.wind_of(flight).sample_wind(seas * tilts, campaign.run.seed)
         fov = math.radians(link.only_receiver.fov_deg)
-        factors = h_alpha(flight.uav.tilt(winds).angle, fov).reshape(seas, tilts)
+        factors = h_alpha(campaign.tilts(flight, (seas, tilts)), fov)
         return FadingSamples(series, factors, float(seas if seas > 1 else tilts))
 
     def response(self, ook: OokLink, link: Link) -> MeanResponse | None:

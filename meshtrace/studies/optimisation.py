@@ -29,8 +29,7 @@ from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of
 from meshtrace.studies.candidates import REWEIGHED, Custom, Goal, Objective, Sample
 from meshtrace.studies.keys import Parameter, Variant, parameters
-from meshtrace.studies.neighbours import error_of
-from meshtrace.studies.sensitivity.quantity import FADES
+from meshtrace.studies.neighbours import DECIBELS, FADES, error_of
 from meshtrace.tables import text_table
 from meshtrace.uav import Flight
 
@@ -139,8 +138,7 @@ class Optimum(Stored):
         check = self.validation
         gained = f"{check.difference:.3g} +- {check.stderr:.1g}"
         if self.objective in ("gain", "margin", "outage"):
-            decibels = 10.0 / math.log(10.0)
-            gained = f"{decibels * check.difference:.2f} +- {decibels * check.stderr:.2f} dB"
+            gained = f"{DECIBELS * check.difference:.2f} +- {DECIBELS * check.stderr:.2f} dB"
         lines = [
             f"{self.objective} {self.value:.4g} after {len(self.history)} candidates",
             "",
@@ -306,46 +304,39 @@ def _variables(
     return found, np.array(bounds)
 
 
+@dataclass(eq=False)
 class _Search:
     """Candidates of one optimisation."""
 
-    def __init__(
-        self,
-        campaign: Campaign,
-        goal: Goal,
-        start: Variant,
-        variables: list[Parameter],
-        bounds: Floats,
-        sampled: tuple[int, tuple[float, float], Flight | None],
-    ) -> None:
-        self._campaign, self._goal, self._variables = campaign, goal, variables
-        self._variant = start
-        self._bounds = bounds
-        self._log = np.array([not p.absolute for p in variables]) & (bounds[:, 0] > 0.0)
-        names = [p.name for p in variables]
-        self._widest = float(bounds[names.index(_FOV), 1]) if _FOV in names else None
-        turned = tuple(name for name in REWEIGHED if name in names)
-        if campaign.link.physics.fov != "angle" or isinstance(campaign.link.transmitter, tuple):
-            turned = ()
-        if campaign.link.direction == "down":  # facets are as wide as the spot of a lamp in the air
-            turned = tuple(name for name in turned if name == _FOV)
-        self._options = *sampled, turned
-        self._sample = self._new_sample(campaign.run.seed)
+    campaign: Campaign
+    goal: Goal
+    given: Variant
+    variables: list[Parameter]
+    bounds: Floats
+    sampled: tuple[int, tuple[float, float], Flight | None]
+
+    def __post_init__(self) -> None:
+        names, link = [p.name for p in self.variables], self.campaign.link
+        self._log = np.array([not p.absolute for p in self.variables]) & (self.bounds[:, 0] > 0.0)
+        self._widest = float(self.bounds[names.index(_FOV), 1]) if _FOV in names else None
+        self._turned = tuple(name for name in REWEIGHED if name in names)
+        if link.physics.fov != "angle" or isinstance(link.transmitter, tuple):
+            self._turned = ()
+        if link.direction == "down":  # facets are as wide as the spot of a lamp in the air
+            self._turned = tuple(name for name in self._turned if name == _FOV)
+        self._sample = self._new_sample(self.campaign.run.seed)
         self._history: dict[tuple[float, ...], Floats] = {}
-        base = np.array([p.base for p in variables])
-        self._start = np.clip(base, bounds[:, 0], bounds[:, 1])
+        self._start = np.clip([p.base for p in self.variables], *self.bounds.T)
 
     def _new_sample(self, seed: int) -> Sample:
-        campaign = self._campaign
-        link = campaign.link
+        link, run = self.campaign.link, self.campaign.run.replace(seed=seed)
         if self._widest is not None:
             link = link.replace(_FOV, self._widest)
-        campaign = campaign.of(link)._replace(run=campaign.run.replace(seed=seed))
-        return Sample(campaign, *self._options)
+        return Sample(self.campaign.of(link)._replace(run=run), *self.sampled, self._turned)
 
     def _values(self, x: Floats) -> Floats:
         """Return the variables of a point of the unit cube."""
-        low, high = self._bounds.T
+        low, high = self.bounds.T
         x = np.clip(x, 0.0, 1.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             logs = low * (high / low) ** x
@@ -353,18 +344,18 @@ class _Search:
 
     def _place(self, values: Floats) -> Floats:
         """Return the point of the unit cube of variables."""
-        low, high = self._bounds.T
+        low, high = self.bounds.T
         with np.errstate(divide="ignore", invalid="ignore"):
             logs = np.log(values / low) / np.log(high / low)
         return np.where(self._log, logs, (values - low) / (high - low))
 
     def variant(self, values: Floats) -> Variant:
         """Return the candidate with values of the variables."""
-        return self._variant.at(zip(self._variables, values.tolist(), strict=True))
+        return self.given.at(zip(self.variables, values.tolist(), strict=True))
 
     def _costs(self, values: Floats, sample: Sample | None = None) -> Floats:
         """Return the costs of a candidate: of all gains, and of the groups of the jackknife."""
-        return self._goal.costs(self.variant(values), sample or self._sample)
+        return self.goal.costs(self.variant(values), sample or self._sample)
 
     def _cost(self, x: Any) -> float:
         """Return the cost of a point of the unit cube, kept in the history."""
@@ -372,14 +363,13 @@ class _Search:
         key = tuple(values.tolist())
         if key not in self._history:
             self._history[key] = self._costs(values)
-            if self._campaign.progress is not None:
-                self._campaign.progress(1)
+            self.campaign.advance()
         return float(self._history[key][0])
 
     def optimum(self, constraints: tuple[Constraint, ...], method: str) -> Optimum:
         """Return the best candidate with its flatness and validation."""
         require_word(method, get_args(Method), "method")
-        n = len(self._variables)
+        n = len(self.variables)
         if method == "auto":
             method = "bounded" if n == 1 and not constraints else "cobyqa"
             method = "global" if n > _MOST else method
@@ -412,7 +402,7 @@ class _Search:
         """Search several variables with constraints, without derivatives."""
         from scipy.optimize import Bounds, minimize
 
-        n = len(self._variables)
+        n = len(self.variables)
         limits = [{"type": "ineq", "fun": lambda x, g=g: g(self.variant(self._values(x)))}
                   for g in constraints]  # fmt: skip
         minimize(
@@ -433,11 +423,11 @@ class _Search:
             broken = sum(max(-float(g(at)), 0.0) for g in constraints)
             return 1e9 * (1.0 + broken) if broken else self._cost(x)
 
-        n = len(self._variables)
+        n = len(self.variables)
         differential_evolution(
             cost,
             [(0.0, 1.0)] * n,
-            seed=self._campaign.run.seed,
+            seed=self.campaign.run.seed,
             polish=False,
             popsize=6,
             maxiter=20,
@@ -466,7 +456,7 @@ class _Search:
 
     def _result(self, best: Floats, cost: float, stderr: float) -> Optimum:
         """Return the optimum with its validation on fresh seeds."""
-        campaign, goal, at = self._campaign, self._goal, self.variant(best)
+        campaign, goal, at = self.campaign, self.goal, self.variant(best)
         tried = dict(self._history)  # those of the flat intervals come later
         flatness = self._flat(best, cost, stderr)
         fresh = self._new_sample((campaign.run.seed + _FRESH) % 2**64)
@@ -477,7 +467,7 @@ class _Search:
             goal.quantity(self.variant(v), float(c[0]), fresh)
             for v, c in ((best, new), (self._start, old))
         ]
-        for p, place, ends in zip(self._variables, self._place(best), self._bounds, strict=True):
+        for p, place, ends in zip(self.variables, self._place(best), self.bounds, strict=True):
             for side, end in enumerate(ends):
                 if abs(place - side) < _AT_BOUND:
                     notes.append(f"{p.name} is at the bound {end:g}")
@@ -490,10 +480,10 @@ class _Search:
             value=value,
             stderr=stderr if math.isnan(error_of_value) else error_of_value,
             cost=cost,
-            variables=tuple(p.name for p in self._variables),
+            variables=tuple(p.name for p in self.variables),
             values=best,
             start=self._start,
-            bounds=self._bounds,
+            bounds=self.bounds,
             flatness=flatness,
             candidates=np.array(list(tried)),
             costs=np.array([found[0] for found in tried.values()]),

@@ -90,9 +90,9 @@ class Task(NamedTuple):
         return (*self.point, slice(self.first, self.last))
 
 
-def tasks_of(values: list[range], realizations: int) -> Iterator[Task]:
-    """Yield the tasks of some numbers of values and realizations."""
-    for point in itertools.product(*values):
+def tasks_of(parameters: Mapping[str, list[Any]], realizations: int) -> Iterator[Task]:
+    """Yield the tasks of all combinations of values, and realizations."""
+    for point in itertools.product(*(range(len(values)) for values in parameters.values())):
         for first in range(0, realizations, BLOCK):
             yield Task(point, first, min(first + BLOCK, realizations))
 
@@ -144,7 +144,7 @@ class Sweep:
 
     def tasks(self) -> Iterator[Task]:
         """Yield all tasks."""
-        return tasks_of([range(len(v)) for v in self.parameters.values()], self.realizations)
+        return tasks_of(self.parameters, self.realizations)
 
     def changes(self, task: Task) -> dict[str, Any]:
         """Return the values of the parameters at the point of a task."""
@@ -467,8 +467,7 @@ def read_store(path: Path) -> xr.Dataset:
         other = Described(f"{str(path)!r} is not that of a sweep")
         raise Refused("store", other, "one, or a new path")
     items, identity = store.items("sweep"), store.identities["sweep"]
-    sizes = [range(len(values)) for values in identity["parameters"].values()]
-    tasks = tasks_of(sizes, identity["realizations"])
+    tasks = tasks_of(identity["parameters"], identity["realizations"])
     return dataset(identity, {task: items[task.key] for task in tasks if task.key in items})
 
 
@@ -533,35 +532,26 @@ def read_study(
         If the file cannot be read or a value is not allowed.
     """
     path = Path(path)
-    config, table = _read(path)
-    run = config.get("run", {})
-    given = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
+    text = read_text(path)
     try:
+        config = parse_toml(text)
+        table = config.pop("sweep", MISSING)
+        if not isinstance(table, dict):
+            raise Refused("sweep", table, "a table")
         known = "parameters", "realizations", *_SHARED, "wavelengths_nm", "store"
         require_keys(table, known, "sweep")
+        beside = table.pop("store", path.with_suffix(".store").name)
+        if not isinstance(beside, str) or not beside:
+            raise Refused("sweep.store", beside, "a path")
     except Refused as error:
-        raise error.of(str(path)) from None
-    beside = table.pop("store", path.with_suffix(".store").name)
-    if not isinstance(beside, str) or not beside:
-        raise Refused("sweep.store", beside, "a path", source=str(path))
+        raise error.of(str(path)) from error.__cause__
+    run = config.get("run", {})
+    given = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
     parameters = dict(_dotted(table.pop("parameters", {})))
     with trusting(trust):
         base = _base(Scenario.from_config(config, folder=path.parent), None)
         study = _study(base, config.get("daylight"), parameters, **{**given, **table})
     return study, path.parent / beside if store is None else Path(store)
-
-
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the link of a study file and its table [sweep]."""
-    text = read_text(path)
-    try:
-        config = parse_toml(text)
-    except Refused as error:
-        raise error.of(str(path)) from error.__cause__
-    table = config.pop("sweep", None)
-    if not isinstance(table, dict):
-        raise Refused("sweep", MISSING if table is None else table, "a table", source=str(path))
-    return config, table
 
 
 def _base(

@@ -24,7 +24,7 @@ SLOW = {
     "meshtrace.optics.mie",
     "meshtrace.studies.convergence.drivers",
     "meshtrace.studies.comparison",
-    "meshtrace.studies.sensitivity.study",
+    "meshtrace.studies.sensitivity",
 }
 LONG = {"meshtrace.studies.designs.study"}  # a design, as in the tests of its room
 

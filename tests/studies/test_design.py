@@ -12,8 +12,7 @@ import meshtrace as mt
 from meshtrace.comms.budget import required_gain
 from meshtrace.errors import Refused
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.designs.means import MeanGains
-from meshtrace.studies.designs.model import log_quantile
+from meshtrace.studies.designs.model import MeanGains, log_quantile
 from meshtrace.studies.neighbours import error_of, without_each
 
 pytestmark = pytest.mark.filterwarnings(

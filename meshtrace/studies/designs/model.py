@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache, cached_property
-from itertools import chain
+from functools import cache, cached_property, partial
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -18,21 +18,28 @@ from meshtrace.comms.background import with_background
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.daylight.light import Daylight
+from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, Scattered, TypicalSea
 from meshtrace.fading import Estimate
 from meshtrace.link import Link
-from meshtrace.mesh import SeededSurface
+from meshtrace.mesh import SeededSurface, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.water import Water
+from meshtrace.parallel import ordered_map
 from meshtrace.results.background import Background
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
-from meshtrace.studies.background import Lights, background_over_seas, checked_daylight, described
+from meshtrace.studies.background import (
+    Lights,
+    background_over_seas,
+    checked_daylight,
+    described,
+    mean_sea,
+)
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.candidates import Sample
-from meshtrace.studies.designs.means import MeanGains
-from meshtrace.studies.designs.page import DAY, NIGHT, Figures
+from meshtrace.studies.designs.page import DAY, LIGHTS, NIGHT, Figures, Line
 from meshtrace.studies.keys import Variant
-from meshtrace.studies.neighbours import error_of, without_each
+from meshtrace.studies.neighbours import DECIBELS, error_of, without_each
 from meshtrace.studies.operating_point import Ensemble, FadingSamples, operating_point
 from meshtrace.studies.response import light_response, through_channel
 from meshtrace.uav import Flight, h_alpha
@@ -42,12 +49,93 @@ DEFAULT_CHAINS = 512
 
 LENS, VIEW, WIDTH = "receiver.radius", "receiver.fov_deg", "detector.optics.filter_width_nm"
 RATE, COLOUR = "detector.bit_rate", "transmitter.wavelength_nm"
+_SEAS, _RESOLVED_SEAS = 2, 6  # where each has the mean gain, and where waves are resolved
 _RUN_SEAS = 16  # of a link that is run by itself
 _NIGHT_SEAS = 2  # of its background, which is less than the dark counts
 _VIEWS = 2.0, 3.2, 5.0, 8.5, 14.4, 24.5, 41.6, 70.7, 120.0  # [deg] of which backgrounds are found
-_DB = 10.0 / math.log(10.0)
 _CLOSED = 46.0  # 200 dB stand for an eye that no power opens
+_UNKNOWN_DB = 1.0  # error from which the loss by scattering has no line
 _NIGHTS = ("moonless night", "moonlight")
+
+
+class MeanGains:
+    """Ratios of the mean gains of links near one link to its own.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The link, its sea and options.
+    seas : int
+        Seas, at most.
+
+    Notes
+    -----
+    The sea is the `mean_sea` of the link: random slopes have the mean gain of resolved waves, with
+    a hundredth of their variance. Links that differ by their receivers are receivers of one run,
+    and scattered light rests on joined photons for all of them where it does for the link.
+    """
+
+    def __init__(self, campaign: Campaign, seas: int) -> None:
+        self._link, run = campaign.link, campaign.run
+        sea = mean_sea(campaign.link, campaign.surface)
+        most = _RESOLVED_SEAS if sea is campaign.surface else _SEAS
+        self.campaign = campaign._replace(surface=sea, progress=None)
+        if isinstance(sea, SeededSurface):
+            self.steps = self.campaign.realizations(min(seas, most))
+        else:
+            self.steps = self.campaign.in_time(np.array([campaign.meshing.time]))
+        self.seas = len(self.steps.labels)
+        self._options = run.photons, run.seed, campaign.meshing.normals, campaign.threads
+        self._known: dict[Link, Floats] = {self._link: np.zeros(1)}
+        self._scattered: Scattered | None = None
+        self._own: Floats | None = None
+
+    def ratio(self, link: Link, over: Link | None = None) -> tuple[float, float]:
+        """Return the logarithm of the ratio of two mean gains, and its standard error."""
+        self.find([link] if over is None else [link, over])
+        logs = self._known[link] - (0.0 if over is None else self._known[over])
+        return float(logs[0]), error_of(logs)
+
+    def find(self, links: list[Link]) -> None:
+        """Find the gains of links in as few runs as possible."""
+        groups: dict[Link, list[Link]] = {}
+        for link in dict.fromkeys(links):
+            if link not in self._known:
+                groups.setdefault(link.replace("receiver", self._link.receiver), []).append(link)
+        for base, some in groups.items():
+            if base == self._link:
+                logs = self._logs([self._link, *some])
+                found = logs[1:] - logs[0]
+            else:
+                if self._own is None:
+                    (self._own,) = self._logs([self._link])
+                found = self._logs(some) - self._own
+            self._known |= dict(zip(some, found, strict=True))
+
+    def _logs(self, links: list[Link]) -> Floats:
+        """Return the logarithms of gains (links, 1 + groups) of links with one lamp."""
+        receivers = tuple(link.receivers[0] for link in links)
+        whole = links[0].replace("receiver", receivers if len(links) > 1 else receivers[0])
+        meshes = list(ordered_map(partial(self._mesh, whole), range(self.seas), self._options[-1]))
+        sea = TypicalSea.of(meshes, MANY_SEAS)
+        if self._scattered is None:
+            alone = ForcedDetection(self._link, *self._options, sea)
+            self._scattered = "joined" if set(alone.method) == {"joined"} else "auto"
+        clear = whole.water.layers is None and whole.water.b == 0.0
+        scattered: Scattered = "chains" if clear else self._scattered
+        chains = ForcedDetection(whole, *self._options, sea, scattered=scattered)
+        parts = [chains.evaluate(mesh).shifts for mesh in meshes]  # (receivers, shifts) each
+        return log_means(np.moveaxis(np.array(parts), 1, 0))
+
+    def _mesh(self, link: Link, i: int) -> TriangleMesh:
+        """Return the mesh of a sea for a link."""
+        return self.campaign.mesh([link], *self.steps.surface(i))
+
+
+def log_means(gains: Floats) -> Floats:
+    """Return the logarithms of the mean gains of links (links, 1 + groups), see `without_each`."""
+    rows = [[some.mean() for some in without_each(one)] for one in gains]
+    return np.log(np.maximum(np.array(rows), 1e-300))
 
 
 def log_quantile(gains: Floats, tilt: Floats, share: float) -> float:
@@ -163,9 +251,7 @@ class LinkModel:
         """Return `ratio` of links at several wavelengths with common paths, over one of them."""
         named = {f"{i}": link for i, link in enumerate(links)}
         campaign = self.means.campaign._replace(links=named, spectral=True)
-        gains = campaign.gains(self.means.steps).gain.values[:, :, 0]  # (wavelengths, seas, shifts)
-        means = np.array([[part.mean() for part in without_each(one)] for one in gains])
-        logs = np.log(np.maximum(means, 1e-300))
+        logs = log_means(campaign.gains(self.means.steps).gain.values[:, :, 0])
         logs -= logs[own]
         return logs[:, 0], np.array([error_of(row) for row in logs])
 
@@ -210,21 +296,12 @@ class LinkModel:
         lit = with_background(self.dark.replace(**changes), self.found(light))
         return math.log(lit.required_power(self.limit))
 
-    @cached_property
-    def _angles(self) -> Floats:
-        """Tilts of the aircraft, in the shape of its factors [rad]."""
-        shape = self.fades.h_alpha.shape
-        if self.flight is None:
-            return np.zeros(shape)
-        wind = self.campaign.wind_of(self.flight)
-        winds = wind.sample_wind(math.prod(shape), self.campaign.run.seed)
-        return self.flight.uav.tilt(winds).angle.reshape(shape)
-
     def _tilt(self, fov_deg: float) -> Floats:
         """Return the tilt factors of a field of view."""
+        shape = self.fades.h_alpha.shape
         if self.flight is None:
-            return np.ones(self.fades.h_alpha.shape)
-        return h_alpha(self._angles, math.radians(fov_deg))
+            return np.ones(shape)
+        return h_alpha(self.campaign.tilts(self.flight, shape), math.radians(fov_deg))
 
     @cache  # noqa: B019 - one study
     def quantile(self, fov_deg: float) -> float:
@@ -284,10 +361,6 @@ class LinkModel:
         assert found is not None
         return max(found.radiance, 1e-300)
 
-    def rate(self, light: str, ook: OokLink, brightness: float = 1.0) -> float:
-        """Return the counts of the background in a transmission [s-1]."""
-        return brightness * self.found(light).count_rate(ook)
-
     # ---- reserves ---------------------------------------------------------------------------
 
     def reserve(self, light: str, log_ratio: float = 0.0, **changes: float) -> float:
@@ -297,8 +370,11 @@ class LinkModel:
         width = changes.get("width", own.filter_width_nm)
         ook = self._behind(changes.get("radius", own.radius), fov, width)
         bright = self._brightness(light)(fov) if "fov_deg" in changes else 1.0
-        need = float(self.need(light)(self.rate(light, ook, bright * changes.get("light", 1.0))))
-        return self.above(log_ratio + self.quantile(fov), ook, need)
+        return self.above(log_ratio + self.quantile(fov), ook, self.needed(light, ook, bright))
+
+    def needed(self, light: str, ook: OokLink, brightness: float = 1.0) -> float:
+        """Return the required power of a transmission under a light of other brightness [W]."""
+        return float(self.need(light)(brightness * self.found(light).count_rate(ook)))
 
     def _behind(self, radius: float, fov_deg: float, width: float) -> OokLink:
         """Return the transmission in the dark behind other optics."""
@@ -313,7 +389,7 @@ class LinkModel:
         """Return a gain over the required one [dB]."""
         if math.isinf(need) or math.isinf(log_gain):
             return -math.inf
-        return _DB * (log_gain + math.log(float(ook.received_power(1.0)) / need))
+        return DECIBELS * (log_gain + math.log(float(ook.received_power(1.0)) / need))
 
     def at_rate(self, light: str, bit_rate: float, window: float | None = None) -> OokLink:
         """Return the transmission under a light at another bit rate, by default with its window.
@@ -356,10 +432,12 @@ class LinkModel:
             self.dark, self.link.depth, self.fades, self.limit, 0.95, seed, found
         )
         lit = with_background(self.dark, found)
-        error = _DB * self.quantile_stderr
+        error = DECIBELS * self.quantile_stderr
         if found.radiance > 0.0:
             spread = found.radiance_stderr / found.radiance
-            error = math.hypot(error, 0.5 * _DB * spread)  # the need grows as the root, at most
+            error = math.hypot(
+                error, 0.5 * DECIBELS * spread
+            )  # the need grows as the root, at most
         return Figures(
             light, described(lit, found), _ends(point.outage), _ends(point.ber),
             point.margin_optical_db.value,
@@ -367,6 +445,75 @@ class LinkModel:
                         self.need(light).exact),
             error, point.capacity.hard,
         )  # fmt: skip
+
+    # ---- budget ----------------------------------------------------------------------------
+
+    def budget(self) -> tuple[Line, ...]:
+        """Return the lines of the budget, which add up to the reserve."""
+        dark, gains, tilt = self.dark, self.fades.series.gain, self.fades.h_alpha
+        mean, leaned = float(gains.mean()), float((gains[:, None] * tilt).mean())
+        received = DECIBELS * math.log(float(dark.received_power(leaned)) / 1e-3)
+        lines = [_same("power of the lamp", DECIBELS * math.log(dark.led.power / 1e-3), unit="dBm")]
+        lines += self._water_lines(DECIBELS * math.log(mean))
+        optics = dark.optics
+        shares = (
+            ("tilt of the aircraft", leaned / mean),
+            ("lens on the detector (etendue)", optics.concentration_efficiency(dark.sipm.area)),
+            ("transmission of the filter", dark.filter_share),
+        )
+        lines += [_same(name, DECIBELS * math.log(share)) for name, share in shares]
+        lines.append(_same("received power", received, unit="dBm", total=True))
+        needs = [self._needs(light) for light in LIGHTS]
+        names = ("power for the limit, every photon counted", "photon detection efficiency",
+                 "dark counts, crosstalk and afterpulses", "response of the channel",
+                 "background light")  # fmt: skip
+        for name, (night, day) in zip(names, zip(*needs, strict=True), strict=True):
+            unit = "dBm" if name == names[0] else "dB"
+            lines.append(Line(f"minus {name}", unit, -night, -day))
+        night, day = (received - sum(row) for row in needs)
+        lines.append(Line("margin of the mean", "dB", night, day, total=True))
+        fade = DECIBELS * (self.quantile(self.link.only_receiver.fov_deg) - math.log(leaned))
+        name, error = f"fading at an outage of {100.0 * self.outage:g} %", self.quantile_stderr
+        lines.append(_same(name, fade, DECIBELS * error))
+        lines.append(Line("reserve", "dB", night + fade, day + fade, total=True))
+        return tuple(lines)
+
+    def _water_lines(self, gain_db: float) -> list[Line]:
+        """Return the parts of the gain: geometry with the surface, absorption, scattering.
+
+        Scattering joins the first where too few chains see the lamp through clear water.
+        """
+        link, own = self.link, DECIBELS * self.fades.chain_error
+        if link.water.layers is not None:
+            return [_same("geometry, surface and water", gain_db, own)]
+        straight = link.replace("water.b", 0.0)
+        empty = straight.replace("water.a", 0.0)
+        self.means.find([straight, empty])
+        absorbed, error_a = self.means.ratio(straight, empty)
+        scattered, error_b = self.means.ratio(link, straight)
+        water = [_same("absorption in the water", DECIBELS * absorbed, DECIBELS * error_a)]
+        if DECIBELS * error_b > _UNKNOWN_DB:
+            rest, error = gain_db - DECIBELS * absorbed, math.hypot(own, DECIBELS * error_a)
+            return [_same("geometry, surface and scattering", rest, error), *water]
+        water.append(_same("scattering in the water", DECIBELS * scattered, DECIBELS * error_b))
+        rest, error = gain_db - DECIBELS * (scattered + absorbed), math.hypot(error_a, error_b)
+        return [_same("geometry and surface", rest, math.hypot(own, DECIBELS * error)), *water]
+
+    def _needs(self, light: str) -> tuple[float, ...]:
+        """Return the required power of an ideal detector [dBm] and penalties of parts [dB]."""
+        need = self.need(light)
+        quiet = {"sipm.dark_count_rate": 0.0, "sipm.p_crosstalk": 0.0, "sipm.p_afterpulse": 0.0}
+        prompt = need.fixed.replace(response=None)
+        free = prompt
+        for key, value in quiet.items():
+            free = free.replace(key, value)
+        steps = (free.replace("sipm.pde", 1.0), free, prompt, need.fixed)
+        powers = [ook.required_power(self.limit) for ook in steps] + [need.exact]
+        levels = [DECIBELS * math.log(p / 1e-3) if math.isfinite(p) else math.inf for p in powers]
+        pairs = pairwise(levels)
+        return (levels[0], *(b - a if math.isfinite(a) else 0.0 for a, b in pairs))
+
+    # ---- other links ------------------------------------------------------------------------
 
     @cache  # noqa: B019
     def apart(self, link: Link) -> tuple[float, float]:
@@ -402,13 +549,20 @@ class LinkModel:
             dark = dark.replace(response=self.response(link))
         need = with_background(dark, found).required_power(self.limit)
         spread = 0.5 * found.radiance_stderr / max(found.radiance, 1e-300)
-        return self.above(log, dark, need), _DB * math.hypot(error, spread)
+        return self.above(log, dark, need), DECIBELS * math.hypot(error, spread)
 
 
 def _name_of(link: Link) -> str:
     """Return the name of a link with other optics or at another depth, in the store."""
     end = link.receivers[-1]
     return f"{end.radius!r} m, {end.fov_deg!r} deg at {link.depth!r} m"
+
+
+def _same(
+    name: str, value: float, stderr: float = 0.0, unit: str = "dB", total: bool = False
+) -> Line:
+    """Return a line that is the same by night and by day."""
+    return Line(name, unit, value, value, stderr, total)
 
 
 def _ends(one: Estimate) -> tuple[float, float, float]:

@@ -1,12 +1,12 @@
-"""Derivatives of the gain, the error rate, the outage, the range and the margin of a link."""
+"""Sensitivities: derivatives of a link's quantities by its parameters, with common chains."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple, Unpack
+from typing import Annotated, Any, ClassVar, NamedTuple, Unpack, overload
 
 import numpy as np
 
@@ -20,27 +20,244 @@ from meshtrace.errors import (
     require_between,
     require_keys,
     require_pair,
+    require_real,
     require_whole,
 )
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
-from meshtrace.stored import SHIFTS
+from meshtrace.stored import SHIFTS, Rows, Stored, Variable
 from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.keys import Parameter, Variant, parameters
 from meshtrace.studies.neighbours import (
+    DECIBELS,
+    FADES,
+    WATER,
+    WINDOW,
     Neighbours,
+    Of,
+    Quantity,
     covariance_of,
+    edge_over,
     error_of,
     has_moments,
     moments,
 )
 from meshtrace.studies.response import MOST_SEAS, Responses
-from meshtrace.studies.sensitivity.quantity import FADES, Of, Quantity
-from meshtrace.studies.sensitivity.result import DECIBELS, Row, Sensitivities, Table
+from meshtrace.tables import text_table
 from meshtrace.uav import Flight, Uav, h_alpha
+
+_FARTHEST = 0.3  # change of a logarithm that a first-order forecast may reach
+
+
+class Value(NamedTuple):
+    """A number with its standard error."""
+
+    value: float
+    stderr: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """Sensitivity to one parameter.
+
+    Attributes
+    ----------
+    name : str
+        Parameter, a key of a link file.
+    base : float
+        Its value.
+    unit : str
+        Its unit.
+    elasticity : float
+        d ln q / d ln p of the quantity q; of a margin that of the power ratio. For the indices of
+        the phase function p is n - 1 and mu - 3. nan for an offset or an angle whose base is 0.
+    stderr : float
+        Standard error of the elasticity, or of `relative` where that is nan.
+    relative : float
+        (dq / dp) / q [1 / unit]; of a margin that of the power ratio.
+    derivative, derivative_stderr : float
+        dq / dp and its standard error.
+    second : float
+        (d^2 q / dp^2) / q of offsets and angles [1 / unit^2], else nan.
+    method : {"moment", "difference", "angle"}
+        Estimator.
+    suspicious : bool
+        Whether a difference over thrice the step disagrees.
+    notes : str
+        Remarks.
+    """
+
+    name: str
+    base: float
+    unit: str
+    elasticity: float
+    stderr: float
+    relative: float
+    derivative: float
+    derivative_stderr: float
+    second: float
+    method: str
+    suspicious: bool
+    notes: str
+
+    def __getitem__(self, key: str) -> Any:
+        return getattr(self, key)
+
+    @property
+    def log(self) -> float:
+        """Logarithmic derivative: the elasticity, or `relative` where that is nan."""
+        return self.relative if math.isnan(self.elasticity) else self.elasticity
+
+
+class Table(tuple[Row, ...]):
+    """Rows, by number or by the name of the parameter."""
+
+    @overload  # type: ignore[override]
+    def __getitem__(self, key: int | str) -> Row: ...
+    @overload
+    def __getitem__(self, key: slice) -> tuple[Row, ...]: ...
+    def __getitem__(self, key: Any) -> Any:
+        """Return a row by number or name."""
+        if not isinstance(key, str):
+            return super().__getitem__(key)
+        names = [row.name for row in self]
+        if key not in names:
+            raise Refused("wrt", key, ", ".join(names))
+        return super().__getitem__(names.index(key))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivities(Stored):
+    """Sensitivities of a quantity of a link.
+
+    Attributes
+    ----------
+    of : str
+        Quantity: "gain", "ber", "outage", "range", "margin" or "capacity".
+    value, stderr : float
+        The quantity and its standard error, of the chains and of the seas.
+    unit : str
+        Its unit.
+    table : Table
+        One `Row` a parameter, by number or name.
+    logs : ndarray, shape (n, n)
+        Covariance of the logarithmic derivatives: of `elasticity`, or `relative` where that
+        is nan.
+    provenance : dict
+        Versions and configuration.
+    light : str
+        Light of error rates, outages, ranges and margins; empty for the gain.
+    """
+
+    of: str
+    value: Annotated[float, Variable("", name="quantity")]
+    stderr: Annotated[float, Variable("", name="quantity_stderr")]
+    unit: str
+    table: Annotated[Table, Rows(Row, "parameter", "sensitivity_")]
+    logs: Annotated[Floats, Variable("parameter parameter_too", name="sensitivity_covariance")]
+    provenance: dict[str, Any] = field(default_factory=dict)
+    light: str = ""
+
+    kind: ClassVar[str] = "sensitivity"
+    title: ClassVar[str] = "meshtrace sensitivities"
+    _attributes: ClassVar[tuple[str, ...]] = ("of", "unit", "light")
+
+    def _headline(self) -> str:
+        largest = max(self.table, key=lambda row: abs(np.nan_to_num(row.elasticity)))
+        shown = f"{self.value:.4g} {self.unit}".removesuffix(" 1")
+        return f"{self.of} {shown}, most sensitive to {largest.name} ({largest.elasticity:.3g})"
+
+    def summary(self) -> str:
+        """Return the table as text for a terminal."""
+        shown = f"{self.value:.5g} +- {self.stderr:.1g} {self.unit}".removesuffix(" 1")
+        head = ("parameter", "base", "unit", "elasticity", "std. error", "derivative", "method")
+        rows = [
+            (
+                row.name,
+                f"{row.base:g}",
+                row.unit,
+                "-" if math.isnan(row.elasticity) else f"{row.elasticity:.5f}",
+                f"{row.stderr:.1e}",
+                f"{row.derivative:.4g}",
+                row.method + (" (suspicious)" if row.suspicious else ""),
+            )
+            for row in self.table
+        ]
+        notes = [f"{row.name}: {row.notes}" for row in self.table if row.notes]
+        light = [f"background light: {self.light}"] if self.light else []
+        return "\n".join([f"{self.of} {shown}", "", text_table(rows, head), *notes, *light])
+
+    def derivative(self, name: str) -> Value:
+        """Return d quantity / d parameter with its standard error, in their units."""
+        row = self.table[name]
+        return Value(row.derivative, row.derivative_stderr)
+
+    def covariance(self) -> Floats:
+        """Return the covariance of the derivatives in the order of the table, shape (n, n).
+
+        The common chains and seas correlate them.
+        """
+        factor = [row.derivative / row.log if row.log != 0.0 else 0.0 for row in self.table]
+        return self.logs * np.outer(factor, factor)
+
+    def predict(self, changes: Mapping[str, float]) -> Value:
+        """Return a first-order forecast of the quantity for other values of parameters.
+
+        ln q' = ln q + sum E ln(p' / p), and q' = q + sum (dq / dp) (p' - p) for margin and range
+
+        Parameters
+        ----------
+        changes : mapping of str to float
+            New values by parameter, such as {"water.a": 0.12}. An offset or an angle whose base
+            is 0 acts by its second derivative, too.
+
+        Returns
+        -------
+        Value
+            With the standard error of the change joined to that of the quantity.
+
+        Raises
+        ------
+        Refused
+            If a parameter is not in the table or changes by more than |ln(p' / p)| = 0.3.
+        """
+        require_keys(changes, [row.name for row in self.table])
+        weight, curved = np.zeros(len(self.table)), 0.0
+        for i, row in enumerate(self.table):
+            if row.name in changes:
+                weight[i], bend = _step(row, changes[row.name])
+                curved += bend
+        change = float(weight @ np.array([row.log for row in self.table])) + curved
+        spread = math.sqrt(weight @ self.logs @ weight)
+        if self.of == "margin":
+            error = math.hypot(self.stderr, DECIBELS * spread)
+            return Value(self.value + DECIBELS * change, error)
+        if self.of == "range":
+            return Value(self.value * (1.0 + change), math.hypot(self.stderr, self.value * spread))
+        value = self.value * math.exp(change)
+        return Value(value, value * math.hypot(self.stderr / self.value, spread))
+
+
+def _step(row: Row, value: float) -> tuple[float, float]:
+    """Return the change that weights the logarithmic derivative, and the second-order part."""
+    value = require_real(value, row.name, "a finite number")
+    if math.isnan(row.elasticity):
+        step = value - row.base
+        bend = 0.5 * np.nan_to_num(row.second) * step**2
+        if not abs(row.relative * step + bend) <= _FARTHEST:
+            raise Refused(row.name, value, f"a change of the logarithm up to {_FARTHEST:g}")
+        return step, float(bend)
+    # the elasticity counts from where the relative steps do: 1 for the index of the particles
+    scale = row.elasticity / row.relative if row.relative != 0.0 else row.base
+    ratio = 1.0 + (value - row.base) / scale
+    if not ratio > 0.0 or abs(math.log(ratio)) > _FARTHEST:
+        low, high = (row.base + scale * math.expm1(s * _FARTHEST) for s in (-1.0, 1.0))
+        raise Refused(row.name, value, f"{low:.4g} <= {row.name} <= {high:.4g}")
+    return math.log(ratio), 0.0
+
 
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
@@ -49,9 +266,8 @@ _TILTS, _TILTS_OF_ONE = 50, 2000  # of the aircraft over each sea
 _DIRECT = 1e-3  # step at which exact derivatives of the gain act on other quantities
 _DOUBT = 3.0  # standard errors by which two steps may differ
 _BEND = 2e-3  # of the elasticity, by which they may differ as the square of the step
+_PARTS: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}  # beside link and sea
 _KEPT = 4  # meshes of the base sea that stay in memory
-_WINDOW = 0.5  # half-width of the window at the edge of the field of view, over its half-angle
-_EDGE_STEP = 0.01  # relative, of the field of view, for unscattered light
 
 
 def sensitivities(
@@ -167,9 +383,10 @@ def sensitivities(
         raise Refused("ook", None, f"a transmission, for {of}")
     variant = Variant(campaign.link, campaign.surface)
     if electronics is not None:
-        variant = with_all_parts(campaign, electronics)
+        uav = getattr(campaign.scenario, "uav", None)
+        whole = electronics.channel(campaign.link)
+        variant = Variant(whole, campaign.surface, electronics, light_of(campaign, None), uav)
     names = parameters(variant, wrt, step, normals)
-    default = {p.name: p.step for p in parameters(variant, [p.name for p in names], None, normals)}
     if of == "range" and variant.detector is not None:
         variant = _at_range(variant, campaign, realizations, quantity)
         names = parameters(variant, [p.name for p in names], step, normals)
@@ -177,17 +394,13 @@ def sensitivities(
     depth = _depth_key(variant.link)
     if of == "range" and depth not in asked:
         names += parameters(variant, [depth], None, normals)
-    study = Study(variant, campaign, realizations, quantity, default)
+    study = Study(variant, campaign, realizations, quantity)
+    found = []
     with np.errstate(divide="ignore"), campaign.workers():
-        found = [study.derivatives(p, campaign.progress) for p in names]
+        for p in names:
+            found.append(study.derivatives(p))
+            campaign.advance()
     return replace(_result(study, found, asked), light=study.lights.text(variant))
-
-
-def with_all_parts(campaign: Campaign, electronics: OokLink) -> Variant:
-    """Return the start of a study with the transmission, daylight and aircraft of a scenario."""
-    scenario, link = campaign.scenario, electronics.channel(campaign.link)
-    day = light_of(campaign, None)
-    return Variant(link, campaign.surface, electronics, day, getattr(scenario, "uav", None))
 
 
 def _first(link: Link) -> str:
@@ -204,66 +417,34 @@ def _at_range(
     variant: Variant, campaign: Campaign, realizations: int, quantity: Quantity
 ) -> Variant:
     """Return the variant at the depth of an error rate equal to the limit."""
-    depth = variant.link.depth
     for _ in range(12):
-        study = Study(variant, campaign, realizations, quantity, {}, f" at {depth!r} m")
+        depth = variant.link.depth
+        study = Study(variant, campaign, realizations, quantity, f" at {depth!r} m")
         p = parameters(variant, [_depth_key(campaign.link)], None, campaign.meshing.normals)[0]
         excess = study.log(study.gains("search", variant), variant)
-        rate = study.derivatives(p, None).rates[0]
+        rate = study.derivatives(p).rates[0]
         # ln gain is nearly linear in the depth and its logarithm together
         new = depth * (1.0 + max(min(-excess / rate, 1.0), -0.5))
-        done = abs(new - depth) < 1e-3 * depth
-        depth = new
-        variant = variant._replace(link=variant.link.at_depth(depth))
-        if done:
+        variant = variant._replace(link=variant.link.at_depth(new))
+        if abs(new - depth) < 1e-3 * depth:
             return variant
     raise Refused(_depth_key(campaign.link), Described("no range found"), "a link with a range")
-
-
-def edge_over(near: Neighbours, name: str, i: int) -> Floats:
-    """Return dh / d ln fov over realization i by shift, shape (shifts,).
-
-    Unscattered light is integrated up to the edge, so that its difference over 1 % of the field of
-    view, whose key is `name`, has no noise; scattered light is that within a window about the edge.
-    """
-    link = near.campaign.link
-    fov = link.receivers[0].fov_deg
-    views = [min(fov * math.exp(side * _EDGE_STEP), 180.0) for side in (-1.0, 1.0)]
-    low, high = (near.unscattered(link.replace(name, view), i)[0] for view in views)
-    wide = link.replace(name, min((1.0 + _WINDOW) * fov, 180.0))
-    change = edge_of_view(near.light(wide, i)[0], 0.5 * fov)
-    return change + (high - low) / math.log(views[1] / views[0])
-
-
-def edge_of_view(light: Light, half_deg: float) -> Floats:
-    r"""Return dh / d ln fov of scattered light by shift, half_deg the half-angle.
-
-    The light per angle at the edge is that within a window of half-width s half_deg, s = 1/2,
-    of a kernel of fourth order, whose bias grows as :math:`s^4`:
-
-    .. math:: K(x) = \tfrac{15}{32} (1 - x^2) (3 - 7 x^2), \quad
-        \int K \, dx = 1, \quad \int x^2 K \, dx = 0
-    """
-    off = (np.degrees(light.angle) / half_deg - 1.0) / _WINDOW
-    square = np.minimum(off**2, 1.0)
-    window = 15.0 / 32.0 * (1.0 - square) * (3.0 - 7.0 * square) / _WINDOW
-    return light.by_shift(np.where(light.shift >= 0, window, 0.0))
 
 
 class _Rates(NamedTuple):
     """Logarithmic derivatives of a quantity by one parameter.
 
     `rates` holds that of all gains, those without each shift, and those without each sea; `bias`
-    belongs to the error.
+    belongs to the error. From `method` on the fields are those of a `Row`.
     """
 
     parameter: Parameter
     rates: Floats
+    bias: float
     second: float
     method: str
-    suspicious: bool
-    notes: str
-    bias: float = 0.0
+    suspicious: bool = False
+    notes: str = ""
 
 
 @dataclass(eq=False)
@@ -274,7 +455,6 @@ class Study:
     campaign: Campaign
     realizations: int
     quantity: Quantity
-    steps: dict[str, float]  # usual ones, by parameter
     where: str = ""
 
     def __post_init__(self) -> None:
@@ -286,39 +466,33 @@ class Study:
         self._other_rays = Lights(self.campaign, self.campaign.run.seed + 1)
         self.responses = Responses(self._light, self.variant, common=True)
 
-    @cached_property
-    def _winds(self) -> Floats:
-        """Return the winds at the aircraft, shape (seas, tilts, 3)."""
-        seas = self.near.seas
-        tilts = _TILTS if seas > 1 else _TILTS_OF_ONE
-        wind = self.campaign.wind_of(Flight())
-        return wind.sample_wind(seas * tilts, self.campaign.run.seed).reshape(seas, tilts, 3)
-
     def _tilt(self, variant: Variant) -> Floats | None:
         """Return the tilt factors of an aircraft that carries the receiver, shape (seas, tilts)."""
         if variant.uav is None or variant.link.direction == "down":
             return None
+        seas = self.near.seas
+        tilts = _TILTS if seas > 1 else _TILTS_OF_ONE
         fov = math.radians(variant.link.receivers[0].fov_deg)
-        return h_alpha(variant.uav.tilt(self._winds).angle, fov)
+        return h_alpha(self.campaign.tilts(Flight(variant.uav), (seas, tilts)), fov)
 
     def _light(self, at: Variant) -> list[Light]:
         """Return the light of a variant over some seas.
 
         Of another field of view that of a wider one, cut off by a soft edge.
         """
-        link, base, near = at.link, self.variant.link, self.near
+        link, base, near = at.link, self.variant.link.receivers[0], self.near
         sea = None if at.sea is self.variant.sea else at.sea
-        fov, angle = link.receivers[0].fov_deg, link.physics.fov == "angle"
-        soft = angle and fov != base.receivers[0].fov_deg
+        fov = link.receivers[0].fov_deg
+        soft = link.physics.fov == "angle" and fov != base.fov_deg
         if soft:
-            wide = min((1.0 + _WINDOW) * fov, 180.0)
+            wide = min((1.0 + WINDOW) * fov, 180.0)
             link = link.replace(f"{_first(link)}.fov_deg", wide)
         found = [near.light(link, i, sea)[0] for i in range(min(near.seas, MOST_SEAS))]
         if not soft:
             return found
         half, lights = math.radians(0.5 * fov), []
         for light in found:
-            inside = np.clip((1.0 - light.angle / half) / _WINDOW, -1.0, 1.0)
+            inside = np.clip((1.0 - light.angle / half) / WINDOW, -1.0, 1.0)
             share = 0.5 + 0.25 * inside * (3.0 - inside**2)
             lights.append(light._replace(weight=light.weight * share))
         return lights
@@ -333,6 +507,10 @@ class Study:
         lights = self._other_rays if other else self.lights
         lit = lights.lit(self.responses.behind(variant, other))
         return self.quantity.log(gains, lit, self._tilt(variant))
+
+    def logs_of(self, variant: Variant) -> Floats:
+        """Return the logarithms of the quantity of a variant."""
+        return self.logs(self.gains("gains", variant), variant)
 
     def gains(self, name: str, *variants: Variant) -> Floats:
         """Return the gains of variants over all seas, shape (variants * seas, shifts)."""
@@ -363,46 +541,38 @@ class Study:
         near, link = self.near, self.variant.link
 
         def both(i: int) -> Floats:
-            found = moments(link, near.light(link, i)[0])
-            return np.array([found["water.a"], found["water.b"]])
+            return moments(link, near.light(link, i)[0])
 
         return self._over(both, 1, "moments").swapaxes(0, 1)
 
-    def derivatives(self, p: Parameter, progress: Callable[[int], None] | None) -> _Rates:
+    def derivatives(self, p: Parameter) -> _Rates:
         """Return the derivatives by a parameter."""
         link = self.variant.link
-        if p.name in ("water.a", "water.b") and has_moments(link):
-            gains = self._moments[int(p.name == "water.b")]
-            found = self._exactly(p, gains, "moment")
-        elif p.name == f"{_first(link)}.fov_deg" and link.physics.fov == "angle":
-            gains = self._over(partial(edge_over, self.near, p.name), 1, p.name)
-            found = self._exactly(p, gains, "angle")
-        else:
-            found = self._differences(p)
-        if progress is not None:
-            progress(1)
-        return found
+        if p.name in WATER and has_moments(link):
+            return self._exactly(p, self._moments[WATER.index(p.name)], "moment")
+        if p.name == f"{_first(link)}.fov_deg" and link.physics.fov == "angle":
+            change = self._over(partial(edge_over, self.near, p.name), 1, p.name)
+            return self._exactly(p, change, "angle")
+        return self._differences(p)
 
     def _exactly(self, p: Parameter, change: Floats, method: str) -> _Rates:
         """Return the derivatives of the quantity by the chain rule, from dh (seas, shifts)."""
-        base, variant = self.base, self.variant
-        sides = [p.at(variant, p.shifted(side * _DIRECT / p.step)) for side in (-1.0, 1.0)]
-        gains = base - _DIRECT * change, base + _DIRECT * change
-        found, bias = self._rates(gains, sides, _DIRECT)
-        return _Rates(p, found, math.nan, method, False, "", bias)
+        pairs = []
+        for side in (-1.0, 1.0):
+            at = p.at(self.variant, p.shifted(side * _DIRECT / p.step))
+            pairs.append((self.base + side * _DIRECT * change, at))
+        return _Rates(p, *self._rates(pairs, _DIRECT), math.nan, method)
 
-    def _rates(
-        self, gains: Iterable[Floats], sides: list[Variant], step: float
-    ) -> tuple[Floats, float]:
+    def _rates(self, pairs: list[tuple[Floats, Variant]], step: float) -> tuple[Floats, float]:
         """Return the derivative of the logarithm: of all, without each shift, without each sea.
 
-        `gains` are those (seas, shifts) at a step to either side of the base. The second number is
-        the error by the rays of a background that changes with the key, and by the response of the
-        channel, from other rays and a part of the chains.
+        `pairs` are gains (seas, shifts) and variant at a step to either side of the base. The
+        second number is the error by the rays of a background that changes with the key, and by
+        the response of the channel, from other rays and a part of the chains.
         """
-        pairs = list(zip(gains, sides, strict=True))
         low, high = (self.logs(*pair) for pair in pairs)
-        found, seen = (high - low) / (2.0 * step), [self.lights.background(s) for s in sides]
+        found, sides = (high - low) / (2.0 * step), [variant for _, variant in pairs]
+        seen = [self.lights.background(variant) for variant in sides]
         same = sides[0].detector is None or seen[0] is seen[1]
         if same and not any(map(self.responses.spreads, sides)):
             return found, 0.0
@@ -411,37 +581,39 @@ class Study:
         return found, abs(off) / math.sqrt(2.0)
 
     def _differences(self, p: Parameter) -> _Rates:
-        """Return central differences over a step, compared with differences over a longer step."""
-        variant = self.variant
-        factors = [1.0, self._longer(p)]
-        sides = []
+        """Return central differences over a step, compared with differences over a longer step.
+
+        Thrice the step, and at least thrice the usual one: a small step sees none of the
+        discontinuities that rare chains carry.
+        """
+        factors = [1.0, 3.0 * max(1.0, p.usual / p.step)]
+        sides: list[Variant] = []
         for factor in factors:
             try:
-                sides += [p.at(variant, p.shifted(side * factor)) for side in (-1.0, 1.0)]
+                sides += [p.at(self.variant, p.shifted(side * factor)) for side in (-1.0, 1.0)]
             except Refused:  # the longer step leaves the range
                 break
-        name = f"{p.name} {p.step!r}"
-        gains = self.gains(name, *sides).reshape(-1, self.near.seas, SHIFTS)
-        found, biases = [], []
-        for k in range(0, len(gains), 2):
-            step = factors[k // 2] * p.step
-            rates, bias = self._rates(gains[k : k + 2], sides[k : k + 2], step)
-            found.append(rates)
-            biases.append(bias)
-        suspicious, notes = self._compared(found, math.hypot(*biases))
+        gains = self.gains(f"{p.name} {p.step!r}", *sides)
+        pairs = list(zip(gains.reshape(-1, self.near.seas, SHIFTS), sides, strict=True))
+        steps = [factor * p.step for factor in factors[: len(pairs) // 2]]
+        rates, biases = zip(
+            *(self._rates(pairs[2 * k : 2 * k + 2], step) for k, step in enumerate(steps)),
+            strict=True,
+        )
+        suspicious, notes = self._compared(rates, math.hypot(*biases))
         if p.origin:
             notes = f"relative to {p.name} - {p.origin:g}" + (f"; {notes}" if notes else "")
-        second = self._second(p, gains, sides)
-        return _Rates(p, found[0], second, "difference", suspicious, notes, biases[0])
+        second = math.nan
+        if p.absolute:  # the second derivative of the quantity over itself
+            three = pairs[-2], (self.base, self.variant), pairs[-1]
+            low, mid, high = (self.log(*pair) for pair in three)
+            if self.quantity.of in ("margin", "range"):
+                second = (high - 2.0 * mid + low) / steps[-1] ** 2
+            else:
+                second = (math.exp(high - mid) - 2.0 + math.exp(low - mid)) / steps[-1] ** 2
+        return _Rates(p, rates[0], biases[0], second, "difference", suspicious, notes)
 
-    def _longer(self, p: Parameter) -> float:
-        """Return the steps of a repeated difference: thrice, and at least thrice the usual one.
-
-        A small step sees none of the discontinuities that rare chains carry.
-        """
-        return 3.0 * max(1.0, self.steps.get(p.name, p.step) / p.step)
-
-    def _compared(self, found: list[Floats], by_rays: float) -> tuple[bool, str]:
+    def _compared(self, found: Sequence[Floats], by_rays: float) -> tuple[bool, str]:
         """Return the disagreement of the derivatives over two steps, if any."""
         if len(found) < 2:
             return False, "one step: the longer one leaves the range"
@@ -450,20 +622,7 @@ class Study:
         bend = _BEND * max(abs(float(found[1][0])), 1.0)
         if abs(off[0]) <= math.hypot(_DOUBT * error, bend):
             return False, ""
-        longer = f"{found[1][0]:.5g} +- {error_of(found[1]):.1g} over the longer step"
-        return True, longer
-
-    def _second(self, p: Parameter, gains: Floats, sides: list[Variant]) -> float:
-        """Return the second derivative of the quantity over itself, for offsets and angles."""
-        if not p.absolute:
-            return math.nan
-        k = 2 if len(gains) > 2 else 0
-        steps = p.step * (self._longer(p) if k else 1.0)
-        pairs = (gains[k], sides[k]), (self.base, self.variant), (gains[k + 1], sides[k + 1])
-        low, mid, high = (self.log(*pair) for pair in pairs)
-        if self.quantity.of in ("margin", "range"):
-            return (high - 2.0 * mid + low) / steps**2
-        return (math.exp(high - mid) - 2.0 + math.exp(low - mid)) / steps**2
+        return True, f"{found[1][0]:.5g} +- {error_of(found[1]):.1g} over the longer step"
 
 
 def _result(study: Study, found: list[_Rates], asked: list[str]) -> Sensitivities:
@@ -488,34 +647,20 @@ def _result(study: Study, found: list[_Rates], asked: list[str]) -> Sensitivitie
         stderr *= abs(quantity.slope(value))
     kept = [i for i, one in enumerate(found) if one.parameter.name in asked]
     covariance = covariance_of(rates[kept]) + np.diag(biases[kept] ** 2)
-    errors = np.sqrt(np.diag(covariance))
-    pairs = [
-        _row(found[i], float(rates[i, 0]), float(error), quantity, value)
-        for i, error in zip(kept, errors, strict=True)
-    ]
-    rows, factors = zip(*pairs, strict=True)
+    slope, rows, factors = value if quantity.of == "range" else quantity.slope(value), [], []
+    for i, error in zip(kept, np.sqrt(np.diag(covariance)).tolist(), strict=True):
+        one, rate, p = found[i], float(rates[i, 0]), found[i].parameter
+        relative, nil = rate / p.scale, p.absolute and p.base == 0.0
+        factors.append(p.base if p.absolute and not nil else 1.0)
+        elastic = math.nan if nil else rate * factors[-1], abs(factors[-1]) * error, relative
+        derived = slope * relative, abs(slope / p.scale) * error, one.second
+        rows.append(Row(p.name, p.base, p.unit, *elastic, *derived, *one[4:]))
     covariance *= np.outer(factors, factors)
     origin = campaign.provenance(variant.link)
     origin |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
-    parts: dict[str, Any] = {"ook": variant.detector, "daylight": variant.daylight}
-    parts["uav"] = variant.uav
-    origin |= {name: part and part.model_dump(mode="json") for name, part in parts.items()}
+    for name, part in zip(_PARTS, variant[2:], strict=True):
+        origin[name] = part and part.model_dump(mode="json")
     return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
-
-
-def _row(
-    one: _Rates, rate: float, error: float, quantity: Quantity, value: float
-) -> tuple[Row, float]:
-    """Return the row of a parameter, and its logarithmic derivative over the rate."""
-    p = one.parameter
-    relative = rate / p.scale
-    factor = p.base if p.absolute and p.base != 0.0 else 1.0
-    elasticity = math.nan if p.absolute and p.base == 0.0 else rate * factor
-    slope = value if quantity.of == "range" else quantity.slope(value)
-    elastic = elasticity, abs(factor) * error, relative
-    derived = slope * relative, abs(slope / p.scale) * error, one.second
-    notes = one.method, one.suspicious, one.notes
-    return Row(p.name, p.base, p.unit, *elastic, *derived, *notes), factor
 
 
 class Swing(NamedTuple):
@@ -568,7 +713,6 @@ def swings(
     """
     if not isinstance(s, Sensitivities):
         raise Refused("s", Described(type(s).__name__), "Sensitivities")
-    swing = _Swings(s)
     names = [row.name for row in s.table]
     if isinstance(change, Mapping):
         require_keys(change, names)
@@ -578,60 +722,41 @@ def swings(
         }
     else:
         change = require_between(change, 0.0, 1.0, "change")
-        ends = {name: swing.ends(name, change) for name in names}
+    study = _study_of(s)
+    variant, normals = study.variant, study.campaign.meshing.normals
+    known = {p.name: p for p in parameters(variant, names, None, normals)}
+    if not isinstance(change, Mapping):
+        ends = {name: p.about(change) for name, p in known.items()}
+    base, rate = study.logs_of(variant), 0.0
+    if s.of == "range":
+        (depth,) = parameters(variant, [_depth_key(variant.link)], None, normals)
+        low, high = (study.logs_of(depth.at(variant, depth.shifted(k)))[0] for k in (-1.0, 1.0))
+        rate = (high - low) / (2.0 * depth.step * depth.base)
+
+    def changed(there: Variant) -> tuple[float, float]:
+        off = study.logs_of(there) - base
+        if s.of != "range":
+            return DECIBELS * float(off[0]), DECIBELS * error_of(off)
+        moved = -off / rate
+        link = there.link.at_depth(there.link.depth + float(moved[0]))
+        moved = moved[0] - (study.logs_of(there._replace(link=link)) - base) / rate
+        return float(moved[0]), error_of(moved)
+
     found = []
     for name, pair in ends.items():
-        (low, low_error), (high, high_error) = (swing.change(name, end) for end in pair)
-        unit = s.table[name].unit
-        found.append(Swing(name, unit, pair, (low, high), (low_error, high_error)))
+        p = known[name]
+        (low, low_error), (high, high_error) = (changed(p.at(variant, end)) for end in pair)
+        found.append(Swing(name, p.unit, pair, (low, high), (low_error, high_error)))
     return sorted(found, key=lambda one: -max(map(abs, one.change)))
 
 
-class _Swings:
-    """Study of a result, set up again."""
-
-    def __init__(self, s: Sensitivities) -> None:
-        origin: dict[str, Any] = s.provenance
-        scenario = Scenario.from_provenance(origin)
-        kinds: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}
-        parts = (origin[name] and kind.model_validate(origin[name]) for name, kind in kinds.items())
-        variant = Variant(scenario.link, scenario.surface, *parts)
-        inputs: Any = scenario.surface, scenario.run, scenario.meshing
-        campaign = Campaign({"link": scenario.link}, *inputs)
-        self._quantity = Quantity(s.of, origin["limit"])  # type: ignore[arg-type]
-        self._study = Study(variant, campaign, origin["realizations"], self._quantity, {})
-        self._base = self._logs(variant)
-        names = [row.name for row in s.table]
-        found = parameters(variant, names, None, scenario.meshing.normals)
-        self._parameters = {p.name: p for p in found}
-        self._rate = 0.0
-        if s.of == "range":
-            depth = [_depth_key(scenario.link)]
-            p = parameters(variant, depth, None, scenario.meshing.normals)[0]
-            sides = [self._logs(p.at(variant, p.shifted(k)))[0] for k in (-1.0, 1.0)]
-            self._rate = (sides[1] - sides[0]) / (2.0 * p.step * p.base)
-
-    def _logs(self, variant: Variant) -> Any:
-        """Return the logarithm of the quantity: of all gains, and of the groups."""
-        return self._study.logs(self._study.gains("gains", variant), variant)
-
-    def ends(self, name: str, change: float) -> tuple[float, float]:
-        """Return the two values of a parameter."""
-        p = self._parameters[name]
-        if p.absolute:
-            far = change * p.step / (0.01 if p.unit == "m" else 0.1)
-            return p.base - far, p.base + far
-        return p.origin + p.scale * (1.0 - change), p.origin + p.scale * (1.0 + change)
-
-    def change(self, name: str, value: float) -> tuple[float, float]:
-        """Return the change of the quantity at a value of a parameter, and its error."""
-        variant = self._parameters[name].at(self._study.variant, value)
-        off = self._logs(variant) - self._base
-        if self._quantity.of != "range":
-            return DECIBELS * float(off[0]), DECIBELS * error_of(off)
-        moved = -off / self._rate
-        depth = variant.link.depth + float(moved[0])
-        there = variant._replace(link=variant.link.at_depth(depth))
-        rest = self._logs(there) - self._base
-        moved = moved[0] - rest / self._rate
-        return float(moved[0]), error_of(moved)
+def _study_of(s: Sensitivities) -> Study:
+    """Return the study of a result, set up again."""
+    origin: dict[str, Any] = s.provenance
+    scenario = Scenario.from_provenance(origin)
+    parts = (origin[name] and kind.model_validate(origin[name]) for name, kind in _PARTS.items())
+    inputs: Any = scenario.surface, scenario.run, scenario.meshing
+    campaign = Campaign({"link": scenario.link}, *inputs)
+    quantity = Quantity(s.of, origin["limit"])  # type: ignore[arg-type]
+    variant = Variant(scenario.link, scenario.surface, *parts)
+    return Study(variant, campaign, origin["realizations"], quantity)
