@@ -81,9 +81,8 @@ class Steps(NamedTuple):
         labels = self.labels.tolist()
         found = {"along": self.along, "number": len(labels), "labels": digest_of(labels)}
         if self.links is not None:
-            found["links"] = digest_of(
-                [[link.model_dump(mode="json") for link in links] for links in self.links]
-            )
+            rows = [[link.model_dump(mode="json") for link in links] for links in self.links]
+            found["links"] = digest_of(rows)
         return found
 
 
@@ -212,6 +211,12 @@ class Campaign(NamedTuple):
             raise Refused("surface", Described(type(sea).__name__), "a sea with random phases")
         seeds = np.array([realization_seed(self.run.seed, i) for i in range(n)], np.int64)
         return Steps("realization", seeds, lambda i: (sea.with_seed(int(seeds[i])), time))
+
+    def surfaces(self, n: int) -> Steps:
+        """Return n realizations, or the one surface of a sea without random phases."""
+        if isinstance(self.surface, SeededSurface):
+            return self.realizations(n)
+        return self.in_time(np.array([self.meshing.time]))
 
     def lines(self, links: Sequence[Link], surface: MeshSource) -> dict[str, Any]:
         """Return the arguments of a mesh as far as light can cross to any receiver, at any time."""

@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.engine.backward.view import only_aperture
 from meshtrace.engine.parts import Light
@@ -16,6 +17,8 @@ from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
     Described,
     Refused,
+    require_array,
+    require_between,
     require_keys,
     require_names,
     require_pair,
@@ -29,12 +32,14 @@ from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.cluster import Restored
 from meshtrace.studies.keys import Parameter, Variant, parameters
-from meshtrace.studies.measurements import OF_DETECTOR, Measurements, read_measurements
 from meshtrace.studies.neighbours import WATER, Neighbours, Quantity, has_moments, moments
 from meshtrace.studies.response import Responses
 from meshtrace.studies.store import digest_of
 from meshtrace.surfaces import FlatSea
 from meshtrace.tables import text_table
+
+OF_DETECTOR = ("power", "ber")
+"""Measurements behind the optics: received power [W], and bit error rate."""
 
 SCALE = "scale"
 """Unknown factor of all measurements: the calibration of the receiver."""
@@ -43,6 +48,72 @@ _SCALE = Parameter(SCALE, 1.0, "1", absolute=False, origin=0.0, step=1.0, usual=
 _LARGEST = 64  # measurements whose chains are kept
 _LIGHTS = 3  # of each: the base and the sides of a difference
 _STEP = 0.01  # of differences in the logarithm
+
+
+class Measurements(NamedTuple):
+    """Gains, counts, powers or error rates with errors, and the keys that belong to each."""
+
+    value: Floats  # (n,)
+    stderr: Floats  # (n,) nan of counts, which follow the law of Poisson
+    keys: list[dict[str, Any]]  # (n,) values by dotted key
+    names: list[str]  # (n,) quantities
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Whether each measurement is a count."""
+        return np.isnan(self.stderr)
+
+
+def read_measurements(given: Any) -> Measurements:
+    """Return measurements from rows, or from a table of columns.
+
+    Raises
+    ------
+    Refused
+        If a value or an error is missing or not above 0, or no count is.
+    """
+    rows = _rows(given)
+    if not rows:
+        raise Refused("measurements", Described("empty"), "at least one")
+    values, errors, keys, names = [], [], [], []
+    for i, row in enumerate(rows):
+        rest, path = dict(row), f"measurements[{i}]"
+        if "counts" in rest and "stderr" not in rest and "gain" not in rest:
+            name, counts = "counts", rest.pop("counts")
+            allowed = "a number >= 0"
+            values.append(require_between(counts, 0.0, math.inf, f"{path}.counts", "[)", allowed))
+            errors.append(math.nan)
+        else:
+            name = next((k for k in ("gain", "counts", *OF_DETECTOR) if k in rest), "gain")
+            for key, found in ((name, values), ("stderr", errors)):
+                value, allowed = rest.pop(key, None), "a number > 0"
+                found.append(
+                    require_between(value, 0.0, math.inf, f"{path}.{key}", allowed=allowed)
+                )
+        keys.append(rest)
+        names.append(name)
+    if not any(values):
+        raise Refused("measurements.counts", Described("all 0"), "a count > 0 in one of them")
+    return Measurements(np.array(values), np.array(errors), keys, names)
+
+
+def _rows(given: Any) -> list[Mapping[str, Any]]:
+    """Return the rows of a table of columns, or those given."""
+    if isinstance(given, Mapping) or hasattr(given, "columns"):
+        columns = {
+            str(key): np.atleast_1d(
+                require_array(given[key], f"measurements.{key}", "a column of values", None)
+            ).tolist()
+            for key in given
+        }
+        n = max((len(column) for column in columns.values()), default=0)
+        uneven = [key for key, column in columns.items() if len(column) not in (1, n)]
+        if uneven:
+            raise Refused(f"measurements.{uneven[0]}", Described("too short"), f"{n} values")
+        return [{k: c[i % len(c)] for k, c in columns.items()} for i in range(n)]
+    if isinstance(given, Sequence) and all(isinstance(row, Mapping) for row in given):
+        return list(given)
+    raise Refused("measurements", Described(type(given).__name__), "rows, or a table")
 
 
 class Prediction(NamedTuple):

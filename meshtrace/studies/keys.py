@@ -129,7 +129,10 @@ class Variant(NamedTuple):
     def value(self, name: str) -> Any:
         """Return the value of a key of the link, the detector, the daylight or the aircraft."""
         head, _, rest = name.partition(".")
-        return _value(getattr(self, head), rest) if head in _BESIDES else _value(self.link, name)
+        part, path = (getattr(self, head), rest) if head in _BESIDES else (self.link, name)
+        for key in path.split("."):
+            part = part[int(key)] if isinstance(part, tuple) else getattr(part, key)
+        return part
 
 
 class Parameter(NamedTuple):
@@ -215,15 +218,8 @@ def _sea_at(sea: Any, key: str, value: float) -> Any:
     return new
 
 
-def _value(part: Any, name: str) -> Any:
-    """Return the value at a dotted name of nested models and tuples."""
-    for key in name.split("."):
-        part = part[int(key)] if isinstance(part, tuple) else getattr(part, key)
-    return part
-
-
 def _numbers(part: Any, path: str) -> Iterator[tuple[str, float]]:
-    """Yield the names and values of the continuous fields of a part."""
+    """Yield the names and values of the continuous fields of a part, of None none."""
     if isinstance(part, Model):
         for key in type(part).model_fields:
             yield from _numbers(getattr(part, key), f"{path}.{key}")
@@ -248,13 +244,10 @@ def _known(variant: Variant) -> dict[str, float]:
     if "sea.wind_speed" in found and link.wind_speed is not None:
         found["wind_speed"] = found["sea.wind_speed"]
     own = {f"detector.{part}.{key}" for part, keys in OF_LINK.items() for key in keys}
-    if variant.detector is not None:
-        found |= {k: v for k, v in _numbers(variant.detector, "detector") if k not in own}
+    found |= {k: v for k, v in _numbers(variant.detector, "detector") if k not in own}
     if variant.daylight is not None:
         found |= {f"daylight.{k}": v for k, v in daylight_values(variant.daylight).items()}
-    if variant.uav is not None:
-        found |= dict(_numbers(variant.uav, "uav"))
-    return found
+    return found | dict(_numbers(variant.uav, "uav"))
 
 
 def _parameter(name: str, base: float, link: Link, step: float | None) -> Parameter:
@@ -354,7 +347,7 @@ def _left_out(p: Parameter, variant: Variant) -> bool:
     """Return whether a parameter is no default one: without effect, or not of the link."""
     path, _, last = p.name.rpartition(".")
     idle = [polar for polar, azimuth in _ABSOLUTE.items() if azimuth == last]
-    if idle and _value(variant.link, f"{path}.{idle[0]}") == 0.0:
+    if idle and variant.value(f"{path}.{idle[0]}") == 0.0:
         return True
     if p.name.startswith("bubbles.") and last != "wind_speed":
         return True

@@ -23,7 +23,6 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Refused
 from meshtrace.fading import Estimate, effective_samples
 from meshtrace.link import Link
-from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.results.background import Background
 from meshtrace.results.series import GainSeries
@@ -154,11 +153,7 @@ class Ensemble(NamedTuple):
             series = replace(series, provenance=series.provenance | campaign.of_flight(flight))
             n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else float(self.n)
             return FadingSamples(series, np.ones((self.n, 1)), n)
-        if isinstance(campaign.surface, SeededSurface):
-            series = self._series(campaign, lambda one: one.realizations(self.n))
-        else:
-            now = np.array([campaign.meshing.time])
-            series = self._series(campaign, lambda one: one.in_time(now))
+        series = self._series(campaign, lambda one: one.surfaces(self.n))
         seas = len(series.gain)
         if flight is None:
             return FadingSamples(series, np.ones((seas, 1)), float(seas))
@@ -254,7 +249,7 @@ def operating_point(
         reach = quantile * seen.rms_spread_stderr
         spread = Estimate(mean, max(mean - reach, 0.0), mean + reach)
     gain = samples.mean_gain(quantile)
-    power = _estimate(dark.received_power(gain))
+    power = Estimate(*dark.received_power(gain).tolist())
     ook, widest = dark, math.nan
     if found is not None:
         ook = with_background(dark, found)
@@ -273,15 +268,17 @@ def operating_point(
         samples_of_law = np.quantile(samples_of_law, shares)
     low, high = ook.led.levels(power)
     photons = 0.5 * (low + high) / (ook.bit_rate * photon_energy(ook.led.wavelength))
+    margins = budget.margin_optical_db, budget.margin_electrical_db
+    optical, electrical = (Estimate(*margin.tolist()) for margin in margins)
     return OperatingPoint(
         depth=depth,
         bit_rate=ook.bit_rate,
         gain=gain,
         received_power=power,
         required_power=ook.required_power(limit),
-        photons_per_bit=_estimate(photons),
-        margin_optical_db=_estimate(budget.margin_optical_db),
-        margin_electrical_db=_estimate(budget.margin_electrical_db),
+        photons_per_bit=Estimate(*photons.tolist()),
+        margin_optical_db=optical,
+        margin_electrical_db=electrical,
         ber=ber,
         outage=outage_of_samples(ook, samples, limit, quantile, confidence),
         capacity=capacity(ook, samples_of_law),
@@ -337,10 +334,6 @@ def _shifted(samples: FadingSamples, quantile: float) -> list[Floats]:
     """Return the gains, and the gains shifted up and down by the error of the chains."""
     steps = (0.0, quantile, -quantile)
     return [samples.samples * math.exp(step * samples.chain_error) for step in steps]
-
-
-def _estimate(values: Floats) -> Estimate:
-    return Estimate(*values.tolist())
 
 
 def _joined(value: float, low: float, high: float, brighter: float, darker: float) -> Estimate:

@@ -17,12 +17,12 @@ from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.link import Link
-from meshtrace.mesh import SeededSurface, TriangleMesh
+from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
 from meshtrace.results.impulse import SPEED_OF_LIGHT, ImpulseResponse, response_of
 from meshtrace.results.tallies import ArrivalTally, error_of_groups
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.campaign import Campaign, Steps
+from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.keys import Variant
 from meshtrace.studies.store import digest_of
 
@@ -60,7 +60,7 @@ def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
     Each with the gain of its own wavelength.
     """
     links, run = list(campaign.links.values()), campaign.run
-    steps = _first_surfaces(campaign, seas)
+    steps = campaign.surfaces(min(seas, MOST_SEAS))
     over, threads = range(len(steps.labels)), campaign.threads
     meshes = list(ordered_map(lambda i: campaign.mesh(links, *steps.surface(i)), over, threads))
     sea = TypicalSea.of(meshes, MANY_SEAS)
@@ -92,13 +92,6 @@ def over_colours(
     return seen._replace(response=seen.response.replace(gain_spectrum=spectrum))
 
 
-def _first_surfaces(campaign: Campaign, seas: int) -> Steps:
-    """Return the first surfaces of an ensemble, or the one of a sea without random phases."""
-    if isinstance(campaign.surface, SeededSurface):
-        return campaign.realizations(min(seas, MOST_SEAS))
-    return campaign.in_time(np.array([campaign.meshing.time]))
-
-
 def through_channel(ook: OokLink, campaign: Campaign, seas: int) -> OokLink:
     """Return a transmission behind the response of the channel, unless it has its own."""
     seen = mean_response(ook, campaign, seas) if ook.response is None else None
@@ -125,7 +118,7 @@ def gain_spectrum(ook: OokLink, campaign: Campaign, seas: int) -> Curve | None:
     if np.ptp(thickness) < _CLEAR:
         return None
     whole = campaign.alone._replace(links=links, spectral=True)
-    gains = whole.gains(_first_surfaces(campaign, seas))["gain"].values
+    gains = whole.gains(campaign.surfaces(min(seas, MOST_SEAS)))["gain"].values
     logs = np.log(np.maximum(gains.reshape(len(known), -1).mean(axis=1), 1e-300))
     fine = np.union1d(np.linspace(low, high, 16 * _COLOURS), here)
     value = np.exp(PchipInterpolator(known, logs)(np.clip(fine, known[0], known[-1])))

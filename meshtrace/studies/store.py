@@ -125,7 +125,7 @@ class Store:
         # other code may give other digits
         code = {"meshtrace": version("meshtrace"), "kernels": sources().hex()}
         here = json.loads(json.dumps({**identity, **code, "study": self._study}))
-        of = _digest_of(name, here)
+        of = digest_of(here, name)
         with self._held():
             with self._turn:
                 file = self._opened(name, here)
@@ -174,14 +174,14 @@ class Store:
         others = [one for one in self.identities.values() if one["study"] != self._study]
         if others:
             there, here = ({"study": one["study"]} for one in (others[0], here))
-        elif _digest_of(name, there) == _digest_of(name, here):
+        elif digest_of(there) == digest_of(here):
             return
         held = Described(f"{str(self.path)!r} holds another study ({_difference(there, here)})")
         raise Refused("store", held, "the same arguments, or another path")
 
     def items(self, name: str) -> Kept:
         """Return the finished items of a loop as they were read."""
-        return Kept(self._items.get(_digest_of(name, self.identities[name]), {}))
+        return Kept(self._items.get(digest_of(self.identities[name], name), {}))
 
     def read(self) -> None:
         """Read the lines that are new; drop damaged ones from the file, with a warning.
@@ -243,13 +243,9 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def _digest_of(name: str, identity: Any) -> str:
-    return _digest(json.dumps([name, identity], sort_keys=True).encode())[:16]
-
-
-def digest_of(values: Any) -> str:
-    """Return a short digest of long plain data, for an identity."""
-    return _digest_of("", values)
+def digest_of(values: Any, name: str = "") -> str:
+    """Return a short digest of long plain data, or of the identity of a loop with its name."""
+    return _digest(json.dumps([name, values], sort_keys=True).encode())[:16]
 
 
 def _unusable(path: Path, text: str) -> Refused:

@@ -9,6 +9,8 @@ import meshtrace as mt
 from meshtrace.comms.budget import required_gain
 from meshtrace.comms.capacity import capacity
 from meshtrace.errors import Refused
+from meshtrace.studies import Variant
+from meshtrace.studies.keys import parameters
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore::meshtrace.DaylightWarning", "ignore::meshtrace.FewSamplesWarning"
@@ -161,6 +163,14 @@ def test_detection_and_water_are_inferred_from_powers_and_error_rates():
         0.4, abs=3.0 * f.stderr["detector.sipm.pde"]
     )
     assert f.stderr["detector.sipm.pde"] < 0.02
+
+
+def test_keys_of_the_light_are_none_of_those_by_default():
+    at = scenario()
+    variant = Variant(at.link, at.surface, at.detector, at.daylight, mt.Uav())
+    known = [p.name for p in parameters(variant, None, None, "vertex")]
+    assert "water.a" in known
+    assert not [name for name in known if name.startswith(("daylight", "detector", "uav"))]
 
 
 def test_unknown_keys_are_refused_with_those_allowed():

@@ -159,9 +159,8 @@ def test_reweighting_is_a_new_run():
     """The gain at other a and b from the same chains is that of a simulation."""
     from meshtrace.studies import Variant
     from meshtrace.studies.campaign import campaign_of
-    from meshtrace.studies.inference import Predictor
+    from meshtrace.studies.inference import Predictor, read_measurements
     from meshtrace.studies.keys import parameters
-    from meshtrace.studies.measurements import read_measurements
 
     sea, link = FlatSea(), mt.Link()
     start = Variant(link, sea)

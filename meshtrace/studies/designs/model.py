@@ -80,10 +80,7 @@ class MeanGains:
         sea = mean_sea(campaign.link, campaign.surface)
         most = _RESOLVED_SEAS if sea is campaign.surface else _SEAS
         self.campaign = campaign._replace(surface=sea, progress=None)
-        if isinstance(sea, SeededSurface):
-            self.steps = self.campaign.realizations(min(seas, most))
-        else:
-            self.steps = self.campaign.in_time(np.array([campaign.meshing.time]))
+        self.steps = self.campaign.surfaces(min(seas, most))
         self.seas = len(self.steps.labels)
         self._options = run.photons, run.seed, campaign.meshing.normals, campaign.threads
         self._known: dict[Link, Floats] = {self._link: np.zeros(1)}
@@ -524,9 +521,7 @@ class LinkModel:
         ends = tuple(dict.fromkeys((*self.link.receivers, *link.receivers)))
         whole = link.replace("receiver", ends if len(ends) > 1 else ends[0])
         campaign = self.campaign.of(whole, f"link and {_name_of(link)}")._replace(progress=None)
-        steps = campaign.in_time(np.array([campaign.meshing.time]))
-        if isinstance(campaign.surface, SeededSurface):
-            steps = campaign.realizations(max(min(self.seas, _RUN_SEAS), 2))
+        steps = campaign.surfaces(max(min(self.seas, _RUN_SEAS), 2))
         gains = campaign.gains(steps).gain.values[0, :, -1]  # (seas, shifts)
         means, total = gains.mean(axis=1), float(gains.mean())
         if not total > 0.0:
