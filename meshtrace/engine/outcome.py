@@ -355,11 +355,11 @@ def warn_of_lost(result: GainResult) -> None:
 def warn_of_dark_map(
     result: GainResult,
     records: Mapping[str, Record],
-    follow: Callable[[options.IrradianceMap, int], PhotonSums],
+    follow: Callable[..., PhotonSums],
 ) -> None:
     """Warn of a map that faces away from the light, by a few photons that arrive from behind.
 
-    `follow` traces photons with a map.
+    `follow` traces a number of `photons` with a map as their `record`.
     """
     grid = records.get("irradiance-map")
     if not isinstance(grid, options.IrradianceMap) or result.map is None:
@@ -367,7 +367,7 @@ def warn_of_dark_map(
     x, y, z = grid.axis
     back = grid.replace(axis=(-x, -y, -z), fov_deg=180.0)
     photons = min(result.photons, max(_BACK_PHOTONS, result.photons // 100))
-    found = irradiance_map(back, follow(back, photons))
+    found = irradiance_map(back, follow(photons=photons, record=[back]))
     behind = found.irradiance.sum() - 3.0 * math.hypot(*found.irradiance_stderr.ravel())
     lit = result.map.irradiance.sum()
     if lit > behind / _BEHIND or (lit > 0.0 and behind <= 0.0):

@@ -132,60 +132,44 @@ def _split(recorder: Recorder) -> PhotonPaths:
 def received_paths(
     link: Link, mesh: TriangleMesh, n: int, seed: int, normals: str, chains: int = 4096
 ) -> PhotonPaths:
-    """Return paths of received light, sampled in proportion to their weight.
+    """Return n paths of light into the first receiver, sampled in proportion to their weight.
 
-    Scattered light is that of chains, also where its gain rests on joined photons.
+    From the source over its scatterings and the crossing to the aperture; all carry the same share
+    of the gain. Scattered light is that of chains, also where its gain rests on joined photons.
     """
-    sea = TypicalSea.of([mesh])
+    sea, rng = TypicalSea.of([mesh]), np.random.default_rng([seed, 1])
     forced = ForcedDetection(link, chains, seed, normals, sea=sea, scattered="chains")
-    rows = received_light(forced, mesh, n, np.random.default_rng([seed, 1]))
-    if not rows:
+    aimed, sets, arrays = forced.over(mesh), forced.sets(unscattered=True), forced.arrays
+    light, paths = list[float](), list[Floats]()
+    for s, power in enumerate(arrays.power):
+        e, t = (0, s) if arrays.down else (s, 0)
+        for some in map(forced.drawer.whole, sets[e]):
+            found = aimed.aim(e, t, some, keep=True).arrivals
+            weight = power * found["weight"] / len(some.audit)
+            if not weight.sum() > 0.0:
+                continue
+            kept = rng.choice(len(found), min(n, len(found)), p=weight / weight.sum())
+            ends = arrays.emitters[e], arrays.targets[t]
+            paths += [_placed(some.chains, found[k], *ends) for k in kept]
+            light += [float(weight.sum()) / max(len(kept), 1)] * len(kept)
+    if not paths:
         dark = Described("no light is received")
         raise Refused("received_only", dark, "a link that receives some")
-    longest = max(len(points) for points, _ in rows)
-    out = _empty(longest, np.arange(len(rows), dtype=np.int64))
-    for k, (points, weight) in enumerate(rows):
-        m = len(points)
-        out.vertex[k, :m] = points
-        out.weight[k, :m] = weight
+    total = float(sum(light))
+    chosen = rng.choice(len(paths), n, p=np.array(light) / total)
+    out = _empty(max(len(paths[i]) for i in chosen), np.arange(n, dtype=np.int64))
+    for k, i in enumerate(chosen):
+        m = len(paths[i])
+        out.vertex[k, :m] = arrays.frame.metres(paths[i][:: -1 if arrays.down else 1])
+        out.weight[k, :m] = total / n
         out.what[k, :m] = Vertex.SCATTER
         out.what[k, 0] = Vertex.SOURCE
-        if link.direction == "down":
+        if arrays.down:
             out.what[k, 1] = Vertex.SURFACE_IN
         else:
             out.what[k, m - 2] = Vertex.SURFACE_OUT
         out.what[k, m - 1] = Vertex.RECEIVED
     return out
-
-
-def received_light(
-    forced: ForcedDetection, mesh: TriangleMesh, n: int, rng: np.random.Generator
-) -> list[tuple[Floats, float]]:
-    """Return n paths into the first receiver, sampled in proportion to their weight.
-
-    Each is (points, weight) from the source over its scatterings and the crossing to the
-    aperture; all carry the same share of the gain.
-    """
-    aimed, sets, link = forced.over(mesh), forced.sets(unscattered=True), forced.arrays
-    light: list[float] = []
-    paths: list[Floats] = []
-    for s, power in enumerate(link.power):
-        e, t = (0, s) if link.down else (s, 0)
-        for chains in map(forced.drawer.whole, sets[e]):
-            found = aimed.aim(e, t, chains, keep=True).arrivals
-            weight = power * found["weight"] / len(chains.audit)
-            if not weight.sum() > 0.0:
-                continue
-            kept = rng.choice(len(found), min(n, len(found)), p=weight / weight.sum())
-            for k in kept:
-                paths.append(_placed(chains.chains, found[k], link.emitters[e], link.targets[t]))
-            light += [float(weight.sum()) / max(len(kept), 1)] * len(kept)
-    if not paths:
-        return []
-    total = float(sum(light))
-    chosen = rng.choice(len(paths), n, p=np.array(light) / total)
-    with_light = -1 if link.down else 1
-    return [(link.frame.metres(paths[k][::with_light]), total / n) for k in chosen]
 
 
 def _placed(chains: Chains, arrival: np.void, emitter: Emitter, target: Target) -> Floats:

@@ -16,7 +16,7 @@ from meshtrace.engine.common import SpectralDetection, analog_sums
 from meshtrace.engine.forced import ForcedDetection, TypicalSea, cut_share
 from meshtrace.engine.mesh_error import relative_mesh_error, with_mesh_errors
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
-from meshtrace.engine.photons.analog import PhotonSums, options_over, run_analog
+from meshtrace.engine.photons.analog import options_over, run_analog
 from meshtrace.engine.setup.ends import require_height_field, resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import (
@@ -24,7 +24,6 @@ from meshtrace.engine.setup.options import (
     Case,
     Estimator,
     HasCase,
-    IrradianceMap,
     Meshing,
     Record,
     Run,
@@ -169,7 +168,9 @@ def simulate(  # type: ignore[misc]
         outcome.warn_of_few(results, links, first)
         if isinstance(case.run.estimator, Analog):
             outcome.warn_of_lost(results[first])
-            outcome.warn_of_dark_map(results[first], records, partial(_map_over, case, made))
+            over = EmbreeIntersector(made, case.threads)
+            follow = partial(run_analog, case.link, over, case.run.estimator, **case.how)
+            outcome.warn_of_dark_map(results[first], records, follow)
         else:
             relative = relative_mesh_error(case.link, made, case.meshing.normals)
             results = with_mesh_errors(results, links, first, relative)
@@ -234,15 +235,6 @@ def _followed(
         wanted = [more for one in results if (more := _further(case.run, one)) is not None]
         run = max(wanted, key=lambda more: more.photons, default=None)
     return results
-
-
-def _map_over(case: Case, mesh: TriangleMesh, grid: IrradianceMap, photons: int) -> PhotonSums:
-    """Return the tallies of the first analog photons with a map."""
-    assert isinstance(case.run.estimator, Analog)
-    intersector, of = EmbreeIntersector(mesh, case.threads), case.how
-    return run_analog(
-        case.link, intersector, case.run.estimator, photons=photons, record=[grid], **of
-    )
 
 
 def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:

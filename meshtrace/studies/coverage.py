@@ -384,10 +384,10 @@ class _Mapped:
         if self._image is None:
             warn_of_dark_map(results[0], records, self._back)
 
-    def _back(self, grid: IrradianceMap, photons: int) -> PhotonSums:
+    def _back(self, photons: int, record: Sequence[IrradianceMap]) -> PhotonSums:
         """Follow a few photons at the first time with another map."""
         step = _Step(0, 0, self._photons.options.first_photon, photons)
-        return self._photons.tallies(step, grid)
+        return self._photons.tallies(step, *record)
 
     def _follow(self, done: int, photons: int, sums: list[PhotonSums]) -> list[PhotonSums]:
         """Follow more photons at each time, and return their tallies with the sums, by run."""
