@@ -55,26 +55,23 @@ _DOUBT = 3.5  # standard errors by which the pilots may differ: beyond, chains m
 class Pilot(NamedTuple):
     """Statistics of pilot chains over a flat sea, by receiver and order from 1 on."""
 
-    chains: NDArray[np.int64]  # (receivers, orders)
+    chains: Floats  # (receivers, orders)
     mean: Floats  # (receivers, orders)
     spread: Floats  # (receivers, orders) standard deviation of one chain
-    scored: NDArray[np.int64]  # (receivers, orders) chains with a score > 0
 
     @classmethod
     def of_orders(cls, table: Floats) -> Pilot:
         """Return the pilot of statistics (orders, 4, receivers), see `pilot_statistics`."""
-        chains, mean, spread, scored = table.transpose(1, 2, 0)
-        return cls(chains.astype(np.int64), mean, spread, scored.astype(np.int64))
+        chains, mean, spread, _ = table.transpose(1, 2, 0)
+        return cls(chains, mean, spread)
 
     def of(self, receivers: NDArray[np.bool_]) -> Pilot:
         """Return the pilot of some receivers."""
-        rows: Any = (array[receivers] for array in self)
-        return Pilot(*rows)
+        return Pilot(*(array[receivers] for array in self))
 
     def joined(self, power: Floats) -> Pilot:
         """Return the pilot of one receiver with targets of shares of the power."""
-        mean, spread = (power @ self.mean)[None], (power @ self.spread)[None]
-        return Pilot(self.chains[:1], mean, spread, self.scored.max(axis=0)[None])
+        return Pilot(self.chains[:1], (power @ self.mean)[None], (power @ self.spread)[None])
 
     def at_wavelengths(self, ratios: Floats, gain: Floats) -> tuple[Pilot, Floats]:
         """Return the pilot and the gain of each receiver at each wavelength, one row each.
@@ -86,9 +83,9 @@ class Pilot(NamedTuple):
         power = ratios[:, None, None] ** np.arange(1, orders + 1)
         direct = np.maximum(gain - self.mean.sum(axis=1), 0.0)
         mean, spread = power * self.mean, power * self.spread
-        chains, scored = (np.broadcast_to(x, mean.shape) for x in (self.chains, self.scored))
-        rows: Any = (x.reshape(-1, orders) for x in (chains, mean, spread, scored))
-        return Pilot(*rows), (direct + mean.sum(axis=2)).ravel()
+        rows = (np.broadcast_to(self.chains, mean.shape), mean, spread)
+        found = Pilot(*(x.reshape(-1, orders) for x in rows))
+        return found, (direct + mean.sum(axis=2)).ravel()
 
 
 def pilot_statistics(

@@ -160,7 +160,7 @@ class ForcedDetection:
                 # chains and joined photons are compared over still water with random slopes
                 still = replace(still, unresolved=sea.unresolved)
                 surfaces.append(self._tinted(self.over(still), shared))
-            found = self._pilots(surfaces, orders)
+            found = self.pilots(surfaces, orders)
             pilots, compared = found[0][0], found[-1]
             self._light = self._still_gain(pilots)
             self.method = ["chains"] * len(link.receivers)
@@ -174,7 +174,7 @@ class ForcedDetection:
                     else [joined.evaluate(still)]
                 )
                 if len(compared) < len(light):
-                    (compared,) = self._pilots([self._tinted(self.over(still), shared)], orders)
+                    (compared,) = self.pilots([self._tinted(self.over(still), shared)], orders)
                 self._choose(compared, light, doubtful, self.expected * np.array(shared.ratios))
         # allotted to the orders by the pilots
         requests = self._requests(pilots) if "chains" in self.method else []
@@ -234,7 +234,7 @@ class ForcedDetection:
         several = len(common.links) > 1
         return aimed.at_wavelengths(common.tinting, common.links) if several else aimed
 
-    def _pilots(
+    def pilots(
         self, surfaces: Sequence[ChainDrawer | AimedChains], orders: list[int]
     ) -> list[list[list[choice.Pilot]]]:
         """Return the pilots of the sources up to their orders, by surface and wavelength."""

@@ -81,10 +81,11 @@ class AimedChains:
         self.link = link
         self._mesh = link.frame.mesh(mesh)
         self._intersector = EmbreeIntersector(self._mesh, 1)
-        self._normals = normals
         self._search_mode = search
         self.surface: MeshArrays = surface_arrays(self._mesh, normals, unresolved)
-        rough = self.surface.roughness
+        rough, n = self.surface.roughness, self.surface.vertex_normals
+        # mean square slope of the mesh, of one component
+        self._mesh_slopes = float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
         self.rough = rough.along > 0.0 or rough.across > 0.0
         # the slope between two directions is known where refraction is physical
         physical = link.interface.snell, link.interface.direction
@@ -95,23 +96,24 @@ class AimedChains:
         self._mirrored = _upside_down(self.surface) if link.down else None
         self._serve(link)
         self.nodes: dict[tuple[int, int], Nodes] = {}  # quadratures of the apertures
-        self.tinting = UNTINTED
-        self._far: tuple[int, AimedChains] | None = None  # at one of several wavelengths
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     def _serve(self, link: ForcedLink) -> None:
-        """Set link, water and bins, and empty counters."""
-        self.link, self.medium = link, link.medium
+        """Set link, water, bins and the extent of the search for roots; empty counters."""
+        self.link, self.medium, self.tinting = link, link.medium, UNTINTED
+        self._far: tuple[int, AimedChains] | None = None  # at one of several wavelengths
         if self.medium.depth_mode == DepthMode.LOCAL:
             self.medium = with_raster(self.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
         self.counters = np.zeros(len(Counter), np.int64)
+        self._extent = search_extent(self.surface, self.facets, self.locator)
+        if self._search_mode == "thorough" and self.surface.max_slope > 0.0:
+            # level water has the crossings of the flat sea alone
+            self._extent = self._extent._replace(audit=1.0)
 
     def of_link(self, link: ForcedLink) -> AimedChains:
         """Return the same surface over another link of the same frame and slopes."""
         found = copy(self)
-        found.__dict__.pop("_extent", None)
-        found.tinting, found._far = UNTINTED, None
         found._serve(link)
         return found
 
@@ -119,12 +121,6 @@ class AimedChains:
     def sampled(self) -> bool:
         """Whether unscattered light is sampled: slopes are too narrow for an integral over them."""
         return self.rough and not self.blurred
-
-    @cached_property
-    def _mesh_slopes(self) -> float:
-        """Mean square slope of the mesh, of one component."""
-        n = self.surface.vertex_normals
-        return float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
 
     @cached_property
     def spread(self) -> Roughness:
@@ -165,18 +161,6 @@ class AimedChains:
         """Return one source, the surface and one aperture as the kernels take them."""
         facets, medium, interface = self.facets, self.medium, self.link.interface
         return Scene(emitter, target, self.surface, self.locator, facets, medium, interface)
-
-    def search_of(self, target: Target) -> Search:
-        """Return the extent of the search for roots."""
-        extent = self._extent
-        return extent._replace(widest=target.reach + extent.widest)
-
-    @cached_property
-    def _extent(self) -> Search:
-        extent = search_extent(self.surface, self.facets, self.locator)
-        # level water has the crossings of the flat sea alone
-        thorough = self._search_mode == "thorough" and self.surface.max_slope > 0.0
-        return extent._replace(audit=1.0) if thorough else extent
 
     def together(self, receivers: Sequence[int], chains: ChainSet) -> Iterator[list[int]]:
         """Yield receivers that a set of chains is aimed at together.
@@ -220,7 +204,8 @@ class AimedChains:
         else:
             (receiver,) = receivers
             target, flat = self.link.targets[receiver], chains.crossings(receiver)
-            scene, search = self.scene(emitter, target), self.search_of(target)
+            scene, extent = self.scene(emitter, target), self._extent
+            search = extent._replace(widest=target.reach + extent.widest)
             found = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
         n_doubt, n_rays, n_arrivals = found
         arrivals = out.arrivals[:n_arrivals]

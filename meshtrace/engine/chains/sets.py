@@ -45,6 +45,7 @@ _KEPT_BYTES = 2**26  # of chains that are kept for the next surface
 _BITS = 30  # of a point
 CROSSINGS = 4  # of a flat sea, kept for each chain
 _MIXTURE = np.array([0.1, 0.4, 0.15, 0.12, 0.1, 0.08, 0.05])  # free paths, stretched ways
+_NO_POINTS = np.zeros((0, 0)), np.zeros((0, 0))
 _FITTED = 0.8  # share of fitted chains in turbid water
 _STRETCH = np.array([0.0, 0.015, 0.05, 0.15, 0.4, 1.0])  # from the shortest way to the longest
 _LONGEST_WAY = 1.3, 6.0  # smallest and largest of the longest way, over the shortest
@@ -104,12 +105,11 @@ class Request(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Chains for one thread: kept ones, or the points from which they are drawn."""
+    """Chains for one thread: kept ones, or the points and shifts from which they are drawn."""
 
     request: Request
     rows: slice
-    points: Floats
-    shifts: Floats
+    points: tuple[Floats, Floats]
     kept: ChainSet | None
 
     @property
@@ -127,14 +127,10 @@ class Drawing(NamedTuple):
 
     def blocks(self) -> Iterator[Block]:
         """Yield the chains in blocks."""
-        if self.kept is not None:
-            none = np.zeros((0, 0))
-            for rows in self.request.spans():
-                yield Block(self.request, rows, none, none, self.kept.rows(rows))
-            return
-        points, shifts = points_of(self.request)
+        points = points_of(self.request) if self.kept is None else _NO_POINTS
         for rows in self.request.spans():
-            yield Block(self.request, rows, points, shifts, None)
+            kept = self.kept if self.kept is None else self.kept.rows(rows)
+            yield Block(self.request, rows, points, kept)
 
 
 class ChainDrawer:
@@ -272,7 +268,8 @@ class ChainDrawer:
         source, per_shift = block.request.source, block.request.per_shift
         rows = block.shifts_in
         first = block.rows.start - rows.start * per_shift  # of a part of one shift
-        u = shifted(block.points[first : first + len(found.audit)], block.shifts[rows])
+        points, shifts = block.points
+        u = shifted(points[first : first + len(found.audit)], shifts[rows])
         found.audit[:] = u[:, -2]
         law = self.nominals[source]
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
