@@ -148,45 +148,47 @@ class FadingStatistics(Stored):
                 f"  coherence time       {_seconds(self.coherence_time)}",
                 f"  independent samples  {self.n_effective:.3g} (blocks of {self.block})",
             ]
-        lines += self._threshold_lines() + self._fit_lines()
-        return "\n".join(lines + [f"  note: {note}" for note in self.notes])
-
-    def _threshold_lines(self) -> list[str]:
-        lines = []
         for i, threshold in enumerate(self.thresholds):
             what = f"gain < {threshold:g}"
             what += "" if self.relative_to == "absolute" else f" x {self.relative_to}"
             lines.append(f"  {what:<20} outage {_text(self.outage[i])}")
             if self.level_crossing_rate:
                 lines.append(f"{'':<23}crossings {_text(self.level_crossing_rate[i])} per s")
-                fade = self.mean_fade_duration[i]
-                lines.append(f"{'':<23}mean fade {_seconds(fade)}")
-        return lines
-
-    def _fit_lines(self) -> list[str]:
+                lines.append(f"{'':<23}mean fade {_seconds(self.mean_fade_duration[i])}")
         tests = {test.model: test for test in self.goodness}
-        lines = []
         for fit in self.fits:
             values = ", ".join(f"{name} {value:.4g}" for name, value in fit.parameters.items())
             line = f"  {fit.model:<20} {values}; AIC {fit.aic:.6g}"
             if fit.model in tests:
                 line += f"; KS {tests[fit.model].ks:.3g}, p = {tests[fit.model].p_value:.3g}"
             lines.append(line)
-        return lines
+        return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def to_variables(self) -> Variables:
         """Return the arrays by their names in files, with dimensions and attributes."""
-        pdf, cdf = self.pdf, self.cdf
-        found = super().to_variables()
-        for name, dims, values in (
+        pdf, cdf, fits = self.pdf, self.cdf, self.fits
+        rows: list[tuple[str, tuple[str, ...], Any]] = [
             ("gain_bin", ("gain_bin",), 0.5 * (pdf.edges[1:] + pdf.edges[:-1])),
             ("gain_bin_width", ("gain_bin",), np.diff(pdf.edges)),
             *((name, (_PDF[name],), values) for name, values in zip(_PDF, pdf, strict=True)),
             *((name, ("gain",), values) for name, values in zip(_CDF, cdf, strict=True)),
-            *(self._fit_variables() if self.fits else ()),
-        ):
-            found[name] = (dims, np.asarray(values), attrs(name))
-        return found
+        ]
+        if fits:
+            names = list(dict.fromkeys(name for fit in fits for name in fit.parameters))
+            known = {test.model: test for test in self.goodness}
+            none = GoodnessOfFit("lognormal", math.nan, math.nan, 0)
+            tests = [known.get(fit.model, none) for fit in fits]
+            values = [[fit.parameters.get(name, math.nan) for name in names] for fit in fits]
+            rows += [
+                ("model", ("model",), [fit.model for fit in fits]),
+                ("fit_parameter", ("fit_parameter",), names),
+                ("fit_value", ("model", "fit_parameter"), values),
+                ("aic", ("model",), [fit.aic for fit in fits]),
+                ("ks", ("model",), [test.ks for test in tests]),
+                ("ks_p_value", ("model",), [test.p_value for test in tests]),
+            ]
+        found = super().to_variables()
+        return found | {name: (dims, np.asarray(v), attrs(name)) for name, dims, v in rows}
 
     @classmethod
     def arrays(cls, data: xarray.Dataset) -> dict[str, Any]:
@@ -195,18 +197,6 @@ class FadingStatistics(Stored):
             "pdf": Histogram(*(data[name].to_numpy() for name in _PDF)),
             "cdf": Distribution(*(data[name].to_numpy() for name in _CDF)),
         }
-
-    def _fit_variables(self) -> Iterator[tuple[str, tuple[str, ...], object]]:
-        names = list(dict.fromkeys(name for fit in self.fits for name in fit.parameters))
-        tests = {test.model: test for test in self.goodness}
-        none = GoodnessOfFit("lognormal", math.nan, math.nan, 0)
-        values = [[fit.parameters.get(name, math.nan) for name in names] for fit in self.fits]
-        yield "model", ("model",), [fit.model for fit in self.fits]
-        yield "fit_parameter", ("fit_parameter",), names
-        yield "fit_value", ("model", "fit_parameter"), values
-        yield "aic", ("model",), [fit.aic for fit in self.fits]
-        yield "ks", ("model",), [tests.get(fit.model, none).ks for fit in self.fits]
-        yield "ks_p_value", ("model",), [tests.get(fit.model, none).p_value for fit in self.fits]
 
 
 def _text(estimate: Estimate) -> str:
