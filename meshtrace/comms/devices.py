@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
 
-from meshtrace.comms.spectra import Curve, share_or_curve
+from meshtrace.comms.spectra import Curve, Share
 from meshtrace.errors import Described, Refused, require_between
 from meshtrace.models import Floats, Model, NonNegative, Positive
 from meshtrace.results.impulse import SPEED_OF_LIGHT
@@ -89,17 +89,12 @@ class SiPM(Model, frozen=True):
     gain: Positive = 1e6
     n_spads: int = pydantic.Field(default=14410, gt=0)
     area: Positive = 9.43e-6
-    pde: float | Curve = 0.30
+    pde: Share = 0.30
     dark_count_rate: NonNegative = 471e3
     p_crosstalk: float = pydantic.Field(default=0.025, ge=0.0, lt=0.5, allow_inf_nan=False)
     p_afterpulse: float = pydantic.Field(default=0.0075, ge=0.0, lt=0.1, allow_inf_nan=False)
     recovery_time: NonNegative = 15e-9
     bandwidth: Positive = 2e6
-
-    @pydantic.field_validator("pde", mode="wrap")
-    @classmethod
-    def _efficiency(cls, value: Any, _: Any) -> float | Curve:
-        return share_or_curve(value, "pde")
 
     def pde_at(self, wavelength_nm: ArrayLike) -> Floats:
         """Return the photon detection efficiency at wavelengths [nm]; 0 beyond a table."""
@@ -424,15 +419,10 @@ class OpticalFrontEnd(Model, frozen=True):
     concentrator_index: float = pydantic.Field(default=1.5, ge=1.0, le=4.0, allow_inf_nan=False)
     medium_index: float = pydantic.Field(default=1.0, ge=1.0, le=2.0, allow_inf_nan=False)
     etendue_limited: bool = True
-    filter_transmission: float | Curve = 1.0
+    filter_transmission: Share = 1.0
     filter_width_nm: Positive = 10.0
     filter_center_nm: float | None = pydantic.Field(default=None, ge=100.0, le=1e4)
     filter_index: float | None = pydantic.Field(default=None, ge=1.0, le=4.0)
-
-    @pydantic.field_validator("filter_transmission", mode="wrap")
-    @classmethod
-    def _transmission(cls, value: Any, _: Any) -> float | Curve:
-        return share_or_curve(value, "filter_transmission")
 
     @pydantic.model_validator(mode="after")
     def _one_filter(self) -> Self:

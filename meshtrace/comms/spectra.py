@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 import pydantic
@@ -75,15 +75,20 @@ class Curve(Model, frozen=True):
         return float(np.trapezoid(self.value, self.wavelength_nm))
 
 
-def share_or_curve(value: Any, name: str) -> float | Curve:
+def _share_or_curve(value: Any, _: Any, info: pydantic.ValidationInfo) -> float | Curve:
     """Return a share 0 < x <= 1, or shares over wavelength; refuse other values by name."""
     if isinstance(value, dict | Curve):
         curve = Curve.model_validate(value)
         if max(curve.value) > 1.0:
             raise Refused("value", max(curve.value), "shares 0 ... 1")
         return curve
+    name = str(info.field_name)
     allowed = f"0 < {name} <= 1, or a table of wavelength_nm and value, or of file"
     return require_between(value, 0.0, 1.0, name, "(]", allowed)
+
+
+Share = Annotated[float | Curve, pydantic.WrapValidator(_share_or_curve)]
+"""A share, or shares over wavelength."""
 
 
 class Passed(NamedTuple):

@@ -77,6 +77,15 @@ AnySpectrum = Annotated[SerializeAsAny[WaterSpectrum], BeforeValidator(WaterSpec
 """A spectrum of a water, or plain data with its `kind`."""
 
 
+def _water_type(name: Any) -> str:
+    """Return the type of a name, ignoring case, hyphens and a leading family."""
+    word = "-".join(str(name).lower().replace("_", " ").replace("-", " ").split())
+    for known in WATER_TYPES:
+        if word in (known.lower(), known.lower().partition("-")[2]):
+            return known
+    raise Refused("type", name, ", ".join(WATER_TYPES), did_you_mean(name, WATER_TYPES))
+
+
 class WaterType(WaterSpectrum, frozen=True):
     """Spectrum of a type of water in the tables of `coefficients`.
 
@@ -92,12 +101,7 @@ class WaterType(WaterSpectrum, frozen=True):
     """
 
     kind: Literal["type"] = "type"
-    type: str
-
-    @field_validator("type", mode="before")
-    @classmethod
-    def _known(cls, name: Any) -> str:
-        return _water_type(name)
+    type: Annotated[str, BeforeValidator(_water_type)]
 
     @property
     def source(self) -> str:
@@ -272,12 +276,3 @@ def _nodes(jerlov: str) -> Floats:
     """Return wavelengths, a and b of a Jerlov type."""
     rows = read_table("jerlov_iop.csv", str)
     return rows[rows[:, 0] == jerlov, 1:].astype(np.float64).T
-
-
-def _water_type(name: str) -> str:
-    """Return the type of a name, ignoring case, hyphens and a leading family."""
-    word = "-".join(str(name).lower().replace("_", " ").replace("-", " ").split())
-    for known in WATER_TYPES:
-        if word in (known.lower(), known.lower().partition("-")[2]):
-            return known
-    raise Refused("type", name, ", ".join(WATER_TYPES), did_you_mean(name, WATER_TYPES))
