@@ -125,7 +125,7 @@ def tinting(
     """
     layers = [row.water.layers for row in (base, *links)]
     deepest = max((rows[-1][0] for rows in layers if rows), default=0.0)
-    deep = max(-item.center[2] for _, item in base.items())
+    deep = max(-item.center[2] for _, item in base.items()) or 1.0  # of sun and sky: any length
     grid = np.linspace(0.0, max(deepest, 1e-3), _NODES) if deepest else np.array([0.0, 1.0])
     profiles = [np.broadcast_arrays(*row.water.profile(grid)) for row in (base, *links)]
     waters = np.array(profiles).swapaxes(0, 1)  # a and b, links, nodes
