@@ -5,10 +5,6 @@ from .export import save_html as save_html
 from .export import save_picture as save_picture
 from .export import save_vtk as save_vtk
 from .export import to_pyvista as to_pyvista
-from .light import add_coverage as add_coverage
-from .light import add_footprint as add_footprint
-from .light import add_paths as add_paths
-from .light import select_paths as select_paths
 from .parts import add_bubbles as add_bubbles
 from .parts import add_receiver as add_receiver
 from .parts import add_surface as add_surface
@@ -49,7 +45,11 @@ from .plots_studies import plot_optimum as plot_optimum
 from .plots_studies import plot_tornado as plot_tornado
 from .plots_studies import plot_trace as plot_trace
 from .scenes import SceneStyle as SceneStyle
+from .scenes import add_coverage as add_coverage
+from .scenes import add_footprint as add_footprint
+from .scenes import add_paths as add_paths
 from .scenes import scene as scene
+from .scenes import select_paths as select_paths
 from .show import save_irradiance as save_irradiance
 from .show import save_light as save_light
 from .show import save_movie as save_movie

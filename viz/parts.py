@@ -201,7 +201,7 @@ def add_bubbles(
     side: Any = (
         {"name": "near water", "culling": "back"} if near else {"name": "water", "culling": "front"}
     )
-    scene.add_tinted(block, shallow + dark * (deep - shallow), 0.3 if near else 0.97, **side)
+    scene.add_tinted(block, shallow + dark * (deep - shallow), 0.302 if near else 0.97, **side)
     if bubbles is not None and not near:
         _add_points(scene, mesh, bubbles)
     return scene
@@ -370,9 +370,8 @@ def _add_beam(
         way = np.linalg.norm(points - apex, axis=2)
         grid = pv.StructuredGrid(*(points[..., k][..., None] for k in range(3)))
         grid.point_data["alpha"] = (0.11 * np.exp(-loss * way)).ravel(order="F")
-        shell = grid.extract_surface(algorithm=None).clip_box(stage.bounds, invert=False)
-        if shell.n_cells:
-            scene.add_tinted(shell, LIGHT_COLOR, shell["alpha"])
+        shell = grid.extract_surface(algorithm=None)
+        scene.add_tinted(shell, LIGHT_COLOR, shell["alpha"], clipped=True)
 
 
 def cone_rim(

@@ -157,14 +157,21 @@ class ScenePlotter(pv.Plotter):
         font: Any = {"font_size": round(0.5 * self.font_size), "font_file": FONT_FILE}
         self.add_text(text, position=(left, bottom), viewport=True, color=color, **font)
 
-    def add_tinted(self, part: pv.DataSet, color: Any, alpha: ArrayLike, **look: Any) -> None:
-        """Draw a part without shading, in colours and opacities of its points, 0 ... 1."""
-        color = np.broadcast_to(
+    def add_tinted(
+        self, part: pv.DataSet, color: Any, alpha: ArrayLike, clipped: bool = False, **look: Any
+    ) -> None:
+        """Draw a part without shading, in colours and opacities of its points, 0 ... 1.
+
+        If it is clipped, it ends at the sides of the stage.
+        """
+        rgb = np.broadcast_to(
             to_rgb(color) if isinstance(color, str) else color, (part.n_points, 3)
         )
-        alpha = np.broadcast_to(alpha, part.n_points)
-        part.point_data["tint"] = np.rint(255.0 * np.column_stack([color, alpha])).astype(np.uint8)
-        self.add_mesh(part, scalars="tint", rgb=True, lighting=False, **look)
+        tint = np.column_stack([rgb, np.broadcast_to(alpha, part.n_points)])
+        part.point_data["tint"] = np.rint(255.0 * tint).astype(np.uint8)
+        part = part.clip_box(self.stage.bounds, invert=False) if clipped else part
+        if part.n_cells:
+            self.add_mesh(part, scalars="tint", rgb=True, lighting=False, **look)
 
     def bar(self, title: str) -> Any:
         """Return the options of a colour bar, in the next place along the right edge."""

@@ -347,10 +347,7 @@ class ShadedSea:
         normals = normals.reshape(-1, 3).astype(np.float32)
         low, high = mesh.bounds[:, :2]
         size = float((high - low).max())
-        edge = float(np.ptp(mesh.vertices[mesh.faces[0]], axis=0)[:2].max())
-        least = 0.4 * math.pi / max(edge, 1e-6)
-        least = min(2.0 * math.pi / longest, least) if longest else least
-        variances = (0.0, 0.0) if mesh.unresolved is None else mesh.unresolved.vertex
+        variances, least = left_out(mesh, longest)
         wind = light.wind_direction_deg
         drawn = short_waves(size, texels, variances, least, wind, time)
         self._rest = drawn.rest
@@ -374,6 +371,18 @@ class ShadedSea:
         light = radiance(self._points, self._slopes, eye, self._light, self._rest)
         found = screen_colors(light, self._foam)
         return found.reshape(self._texels, self._texels, 3) if self.grid else found
+
+
+def left_out(mesh: TriangleMesh, longest: float | None) -> tuple[tuple[float, float], float]:
+    """Return slope variances of the waves that a mesh leaves out, and their least wavenumber.
+
+    They are those along and across the wind; the wavenumber is in rad m-1. The longest wave has
+    five edges at least, and by default.
+    """
+    edge = float(np.ptp(mesh.vertices[mesh.faces[0]], axis=0)[:2].max())
+    least = 0.4 * math.pi / max(edge, 1e-6)
+    least = min(2.0 * math.pi / longest, least) if longest else least
+    return (0.0, 0.0) if mesh.unresolved is None else mesh.unresolved.vertex, least
 
 
 def grid_shape(mesh: TriangleMesh) -> tuple[int, int] | None:

@@ -27,12 +27,11 @@ from aiohttp import web
 from trame.app.core import AVAILABLE_SERVERS, get_server
 from yarl import URL
 
-from meshtrace.engine.paths import PhotonPaths
 from meshtrace.errors import Refused, one_line
-from meshtrace.explorer import code, readings, stages
+from meshtrace.explorer import readings, stages
 from meshtrace.explorer.controls import BY_NAME, CHOICES, State, groups
 from meshtrace.explorer.scene import COLORS, LiveScene
-from meshtrace.explorer.session import STAGES, Session
+from meshtrace.explorer.stages import STAGES, Session
 from meshtrace.scenario import Scenario
 
 _ASSETS = Path(__file__).with_name("assets")
@@ -179,7 +178,7 @@ class Page:
 
     def show_text(self, kind: str) -> None:
         """Show the link as TOML or as Python, to be copied."""
-        make = {"TOML": code.as_toml, "Python": code.as_python}[kind]
+        make = {"TOML": readings.as_toml, "Python": readings.as_python}[kind]
         self.server.state.update(
             {"text_title": kind, "text": make(self.session.state.scenario), "text_shown": True}
         )
@@ -228,16 +227,13 @@ class Page:
 
     def scene_ready(self) -> None:
         """Send the whole scene to a page that has been loaded."""
-        self._call_scene("show", self.scene.parts)
+        self.server.js_call("scene", "show", self.scene.parts)
         if self._kept is not None:
-            self._call_scene("keep", self._kept[1])
+            self.server.js_call("scene", "keep", self._kept[1])
 
     def drawn(self) -> None:
         """Let a running sea go on: a browser has drawn it."""
         self._drawn.set()
-
-    def _call_scene(self, method: str, argument: Any) -> None:
-        self.server.js_call("scene", method, argument)
 
     def compare(self) -> None:
         """Keep the present state as A, beside which further states are shown, or end that."""
@@ -255,7 +251,7 @@ class Page:
         self._kept = (session.state, dict(self.scene.parts)) if present else None
         reading, fading = readings.gain_reading(session), readings.fading_reading(session)
         page.kept = {"reading": reading, "fading": fading, "lines": []} if present else None
-        self._call_scene("keep", self._kept[1] if self._kept else None)
+        self.server.js_call("scene", "keep", self._kept[1] if self._kept else None)
         self._refresh()
 
     def restore(self, values: dict[str, Any]) -> None:
@@ -367,9 +363,8 @@ class Page:
 
     def _push_scene(self) -> None:
         """Send the parts of the scene that have changed to the open pages."""
-        changes = self.scene.changes()
-        if changes:
-            self._call_scene("show", changes)
+        if changes := self.scene.changes():
+            self.server.js_call("scene", "show", changes)
 
     def _shown(self, name: str) -> Any:
         """Return the answer of a stage to the present state; None if it is missing or failed."""
@@ -402,7 +397,8 @@ class Page:
         page.fading = readings.fading_reading(session)
         page.caption = readings.caption(session)
         page.map_note = readings.map_note(session)
-        page.moves = _moves(session.state)
+        moves, time = dict(session.state.moves), session.state.time
+        page.moves = moves if time == session.state.given.meshing.time else {**moves, "time": time}
         if self._kept is not None:
             lines = readings.differences(self._kept[0], session.state)
             page.kept = {**page.kept, "lines": lines}
@@ -416,9 +412,7 @@ class Page:
         page.map = None if found is None else readings.map_image(found)
 
     def _play_or_pause(self, playing: bool = False, **_: Any) -> None:
-        if self._loop is None or bool(self._running) == playing:
-            return
-        if playing:
+        if playing and self._loop is not None and self._running is None:
             self._running = self._loop.create_task(self._run())
 
     async def _run(self) -> None:
@@ -429,7 +423,8 @@ class Page:
             while self.server.state.playing:
                 begun = loop.time()
                 state = session.show_time((begun - start) % stages.DURATION)
-                paths = await loop.run_in_executor(None, _paths_at, state)
+                rays = functools.partial(next, stages.rays(state, lambda *_: None))
+                paths = await asyncio.to_thread(stages.unless_refused, rays)
                 if session.state != state:  # moved meanwhile
                     await asyncio.sleep(0)
                     continue
@@ -453,22 +448,12 @@ class Page:
         self.seek(session.state.time)
 
 
-def _paths_at(state: State) -> PhotonPaths | None:
-    return stages.unless_refused(lambda: next(stages.rays(state, lambda *_: None)))
-
-
 def _number(value: Any) -> Any:
     """Return the number of a text field, or its text."""
     try:
         return float(value)
     except (TypeError, ValueError):
         return value
-
-
-def _moves(state: State) -> dict[str, Any]:
-    """Return the moved controls, and the time of the sea if it is not that at the start."""
-    start = state.given.meshing.time
-    return {**dict(state.moves), **({"time": state.time} if state.time != start else {})}
 
 
 def new_token() -> str:

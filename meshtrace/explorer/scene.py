@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from meshtrace.viz.water import (
     WATER_BRIGHTNESS,
     SeaLight,
     foam_streaks,
+    left_out,
     short_waves,
     sky_colors,
 )
@@ -91,7 +93,6 @@ class LiveScene:
         self._key: Any = None
         self._made: tuple[Any, TriangleMesh] | None = None
         self._drawn: TriangleMesh | None = None
-        self._tile: tuple[Any, dict[str, Any]] | None = None
         self._faces: Any = None
         self._framed, self._framing = 0.0, 0
         self._changed: set[str] = set()
@@ -239,14 +240,15 @@ class LiveScene:
         light = SeaLight.of(state.scenario.link, day, wind)
         angle = math.radians(wind[1])
         slopes = mesh.vertex_normals[:, :2] / np.maximum(mesh.vertex_normals[:, 2:], 0.2)
-        tile = self._waves(mesh, light)
+        variances, least = left_out(mesh, longest_left_out(self._surface))
+        tile = _tile((float(variances[0]), float(variances[1])), least, wind[1])
         upwelling = math.pi * WATER_BRIGHTNESS * light.upwelling
-        least = np.array(_LEAST_INSIDE) * min(1.0, _MOST_INSIDE / float(upwelling.max()))
+        inside = np.array(_LEAST_INSIDE) * min(1.0, _MOST_INSIDE / float(upwelling.max()))
         foam = 1.1 * norm.ppf(1.0 - light.foam) if light.foam > 0.0 else 100.0
         glint = 0.0 if day is _DUSK else day.direct / day.irradiance
         return {
             "waves": tile, "rest": tile["rest"], "sky": _sky_image(day), "sun": list(day.sun),
-            "tint": list(tint), "inside": np.maximum(1.6 * np.array(tint), least).tolist(),
+            "tint": list(tint), "inside": np.maximum(1.6 * np.array(tint), inside).tolist(),
             "direct": glint, "foam": float(foam),
             "upwelling": upwelling.tolist(),
             "absorption": light.absorption.tolist(), "wind": [math.cos(angle), math.sin(angle)],
@@ -254,29 +256,23 @@ class LiveScene:
             "steepness": float(slopes.var(axis=0).sum()),
         }  # fmt: skip
 
-    def _waves(self, mesh: TriangleMesh, light: SeaLight) -> dict[str, Any]:
-        """Return the slopes that the mesh leaves out and streaks of foam as the pixels of a tile.
 
-        Red and green are the slopes x and y over `scale`, blue the sum of their squares, of which
-        smaller copies of the tile keep the mean; alpha has the streaks from -4 to 4.
-        """
-        variances = (0.0, 0.0) if mesh.unresolved is None else mesh.unresolved.vertex
-        edge = float(np.ptp(mesh.vertices[mesh.faces[0]], axis=0)[:2].max())
-        least = 0.4 * math.pi / max(edge, 1e-6)
-        if longest := longest_left_out(self._surface):
-            least = min(2.0 * math.pi / longest, least)
-        key = tuple(variances), least, light.wind_direction_deg
-        if self._tile is None or self._tile[0] != key:
-            size = 4.0 * math.pi / least
-            drawn = short_waves(size, _TEXELS, variances, least, light.wind_direction_deg)
-            scale = 4.0 * max(float(drawn.slopes.std()), 1e-4)
-            slopes = np.clip(drawn.slopes / scale, -1.0, 1.0).transpose(1, 0, 2)
-            streaks = foam_streaks(4.0 * size, _TEXELS, light.wind_direction_deg).T
-            tile = np.dstack([0.502 + 0.498 * slopes, (slopes**2).sum(axis=2), (streaks + 4) / 8])
-            pixels = np.rint(255.0 * np.clip(tile, 0.0, 1.0)).astype(np.uint8)
-            self._tile = key, {"bytes": pixels.tobytes(), "n": _TEXELS, "size": size,
-                               "scale": scale, "rest": list(drawn.rest)}  # fmt: skip
-        return self._tile[1]
+@lru_cache(maxsize=4)
+def _tile(variances: tuple[float, float], least: float, wind_deg: float) -> dict[str, Any]:
+    """Return slopes of short waves and streaks of foam as the pixels of a tile, by `left_out`.
+
+    Red and green are the slopes x and y over `scale`, blue the sum of their squares, of which
+    smaller copies of the tile keep the mean; alpha has the streaks from -4 to 4.
+    """
+    size = 4.0 * math.pi / least
+    drawn = short_waves(size, _TEXELS, variances, least, wind_deg)
+    scale = 4.0 * max(float(drawn.slopes.std()), 1e-4)
+    slopes = np.clip(drawn.slopes / scale, -1.0, 1.0).transpose(1, 0, 2)
+    streaks = foam_streaks(4.0 * size, _TEXELS, wind_deg).T
+    tile = np.dstack([0.502 + 0.498 * slopes, (slopes**2).sum(axis=2), (streaks + 4) / 8])
+    pixels = np.rint(255.0 * np.clip(tile, 0.0, 1.0)).astype(np.uint8)
+    return {"bytes": pixels.tobytes(), "n": _TEXELS, "size": size, "scale": scale,
+            "rest": list(drawn.rest)}  # fmt: skip
 
 
 def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str, Any] | None:

@@ -1,7 +1,8 @@
-"""Answers of the explorer in stages: gain and bits, rays, fading, map.
+"""Answers of the explorer in stages: gain and bits, rays, fading, map; the session of a user.
 
 Each stage yields its answer several times, more precise each time, and calls `check` between its
-steps, which raises where a newer move has made the answer useless.
+steps, which raises where a newer move has made the answer useless. The session has the state of its
+user and a thread that answers the newest move.
 """
 
 from __future__ import annotations
@@ -12,7 +13,10 @@ import os
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from concurrent import futures
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -31,7 +35,7 @@ from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Analog, Arrivals
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, one_line
-from meshtrace.explorer.controls import State
+from meshtrace.explorer.controls import BITS_ALONE, State
 from meshtrace.fading import (
     Estimate,
     block_length,
@@ -310,3 +314,235 @@ async def design_of(scenario: Scenario) -> Design:
             lines = said.decode(errors="replace").strip().splitlines() or ["ended without a word"]
             raise Refused("design", Described(lines[-1]), "a link that can be designed")
         return Design.load(made)
+
+
+class Superseded(Exception):
+    """A newer job has been submitted, or the worker closed."""
+
+
+class Ticket(threading.Event):
+    """Right of a job to go on, until it is set: a newer job waits."""
+
+    def check(self, *_: Any) -> None:
+        """Return if the job may go on; takes and ignores the arguments of progress callbacks.
+
+        Raises
+        ------
+        Superseded
+            If a newer job has been submitted.
+        """
+        self.rest(0.0)
+
+    def rest(self, seconds: float) -> None:
+        """Wait for a newer job, if one comes.
+
+        Raises
+        ------
+        Superseded
+            If a newer job has been submitted.
+        """
+        if self.wait(seconds):
+            raise Superseded
+
+
+class Worker:
+    """Thread that runs the newest submitted job and drops older ones.
+
+    Parameters
+    ----------
+    on_error : callable
+        Called with any other exception of a job, in the thread.
+    """
+
+    def __init__(self, on_error: Callable[[Exception], None]) -> None:
+        self._on_error = on_error
+        self._pool = ThreadPoolExecutor(1, "meshtrace explorer")
+        self._lock = threading.RLock()
+        self._ticket = Ticket()
+        self._newest: Future[None] = Future()
+        self._newest.set_result(None)
+
+    def submit(self, job: Callable[[Ticket], None]) -> None:
+        """Replace the waiting job and supersede the running one; nothing after `close`."""
+        with self._lock, suppress(RuntimeError):
+            self.supersede()
+            self._newest = self._pool.submit(self._run, job, self._ticket)
+
+    def supersede(self) -> None:
+        """End the running job after its present step, and leave out the waiting one."""
+        with self._lock:
+            self._ticket.set()
+            self._newest.cancel()
+            self._ticket = Ticket()
+
+    def close(self) -> None:
+        """End the thread after the present step of its job."""
+        self.supersede()
+        self._pool.shutdown(wait=False)
+
+    def join(self) -> None:
+        """Wait until the thread has ended, after `close`: the interpreter must not end before."""
+        self._pool.shutdown()
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until no job waits or runs, and return whether that is so."""
+        return not futures.wait([self._newest], timeout).not_done
+
+    def _run(self, job: Callable[[Ticket], None], ticket: Ticket) -> None:
+        try:
+            ticket.check()
+            job(ticket)
+        except Superseded:
+            pass
+        except Exception as error:  # the thread outlives any job
+            self._on_error(error)
+
+
+_REST = 0.15  # between the first gain and further work: the page shows gain and scene [s]
+
+
+class Answer(NamedTuple):
+    """Latest answer of a stage: value, key of the state that it belongs to, completeness."""
+
+    value: Any
+    key: Any
+    complete: bool
+
+
+class Work(NamedTuple):
+    """Work of a stage: its answers for a state, and the parts of the state that they depend on."""
+
+    run: Callable[[State, Check], Iterator[Any]]
+    of_time: bool = True
+    of_bits: bool = False
+
+
+STAGES = {
+    "gain": Work(gains, of_bits=True),
+    "rays": Work(rays),
+    "fading": Work(fading, of_time=False),
+    "map": Work(coverage),
+}
+"""Stages in the order of the work; the map is made on demand."""
+
+
+class Session(Worker):
+    """State of one user of the explorer, and the thread that answers its newest move.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Link, sea and options at the start.
+    on_answer : callable, optional
+        Called with the name of a stage, "" for the end of the work, in the thread of the work.
+
+    Notes
+    -----
+    A move supersedes the work on the state before it. Each stage is worked on once for a state;
+    answers that do not depend on a move stay.
+    """
+
+    def __init__(
+        self, scenario: Scenario, on_answer: Callable[[str], None] = lambda name: None
+    ) -> None:
+        self._state = State(scenario, time=scenario.meshing.time)
+        self._answers: dict[str, Answer] = {}
+        self._on_answer = on_answer
+        self._map_wanted = False
+        self.working = ""
+        super().__init__(self._fail)
+
+    @property
+    def state(self) -> State:
+        """The state of the newest move."""
+        return self._state
+
+    def move(self, values: Mapping[str, Any], answer: bool = True) -> State:
+        """Move controls and start to answer, or leave that to `answer_now`; return the new state.
+
+        Raises
+        ------
+        Refused
+            If a value is not allowed; the state stays.
+        """
+        state = self._state.moved(values)
+        if state != self._state:
+            self._state, self._map_wanted = state, False
+            self.supersede()
+            self.working = next(iter(STAGES))
+            if answer:
+                self.answer_now()
+        return state
+
+    def forget(self) -> None:
+        """Return to the link as given, at the same time, without new work."""
+        self._state, self._map_wanted = State(self._state.given, time=self._state.time), False
+
+    def show_time(self, time: float) -> State:
+        """Change the time of the sea without new work, as in a running sea."""
+        self._state = self._state.at(time)
+        return self._state
+
+    def answer_now(self) -> None:
+        """Start to answer the present state: the first, or one after a change without answer."""
+        state, with_map = self._state, self._map_wanted
+        self.submit(lambda ticket: self._work(ticket, state, with_map))
+
+    def make_map(self) -> None:
+        """Make the map of the present state, after its other answers."""
+        self._map_wanted = True
+        self.answer_now()
+
+    def answer(self, name: str) -> Any:
+        """Return the latest answer of a stage; None before the first."""
+        found = self._answers.get(name)
+        return None if found is None else found.value
+
+    def fresh(self, name: str) -> bool:
+        """Return whether the latest answer of a stage belongs to the present state."""
+        found = self._answers.get(name)
+        return found is not None and found.key == _key(STAGES[name], self._state)
+
+    def _work(self, ticket: Ticket, state: State, with_map: bool) -> None:
+        for name, stage in STAGES.items():
+            known, key = self._answers.get(name), _key(stage, state)
+            if (name == "map" and not with_map) or (known and known.complete and known.key == key):
+                continue
+            self.working = name
+            self._publish(ticket, name, None)
+            answer = None
+            try:
+                for value in stage.run(state, ticket.check):
+                    first = answer is None and name == "gain"
+                    answer = Answer(value, key, False)
+                    self._publish(ticket, name, answer)
+                    if first:
+                        ticket.rest(_REST)
+            except Refused as error:
+                answer = Answer(Failed(str(error)), key, False)
+            if answer is not None:
+                self._publish(ticket, name, answer._replace(complete=True))
+        ticket.check()
+        self.working = ""
+        self._on_answer("")
+
+    def _publish(self, ticket: Ticket, name: str, answer: Answer | None) -> None:
+        with self._lock:
+            ticket.check()
+            if answer is not None:
+                self._answers[name] = answer
+        self._on_answer(name)
+
+    def _fail(self, error: Exception) -> None:
+        """Publish an internal error as the answer of its stage."""
+        name = self.working or "gain"
+        reason = Failed(f"{type(error).__name__}: {error}")
+        self._answers[name] = Answer(reason, _key(STAGES[name], self._state), True)
+        self.working = ""
+        self._on_answer(name)
+
+
+def _key(stage: Work, state: State) -> Any:
+    """Return the part of a state that the answers of a stage depend on."""
+    moves = tuple(m for m in state.moves if stage.of_bits or m[0] not in BITS_ALONE)
+    return moves, state.time if stage.of_time else None

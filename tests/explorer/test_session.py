@@ -11,8 +11,7 @@ from meshtrace.comms.budget import link_budget
 from meshtrace.errors import Refused
 from meshtrace.explorer import readings, stages
 from meshtrace.explorer.controls import State
-from meshtrace.explorer.session import Session
-from meshtrace.explorer.stages import Failed
+from meshtrace.explorer.stages import Failed, Session
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import JonswapSea
 
@@ -184,9 +183,9 @@ def test_the_newest_move_wins(monkeypatch):
         yield from real(state, check)
 
     session = Session(PAPER)
-    stage = __import__("meshtrace.explorer.session", fromlist=["STAGES"]).STAGES["gain"]
+    stage = __import__("meshtrace.explorer.stages", fromlist=["STAGES"]).STAGES["gain"]
     monkeypatch.setitem(
-        __import__("meshtrace.explorer.session", fromlist=["STAGES"]).STAGES,
+        __import__("meshtrace.explorer.stages", fromlist=["STAGES"]).STAGES,
         "gain",
         stage._replace(run=slow),
     )

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.explorer import scenario_of
-from meshtrace.explorer.code import as_python, as_toml
 from meshtrace.explorer.controls import (
     BY_NAME,
     CASE_1,
@@ -19,6 +18,7 @@ from meshtrace.explorer.controls import (
     State,
     slider_range,
 )
+from meshtrace.explorer.readings import as_python, as_toml
 from meshtrace.scenario import Scenario
 
 # control, value in the units of the page, what the scenario then holds
