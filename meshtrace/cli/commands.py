@@ -28,33 +28,18 @@ Asked = dict[str, Any]  # options of the study that are given
 _MOST_ROWS = 200  # printed; the store holds all
 
 
-def on_link(
-    study: StudyRow,
-    asked: Asked,
-    *,
-    link: console.LinkFile = None,
-    written: console.PlotOptions,
-    case: console.AllChanges,
-) -> None:
+def on_link(study: StudyRow, asked: Asked, *, of: console.LinkOptions) -> None:
     """Run the study of one link."""
-    scenario, (function, *_) = case.scenario(link), study.functions
-    written.check(link)
+    scenario, (function, *_) = of.opened(), study.functions
     values = defaults(function) | asked
     steps = None if values.get("rtol") else values.get(study.steps)
     total = steps if isinstance(steps, int | None) else len(steps)
     if total is not None and total < study.least:
         raise Refused(study.steps, total, f">= {study.least}")
-    written.write(study.run(function, scenario, total, asked))
+    of.write(study.run(function, scenario, total, asked))
 
 
-def compare(
-    study: StudyRow,
-    asked: Asked,
-    links: list[Path],
-    *,
-    written: console.PlotOptions,
-    case: console.AllChanges,
-) -> None:
+def compare(study: StudyRow, asked: Asked, links: list[Path], *, of: console.StudyOptions) -> None:
     """Compare the links of several files.
 
     Parameters
@@ -62,26 +47,18 @@ def compare(
     links : A.TOML B.TOML ...
         Two link files or more.
     """
-    scenarios, (function,) = {path.stem: case.scenario(path) for path in links}, study.functions
+    scenarios, (function,) = {path.stem: of.scenario(path) for path in links}, study.functions
     if len(scenarios) < len(links):
         raise Refused("links", ", ".join(map(str, links)), "files of different names")
-    written.check(*links)
+    of.check(*links)
     seas = (defaults(function) | asked)["realizations"] * len(links)
-    written.write(study.run(function, scenarios, seas, asked))
+    of.write(study.run(function, scenarios, seas, asked))
 
 
 _REFINED = {"spacings": "--spacings", "steps": "--time-steps", "omega_max": "--omega-max"}
 
 
-def converge(
-    study: StudyRow,
-    asked: Asked,
-    *,
-    link: console.LinkFile = None,
-    what: str = "gain",
-    written: console.PlotOptions,
-    case: console.AllChanges,
-) -> None:
+def converge(study: StudyRow, asked: Asked, *, what: str = "gain", of: console.LinkOptions) -> None:
     """Refine the mesh, the time step or the band of waves.
 
     Parameters
@@ -92,15 +69,13 @@ def converge(
     from meshtrace.studies.convergence.measure import is_wave_sum
 
     require_word(what, ("gain", "fading"), "--what")
-    scenario = case.scenario(link)
-    function = _chosen(study, asked, what)
-    written.check(link)
+    scenario, function = of.opened(), _chosen(study, asked, what)
     values = defaults(function) | asked
     if "reference" in values:
         exact = is_wave_sum(scenario.case().surface) and values["unresolved"] != "tilt"
         asked["reference"] = "analytic" if exact else None
     total = _surfaces(values)
-    written.write(study.run(function, scenario, total, asked, hidden=total == 0))
+    of.write(study.run(function, scenario, total, asked, hidden=total == 0))
 
 
 def _chosen(study: StudyRow, asked: Asked, what: str) -> Any:
@@ -169,13 +144,7 @@ class DaylightOptions:
 
 
 def traces(
-    study: StudyRow,
-    asked: Asked,
-    *,
-    link: console.LinkFile = None,
-    down: str | None = None,
-    written: console.PlotOptions,
-    case: console.AllChanges,
+    study: StudyRow, asked: Asked, *, down: str | None = None, of: console.LinkOptions
 ) -> None:
     """Compute the channel of a link over time.
 
@@ -184,13 +153,12 @@ def traces(
     down : FILE
         Link file of the downlink, or none; default: lamp and receiver at both ends.
     """
-    scenario, (function, pieces_in) = case.scenario(link), study.functions
-    written.check(link)
+    scenario, (function, pieces_in) = of.opened(), study.functions
     if down is not None:
-        asked["down"] = None if down == "none" else case.scenario(Path(down)).link
+        asked["down"] = None if down == "none" else of.scenario(Path(down)).link
     values = defaults(function) | asked
     total = pieces_in(values["hours"], values["rate"])
-    written.write(study.run(function, scenario, total, asked))
+    of.write(study.run(function, scenario, total, asked))
 
 
 def ber(

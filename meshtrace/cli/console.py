@@ -357,3 +357,21 @@ class PlotOptions(FileOptions):
         typer.echo(result.summary())
         self.save(result)
         draw(result, self.plot)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyOptions(AllChanges, PlotOptions):
+    """Options that change a link file, and files of a result."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkOptions(StudyOptions):
+    """Link file, options that change it, and files of a result."""
+
+    link: LinkFile = None
+
+    def opened(self) -> Scenario:
+        """Return the scenario, once it is clear that the files can be written."""
+        scenario = self.scenario(self.link)
+        self.check(self.link)
+        return scenario
