@@ -60,18 +60,18 @@ class _Group(NamedTuple):
     ends: list[ForcedDetection]  # some of the paths at the extreme indices, if these differ
     shares: Floats  # (rows,) of their difference, by the index
 
-    def evaluate(self, mesh: TriangleMesh) -> list[Parts]:
+    def at_wavelengths(self, mesh: TriangleMesh) -> list[Parts]:
         if not self.ends:
             return self.detection.at_wavelengths(mesh)
         aimed, every = self.detection.over(mesh), [self.detection, *self.ends]
         found = [one.at_wavelengths(mesh, aimed) for one in every]
         return [_moved(*row) for row in zip(*found, self.shares.tolist(), strict=True)]
 
-    def arrivals(self, mesh: TriangleMesh) -> list[ArrivalTally]:
+    def arrivals_at_wavelengths(self, mesh: TriangleMesh) -> list[ArrivalTally]:
         found = self.detection.arrivals_at_wavelengths(mesh)
         if not self.ends:
             return found
-        pairs = zip(found, self.evaluate(mesh), strict=True)
+        pairs = zip(found, self.at_wavelengths(mesh), strict=True)
         return [tally.with_gains(parts.gain) for tally, parts in pairs]
 
 
@@ -123,21 +123,21 @@ class SpectralDetection:
             self._groups.append(_Group(common.rows, detection, ends, common.shares - 0.5))
             waiting = [i for i in waiting if i not in common.rows]
 
-    def evaluate(self, mesh: TriangleMesh) -> list[Parts]:
+    def at_wavelengths(self, mesh: TriangleMesh) -> list[Parts]:
         """Return the gain over a mesh at each wavelength, in parts."""
         found: dict[int, Parts] = {}
         for group in self._groups:
-            found |= dict(zip(group.rows, group.evaluate(mesh), strict=True))
+            found |= dict(zip(group.rows, group.at_wavelengths(mesh), strict=True))
         return [found[row] for row in range(len(self.links))]
 
-    def arrivals(self, mesh: TriangleMesh) -> list[ArrivalTally]:
+    def arrivals_at_wavelengths(self, mesh: TriangleMesh) -> list[ArrivalTally]:
         """Return the light that arrives over a mesh at each wavelength.
 
         Unscattered light has the length of its way to the centroid of a facet.
         """
         found: dict[int, ArrivalTally] = {}
         for group in self._groups:
-            found |= dict(zip(group.rows, group.arrivals(mesh), strict=True))
+            found |= dict(zip(group.rows, group.arrivals_at_wavelengths(mesh), strict=True))
         return [found[row] for row in range(len(self.links))]
 
 

@@ -38,7 +38,6 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.parallel import default_threads
 from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
-from meshtrace.results.tallies import ArrivalTally
 from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths
 
 _MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
@@ -217,21 +216,19 @@ def _followed(
             pairs = zip(results, found, strict=True) if results else ()
             results = [merge(list(pair)) for pair in pairs] or found
         else:
-            sea, light = TypicalSea.of([mesh]), list[ArrivalTally]()
+            how = {**case.how, "sea": TypicalSea.of([mesh])}
+            paths: ForcedDetection | SpectralDetection
             if len(links) == 1:
-                forced = ForcedDetection(case.link, run.photons, **case.how, sea=sea)
-                gains = forced.at_wavelengths(mesh)
-                if records:
-                    light = forced.arrivals_at_wavelengths(mesh)
+                paths = ForcedDetection(case.link, run.photons, **how)
             else:
-                spectral = SpectralDetection(links, run.photons, **case.how, sea=sea)
-                gains = spectral.evaluate(mesh)
-                if records:
-                    light = spectral.arrivals(mesh)
-            results = []
-            for i, link in enumerate(links):
-                now, seen = case._replace(run=run, link=link), light[i] if light else None
-                results.append(outcome.forced_result(now, mesh, gains[i], origins[i], seen))
+                paths = SpectralDetection(links, run.photons, **how)
+            gains = paths.at_wavelengths(mesh)
+            none: list[Any] = [None] * len(links)
+            light = paths.arrivals_at_wavelengths(mesh) if records else none
+            results = [
+                outcome.forced_result(case._replace(run=run, link=link), mesh, parts, origin, seen)
+                for link, parts, origin, seen in zip(links, gains, origins, light, strict=True)
+            ]
         wanted = [more for one in results if (more := _further(case.run, one)) is not None]
         run = max(wanted, key=lambda more: more.photons, default=None)
     return results

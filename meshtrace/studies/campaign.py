@@ -391,7 +391,7 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
             pairs = zip(tilted, over(i), strict=True)
             return np.stack([one.parts(link, made) for one, link in pairs], axis=1)
         if campaign.spectral:
-            parts = (paths or spectral(over(i))).evaluate(made)
+            parts = (paths or spectral(over(i))).at_wavelengths(made)
         else:
             parts = [one.evaluate(made) for one in common or map(chains, over(i))]
         return np.array([[one.shifts for one in parts], [one.direct for one in parts]])

@@ -17,10 +17,9 @@ from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.link import Link
-from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
 from meshtrace.results.impulse import SPEED_OF_LIGHT, ImpulseResponse, response_of
-from meshtrace.results.tallies import ArrivalTally, error_of_groups
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.keys import Variant
@@ -65,16 +64,13 @@ def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
     meshes = list(ordered_map(lambda i: campaign.mesh(links, *steps.surface(i)), over, threads))
     sea = TypicalSea.of(meshes, MANY_SEAS)
     options = run.photons, run.seed, campaign.meshing.normals, threads, sea
+    paths: ForcedDetection | SpectralDetection
     if campaign.spectral:
-        arrivals = SpectralDetection(links, *options).arrivals
+        paths = SpectralDetection(links, *options)
     else:
-        chains = ForcedDetection(links[0], *options)
-
-        def arrivals(mesh: TriangleMesh) -> list[ArrivalTally]:
-            return [chains.arrivals(mesh)]
-
+        paths = ForcedDetection(links[0], *options)
     found = []
-    by_sea = ordered_map(arrivals, meshes, threads)
+    by_sea = ordered_map(paths.arrivals_at_wavelengths, meshes, threads)
     for link, tallies in zip(links, zip(*by_sea, strict=True), strict=True):
         lit = [tally for tally in tallies if tally.weight.any()]
         responses = [response_of(tally, link.water.n, link.n_air) for tally in lit]

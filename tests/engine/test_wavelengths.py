@@ -53,7 +53,7 @@ def compare(found, direct, tests):
 
 def forced(links, mesh, photons=4096, seed=1):
     sea = TypicalSea.of([mesh])
-    parts = SpectralDetection(links, photons, seed, sea=sea).evaluate(mesh)
+    parts = SpectralDetection(links, photons, seed, sea=sea).at_wavelengths(mesh)
     return [(p.gain[0], p.stderr[0]) for p in parts]
 
 
@@ -78,7 +78,7 @@ def test_unscattered_light_has_no_noise():
     links = links_of(waters)
     for sea in SEAS.values():
         mesh = mesh_of(links[0], sea)
-        parts = SpectralDetection(links, 64, 1).evaluate(mesh)
+        parts = SpectralDetection(links, 64, 1).at_wavelengths(mesh)
         direct = [ForcedDetection(link, 64, 1).evaluate(mesh) for link in links]
         found = [p.ballistic[0] / d.ballistic[0] for p, d in zip(parts, direct, strict=True)]
         assert found == pytest.approx(np.ones(3), abs=1e-5)
@@ -221,7 +221,7 @@ def test_gains_follow_the_index_of_the_water():
     links = links_of(waters)
     mesh = mesh_of(links[1], SEAS["flat"])
     compare(forced(links, mesh), one_by_one(links, mesh), 3)
-    parts = SpectralDetection(links, 64, 1).evaluate(mesh)
+    parts = SpectralDetection(links, 64, 1).at_wavelengths(mesh)
     for part, link in zip(parts, links, strict=True):
         direct = ForcedDetection(link, 64, 1).evaluate(mesh)
         assert part.ballistic == pytest.approx(direct.ballistic, rel=2e-4)
@@ -250,7 +250,7 @@ def test_a_wavelength_far_from_the_base_has_its_paths():
     links = links_of([{"a": 0.1, "b": 1.2}, {"a": 0.1, "b": 1.15}, {"a": 0.5, "b": 0.15}])
     mesh = mesh_of(links[0], SEAS["flat"])
     sea = TypicalSea.of([mesh])
-    found = SpectralDetection(links, 8192, 1, sea=sea).evaluate(mesh)
+    found = SpectralDetection(links, 8192, 1, sea=sea).at_wavelengths(mesh)
     alone = ForcedDetection(links[2], 8192, 7, sea=sea).evaluate(mesh)
     error = [(p.stderr / p.gain)[0] for p in found]
     assert error[2] < error[0]
@@ -327,7 +327,7 @@ def test_errors_of_a_far_wavelength_are_true():
     common = common_paths(opaque, 0, range(2), mixed=True).tinting
     rows = [[], [], []]
     for seed in range(64):
-        part = SpectralDetection(links, 1024, seed, sea=sea).evaluate(mesh)[1]
+        part = SpectralDetection(links, 1024, seed, sea=sea).at_wavelengths(mesh)[1]
         rows[0].append((part.gain[0], part.stderr[0]))
         found = JoinedPhotons(opaque[0], 2**13, seed).at_wavelengths(mesh, common, opaque)[1]
         rows[1].append((found.parts[1, 0], found.stderr[1, 0]))
