@@ -74,8 +74,7 @@ def converge(study: StudyRow, asked: Asked, *, what: str = "gain", of: console.L
     if "reference" in values:
         exact = is_wave_sum(scenario.case().surface) and values["unresolved"] != "tilt"
         asked["reference"] = "analytic" if exact else None
-    total = _surfaces(values)
-    of.write(study.run(function, scenario, total, asked, hidden=total == 0))
+    of.write(study.run(function, scenario, _surfaces(values), asked))
 
 
 def _chosen(study: StudyRow, asked: Asked, what: str) -> Any:

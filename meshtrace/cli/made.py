@@ -157,15 +157,10 @@ class StudyRow:
         return [getattr(import_module(module), name) for name in names.split()]
 
     def run(
-        self,
-        function: Callable[..., Any],
-        of: Any,
-        total: int | None,
-        asked: dict[str, Any],
-        hidden: bool = False,
+        self, function: Callable[..., Any], of: Any, total: int | None, asked: dict[str, Any]
     ) -> Any:
-        """Return the result of a study of something, behind a progress bar."""
-        with progress(total, hidden, self.doing, self.kernels) as (_, advance):
+        """Return the result of a study of something, behind a progress bar if it has steps."""
+        with progress(total, total == 0, self.doing, self.kernels) as (_, advance):
             return function(of, progress=advance, **asked)
 
 
