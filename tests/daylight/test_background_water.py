@@ -10,8 +10,8 @@ import pytest
 from mc_statistics import z_test
 
 import meshtrace as mt
-from meshtrace.engine.backward import submerged
-from meshtrace.engine.backward.submerged import blurred_phase
+from meshtrace.engine.backward import background
+from meshtrace.engine.backward.background import blurred_phase
 from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.optics import FournierForand
@@ -192,5 +192,5 @@ def test_threads_and_batches_change_no_digit(monkeypatch):
     whole = radiance(1)
     # batches of few rays, which threads share
     small = partial(mt.Analog.model_construct, batch_size=64)
-    monkeypatch.setattr(submerged, "Analog", small)
+    monkeypatch.setattr(background, "Analog", small)
     assert radiance(1) == radiance(2) == whole

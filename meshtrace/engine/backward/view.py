@@ -33,10 +33,7 @@ from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
-from meshtrace.results.background import PARTS
 from meshtrace.stored import SHIFTS
-
-SKY, GLINT, WATER, FOAM, SUN = range(len(PARTS))
 
 
 class View(NamedTuple):
@@ -267,12 +264,12 @@ def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] =
     """
     surface, per_shift = scene.surface, len(view.uniforms) // SHIFTS
     chosen = (per_shift * np.arange(SHIFTS)[:, None] + np.arange(min(_POINTS, per_shift))).ravel()
-    every = np.arange(len(surface.faces))
+    corners = _corners(surface, slice(None))
     nearest = np.linalg.norm(surface.vertices - view.center, axis=1).min()
     turns = view.radius / nearest + _SUN_RADIUS
     n = float(np.min(law.n))
     slack = 2.0 * turns * n / (n - 1.0)  # s_r turns by less over both disks
-    near = np.flatnonzero(_may_vanish(_corner_gaps(surface, every, law, view.center), slack))
+    near = np.flatnonzero(_may_vanish(_gaps(law, view.center, *corners), slack))
     points = view.origins()[chosen]
     # a point of the sun's disk for each; pairs are opposite
     odd = np.arange(len(chosen)) % 2
@@ -286,26 +283,24 @@ def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] =
     return by_shift / (math.pi * view.sin2_psi)
 
 
-def _corner_gaps(surface: MeshArrays, facets: Any, law: Bending, point: Floats) -> Floats:
-    """Return s_m - s_r at the corners of facets (facets, 3, 2) for a point of the aperture."""
-    corner = surface.vertices[surface.faces[facets]]
-    light = point - corner
+def _gaps(law: Bending, point: Floats, places: Floats, normals: Floats) -> Floats:
+    """Return s_m - s_r (..., 2) at places with normals, for a point of the aperture.
+
+    Where no slope bends the sun into the direction, s_r is 1e6.
+    """
+    light = point - places
     light /= np.linalg.norm(light, axis=-1, keepdims=True)
-    return slopes_of(_normals(surface, facets)) - _slopes(law, light)
+    wanted = law.normal(light)
+    upright = wanted[..., 2:] > 1e-6
+    return slopes_of(normals) - np.where(upright, slopes_of(np.where(upright, wanted, 1.0)), 1e6)
 
 
-def _slopes(law: Bending, light: Floats) -> Floats:
-    """Return the slopes that refract the sun into directions; 1e6 marks impossible ones."""
-    normal = law.normal(light)
-    upright = normal[..., 2:] > 1e-6
-    return np.where(upright, slopes_of(np.where(upright, normal, 1.0)), 1e6)
-
-
-def _normals(surface: MeshArrays, facets: Any) -> Floats:
-    """Return the normals at the corners of facets (facets, 3, 3)."""
+def _corners(surface: MeshArrays, facets: Any) -> tuple[Floats, Floats]:
+    """Return the corners of facets, and the normals there (facets, 3, 3)."""
+    corners = surface.vertices[surface.faces[facets]]
     if surface.interpolate:
-        return surface.vertex_normals[surface.faces[facets]]
-    return np.repeat(surface.face_normals[facets][:, None], 3, axis=1)
+        return corners, surface.vertex_normals[surface.faces[facets]]
+    return corners, np.repeat(surface.face_normals[facets][:, None], 3, axis=1)
 
 
 def _may_vanish(gaps: Floats, slack: Floats | float) -> NDArray[np.bool_]:
@@ -323,16 +318,14 @@ def _irradiance(
 
     At the indices of a reflection, or at the wavelengths of the depths.
     """
-    surface = scene.surface
-    facets = facets[_may_vanish(_corner_gaps(surface, facets, law, point), 0.0)]
-    corner, normals = surface.vertices[surface.faces[facets]], _normals(surface, facets)
+    corner, normals = _corners(scene.surface, facets)
+    kept = _may_vanish(_gaps(law, point, corner, normals), 0.0)
+    corner, normals = corner[kept], normals[kept]
 
     def gap(u: Floats) -> Floats:
-        light = point - _blend(u, corner)
-        light /= np.linalg.norm(light, axis=-1, keepdims=True)
-        return slopes_of(_blend(u, normals)) - _slopes(law, light)
+        return _gaps(law, point, _blend(u, corner), _blend(u, normals))
 
-    u = np.full((len(facets), 2), 1.0 / 3.0)
+    u = np.full((len(corner), 2), 1.0 / 3.0)
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
             u = u - np.einsum("nij,nj->ni", _inverse(_jacobian(gap, u)), gap(u))
