@@ -364,7 +364,7 @@ def _rays(source: Any) -> Floats:
     azimuth = 2.0 * math.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
     c, f = (v.ravel() for v in np.meshgrid(cosine, azimuth, indexing="ij"))
     s = np.sqrt(np.maximum(1.0 - c * c, 0.0))
-    e1, e2 = (np.array(e) for e in across(axis))
+    e1, e2 = (np.array(e) for e in across(tuple(axis.tolist())))
     rays = c[:, None] * axis + (s * np.cos(f))[:, None] * e1 + (s * np.sin(f))[:, None] * e2
     return rays[rays[:, 2] > 0.01]
 

@@ -109,7 +109,7 @@ class SpectralDetection:
         waiting = list(range(len(self.links)))
         while waiting:
             base = max(waiting, key=lambda i: found[i])
-            common = common_paths(self.links, base, waiting, mixed=True)
+            common = common_paths(self.links, base, waiting)
             first, some = common.middle(), [self.links[i] for i in common.rows]
             most = found[base][0] or 1.0
             ratios = [found[i][0] / most for i in common.rows]
@@ -177,7 +177,7 @@ def analog_sums(
     waiting, found = list(range(len(links))), dict[int, PhotonSums]()
     first = options.first_photon
     while waiting:
-        _, common = photon_paths(links, waiting, mixed=True)
+        _, common = photon_paths(links, waiting)
         waiting = [i for i in waiting if i not in common.rows]
         tinting, ends = common.tinting, len(common.bases)
         if tinting is None:

@@ -169,7 +169,7 @@ def coverage_map(
     campaign = Campaign({}, case.surface, case.run, case.meshing, cluster=cluster, store=kept)
     with campaign.workers():
         while waiting := [i for i in range(len(links)) if i not in found]:
-            base, common = photon_paths(links, waiting, mixed=True)
+            base, common = photon_paths(links, waiting)
             name = f"photons of link {base}"
             of = campaign._replace(links={str(i): links[i] for i in common.rows})
             mapped = _Mapped(of, case.origin, common, receiver, grid, at, exact, name, progress)

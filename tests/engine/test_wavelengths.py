@@ -233,7 +233,7 @@ def test_photons_of_several_bases(sea):
     """Turbid water, in which paths of one wavelength are rare at another."""
     links = links_of([{"a": 0.3, "b": 1.8}, {"a": 0.1, "b": 1.2}, {"a": 0.2, "b": 0.7}])
     mesh = mesh_of(links[1], SEAS[sea])
-    common = common_paths(links, 0, range(3), mixed=True)
+    common = common_paths(links, 0, range(3))
     assert len(common.tinting.bases) > 1
     assert common.tinting.follows
     parts = JoinedPhotons(links[0], 2**15, 1).at_wavelengths(mesh, common.tinting, links)
@@ -324,7 +324,7 @@ def test_errors_of_a_far_wavelength_are_true():
     sea = TypicalSea.of([mesh])
     wide = links_of(far, mt.Link(receiver=mt.Receiver(radius=10.0)))
     surface = mt.EmbreeIntersector(mesh_for(wide[1], SEAS["wavy"], mt.Meshing(spacing=0.4))[0], 1)
-    common = common_paths(opaque, 0, range(2), mixed=True).tinting
+    common = common_paths(opaque, 0, range(2)).tinting
     rows = [[], [], []]
     for seed in range(64):
         part = SpectralDetection(links, 1024, seed, sea=sea).at_wavelengths(mesh)[1]

@@ -21,8 +21,7 @@ import numpy as np
 from meshtrace.engine.bvh import Hits, Intersector
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels import interface
-from meshtrace.kernels.medium import Absorption, DepthMode, Medium
-from meshtrace.kernels.phase import SMALLEST_ANGLE, AngleTable
+from meshtrace.kernels.medium import SMALLEST_ANGLE, Absorption, AngleTable, DepthMode, Medium
 from meshtrace.kernels.rays import Axis, Grid, is_grid
 from meshtrace.kernels.scene import Locator, Target, count_bins, fill_bins
 from meshtrace.kernels.sources import SourceKind, Sources
@@ -72,18 +71,6 @@ class Frame(NamedTuple):
         object.__setattr__(moved, "vertices", local)
         moved.__dict__["bounds"] = self.points(mesh.bounds)
         return moved
-
-    def sources(self, sources: Sources) -> Sources:
-        """Return sources in local coordinates."""
-        return sources._replace(
-            position=self.points(sources.position), size=sources.size / self.unit
-        )
-
-    def apertures(self, apertures: Apertures) -> Apertures:
-        """Return apertures in local coordinates."""
-        return apertures._replace(
-            center=self.points(apertures.center), radius=apertures.radius / self.unit
-        )
 
     def medium(self, medium: Medium) -> Medium:
         """Return water without a raster with coefficients per unit of length."""
@@ -177,8 +164,8 @@ def pattern_of(source: Source) -> tuple[int, float]:
     return _code(SourceKind, source.pattern), float(spread)
 
 
-def source_arrays(link: Link, top: float) -> Sources:
-    """Return the sources; light from the air starts at height `top`, above every wave."""
+def source_arrays(link: Link, top: float, frame: Frame = IDENTITY) -> Sources:
+    """Return the sources in a frame; light from the air starts at `top` [m], above every wave."""
     rows = link.transmitters
     n = len(rows)
     kind = np.array([pattern_of(t)[0] for t in rows], np.int64)
@@ -195,20 +182,21 @@ def source_arrays(link: Link, top: float) -> Sources:
     in_water = np.array([isinstance(t, WaterSource) for t in rows], bool)
     power = np.array([t.power_mw for t in rows])
     share = np.cumsum(power) / power.sum()
-    return Sources(kind, position, axis, spread, size, in_water, share)
+    place = frame.points(position)
+    return Sources(kind, place, axis, spread, size / frame.unit, in_water, share)
 
 
-def aperture_arrays(link: Link) -> Apertures:
-    """Return the apertures."""
+def aperture_arrays(link: Link, frame: Frame = IDENTITY) -> Apertures:
+    """Return the apertures in a frame."""
     rows = link.receivers
     in_water = np.array([not isinstance(r, Receiver) for r in rows], bool)
     half = np.radians([r.fov_deg for r in rows]) / 2.0
     with np.errstate(over="ignore"):
         tan_half = np.tan(half)
     return Apertures(
-        center=np.array([r.center for r in rows], float).reshape(-1, 3),
+        center=frame.points(np.array([r.center for r in rows], float).reshape(-1, 3)),
         axis=np.array([r.axis for r in rows], float).reshape(-1, 3),
-        radius=np.array([r.radius for r in rows], float),
+        radius=np.array([r.radius for r in rows], float) / frame.unit,
         # a hemisphere must take light that grazes it in spite of rounding
         cos_half_fov=np.where(half >= math.pi / 2.0, 0.0, np.cos(half)),
         tan_half_fov=tan_half,
@@ -232,42 +220,31 @@ def with_raster(medium: Medium, intersector: Intersector) -> Medium:
     x = np.clip(low[0] + step * np.arange(nodes), low[0] + 1e-4, high[0] - 1e-4)
     y = np.clip(low[1] + step * np.arange(nodes), low[1] + 1e-4, high[1] - 1e-4)
     places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    down = _Verticals(places, np.full((nodes, nodes), high[2] + 1.0), -1.0)
-    top = down.crossings(intersector.intersect(down.origins, down.directions), 0.0)
+
+    def rays(start: Floats | float, way: float) -> tuple[Floats, Floats]:
+        """Return vertical rays up (1) or down (-1)."""
+        z = np.broadcast_to(start, (nodes, nodes))
+        origins = np.concatenate([places, z[..., None]], axis=-1).reshape(-1, 3)
+        return origins, np.broadcast_to((0.0, 0.0, way), origins.shape)
+
+    def heights(hits: Hits, start: Floats | float, way: float, beside: Floats | float) -> Floats:
+        """Return the heights of the first crossings, `beside` without one."""
+        distance = hits.distance.reshape(nodes, nodes)
+        return np.where(np.isfinite(distance), start + way * distance, beside)
+
+    start = high[2] + 1.0
+    top = heights(intersector.intersect(*rays(start, -1.0)), start, -1.0, 0.0)
     x0, y0 = (float(side) for side in low[:2])
     medium = medium._replace(raster_x=x0, raster_y=y0, raster_step=step, raster=top)
     if intersector.mesh.single_valued:
         return medium
-    up = _Verticals(places, np.full((nodes, nodes), low[2] - 1.0), 1.0)
-    lowest = up.crossings(intersector.intersect(up.origins, up.directions), top)
-    on = _Verticals(places, lowest + 1e-4, 1.0)  # to the underside of the jet, if there is one
-    above = on.crossings(intersector.intersect(on.origins, on.directions), lowest)
+    start = low[2] - 1.0
+    lowest = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, top)
+    start = lowest + 1e-4  # to the underside of the jet, if there is one
+    above = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, lowest)
     below = np.where(above > lowest, lowest, top)
     split = np.where(above > lowest, 0.5 * (lowest + above), top)
     return medium._replace(overhangs=True, raster_low=below, raster_split=split)
-
-
-class _Verticals(NamedTuple):
-    """Vertical rays of a raster."""
-
-    places: Floats  # (n, n, 2)
-    start: Floats  # heights (n, n)
-    way: float  # 1 up, -1 down
-
-    @property
-    def origins(self) -> Floats:
-        """Starts of the rays (n^2, 3)."""
-        return np.concatenate([self.places, self.start[..., None]], axis=-1).reshape(-1, 3)
-
-    @property
-    def directions(self) -> Floats:
-        """Directions of the rays (n^2, 3)."""
-        return np.broadcast_to((0.0, 0.0, self.way), (self.start.size, 3))
-
-    def crossings(self, hits: Hits, beside: Floats | float) -> Floats:
-        """Return the height of the first crossing of each ray, `beside` without one."""
-        distance = hits.distance.reshape(self.start.shape)
-        return np.where(np.isfinite(distance), self.start + self.way * distance, beside)
 
 
 def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
@@ -290,7 +267,10 @@ def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
         phase_bubble = bubbles.phase_function().tables()
     layer_step, layer_a, layer_b = 1.0, np.full(2, water.a), np.full(2, water.b)
     if water.layers is not None:
-        layer_step, layer_a, layer_b = _layer_tables(water.layers)
+        depth, a, b = np.array(water.layers).T
+        layer_step = max(float(depth[-1]), 1e-3) / (_LAYER_NODES - 1)
+        grid = layer_step * np.arange(_LAYER_NODES)
+        layer_a, layer_b = np.interp(grid, depth, a), np.interp(grid, depth, b)
     b_max = float(layer_b.max() + b_bub.max())
     return Medium(
         a=water.a,
@@ -314,26 +294,9 @@ def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
         bottom_albedo=water.bottom_albedo,
         absorption=_code(Absorption, link.physics.absorption),
         local_c=link.physics.free_path == "local_c",
-        raster_x=0.0,
-        raster_y=0.0,
-        raster_step=1.0,
-        raster=np.zeros((2, 2)),
-        overhangs=False,
-        raster_low=np.zeros((2, 2)),
-        raster_split=np.zeros((2, 2)),
         phase_water=water.phase.tables(),
         phase_bubble=phase_bubble,
     )
-
-
-def _layer_tables(
-    layers: tuple[tuple[float, float, float], ...],
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return step, a and b of a layered water on a uniform grid of depths from z = 0."""
-    depth, a, b = np.array(layers).T
-    step = max(float(depth[-1]), 1e-3) / (_LAYER_NODES - 1)
-    grid = step * np.arange(_LAYER_NODES)
-    return step, np.interp(grid, depth, a), np.interp(grid, depth, b)
 
 
 def _integral(values: np.ndarray, step: float) -> np.ndarray:

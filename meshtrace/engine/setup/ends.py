@@ -18,7 +18,7 @@ from meshtrace.kernels.interface import Interface
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.scene import Emitter, Target
 from meshtrace.kernels.sources import SourceKind
-from meshtrace.kernels.vectors import Vec3
+from meshtrace.kernels.vectors import ORIGIN, Vec3
 from meshtrace.link import Link, Receiver, Source, WaterReceiver, WaterSource
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import AirLamp
@@ -32,11 +32,7 @@ POINTS_ONLY = f"a point source in bottomless water, with these switches of physi
 _NEGLIGIBLE = 1e-7  # light at the reach over that straight above the source
 _NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts of a facet
 _REVERSIBLE = ("snell", "direction", "fresnel", "free_path", "fov")
-_ZERO = Vec3(0.0, 0.0, 0.0)
-_NO_LAMP = Emitter(
-    position=_ZERO, axis=_ZERO, kind=int(SourceKind.ISOTROPIC), spread=0.0, norm=0.0, power=1.0,
-    radius=0.0, e1=_ZERO, e2=_ZERO,
-)  # fmt: skip
+_NO_LAMP = Emitter(ORIGIN, ORIGIN, kind=int(SourceKind.ISOTROPIC), spread=0.0, norm=0.0)
 
 
 class Forwards(NamedTuple):
@@ -287,17 +283,13 @@ def expected_water(link: Link, crest: float) -> Medium:
 
 def emitter_of(end: Source | Aperture, frame: arrays.Frame = arrays.IDENTITY) -> Emitter:
     """Return a source, or an aperture whose light is reversed, as numbers in a frame."""
-    position = Vec3(*frame.points(np.array(end.center)).tolist())
-    e1, e2 = across(end.axis)
+    position, disk = _placed(end, frame), across(end.axis)
     if isinstance(end, Aperture):
         axis, radius = Vec3(*(-x for x in end.axis)), end.radius / frame.unit
         half = math.radians(end.fov_deg) / 2.0
         view = math.pi * math.sin(half) ** 2
-        area = math.pi * radius**2
-        return Emitter(
-            position=position, axis=axis, kind=int(SourceKind.APERTURE), spread=half,
-            norm=1.0 / view, power=area * view, radius=radius, e1=e1, e2=e2,
-        )  # fmt: skip
+        power, kind = math.pi * radius**2 * view, int(SourceKind.APERTURE)
+        return Emitter(position, axis, kind, half, 1.0 / view, power, radius, *disk)
     kind, spread = arrays.pattern_of(end)
     if kind == SourceKind.LED:
         norm = (spread + 1.0) / (2.0 * math.pi)
@@ -307,28 +299,33 @@ def emitter_of(end: Source | Aperture, frame: arrays.Frame = arrays.IDENTITY) ->
         norm = 1.0 / (2.0 * math.pi * (1.0 - math.cos(spread)))
     else:
         norm = 1.0 / (4.0 * math.pi)
-    return Emitter(
-        position=position, axis=Vec3(*end.axis), kind=kind, spread=spread, norm=norm, power=1.0,
-        radius=0.0, e1=e1, e2=e2,
-    )  # fmt: skip
+    return Emitter(position, Vec3(*end.axis), kind, spread, norm, 1.0, 0.0, *disk)
 
 
-def across(axis: Sequence[float] | Floats) -> tuple[Vec3, Vec3]:
-    """Return two unit vectors across an axis."""
-    return _across(*map(float, axis))
+def _placed(end: Source | Aperture, frame: arrays.Frame) -> Vec3:
+    """Return the place of an end in a frame."""
+    return Vec3(*frame.points(np.array(end.center)).tolist())
 
 
 @lru_cache
-def _across(*axis: float) -> tuple[Vec3, Vec3]:
+def across(axis: tuple[float, float, float]) -> tuple[Vec3, Vec3]:
+    """Return two unit vectors across an axis, which receivers have in common."""
     e1 = np.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (1.0, 0.0, 0.0))
     e1 /= np.linalg.norm(e1)
     return Vec3(*e1.tolist()), Vec3(*np.cross(axis, e1).tolist())
 
 
 def lamp_target(lamp: AirLamp, link: Link, frame: arrays.Frame = arrays.IDENTITY) -> Target:
-    """Return a lamp in the air as the point that chains from the water aim at."""
-    center = Vec3(*frame.points(np.array(lamp.center)).tolist())
-    lit = _lit_angle(lamp)
+    """Return a lamp in the air as the point that chains from the water aim at.
+
+    Its light has fallen to 1e-7 at the largest angle to its axis.
+    """
+    center = _placed(lamp, frame)
+    kind, lit = arrays.pattern_of(lamp)
+    if kind == SourceKind.LED:
+        lit = math.acos(_NEGLIGIBLE ** (1.0 / lit))
+    elif kind == SourceKind.GAUSSIAN_BEAM:
+        lit *= math.sqrt(-0.5 * math.log(_NEGLIGIBLE))
     widest = min(lit + math.radians(lamp.tilt_deg), math.radians(88.0))
     return Target(
         center=center,
@@ -346,23 +343,12 @@ def lamp_target(lamp: AirLamp, link: Link, frame: arrays.Frame = arrays.IDENTITY
     )
 
 
-def _lit_angle(lamp: AirLamp) -> float:
-    """Return the angle to the axis of a lamp at which its light has fallen to 1e-7 [rad]."""
-    kind, spread = arrays.pattern_of(lamp)
-    if kind == SourceKind.LED:
-        return math.acos(_NEGLIGIBLE ** (1.0 / spread))
-    if kind == SourceKind.GAUSSIAN_BEAM:
-        return spread * math.sqrt(-0.5 * math.log(_NEGLIGIBLE))
-    return spread
-
-
 def target_of(receiver: Any, frame: arrays.Frame = arrays.IDENTITY) -> Target:
     """Return a receiver as numbers, lengths in the unit of a frame."""
     e1, e2 = across(receiver.axis)
     half = math.radians(receiver.fov_deg) / 2.0
     widest = min(half + math.radians(receiver.tilt_deg), math.radians(88.0))
-    center = Vec3(*frame.points(np.array(receiver.center)).tolist())
-    radius = receiver.radius / frame.unit
+    center, radius = _placed(receiver, frame), receiver.radius / frame.unit
     return Target(
         center=center,
         axis=Vec3(*receiver.axis),

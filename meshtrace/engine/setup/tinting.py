@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from meshtrace.engine.setup.arrays import Frame, frame_of
-from meshtrace.kernels.phase import SMALLEST_ANGLE
+from meshtrace.kernels.medium import SMALLEST_ANGLE
 from meshtrace.kernels.tints import ALONE, NO_TINTS, TINTS, Mixture, Tints, common_functions
 from meshtrace.link import Link
 from meshtrace.models import Floats
@@ -209,12 +209,10 @@ class CommonPaths(NamedTuple):
         return first.replace("water.n", 0.5 * (first.water.n + last.water.n))
 
 
-def common_paths(
-    links: Sequence[Link], base: int, waiting: Sequence[int], mixed: bool = False
-) -> CommonPaths:
+def common_paths(links: Sequence[Link], base: int, waiting: Sequence[int]) -> CommonPaths:
     """Return the waiting links that can share the paths of a base, all if possible.
 
-    With photons of several of them in turn if `mixed` and sums of photons follow these.
+    With photons of several of them in turn if sums of photons follow these.
     """
     first, frame = links[base], frame_of(links[base])
     rows = [i for i in waiting if i == base or _is_alike(first, links[i])]
@@ -227,7 +225,7 @@ def common_paths(
     index = np.array([links[i].water.n for i in rows])
     low, high = index.min(), index.max()
     bases = [first.replace("water.n", float(n)) for n in dict.fromkeys((low, high))]
-    if mixed and first.bubbles is None:
+    if first.bubbles is None:
         turns = _in_turn([links[i] for i in rows])
         several = tinting(first, [links[i] for i in rows], frame, turns) if len(turns) > 1 else None
         found = several if several is not None and several.follows else found
@@ -279,12 +277,10 @@ def scattering(link: Link) -> tuple[float, float]:
     return b, -a
 
 
-def photon_paths(
-    links: Sequence[Link], waiting: Sequence[int], mixed: bool = False
-) -> tuple[int, CommonPaths]:
+def photon_paths(links: Sequence[Link], waiting: Sequence[int]) -> tuple[int, CommonPaths]:
     """Return the base of the waiting links that scatters most, and those with its photons."""
     base = max(waiting, key=lambda i: scattering(links[i]))
-    common = common_paths(links, base, waiting, mixed)
+    common = common_paths(links, base, waiting)
     if common.tinting is not None and not common.tinting.follows:
         common = common_paths(links, base, [base])
     return base, common
