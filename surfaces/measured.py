@@ -579,8 +579,7 @@ def _stated(
         omega_p=2.0 * math.pi * peak,
         wind_speed=math.nan if wind_speed is None else wind_speed,
     )
-    shares: Floats = density / density.sum(axis=1, keepdims=True)
-    return shares
+    return density / density.sum(axis=1, keepdims=True)
 
 
 def _of_array(

@@ -93,8 +93,6 @@ class RandomSea(WaveSurface, frozen=True):
 
     _common: dict[str, Any] = PrivateAttr(default_factory=dict)
     """Results that do not depend on the seed."""
-    _left_out: dict[float, UnresolvedSlopes] = PrivateAttr(default_factory=dict)
-    """Slopes that meshes leave out, by their spacing."""
 
     most_components: ClassVar[int] = 1_000_000
 
@@ -184,15 +182,14 @@ class RandomSea(WaveSurface, frozen=True):
         The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
         """
         real = self.slope_variance
-        if real is not None and spacing not in self._left_out:
-            wind = self._slopes_along_deg
-            vertex, facet = (
-                unresolved_slope_variance(real, resolved)
-                for resolved in meshed_slope_variance(self.components, spacing, wind)
-            )
-            found = UnresolvedSlopes(vertex, facet, wind, self.slope_cumulants)
-            self._left_out[spacing] = found
-        return self._left_out.get(spacing)
+        if real is None:
+            return None
+        wind = self._slopes_along_deg
+        vertex, facet = (
+            unresolved_slope_variance(real, resolved)
+            for resolved in meshed_slope_variance(self.components, spacing, wind)
+        )
+        return UnresolvedSlopes(vertex, facet, wind, self.slope_cumulants)
 
 
 _KEPT = "wind_direction_deg", "current", "seed", "choppy", "order", "order_omega_max", "slope_law"
@@ -284,7 +281,7 @@ class _BandedSea(RandomSea, frozen=True):
         Such a tail, fitted up to some 3 omega_p, is no model of short waves: its slope variance
         grows without limit. Wind, fetch, depth, current, seed and nonlinearity are kept.
         """
-        if not isinstance(self.spectrum, Jonswap | PiersonMoskowitz | Tma):
+        if not isinstance(self.spectrum, Jonswap | PiersonMoskowitz):
             return self
         kept = {name: getattr(self, name) for name in _KEPT}
         return resolved_sea(*self._wind).model_copy(update={"depth": self._water_depth(), **kept})
@@ -307,9 +304,7 @@ class _BandedSea(RandomSea, frozen=True):
             return self.model_copy(update={"spreading": spreading, "mss": "elfouhaily"})
         if not isinstance(self.spectrum, Jonswap | PiersonMoskowitz):
             return self
-        of_wind = {"wind_speed": self.spectrum.wind_speed}
-        if isinstance(self.spectrum, Jonswap):
-            of_wind["fetch"] = self.spectrum.fetch
+        of_wind = self.spectrum.model_dump(include={"wind_speed", "fetch"})
         law = type(self.spectrum)
         if law is Tma or not standard or self.spectrum != law(**of_wind):
             return None
@@ -714,8 +709,7 @@ def sea_from_config(config: Mapping[str, Any]) -> Surface | MeshSequence:
         raise Refused("kind", MISSING, ", ".join(Surface.registered))
     if config["kind"] == "meshes":
         return MeshSequence.model_validate(config)
-    found: Surface = Surface.read(config)
-    return found
+    return Surface.read(config)
 
 
 def resolved_sea(wind_speed: float, fetch: float | None = None, seed: int = 0) -> SpectralSea:

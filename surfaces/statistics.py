@@ -177,8 +177,7 @@ def _product(few: Floats, many: Floats) -> Floats:
     """Return few @ many.T; below 16 rows without the threads of BLAS, which cost more than that."""
     if len(few) < 16:
         return np.einsum("ik,jk->ij", few, many)
-    product: Floats = few @ np.ascontiguousarray(many).T
-    return product
+    return few @ np.ascontiguousarray(many).T
 
 
 def _bessel_functions(distance: Floats, k: Floats) -> Callable[[int], Floats]:
@@ -193,23 +192,19 @@ def _bessel_functions(distance: Floats, k: Floats) -> Callable[[int], Floats]:
     apart = round(math.log(distance[1] / distance[0]) / step)
     steps = np.arange(len(k) + apart * (len(distance) - 1))
     z = distance[0] * k[0] * np.exp(step * steps)
-    known: dict[int, Floats] = {}
 
+    @cache
     def value(n: int) -> Floats:
-        if n in known:
-            return known[n]
         if n < 2:
-            found: Floats = (j0, j1)[n](z)
-        else:
-            half = 0.5 * z
-            found = (n - 1) / half * value(n - 1) - value(n - 2)
-            near = z < 0.5
-            q = half[near] ** 2
-            series = 1.0 - q / (n + 1) * (1.0 - q / (2.0 * (n + 2)) * (1.0 - q / (3.0 * (n + 3))))
-            found[near] = half[near] ** n / math.factorial(n) * series
-            between = ~near & (z < n + 1)
-            found[between] = jv(n, z[between])
-        known[n] = found
+            return (j0, j1)[n](z)
+        half = 0.5 * z
+        found = (n - 1) / half * value(n - 1) - value(n - 2)
+        near = z < 0.5
+        q = half[near] ** 2
+        series = 1.0 - q / (n + 1) * (1.0 - q / (2.0 * (n + 2)) * (1.0 - q / (3.0 * (n + 3))))
+        found[near] = half[near] ** n / math.factorial(n) * series
+        between = ~near & (z < n + 1)
+        found[between] = jv(n, z[between])
         return found
 
     def products(n: int) -> Floats:

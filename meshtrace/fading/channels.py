@@ -315,8 +315,7 @@ class MarkovChannel(ChannelModel):
         for t in range(n):
             visited[t] = state
             state = following[state][t]
-        gains: Floats = self.state_gain[np.frombuffer(visited, np.uint8)]
-        return gains
+        return self.state_gain[np.frombuffer(visited, np.uint8)]
 
     def _headline(self) -> str:
         return f"Markov channel of {self.state_gain.size} states from {self.n} gains"
@@ -348,8 +347,7 @@ def _steady(transition: Floats) -> Floats:
     balance = np.vstack([transition.T - np.eye(m), np.ones(m)])
     found = np.linalg.lstsq(balance, np.append(np.zeros(m), 1.0))[0]
     found = np.maximum(found, 0.0)
-    steady: Floats = found / found.sum()
-    return steady
+    return found / found.sum()
 
 
 def _chain_errors(
@@ -571,8 +569,7 @@ def _fade_correlation(rho: Floats, share: float) -> Floats:
     density = np.exp(-(u**2) / np.maximum(1.0 + rho, 1e-12)) / (2.0 * math.pi)
     joint = integrate.cumulative_trapezoid(density, angle, initial=0.0)
     joint -= np.interp(0.0, rho, joint)
-    found: Floats = joint / (share * (1.0 - share))
-    return found
+    return joint / (share * (1.0 - share))
 
 
 def _spectrum(rho: Floats, size: int) -> Floats:
@@ -582,5 +579,4 @@ def _spectrum(rho: Floats, size: int) -> Floats:
     period[-rho.size + 1 :] = rho[:0:-1]
     found = np.maximum(np.fft.rfft(period).real, 0.0)
     twice = 2.0 * found.sum() - found[0] - (found[-1] if size % 2 == 0 else 0.0)
-    spectrum: Floats = found * (size / twice)
-    return spectrum
+    return found * (size / twice)
