@@ -3,7 +3,7 @@
 import numpy as np
 
 from meshtrace.kernels.jit import allocating_entry
-from meshtrace.kernels.phase import sample_s
+from meshtrace.kernels.medium import sample_s
 
 
 @allocating_entry

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from meshtrace.daylight.light import Daylight, sky_radiance
 from meshtrace.kernels.interface import Roughness, over_gaussian
-from meshtrace.kernels.sunlight import Beams, add_upwelling
+from meshtrace.kernels.sources import Beams, add_upwelling
 from meshtrace.kernels.tints import common_functions
 from meshtrace.models import Floats
 from meshtrace.optics.bubbles import BubblePopulation

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import new_recorder, run_analog
-from meshtrace.engine.photons.state import Recorder, Vertex
+from meshtrace.engine.photons.flight import Recorder, Vertex
 from meshtrace.engine.setup.options import BLOCK, Analog
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link

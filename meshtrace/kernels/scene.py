@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from meshtrace.kernels.interface import Interface, MeshArrays, corners, inside_facet
 from meshtrace.kernels.jit import entry, inlined
 from meshtrace.kernels.medium import Medium
-from meshtrace.kernels.vectors import Vec2, Vec3, cross, minus, norm, row
+from meshtrace.kernels.vectors import ORIGIN, Vec2, Vec3, cross, minus, norm, row
 
 FLAT_SEA = np.int64(-1)
 """Facet that stands for a flat sea; of the type of all facets, so that kernels compile once."""
@@ -38,10 +38,10 @@ class Emitter(NamedTuple):
     kind: int  # SourceKind
     spread: float  # Lambertian order, or half-angle of divergence or field of view [rad]
     norm: float  # intensity on the axis [sr-1]
-    power: float  # 1, or the etendue of an aperture [m2 sr]
-    radius: float  # of the disk that the chains start from [m], 0 for a point
-    e1: Vec3  # unit vectors in the plane of the disk
-    e2: Vec3
+    power: float = 1.0  # 1, or the etendue of an aperture [m2 sr]
+    radius: float = 0.0  # of the disk that the chains start from [m], 0 for a point
+    e1: Vec3 = ORIGIN  # unit vectors in the plane of the disk
+    e2: Vec3 = ORIGIN
 
 
 class Target(NamedTuple):

@@ -18,6 +18,7 @@ from meshtrace.kernels.interface import FieldOfView
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import Absorption, absorption_path
 from meshtrace.kernels.tints import (
+    ALONE,
     TINTS,
     Factors,
     Mixture,
@@ -26,7 +27,7 @@ from meshtrace.kernels.tints import (
     fill_factors,
     tint_way,
 )
-from meshtrace.kernels.vectors import TWO_PI, Vec3, along, dot, minus, norm, row, scaled
+from meshtrace.kernels.vectors import TWO_PI, UP, Vec3, along, dot, minus, norm, row, scaled
 
 SCALE = 2.0**44
 UNIT = 2.0**-44
@@ -90,6 +91,20 @@ class Apertures(NamedTuple):
     any_in_water: bool
 
 
+class MapGrid(NamedTuple):
+    """Cells of a map on a level plane, and the light that they collect; none by default."""
+
+    n: int = 0  # cells along a side
+    z: float = 0.0
+    x: float = 0.0  # corner of the first cell [m]
+    y: float = 0.0
+    step: float = 1.0
+    axis: Vec3 = UP  # of the aperture that the map stands for
+    cos: float = 0.0  # cosine of half its field of view
+    mixture: Mixture = ALONE  # see `meshtrace.kernels.tints`
+    scale: NDArray[np.float64] = np.ones(1)  # (wavelengths,) that keeps the digits of deep light
+
+
 class Tallies(NamedTuple):
     """Scores of a chunk of photons."""
 
@@ -99,18 +114,11 @@ class Tallies(NamedTuple):
     misses: NDArray[np.int64]  # (2,) rays cast again, rays lost
     planes: NDArray[np.float64]  # heights z of the irradiance planes [m], falling
     radiance: NDArray[np.int64]  # (groups, planes, cosines, azimuths) in units of 2^-44
-    map_z: float
-    map_x: float
-    map_y: float
-    map_step: float
-    map_axis: Vec3  # axis of the aperture that the map stands for
-    map_cos: float  # cosine of half its field of view
-    map_mixture: Mixture  # see `meshtrace.kernels.tints`
-    map_scale: NDArray[np.float64]  # (wavelengths,) that keeps the digits of deep light
+    grid: MapGrid
     map_tint: NDArray[np.float64]  # (tints,) of the path under way
     map_factors: Factors  # of the path under way
-    map: NDArray[np.int64]  # (nx, ny, wavelengths) scaled weights in units of 2^-44
-    map_squared: NDArray[np.int64]  # (nx, ny, wavelengths) their squares
+    map: NDArray[np.int64]  # (n, n, wavelengths) scaled weights in units of 2^-44
+    map_squared: NDArray[np.int64]  # (n, n, wavelengths) their squares
     arrivals: NDArray[np.void]  # (capacity,) ARRIVAL
     n_arrivals: NDArray[np.int64]  # (1,)
 
@@ -179,33 +187,31 @@ def _transmission(medium, z0, z1, length):
 
 
 @inlined
-def score_apertures(tallies, apertures, first, photon, in_water, flight, fov, medium, tints, tint):
-    """Score a straight path on every aperture of its medium; return whether any accepted it.
+def score_apertures(q, in_water, flight, world):
+    """Score a straight path of a photon on every aperture of a medium; return whether any took it.
 
     Array twin: the analytic disk integrals of the flat-sea tests.
-    `first` is the photon of the first row of the scores. Water absorbs up to the disk.
+    Water absorbs up to the disk.
     """
-    received = False
+    received, tallies, apertures = False, world.tallies, world.apertures
     for i in range(len(apertures.radius)):
         if apertures.in_water[i] != in_water:
             continue
-        t = crosses_aperture(apertures, i, flight, fov)
+        t = crosses_aperture(apertures, i, flight, world.interface.fov)
         if t < 0.0:
             continue
         received = True
-        w = flight.weight
+        w, z = flight.weight, flight.origin.z
         if in_water:
-            z = flight.origin.z
-            w *= _transmission(medium, z, z + t * flight.direction.z, t)
-        tallies.score[photon - first, i] += w
-        n = keep_arrival(tallies, photon, i, w, tints, tint)
+            w *= _transmission(world.medium, z, z + t * flight.direction.z, t)
+        tallies.score[q.id - world.first, i] += w
+        n = keep_arrival(tallies, q.id, i, w, world.tints, q.tint)
         if n >= 0:
             a = tallies.arrivals[n]
             a.water = flight.water + (t if in_water else 0.0)
             a.air = flight.air + (0.0 if in_water else t)
             if in_water:
-                z = flight.origin.z
-                tint_way(tints, a.tint, z, z + t * flight.direction.z, t)
+                tint_way(world.tints, a.tint, z, z + t * flight.direction.z, t)
     return received
 
 
@@ -259,31 +265,28 @@ def score_map(tallies, flight, medium, tints, tint):
     Array twin: numpy.histogram2d of recorded paths.
     A tilted aperture takes d . axis / d_z of the light across the level plane.
     """
-    nx, ny, _ = tallies.map.shape
-    d = flight.direction
-    if nx == 0 or d.z == 0.0:
+    d, grid = flight.direction, tallies.grid
+    if grid.n == 0 or d.z == 0.0:
         return
-    facing = dot(d, tallies.map_axis)
-    if facing < tallies.map_cos * norm(d):
+    facing = dot(d, grid.axis)
+    if facing < grid.cos * norm(d):
         return
-    t = (tallies.map_z - flight.origin.z) / d.z
+    t = (grid.z - flight.origin.z) / d.z
     if t <= 0.0 or t > flight.length:
         return
     p = along(flight.origin, d, t)
-    i = math.floor((p.x - tallies.map_x) / tallies.map_step)
-    j = math.floor((p.y - tallies.map_y) / tallies.map_step)
-    if 0 <= i < nx and 0 <= j < ny:
+    i = math.floor((p.x - grid.x) / grid.step)
+    j = math.floor((p.y - grid.y) / grid.step)
+    if 0 <= i < grid.n and 0 <= j < grid.n:
         w = flight.weight * facing / abs(d.z)
-        if tallies.map_z < 0.0:
-            w *= _transmission(medium, flight.origin.z, tallies.map_z, t)
         here = tallies.map_tint
-        for r in range(len(here)):
-            here[r] = tint[r]
-        if tallies.map_z < 0.0:
-            tint_way(tints, here, flight.origin.z, tallies.map_z, t)
-        w *= balance(tallies.map_mixture, here)
-        fill_factors(tallies.map_mixture, here, tallies.map_factors)
-        for k in range(len(tallies.map_scale)):
-            light = w * tallies.map_factors.values[k] * tallies.map_scale[k]
+        copy_tint(tints, tint, here)
+        if grid.z < 0.0:
+            w *= _transmission(medium, flight.origin.z, grid.z, t)
+            tint_way(tints, here, flight.origin.z, grid.z, t)
+        w *= balance(grid.mixture, here)
+        fill_factors(grid.mixture, here, tallies.map_factors)
+        for k in range(len(grid.scale)):
+            light = w * tallies.map_factors.values[k] * grid.scale[k]
             tallies.map[i, j, k] += units(light)
             tallies.map_squared[i, j, k] += units(light * light)

@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from meshtrace.errors import Described, Refused, require_range
-from meshtrace.kernels import phase as kernel
-from meshtrace.kernels.phase import PhaseTables
+from meshtrace.kernels import medium as kernel
+from meshtrace.kernels.medium import PhaseTables
 from meshtrace.models import Family, Floats
 from meshtrace.optics.pure_water import read_table
 from meshtrace.tables import read_columns
@@ -180,7 +180,7 @@ def joined(parts: Sequence[MixtureComponent]) -> PhaseTables:
 
 
 def sample_s(tables: PhaseTables, u: Floats) -> Floats:
-    """Return samples of s, the array twin of `meshtrace.kernels.phase.sample_s`."""
+    """Return samples of s, the array twin of `meshtrace.kernels.medium.sample_s`."""
     j = np.minimum(np.searchsorted(tables.cum_weight, u, side="right"), len(tables.kind) - 1)
     low = np.append(0.0, tables.cum_weight)[j]
     inner = np.minimum((u - low) / (tables.cum_weight[j] - low), 1.0)
@@ -308,7 +308,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         return float(1.0 - self._cdf_s(np.array(0.5)))
 
     def tables(self) -> PhaseTables:
-        """Return the tables for `meshtrace.kernels.phase.sample_s`; cached."""
+        """Return the tables for `meshtrace.kernels.medium.sample_s`; cached."""
         return _tables(self)
 
     @abstractmethod

@@ -17,7 +17,7 @@ from meshtrace.engine.setup.meshing import GAIN_SPACING
 from meshtrace.engine.setup.options import IrradianceMap
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused
-from meshtrace.kernels.sunlight import land_sunlight
+from meshtrace.kernels.sources import land_sunlight
 from meshtrace.link import AirLed, IrradiancePlanes, Link, Sun, WaterReceiver
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from meshtrace.kernels.exponentials import exponentiate
 from meshtrace.kernels.jit import allocating_entry
-from meshtrace.kernels.tints import factors_of
+from meshtrace.kernels.tints import exponentiate, factors_of
 
 
 @allocating_entry

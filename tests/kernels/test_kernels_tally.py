@@ -1,18 +1,32 @@
 """Apertures, planes, maps and the ledger against plain numpy."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 import meshtrace as mt
 from meshtrace.engine.photons.analog import FixedPointSum
-from meshtrace.engine.setup.arrays import aperture_arrays, medium_arrays
+from meshtrace.engine.photons.flight import PHOTON
+from meshtrace.engine.setup.arrays import aperture_arrays, interface_arrays, medium_arrays
 from meshtrace.kernels import tally as kernel
-from meshtrace.kernels.interface import FieldOfView
+from meshtrace.kernels.interface import FieldOfView, Interface
 from meshtrace.kernels.jit import allocating_entry
+from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.tints import ALONE, NO_TINTS, factors_of
 from meshtrace.kernels.vectors import UP, Vec3, row
+
+
+class Sea(NamedTuple):
+    """What the scores of apertures need of a `World`."""
+
+    first: int
+    apertures: kernel.Apertures
+    interface: Interface
+    tallies: kernel.Tallies
+    medium: Medium
+    tints: None
 
 
 @allocating_entry
@@ -45,14 +59,20 @@ def deposits(tallies, weights):
 
 
 @allocating_entry
-def scored(tallies, apertures, origins, directions, length, weight, fov, medium):
-    hit, tint = np.zeros(len(origins), np.bool_), np.zeros(8)
+def scored(world, photons, origins, directions, length, weight):
+    hit = np.zeros(len(origins), np.bool_)
     for k in range(len(origins)):
         flight = kernel.Segment(row(origins, k), row(directions, k), length, weight, 100.0, 7.0)
-        hit[k] = kernel.score_apertures(
-            tallies, apertures, 0, k, True, flight, fov, medium, NO_TINTS, tint
-        )
+        hit[k] = kernel.score_apertures(photons[k], True, flight, world)
     return hit
+
+
+def scores_in_water(link, tallies, medium, origins, *path):
+    """Score paths on the apertures of a link, in the way of photons 0, 1, ..."""
+    photons = np.zeros(len(origins), PHOTON)
+    photons["id"] = np.arange(len(origins))
+    world = Sea(0, aperture_arrays(link), interface_arrays(link), tallies, medium, NO_TINTS)
+    return scored(world, photons, origins, *path)
 
 
 def absorbing(a):
@@ -78,14 +98,17 @@ def tallies_of(
         misses=np.zeros(2, np.int64),
         planes=-np.array(depths, float),
         radiance=np.zeros((groups, len(depths), *bins), np.int64),
-        map_z=5.0,
-        map_x=-extent,
-        map_y=-extent,
-        map_step=2.0 * extent / cells if cells else 1.0,
-        map_axis=Vec3(*axis),
-        map_cos=cos,
-        map_mixture=ALONE._replace(shares=np.zeros((0, 2))),
-        map_scale=np.array([1.0, 4.0]),
+        grid=kernel.MapGrid(
+            n=cells,
+            z=5.0,
+            x=-extent,
+            y=-extent,
+            step=2.0 * extent / cells if cells else 1.0,
+            axis=Vec3(*axis),
+            cos=cos,
+            mixture=ALONE._replace(shares=np.zeros((0, 2))),
+            scale=np.array([1.0, 4.0]),
+        ),
         map_tint=np.zeros(0),
         map_factors=factors_of(2),
         map=np.zeros((cells, cells, 2), np.int64),
@@ -213,11 +236,11 @@ def test_printed_field_of_view_tests_the_crossing():
 
 
 def test_score_is_weight_times_absorption_up_to_the_disk():
-    apertures = aperture_arrays(mt.Link(receiver=mt.WaterAperture(depth=2.0, radius=1.0)))
+    link = mt.Link(receiver=mt.WaterAperture(depth=2.0, radius=1.0))
     tallies = tallies_of(rows=2, arrivals=2)
     o = np.array([[0.0, 0.0, -5.0], [3.0, 0.0, -5.0]])
     d = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
-    hit = scored(tallies, apertures, o, d, 4.0, 0.5, FieldOfView.ANGLE, absorbing(0.2))
+    hit = scores_in_water(link, tallies, absorbing(0.2), o, d, 4.0, 0.5)
     assert hit.tolist() == [True, False]
     expected = 0.5 * math.exp(-0.2 * 3.0)
     np.testing.assert_allclose(tallies.score[:, 0], [expected, 0.0], rtol=1e-14)
@@ -277,7 +300,7 @@ def test_layers_absorb_up_to_the_plane_and_to_the_disk():
     o, up = np.array([[0.0, 0.0, -1.9]]), np.array([[0.0, 0.0, 1.0]])
     medium = medium_arrays(link)
     planes(tallies, o, up, np.array([1.8]), 1.0, medium)
-    scored(tallies, aperture_arrays(link), o, up, 1.8, 1.0, FieldOfView.ANGLE, medium)
+    scores_in_water(link, tallies, medium, o, up, 1.8, 1.0)
     expected = math.exp(-0.5 * 0.4)
     np.testing.assert_allclose(tallies.score[0, [0, 2, 4]], expected, rtol=1e-3)
 
@@ -303,7 +326,7 @@ def test_map_is_a_histogram(tilt_deg, fov_deg, medium):
     for got, power in ((tallies.map, 1), (tallies.map_squared, 2)):
         expected = np.histogram2d(x, y, bins=(edges, edges), weights=w**power)[0]
         assert expected.sum() > 100
-        scaled = np.multiply.outer(expected, tallies.map_scale**power)
+        scaled = np.multiply.outer(expected, tallies.grid.scale**power)
         np.testing.assert_allclose(got * kernel.UNIT, scaled, atol=1e-8)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.fading import scintillation_of_spectrum
-from meshtrace.kernels.sunlight import land_sunlight
+from meshtrace.kernels.sources import land_sunlight
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import refract
 from meshtrace.results import IrradianceSeries, load

@@ -7,7 +7,7 @@ from PIL import Image
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.engine.photons.state import Vertex
+from meshtrace.engine.photons.flight import Vertex
 from meshtrace.surfaces import FlatSea, SinusoidalSea
 from meshtrace.viz import export
 from meshtrace.viz.export import surface_sampler

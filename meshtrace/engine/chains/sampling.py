@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.kernels.jit import entry, inlined, outlined
-from meshtrace.kernels.medium import lookup
-from meshtrace.kernels.phase import sample_s
+from meshtrace.kernels.medium import lookup, sample_s
 from meshtrace.kernels.vectors import ORIGIN, TWO_PI, UP, along, dot, row, turn, write
 
 DIMENSIONS = 3

@@ -19,16 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.bvh import Intersector
-from meshtrace.engine.photons import state as kernel
-from meshtrace.engine.photons.flight import follow
+from meshtrace.engine.photons import flight as kernel
 from meshtrace.engine.setup import arrays
 from meshtrace.engine.setup.options import BLOCK, Analog, IrradianceMap, Record, read_records
 from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.sources import FORWARD, N_SCORES
-from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, Tallies
-from meshtrace.kernels.tints import ALONE, NO_TINTS, Tints, factors_of
-from meshtrace.kernels.vectors import UP, Vec3
+from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, MapGrid, Tallies
+from meshtrace.kernels.tints import ALONE, Tints, factors_of
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
@@ -56,30 +55,24 @@ class FixedPointSum:
     """Exact sum of integer arrays in units of 2^-44, without overflow."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
-        self._whole = np.zeros(shape, np.int64)
-        self._part = np.zeros(shape, np.int64)
+        self.array = np.zeros((2, *shape), np.int64)  # whole numbers, and units below one
 
     def add(self, units: NDArray[np.int64]) -> None:
         """Add an array; the order of additions does not matter."""
-        self._part += units
-        self._whole += self._part >> 44
-        self._part &= (1 << 44) - 1
+        self.array[1] += units
+        self.array[0] += self.array[1] >> 44
+        self.array[1] &= (1 << 44) - 1
 
     def __add__(self, other: FixedPointSum) -> FixedPointSum:
         """Return the sum of both."""
         found = deepcopy(self)
-        found.add(other._part)
-        found._whole += other._whole
+        found.add(other.array[1])
+        found.array[0] += other.array[0]
         return found
-
-    @property
-    def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Whole numbers and units of 2^-44, which hold the sum."""
-        return self._whole, self._part
 
     def value(self) -> Floats:
         """Return the sum as floating point numbers."""
-        return self._whole + self._part * UNIT
+        return self.array[0] + self.array[1] * UNIT
 
 
 @dataclass
@@ -119,7 +112,7 @@ class PhotonSums:
         return found
 
     def _arrays(self) -> list[NDArray[Any]]:
-        exact = (array for name in _EXACT for array in getattr(self, name).arrays)
+        exact = (getattr(self, name).array for name in _EXACT)
         return [self.score, self.score_squared, self.count, self.misses, *exact]
 
     @classmethod
@@ -252,14 +245,14 @@ def run_analog(
     records = read_records(record, options)
     options = options_over(intersector.mesh, options)
     recorder = recorder or new_recorder(0, 0)
-    setup = setup_of(link, intersector, options, seed, normals, unscattered, records, recorder)
-    grid = records.get("irradiance-map")
-    none = _with_map(setup.world.tallies, link, setup.frame, grid, tinting, turn)
-    setup = setup._replace(world=setup.world._replace(tints=tinting.tints, tallies=none))
-    score = np.zeros(setup.n_scores)
+    setup = setup_of(
+        link, intersector, options, seed, normals, unscattered=unscattered, records=records,
+        recorder=recorder, tinting=tinting, turn=turn,
+    )  # fmt: skip
+    none, score = setup.world.tallies, np.zeros(setup.n_scores)
     exact: Any = {name: FixedPointSum(getattr(none, name).shape) for name in _EXACT}
     counts = none.n_photons.copy(), none.misses.copy()
-    sums = PhotonSums(0, score, score.copy(), *counts, map_scale=none.map_scale, **exact)
+    sums = PhotonSums(0, score, score.copy(), *counts, map_scale=none.grid.scale, **exact)
     first, end = options.first_photon, options.first_photon + photons
     starts = range(first, end, options.batch_size)
     chunks = ((start, min(start + options.batch_size, end)) for start in starts)
@@ -281,12 +274,13 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
         tallies = none._replace(
             score=np.zeros((last - first, setup.n_scores)),
             arrivals=np.zeros(room, ARRIVAL),
-            map_factors=factors_of(len(none.map_scale)),
+            map_factors=factors_of(len(none.grid.scale)),
             **{name: np.zeros_like(getattr(none, name)) for name in _SUMS},
         )
         with setup.intersector.function() as bvh:
-            world = setup.world._replace(first=first, tallies=tallies, bvh=bvh)
-            follow(first, last, world._replace(photon=np.zeros(1, kernel.PHOTON)))
+            photon = np.zeros(1, kernel.PHOTON)
+            world = setup.world._replace(first=first, tallies=tallies, bvh=bvh, photon=photon)
+            kernel.follow(first, last, world)
         if not setup.arrivals or int(tallies.n_arrivals[0]) <= room:
             tallies.arrivals["water"] *= setup.frame.unit
             tallies.arrivals["air"] *= setup.frame.unit
@@ -300,20 +294,24 @@ def setup_of(
     options: Analog,
     seed: int,
     normals: str,
+    *,
     unscattered: bool = True,
     records: Mapping[str, Record] = MappingProxyType({}),
     recorder: kernel.Recorder | None = None,
     frame: arrays.Frame | None = None,
+    tinting: Tinting = UNTINTED,
+    turn: tuple[int, Floats] = (0, ALONE.parts),
 ) -> Setup:
     """Return the inputs of the chunks, in the frame of the link unless one is given."""
     frame = frame or arrays.frame_of(link)
+    cells = _cells_of(records.get("irradiance-map"), link, frame, tinting, turn)
     if frame != arrays.IDENTITY:
         intersector = intersector.over(frame.mesh(intersector.mesh))
     mesh = intersector.mesh
     normals = normals if mesh.max_slope > 0.0 else "facet"  # of a flat sea they are the same
     surface = arrays.surface_arrays(mesh, normals, link.physics.unresolved)
     crest = float(surface.high[2])
-    sources = frame.sources(arrays.source_arrays(link, frame.unit * (crest + 1e-3)))
+    sources = arrays.source_arrays(link, frame.unit * (crest + 1e-3), frame)
     roulette, survival = options.roulette, 0.0
     if roulette is None and link.physics.absorption == "paper":
         roulette, survival = 1e-3, 0.1  # the paper ends no photon in water (E13)
@@ -330,15 +328,15 @@ def setup_of(
         surface=surface,
         grid=arrays.grid_arrays(mesh) if intersector.shortcut else arrays.NO_GRID,
         medium=arrays.with_raster(medium, intersector),
-        apertures=frame.apertures(arrays.aperture_arrays(link)),
+        apertures=arrays.aperture_arrays(link, frame),
         interface=arrays.interface_arrays(link),
         limits=kernel.Limits(
             roulette, survival, options.max_events, options.max_surface_events, unscattered
         ),
-        tallies=_no_tallies(link, frame),
+        tallies=_no_tallies(link, frame, cells),
         recorder=recorder or new_recorder(0, 0),
         back=FORWARD,
-        tints=NO_TINTS,
+        tints=tinting.tints,
         bvh=NO_BVH,
         photon=np.zeros(1, kernel.PHOTON),
     )
@@ -355,9 +353,9 @@ def new_recorder(photons: int, vertices: int) -> kernel.Recorder:
     )
 
 
-def _no_tallies(link: Link, frame: arrays.Frame) -> Tallies:
-    """Return tallies of no photons, without a map."""
-    planes = link.planes
+def _no_tallies(link: Link, frame: arrays.Frame, cells: MapGrid) -> Tallies:
+    """Return tallies of no photons, with a map of some cells."""
+    planes, shape = link.planes, (cells.n, cells.n, len(cells.scale))
     depths = np.array(planes.depths if planes else ())
     bins = (planes.n_cosines, planes.n_azimuths) if planes else (0, 1)
     return Tallies(
@@ -367,44 +365,33 @@ def _no_tallies(link: Link, frame: arrays.Frame) -> Tallies:
         misses=np.zeros(len(kernel.Miss), np.int64),
         planes=-depths / frame.unit,
         radiance=np.zeros((SHIFTS, len(depths), *bins), np.int64),
-        map_z=0.0,
-        map_x=0.0,
-        map_y=0.0,
-        map_step=1.0,
-        map_axis=UP,
-        map_cos=0.0,
-        map_mixture=ALONE,
-        map_scale=np.ones(1),
-        map_tint=np.zeros(0),
-        map_factors=factors_of(1),
-        map=np.zeros((0, 0, 1), np.int64),
-        map_squared=np.zeros((0, 0, 1), np.int64),
+        grid=cells,
+        map_tint=np.zeros(len(cells.mixture.shares)),
+        map_factors=factors_of(len(cells.scale)),
+        map=np.zeros(shape, np.int64),
+        map_squared=np.zeros(shape, np.int64),
         arrivals=np.zeros(0, ARRIVAL),
         n_arrivals=np.zeros(1, np.int64),
     )
 
 
-def _with_map(
-    none: Tallies, link: Link, frame: arrays.Frame, grid: Record | None, tinting: Tinting,
-    turn: tuple[int, Floats],
-) -> Tallies:  # fmt: skip
-    """Return tallies of no photons with a map at the wavelengths of a tinting."""
+def _cells_of(
+    grid: Record | None, link: Link, frame: arrays.Frame, tinting: Tinting, turn: tuple[int, Floats]
+) -> MapGrid:
+    """Return the cells of a map at the wavelengths of a tinting, none without a map."""
     if not isinstance(grid, IrradianceMap):
-        return none
-    shape, mixture = (grid.n, grid.n, len(tinting.shares)), tinting.mixture(*turn)
-    return none._replace(
-        map_z=grid.height / frame.unit,
-        map_x=(-grid.extent - frame.x) / frame.unit,
-        map_y=(-grid.extent - frame.y) / frame.unit,
-        map_step=grid.step / frame.unit,
-        map_axis=Vec3(*grid.axis),
-        map_cos=max(math.cos(math.radians(grid.fov_deg) / 2.0), 1e-12),
-        map_mixture=mixture,
-        map_scale=_scale(link, frame, grid, tinting.tints, mixture.shares.T),
-        map_tint=np.zeros(tinting.shares.shape[1]),
-        map_factors=factors_of(len(tinting.shares)),
-        map=np.zeros(shape, np.int64),
-        map_squared=np.zeros(shape, np.int64),
+        return MapGrid()
+    mixture = tinting.mixture(*turn)
+    return MapGrid(
+        n=grid.n,
+        z=grid.height / frame.unit,
+        x=(-grid.extent - frame.x) / frame.unit,
+        y=(-grid.extent - frame.y) / frame.unit,
+        step=grid.step / frame.unit,
+        axis=Vec3(*grid.axis),
+        cos=max(math.cos(math.radians(grid.fov_deg) / 2.0), 1e-12),
+        mixture=mixture,
+        scale=_scale(link, frame, grid, tinting.tints, mixture.shares.T),
     )
 
 

@@ -3,55 +3,234 @@
 `follow` takes photons one after another through flights in the water, crossings of the surface and
 flights in the air until they end. The facet ahead is found on the grid of the mesh where
 `grid_facet` knows it, else by a ray. At the surface light is refracted and reflected; what leaves
-for good is scored at once.
+for good is scored at once. Records and steps that joined photons have in common come first.
 """
 
 from __future__ import annotations
 
 import math
+from enum import IntEnum
+from typing import NamedTuple
 
-from meshtrace.engine.photons.state import (
-    GOES_ON,
-    Miss,
-    Vertex,
-    bending_normal,
-    head,
-    heading,
-    place,
-    put,
-    record,
-    roulette,
-    score_on_apertures,
-    set_weight,
-    steeper_than_waves,
-    write_vertex,
-)
-from meshtrace.kernels import interface, sources
-from meshtrace.kernels.interface import FresnelMode, branches
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.kernels import interface, sources, tally
+from meshtrace.kernels.interface import Interface, MeshArrays, branches
 from meshtrace.kernels.jit import entry, inlined, outlined
-from meshtrace.kernels.medium import Absorption, absorption_path, collide, sample_free_path
+from meshtrace.kernels.medium import Absorption, Medium, absorption_path, collide, sample_free_path
 from meshtrace.kernels.random import Purpose, uniforms
-from meshtrace.kernels.rays import UNKNOWN, first_facet, grid_facet
-from meshtrace.kernels.tally import (
-    Fate,
-    Segment,
-    deposit,
-    keep_arrival,
-    score_map,
-    score_planes,
-)
-from meshtrace.kernels.tints import is_tinted, reset_tint, tint_scattering, tint_way
-from meshtrace.kernels.vectors import Vec3, along, dot, plus, row, scaled, turn
+from meshtrace.kernels.rays import UNKNOWN, Bvh, Grid, first_facet, grid_facet
+from meshtrace.kernels.sources import Backward, Sources
+from meshtrace.kernels.tally import Fate, Segment, deposit
+from meshtrace.kernels.tints import TINTS, Tints, is_tinted, reset_tint, tint_scattering, tint_way
+from meshtrace.kernels.vectors import Vec3, along, dot, plus, row, scaled, turn, write
 
-_OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
+UNDER_WAY = [
+    ("x", float),  # position [m]
+    ("y", float),
+    ("z", float),
+    ("dx", float),  # direction
+    ("dy", float),
+    ("dz", float),
+    ("weight", float),
+    ("free", float),  # way to the next collision [m]
+    ("water", float),  # path in the water [m]
+    ("id", np.int64),
+    ("event", np.int64),
+    ("tint", float, (TINTS,)),  # see `meshtrace.kernels.tints`
+]
+"""What is known of every photon."""
+
+PHOTON = np.dtype(
+    [
+        *UNDER_WAY,
+        ("air", float),
+        ("crossings", np.int64),
+        ("facet", np.int64),
+        ("in_water", np.int64),
+        ("retry", np.int64),
+        ("turned", np.int64),  # 1 once it has scattered or met the bottom
+        ("outcome", np.int64),  # RECEIVED or LANDED once light left the sea, else -1
+    ]
+)
+"""A photon under way."""
+
+
+class Vertex(IntEnum):
+    """Event at a vertex of a recorded path."""
+
+    SOURCE = 0
+    SCATTER = 1
+    SURFACE_OUT = 2
+    SURFACE_IN = 3
+    BOTTOM = 4
+    RECEIVED = 5
+    LANDED = 6
+    END = 7
+    BRANCH = 8
+
+
+class Miss(IntEnum):
+    """Rays that missed the surface inside the mesh, `Tallies.misses`."""
+
+    CAST_AGAIN = 0
+    GIVEN_UP = 1
+
+
+GOES_ON = -1  # else a function returns the fate that ends the photon
+
+
+class Limits(NamedTuple):
+    """Conditions that end a photon."""
+
+    weight: float  # Russian roulette below
+    survival: float  # 0: survive with weight / limit; else with this probability
+    events: int
+    surface_events: int
+    unscattered: bool  # whether light that has met its first crossing alone is scored in the air
+
+
+class Recorder(NamedTuple):
+    """Paths of the first photons, for visualisation; tallies are unaffected."""
+
+    vertex: NDArray[np.float64]  # (photons, vertices, 3)
+    weight: NDArray[np.float64]  # (photons, vertices)
+    what: NDArray[np.int8]  # Vertex
+    length: NDArray[np.int64]  # (photons,)
+
+
+class World(NamedTuple):
+    """Everything that the photons of a chunk share."""
+
+    first: int  # id of the first photon
+    seed: np.uint64
+    sources: Sources
+    surface: MeshArrays
+    grid: Grid
+    medium: Medium
+    apertures: tally.Apertures
+    interface: Interface
+    limits: Limits
+    tallies: tally.Tallies
+    recorder: Recorder
+    back: Backward
+    tints: Tints | None
+    bvh: Bvh
+    photon: NDArray[np.void]  # (1,) PHOTON, the one under way
 
 
 @inlined
-def _free_of_surface(z, d, world):
-    """Return whether a path in air cannot meet the surface again."""
-    if not world.interface.follow_second_hit or (d.z > 0.0 and z >= world.surface.high[2]):
-        return True
-    return d.z > 0.0 and steeper_than_waves(d, world.surface)
+def place(q):
+    """Return the position of a photon."""
+    return Vec3(q.x, q.y, q.z)
+
+
+@inlined
+def heading(q):
+    """Return the direction of a photon."""
+    return Vec3(q.dx, q.dy, q.dz)
+
+
+@inlined
+def put(q, p):
+    """Move a photon to p."""
+    q.x, q.y, q.z = p.x, p.y, p.z
+
+
+@inlined
+def head(q, d):
+    """Turn a photon to d."""
+    q.dx, q.dy, q.dz = d.x, d.y, d.z
+
+
+@inlined
+def record(recorder, q, what):
+    """Record an event of a photon if its path is kept."""
+    if q.id < len(recorder.length):
+        write_vertex(recorder, q.id, place(q), q.weight, what)
+
+
+@outlined
+def write_vertex(recorder, photon, p, weight, what):
+    """Append a vertex to a recorded path."""
+    n = recorder.length[photon]
+    if n < recorder.vertex.shape[1]:
+        write(recorder.vertex[photon, n], p)
+        recorder.weight[photon, n] = weight
+        recorder.what[photon, n] = what
+        recorder.length[photon] = n + 1
+
+
+@inlined
+def set_weight(q, weight, fate, world):
+    """Change the weight of a photon and deposit the difference."""
+    deposit(world.tallies, fate, q.weight - weight)
+    q.weight = weight
+
+
+@inlined
+def roulette(q, lot, world):
+    """Play Russian roulette with a low-weight photon; draw a new uniform if `lot` is negative."""
+    if q.weight >= world.limits.weight:
+        return GOES_ON
+    p = world.limits.survival if world.limits.survival > 0.0 else q.weight / world.limits.weight
+    if lot < 0.0:
+        lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE.value)
+    if lot >= p:
+        return Fate.ROULETTE.value
+    set_weight(q, q.weight / p, Fate.ROULETTE.value, world)
+    return GOES_ON
+
+
+@inlined
+def steeper_than_waves(d, surface):
+    """Return whether a direction is steeper than every facet: away from the surface it stays so."""
+    slope = surface.max_slope
+    return d.z * d.z > slope * slope * (d.x * d.x + d.y * d.y)
+
+
+_NUDGE = 1e-4  # [m], displacement of a missed ray that is cast again
+
+
+@inlined
+def facet_ahead(q, in_water, retry, world):
+    """Return the facet that a photon meets, or -1; `retry` counts the rays that missed it.
+
+    Array twin: `BruteForceIntersector`.
+    A ray starts at the entry of the photon into the slab of the surface.
+    """
+    p, d = place(q), heading(q)
+    if len(world.grid.x.line) > 0 and retry == 0:
+        facet = grid_facet(world.grid, world.surface.vertices, p, d)
+        if facet != UNKNOWN:
+            return facet
+    t = 0.0
+    if in_water and d.z > 0.0:
+        t = (world.surface.low[2] - p.z) / d.z
+    elif not in_water and d.z < 0.0:
+        t = (world.surface.high[2] - p.z) / d.z
+    t = max(t - 1e-3 * (1.0 + t), 0.0)
+    nudge = _NUDGE * retry
+    aside = Vec3(nudge, 0.7 * nudge, -nudge if in_water else nudge)
+    return first_facet(world.bvh, plus(along(p, d, t), aside), d)
+
+
+@inlined
+def bending_normal(q, facet, world):
+    """Return (facet normal, normal that bends light, spare uniform or -1) at a crossing.
+
+    Array twin: `roughened`.
+    """
+    g = row(world.surface.face_normals, facet)
+    n = interface.normal_on(place(q), facet, world.surface)
+    if interface.takes_slopes(g, world.surface.roughness):
+        u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE.value)
+        return g, interface.roughened(heading(q), n, u, v, w, world.surface.roughness), lot
+    return g, n, -1.0
+
+
+_OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
 
 
 @inlined
@@ -62,11 +241,11 @@ def to_sky(q, d, weight, world):
         light = weight * sources.radiance(world.back.sky, d)
         world.tallies.score[q.id - world.first, sources.SKY_SCORE] += light
         if is_tinted(world.tints):
-            keep_arrival(world.tallies, q.id, sources.SKY_SCORE, light, world.tints, q.tint)
+            tally.keep_arrival(world.tallies, q.id, sources.SKY_SCORE, light, world.tints, q.tint)
     scored = world.limits.unscattered or q.turned == 1 or q.crossings > 1
-    received = scored and score_on_apertures(q, False, flight, world)
+    received = scored and tally.score_apertures(q, False, flight, world)
     if scored:
-        score_map(world.tallies, flight, world.medium, world.tints, q.tint)
+        tally.score_map(world.tallies, flight, world.medium, world.tints, q.tint)
     deposit(world.tallies, Fate.RECEIVED.value if received else Fate.LANDED.value, weight)
     if received:
         q.outcome = Fate.RECEIVED.value
@@ -102,19 +281,17 @@ def cross(q, world):
         if foam == 0.0:
             return Fate.WHITECAP.value
     record(world.recorder, q, Vertex.SURFACE_OUT if in_water else Vertex.SURFACE_IN)
-    rho, g, transmitted, reflected, lot = _split(q, in_water, world)
-    if in_water:
-        w_air, w_water = q.weight * (1.0 - rho), q.weight * rho
-        air, water = transmitted, reflected
-    else:
-        w_air, w_water = q.weight * rho, q.weight * (1.0 - rho)
-        air, water = reflected, transmitted
-
-    free = _free_of_surface(q.z, air, world)
-    if world.interface.fresnel != FresnelMode.WEIGHT or not free:
+    rho, g, air, water, lot = _split(q, in_water, world)
+    w_air, w_water = q.weight * (1.0 - rho), q.weight * rho
+    if not in_water:
+        w_air, w_water = w_water, w_air
+    free = not world.interface.follow_second_hit or (  # of the surface
+        air.z > 0.0 and (q.z >= world.surface.high[2] or steeper_than_waves(air, world.surface))
+    )
+    if world.interface.fresnel != interface.FresnelMode.WEIGHT or not free:
         u, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
         if u * (w_air + w_water) < w_air:
-            if world.interface.fresnel == FresnelMode.PAPER_BOTH:
+            if world.interface.fresnel == interface.FresnelMode.PAPER_BOTH:
                 # E4: roulette and weight, twice the loss
                 set_weight(q, w_air, Fate.REFLECTED.value, world)
             w_air, w_water = q.weight, 0.0
@@ -143,7 +320,7 @@ def cross(q, world):
 
 @inlined
 def _split(q, in_water, world):
-    """Return reflectance, facet normal, both directions and a spare uniform of a crossing."""
+    """Return reflectance, facet normal, directions in air and water and a spare uniform."""
     g, n, lot = bending_normal(q, q.facet, world)
     side, n1, n2 = 1.0, world.medium.n_water, world.medium.n_air
     if not in_water:
@@ -151,7 +328,9 @@ def _split(q, in_water, world):
     rho, transmitted, reflected = branches(
         heading(q), scaled(side, n), scaled(side, g), n1, n2, world.interface
     )
-    return rho, g, transmitted, reflected, lot
+    if in_water:
+        return rho, g, transmitted, reflected, lot
+    return rho, g, reflected, transmitted, lot
 
 
 @outlined
@@ -173,7 +352,7 @@ def fly_water(q, length, world):
     a_path = 0.0
     if world.medium.absorption == Absorption.CONTINUOUS:
         a_path = absorption_path(world.medium, q.z, p.z, length)
-    if len(world.tallies.planes) > 0 or world.apertures.any_in_water or world.tallies.map_z < 0.0:
+    if len(world.tallies.planes) > 0 or world.apertures.any_in_water or world.tallies.grid.z < 0.0:
         _score_water(q, length, world)
     tint_way(world.tints, q.tint, q.z, p.z, length)
     put(q, p)
@@ -185,7 +364,7 @@ def fly_water(q, length, world):
 @inlined
 def lowest(world):
     """Return a height below every plane, map and aperture in the water."""
-    low = min(world.surface.low[2], world.tallies.map_z)
+    low = min(world.surface.low[2], world.tallies.grid.z)
     for h in world.tallies.planes:
         low = min(low, h)
     for i in range(len(world.apertures.radius)):
@@ -198,10 +377,10 @@ def _score_water(q, length, world):
     """Score a path in water on planes and apertures; not inlined: rarely used."""
     flight = Segment(place(q), heading(q), length, q.weight, q.water, q.air)
     column = len(world.apertures.radius)
-    score_planes(world.tallies, column, q.id - world.first, flight, world.medium)
-    score_on_apertures(q, True, flight, world)
-    if world.tallies.map_z < 0.0:
-        score_map(world.tallies, flight, world.medium, world.tints, q.tint)
+    tally.score_planes(world.tallies, column, q.id - world.first, flight, world.medium)
+    tally.score_apertures(q, True, flight, world)
+    if world.tallies.grid.z < 0.0:
+        tally.score_map(world.tallies, flight, world.medium, world.tints, q.tint)
 
 
 @inlined
@@ -221,7 +400,7 @@ def _meet_sun(q, world):
         score = sources.SUN_SCORE + i
         world.tallies.score[q.id - world.first, score] += light[i]
         if is_tinted(world.tints) and light[i] > 0.0:
-            n = keep_arrival(world.tallies, q.id, score, light[i], world.tints, q.tint)
+            n = tally.keep_arrival(world.tallies, q.id, score, light[i], world.tints, q.tint)
             if n >= 0:  # where and by which angle, for the factors of the last scattering
                 a, cosine = world.tallies.arrivals[n], dot(heading(q), world.back.sun)
                 a.air, a.water = q.z, math.acos(min(max(cosine, -1.0), 1.0))
@@ -265,8 +444,7 @@ def bounce(q, world):
     return _continue(q, u_path, world)
 
 
-_NUDGE = 1e-4  # [m], displacement of a missed ray that is cast again
-_RETRIES = 3
+_RETRIES = 3  # of a ray that missed
 
 
 @inlined
@@ -304,27 +482,6 @@ def _needs_ray(q, world):
     if z1 < low:
         return q.z >= low and not steeper_than_waves(heading(q), world.surface)
     return True
-
-
-@inlined
-def _facet_ahead(q, world):
-    """Return the facet that a photon meets, or -1.
-
-    A ray starts at the entry of the photon into the slab of the surface.
-    """
-    if len(world.grid.x.line) > 0 and q.retry == 0:
-        facet = grid_facet(world.grid, world.surface.vertices, place(q), heading(q))
-        if facet != UNKNOWN:
-            return facet
-    t = 0.0
-    if q.in_water == 1 and q.dz > 0.0:
-        t = (world.surface.low[2] - q.z) / q.dz
-    elif q.in_water == 0 and q.dz < 0.0:
-        t = (world.surface.high[2] - q.z) / q.dz
-    t = max(t - 1e-3 * (1.0 + t), 0.0)
-    nudge = _NUDGE * q.retry
-    aside = Vec3(nudge, 0.7 * nudge, -nudge if q.in_water == 1 else nudge)
-    return first_facet(world.bvh, plus(along(place(q), heading(q), t), aside), heading(q))
 
 
 @outlined
@@ -394,22 +551,17 @@ def _settle(q, world):
 
 
 @inlined
-def _enter_slab(q, world):
-    """End a photon that rises outside the mesh."""
-    if q.in_water == 1 and q.dz > 0.0 and q.z < world.surface.low[2]:
-        t = (world.surface.low[2] - q.z) / q.dz
-        if not _inside(q, t, world.surface):
-            fly_water(q, t, world)
-            return Fate.LEFT_DOMAIN.value
-    return GOES_ON
-
-
-@inlined
 def _move(q, world):
     """Advance a photon until it needs a ray (GOES_ON) or has ended."""
     while True:
         if q.retry > 0 or _needs_ray(q, world):
-            return _enter_slab(q, world)
+            low = world.surface.low[2]
+            if q.in_water == 1 and q.dz > 0.0 and q.z < low:
+                t = (low - q.z) / q.dz
+                if not _inside(q, t, world.surface):  # rises outside the mesh
+                    fly_water(q, t, world)
+                    return Fate.LEFT_DOMAIN.value
+            return GOES_ON
         if q.dz < 0.0 and q.z + q.free * q.dz < world.medium.bottom_z:
             fate = bounce(q, world)
         elif math.isinf(q.free):  # descends without end: with no bottom only absorption is left
@@ -437,7 +589,7 @@ def follow(first, last, world):
         while fate == GOES_ON:
             fate = _move(q, world)
             if fate == GOES_ON:
-                q.facet = _facet_ahead(q, world)
+                q.facet = facet_ahead(q, q.in_water == 1, q.retry, world)
                 fate = _settle(q, world)
         deposit(world.tallies, fate, q.weight)
         world.tallies.n_photons[q.outcome if q.outcome >= 0 else fate] += 1

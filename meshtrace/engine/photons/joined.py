@@ -21,7 +21,6 @@ from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.aimed import ROOTS, search_extent
 from meshtrace.engine.crossing import FLAT, ROOT
 from meshtrace.engine.photons.joined_walk import follow_joined
-from meshtrace.engine.photons.manifold import Manifold
 from meshtrace.engine.photons.targets import (
     JOINED_PHOTON,
     N_PARTS,
@@ -29,6 +28,7 @@ from meshtrace.engine.photons.targets import (
     TARGET,
     JoinedWorld,
     Joins,
+    Manifold,
     Window,
 )
 from meshtrace.engine.setup import arrays, ends
@@ -36,10 +36,9 @@ from meshtrace.engine.setup.options import BLOCK
 from meshtrace.engine.setup.tinting import Tinting
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import MeshArrays
-from meshtrace.kernels.medium import Absorption
-from meshtrace.kernels.phase import AngleTable
+from meshtrace.kernels.medium import Absorption, AngleTable
 from meshtrace.kernels.rays import NO_BVH
-from meshtrace.kernels.scene import FACET, Emitter, Target, facet_summary
+from meshtrace.kernels.scene import FACET, Emitter, Locator, Target, facet_summary
 from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.kernels.tints import NO_TINTS
@@ -187,21 +186,17 @@ class JoinedPhotons:
         for path, item in link.items():
             if isinstance(item, AirLamp) and item.size > 0.0:  # they are points to the photons
                 raise Refused(path, Described(f"a radius of {item.size:g} m"), ends.POINTS_ONLY)
-        self._require_depth(link)
-        self.link, self.photons, self.seed = link, photons, seed
-        self._normals, self._threads = normals, threads
-        self._first = [int(k) for k in np.broadcast_to(first, len(link.receivers))]
-        self._direct = direct
-
-    @staticmethod
-    def _require_depth(link: Link) -> None:
-        """Refuse water in which the steps of delta tracking are tiny beside the depth."""
+        # the steps of delta tracking must not be tiny beside the depth
         medium = ends.expected_water(link, crest=0.0)
         rate = medium.b_max if medium.absorption == Absorption.CONTINUOUS else medium.c_max
         most = rate * max(-item.center[2] for _, item in link.items())
         if most > _OPAQUE:
             found = Described(f"an optical depth of {most:.3g}, at its densest place")
             raise Refused("water", found, f"up to {_OPAQUE:g}; {ends.ANALOG}")
+        self.link, self.photons, self.seed = link, photons, seed
+        self._normals, self._threads = normals, threads
+        self._first = [int(k) for k in np.broadcast_to(first, len(link.receivers))]
+        self._direct = direct
 
     def evaluate(self, mesh: TriangleMesh, arrivals: bool = False) -> JoinedParts:
         """Return the gain over a mesh in parts.
@@ -259,59 +254,53 @@ class JoinedPhotons:
         ends.require_height_field(mesh)
         frame = arrays.frame_of(self.link)
         intersector = EmbreeIntersector(frame.mesh(mesh), 1)
+        runs, found = self._runs(frame), []
+        for run in runs:
+            worlds = list[JoinedWorld]()
+            for one in bases or [self]:
+                worlds.append(one._world(frame, intersector, run))
+            found.append(self._follow(worlds, intersector, arrivals, tinting))
+        return [self._parts(runs, sums, frame, arrivals) for sums in zip(*found, strict=True)]
+
+    def _runs(self, frame: arrays.Frame) -> list[_Run]:
+        """Return the runs: one to all receivers in the air, or one from each in the water."""
         link = self.link
         if link.direction == "up":
             # sorted, so that results do not depend on the order of the receivers
             order = sorted(range(len(link.receivers)), key=lambda i: repr(link.receivers[i]))
             targets = [ends.target_of(link.receivers[i], frame) for i in order]
-            to = _Ends(targets, np.ones(len(order)), [self._first[i] for i in order])
-            worlds = list[JoinedWorld]()
-            for one in bases or [self]:
-                worlds.append(one._world(frame, intersector, None, to))
-            found = self._follow(worlds, intersector, arrivals, tinting)
-            rows = np.argsort(order)
-            return [self._parts([run], frame, arrivals).of(rows) for run in found]
+            first = [self._first[i] for i in order]
+            return [_Run(None, order, targets, np.ones(len(order)), first)]
         power = np.array([t.power_mw for t in link.transmitters])
         lamps = [
             ends.lamp_target(t, link, frame) for t in link.transmitters if isinstance(t, AirLamp)
         ]
         runs = []
-        for end, scored in zip(link.receivers, self._first, strict=True):
-            emitter = ends.emitter_of(end, frame)
-            to = _Ends(lamps, emitter.power * power / power.sum(), [scored] * len(lamps))
-            worlds = []
-            for one in bases or [self]:
-                worlds.append(one._world(frame, intersector, emitter, to))
-            runs.append(self._follow(worlds, intersector, arrivals, tinting))
-        return [self._parts(list(each), frame, arrivals) for each in zip(*runs, strict=True)]
+        for i, end in enumerate(link.receivers):
+            start, first = ends.emitter_of(end, frame), [self._first[i]] * len(lamps)
+            runs.append(_Run(start, [i], lamps, start.power * power / power.sum(), first))
+        return runs
 
-    def _world(
-        self,
-        frame: arrays.Frame,
-        intersector: EmbreeIntersector,
-        start: Emitter | None,
-        to: _Ends,
-    ) -> JoinedWorld:
-        """Return the inputs of photons from the sources, or backwards from one receiver."""
-        link = self.link
+    def _world(self, frame: arrays.Frame, intersector: EmbreeIntersector, run: _Run) -> JoinedWorld:
+        """Return the inputs of the photons of a run."""
+        link, start = self.link, run.start
         surface = arrays.surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
-        is_smooth = not is_flat(surface) and max(surface.roughness[:2]) == 0.0
+        is_level = surface.low[2] == surface.high[2] and surface.max_slope == 0.0
+        is_smooth = not is_level and max(surface.roughness[:2]) == 0.0
         crest = frame.unit * float(surface.high[2])
         medium = arrays.with_raster(frame.medium(ends.expected_water(link, crest)), intersector)
-        sources = (
-            frame.sources(arrays.source_arrays(link, crest)) if start is None else _reversed(start)
-        )
+        sources = _reversed(start) if start else arrays.source_arrays(link, crest, frame)
         grid = arrays.grid_arrays(intersector.mesh)
         bins, facets, manifold = arrays.empty_locator(), np.zeros(0, FACET), None
         if is_smooth or not len(grid.x.line):
-            bins = arrays.locator(surface, to.targets)
+            bins = arrays.locator(surface, run.targets)
         if is_smooth:
             facets = np.empty(len(surface.faces), FACET)
             facet_summary(surface, facets)
             room = np.zeros(1, FLAT), np.zeros(ROOTS, ROOT)
             manifold = Manifold(search_extent(surface, facets, bins), *room)
-        joins = self._joins(surface, sources, to, frame)._replace(locator=bins, facets=facets)
-        n = len(to.targets)
+        joins = self._joins(surface, sources, run, frame, bins, facets)
+        n = len(run.targets)
         return JoinedWorld(
             0, np.uint64(self.seed), sources, surface, grid, medium,
             arrays.interface_arrays(link), joins, manifold, _EVENTS, NO_TINTS, NO_BVH,
@@ -320,8 +309,9 @@ class JoinedPhotons:
         )  # fmt: skip
 
     def _joins(
-        self, surface: MeshArrays, sources: Sources, to: _Ends, frame: arrays.Frame
-    ) -> Joins:
+        self, surface: MeshArrays, sources: Sources, run: _Run, frame: arrays.Frame,
+        bins: Locator, facets: NDArray[np.void],
+    ) -> Joins:  # fmt: skip
         """Return the targets and the guides of the photons."""
         link = self.link
         water = arrays.angle_table(link.water.phase)
@@ -343,15 +333,15 @@ class JoinedPhotons:
                 True, math.sqrt(a / diffusion), length, _BOUNDARY * diffusion, _HIGHEST, 0.0
             )
         spread = _SPREAD * math.sqrt(rough + mesh_slopes)
-        if rough > 0.0 and not window.diffuse and self._is_aimed(sources, to.targets, spread):
+        if rough > 0.0 and not window.diffuse and self._is_aimed(sources, run.targets, spread):
             kept = _kept(water, link.water.n / link.n_air, spread)
             kappa = a + b * (1.0 - kept)
             window = window._replace(kappa=kappa, highest=_AIMED_HIGHEST, bent=_BENT)
-        rows = np.zeros(len(to.targets), TARGET)
+        rows = np.zeros(len(run.targets), TARGET)
         blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
         blur *= (link.water.n / link.n_air - 1.0) ** 2
-        rows["first"] = to.first
-        for row, target, part in zip(rows, to.targets, to.share, strict=True):
+        rows["first"] = run.first
+        for row, target, part in zip(rows, run.targets, run.share, strict=True):
             _fill(row, target, part, 1.0 / max(a + b, 1e-300))
             if not target.is_lamp and rough > 0.0:
                 sloped = target.area / (target.area + blur * target.center.z**2)
@@ -360,10 +350,10 @@ class JoinedPhotons:
         decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
         lobe = _LOBE if still else 0.0 if window.bent > 0.0 else _ROUGH_LOBE
         cone = 0.0 if window.diffuse else _CONE
-        first = min(to.first)
+        first = min(run.first)
         return Joins(
-            rows, first, self._direct, water, bubble, arrays.empty_locator(), np.zeros(0, FACET),
-            spread, decay, often * b, often, _START if first == 1 else 0.0, lobe, cone, window,
+            rows, first, self._direct, water, bubble, bins, facets, spread, decay, often * b, often,
+            _START if first == 1 else 0.0, lobe, cone, window,
         )  # fmt: skip
 
     def _is_aimed(self, sources: Sources, targets: list[Target], spread: float) -> bool:
@@ -390,7 +380,7 @@ class JoinedPhotons:
         intersector: EmbreeIntersector,
         arrivals: bool,
         tinting: Tinting | None,
-    ) -> list[_Run]:
+    ) -> list[_Sums]:
         """Return the sums over the photons of one run, at each wavelength of a tinting.
 
         Blocks of photons belong to the worlds of the bases in turn.
@@ -405,10 +395,10 @@ class JoinedPhotons:
             max(-item.center[2] for _, item in self.link.items()) / arrays.frame_of(self.link).unit
         )
         importance = np.exp((kappa[0] - kappa) * depth)
-        runs = [_Run.of(n) for _ in range(m)]
+        whole = [_Sums.of(n) for _ in range(m)]
         kept = arrivals or tinting is not None
 
-        def follow(span: tuple[int, int]) -> list[_Run]:
+        def follow(span: tuple[int, int]) -> list[_Sums]:
             first, last = span
             base = first // BLOCK % len(worlds)
             world = worlds[base]
@@ -433,73 +423,78 @@ class JoinedPhotons:
                 room = int(block.n_arrivals[0])
             light = block.arrivals[: block.n_arrivals[0]]
             if tinting is None:
-                return [_Run.of_scores(block.score, block.order, light)]
+                return [_Sums.of_scores(block.score, block.order, light)]
             factors = tinting.mixed(light["tint"], base, numbers / self.photons, importance)
             return _tinted(block, light, factors, arrivals)
 
         for found in ordered_map(follow, spans, self._threads):
-            for run, part in zip(runs, found, strict=True):
-                run.add(part)
-        return runs
+            for sums, part in zip(whole, found, strict=True):
+                sums.add(part)
+        return whole
 
-    def _parts(self, runs: list[_Run], frame: arrays.Frame, arrivals: bool) -> JoinedParts:
-        """Return the gains by receiver: targets of one run, or runs over all lamps."""
-        down = self.link.direction == "down"
-        axis = 2 if down else 0  # targets of each run, or the one run
-        n, per_group = self.photons, np.bincount(np.arange(self.photons) % SHIFTS, minlength=SHIFTS)
-        groups = np.stack([r.groups for r in runs]).sum(axis=axis)
-        groups = np.moveaxis(groups, (0, 1, 2), (1, 2, 0) if down else (2, 1, 0))
-        scored, square, orders = (
-            np.stack([getattr(r, name) for r in runs]).sum(axis=1 if down else 0)
-            for name in ("scored", "square", "orders")
-        )
-        rows = None
+    def _parts(
+        self, runs: list[_Run], sums: Sequence[_Sums], frame: arrays.Frame, arrivals: bool
+    ) -> JoinedParts:
+        """Return the gains by receiver: by target of one run, or of runs over all lamps."""
+        down, n = self.link.direction == "down", self.photons
+        whole = []
+        for name, axis in (("groups", 1), ("orders", 0), ("scored", 0), ("square", 0)):
+            rows = [getattr(one, name) for one in sums]
+            if down:  # light of all lamps
+                rows = [row.sum(axis=axis, keepdims=True) for row in rows]
+            whole.append(np.concatenate(rows, axis=axis))
+        groups, orders, scored, square = whole
+        per_group = np.bincount(np.arange(n) % SHIFTS, minlength=SHIFTS)
+        light = None
         if arrivals:
-            found = [np.concatenate(r.arrivals) for r in runs]
+            found = [np.concatenate(one.arrivals) for one in sums]
             if not down:
-                found = [found[0][found[0]["receiver"] == i] for i in range(groups.shape[1])]
-            rows = [
+                found = [found[0][found[0]["receiver"] == i] for i in range(len(runs[0].targets))]
+            light = [
                 np.column_stack(
                     [a["weight"] / (SHIFTS * per_group[a["photon"] % SHIFTS]),
                      frame.unit * a["water"], frame.unit * a["air"], a["photon"] % SHIFTS]
                 )
                 for a in found
             ]  # fmt: skip
-        counts = scored.T.astype(np.int64), square.T / n
-        return JoinedParts(n, groups / per_group, orders / n, *counts, rows)
-
-
-class _Ends(NamedTuple):
-    """Ends that the photons of a run are joined to."""
-
-    targets: list[Target]
-    share: Floats  # factors on their scores
-    first: list[int]  # crossing from which on each is scored
+        groups = groups.transpose(2, 1, 0) / per_group
+        parts = JoinedParts(n, groups, orders / n, scored.T, square.T / n, light)
+        return parts if down else parts.of(np.argsort(runs[0].receivers))
 
 
 class _Run(NamedTuple):
+    """Photons from the sources, or backwards from one receiver, and what they are joined to."""
+
+    start: Emitter | None  # a receiver in the water
+    receivers: list[int]  # that the photons serve: the targets, or the start
+    targets: list[Target]
+    share: Floats  # factors on the scores of the targets
+    first: list[int]  # crossing from which on each is scored
+
+
+class _Sums(NamedTuple):
     """Sums over the photons of one run."""
 
     groups: Floats  # (SHIFTS, targets, parts)
-    scored: Floats  # (targets, parts)
-    square: Floats  # (targets, parts)
     orders: Floats  # (targets, orders)
+    scored: NDArray[Any]  # (targets, parts)
+    square: Floats  # (targets, parts)
     arrivals: list[NDArray[np.void]]
 
     @classmethod
-    def of(cls, n: int) -> _Run:
+    def of(cls, n: int) -> _Sums:
         """Return the sums over no photons, of n targets."""
-        counts = np.zeros((n, N_PARTS)), np.zeros((n, N_PARTS))
-        return cls(np.zeros((SHIFTS, n, N_PARTS)), *counts, np.zeros((n, _ORDERS)), [])
+        none = np.zeros((0, n, N_PARTS)), np.zeros((n, _ORDERS)), np.zeros(0, ARRIVAL)
+        return cls.of_scores(*none)
 
     @classmethod
-    def of_scores(cls, score: Floats, orders: Floats, light: NDArray[np.void]) -> _Run:
+    def of_scores(cls, score: Floats, orders: Floats, light: NDArray[np.void]) -> _Sums:
         """Return the sums over the photons of a block, a whole number of groups."""
         groups = np.array([score[g::SHIFTS].sum(axis=0) for g in range(SHIFTS)])
         square = np.einsum("ijk,ijk->jk", score, score)
-        return cls(groups, np.count_nonzero(score, axis=0), square, orders, [light])
+        return cls(groups, orders, np.count_nonzero(score, axis=0), square, [light])
 
-    def add(self, part: _Run) -> None:
+    def add(self, part: _Sums) -> None:
         """Add the sums over other photons."""
         for mine, other in zip(self[:4], part[:4], strict=True):
             mine += other
@@ -508,9 +503,9 @@ class _Run(NamedTuple):
 
 def _tinted(
     block: JoinedWorld, light: NDArray[np.void], factors: Floats, arrivals: bool
-) -> list[_Run]:
+) -> list[_Sums]:
     """Return the sums over the photons of a block with factors (wavelengths, arrivals)."""
-    row, found = np.ascontiguousarray(light["receiver"]), list[_Run]()
+    row, found = np.ascontiguousarray(light["receiver"]), list[_Sums]()
     place = ((light["photon"] - block.first) * block.score.shape[1] + row) * N_PARTS + light["part"]
     cell = row * _ORDERS + np.minimum(light["order"], _ORDERS - 1)
     once = light["part"] != REFLECTED
@@ -522,13 +517,8 @@ def _tinted(
         if arrivals:
             kept = light.copy()
             kept["weight"] = weight
-        found.append(_Run.of_scores(score, orders, kept))
+        found.append(_Sums.of_scores(score, orders, kept))
     return found
-
-
-def is_flat(surface: MeshArrays) -> bool:
-    """Return whether a surface is level still water."""
-    return bool(surface.low[2] == surface.high[2] and surface.max_slope == 0.0)
 
 
 def _own(manifold: Manifold | None) -> Manifold | None:
@@ -548,26 +538,17 @@ def _kept(phase: AngleTable, n: float, spread: float) -> float:
 
 def _reversed(emitter: Emitter) -> Sources:
     """Return an aperture in the water as the source of photons that run backwards."""
-    return Sources(
-        kind=np.array([emitter.kind], np.int64),
-        position=np.array([emitter.position]),
-        axis=np.array([emitter.axis]),
-        spread=np.array([emitter.spread]),
-        size=np.array([emitter.radius]),
-        in_water=np.array([True]),
-        cum_power=np.array([1.0]),
-    )
+    end = emitter.kind, emitter.position, emitter.axis, emitter.spread, emitter.radius
+    in_water, share = True, 1.0
+    return Sources(*(np.array([value]) for value in (*end, in_water, share)))
 
 
 def _fill(row: np.void, target: Target, share: float, deep: float) -> None:
     """Write a target as a record; `deep` is the mean free path."""
-    for name in ("center", "axis", "e1", "e2", "area", "radius", "cos_half_fov", "tan_half_fov",
-                 "reach", "sin_widest", "is_lamp"):  # fmt: skip
-        row[name] = getattr(target, name)
-    lamp = target.lamp
-    row["lamp_axis"], row["lamp_kind"] = lamp.axis, lamp.kind
-    row["lamp_spread"], row["lamp_norm"], row["share"] = lamp.spread, lamp.norm, share
-    axis = np.array(lamp.axis) if target.is_lamp else -np.array(target.axis)
+    for name, value in target._asdict().items():
+        row[name] = value
+    row["share"] = share
+    axis = np.array(target.lamp.axis) if target.is_lamp else -np.array(target.axis)
     fall = target.center.z / max(-axis[2], 0.1)
     row["seen"][:2] = np.array(target.center)[:2] + fall * axis[:2]
     half = math.acos(target.cos_half_fov)

@@ -2,9 +2,10 @@
 
 Photons are those of `photons.flight` without the light that leaves the water: that is
 expected by `photons.next_event` at each crossing and collision. A weight window plays Russian
-roulette with photons of small weight times importance and splits those of a large one [1]_. In
-clear water collisions are `Joins.often` times as frequent as those of light, and count by the
-inverse.
+roulette with photons of small weight times importance and splits those of a large one [1]_.
+Behind collisions copies take directions about the ways to the targets; all directions that are
+drawn count by the balance heuristic. In clear water collisions are `Joins.often` times as frequent
+as those of light, and count by the inverse.
 
 References
 ----------
@@ -18,27 +19,180 @@ import math
 
 import numpy as np
 
-from meshtrace.engine.photons.guides import copies_of, guide_start, importance, redirect, survives
+from meshtrace.engine.photons import targets
+from meshtrace.engine.photons.flight import bending_normal, facet_ahead, head, heading, place, put
 from meshtrace.engine.photons.next_event import join_collision, join_crossing
-from meshtrace.engine.photons.state import bending_normal, head, heading, place
-from meshtrace.engine.photons.targets import bend_ahead, chance_ahead, level_over
-from meshtrace.kernels import interface
-from meshtrace.kernels.interface import branches, reflectance
-from meshtrace.kernels.jit import NO, YES, entry, inlined, outlined
-from meshtrace.kernels.medium import (
-    Absorption,
-    absorption_path,
-    collide,
-    sample_free_path,
-    scattering_coefficients,
-    scattering_path,
-)
-from meshtrace.kernels.phase import sample_s
+from meshtrace.kernels import interface, medium
+from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
-from meshtrace.kernels.rays import UNKNOWN, first_facet, grid_facet
-from meshtrace.kernels.sources import lambert_reflection, launch
-from meshtrace.kernels.tints import reset_tint, tint_way
-from meshtrace.kernels.vectors import Vec2, along, dot, row
+from meshtrace.kernels.sources import SourceKind, lambert_reflection, launch
+from meshtrace.kernels.tints import is_tinted, reset_tint, tint_way
+from meshtrace.kernels.vectors import TWO_PI, Vec2, along, dot, row, turn
+
+_LOWEST = 0.3  # weight times importance, over that of the start
+_LEAST_CHANCE = 0.1
+_MOST_COPIES = 10
+
+
+@inlined
+def _emitted(cos_theta, kind, spread):
+    """Return the density of directions of a wide source [sr-1]."""
+    if kind == SourceKind.ISOTROPIC:
+        return 0.25 / math.pi
+    if cos_theta <= 0.0:
+        return 0.0
+    if kind == SourceKind.LED:
+        return (spread + 1.0) / TWO_PI * cos_theta**spread
+    seen = math.sin(spread) ** 2
+    return cos_theta / (math.pi * seen) if 1.0 - cos_theta * cos_theta <= seen else 0.0
+
+
+@outlined
+def guide_start(d, p, source, photon, uv, world):
+    """Return (direction, weight) of a new photon, possibly guided to the view of a target.
+
+    Array twin: photons with `Joins.start` = 0.
+    Mixture of the lamp's own light with the phase function about the ways to the targets, by which
+    the first collision would turn it on, and with directions even over the cones, where its own
+    light may be too little to be drawn.
+    """
+    joins, sources = world.joins, world.sources
+    lobe, cone, n = joins.start * joins.lobe, joins.start * joins.cone, len(joins.target)
+    kind = sources.kind[source]
+    beam = kind != SourceKind.LED and kind != SourceKind.ISOTROPIC and kind != SourceKind.APERTURE
+    if lobe + cone == 0.0 or beam:
+        return d, 1.0
+    level = targets.level_over(p, world)
+    lot, u, v, _ = uniforms(world.seed, photon, 0, Purpose.GUIDE.value)
+    if lot < lobe:
+        way = targets.way_to(min(int(lot / lobe * n), n - 1), p, level, uv, world)
+        d = turn(way, medium.sample_s(world.medium.phase_water, u), v)
+    elif lot < lobe + cone:
+        axis, edge = targets.cone_to(min(int((lot - lobe) / cone * n), n - 1), p, world)
+        d = turn(axis, u * edge, v)
+    own = _emitted(dot(d, row(sources.axis, source)), kind, sources.spread[source])
+    if own == 0.0:
+        return d, 0.0
+    drawn = (1.0 - lobe - cone) * own
+    if cone > 0.0:
+        drawn += cone * targets.cone_density(d, p, world)
+    for i in range(n):
+        if lobe > 0.0:
+            way = targets.way_to(i, p, level, uv, world)
+            drawn += lobe / n * medium.phase_at(joins.water, targets.angle_between(way, d))
+    return d, own / drawn
+
+
+@outlined
+def redirect(q, s, u_phi, world):
+    """Turn a scattered photon by an angle, or to the direction for which a copy has waited.
+
+    Array twin: photons without `Joins.lobe` and `Joins.cone`.
+    Copies take directions about the ways to the targets, else the connections of photons that
+    head almost for a target are too heavy for their number, and directions even over the cones to
+    what the targets see. Photon and copies count by the densities of all that is drawn.
+    """
+    start, before, aimed = place(q), heading(q), q.aimed
+    guide, n = targets.guide_of(q, world), len(world.joins.target)
+    q.aimed = 0
+    lot, u, u_kind, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE.value)
+    if aimed == 0:
+        if lot < guide.lobe + guide.cone and q.copies + 1 < len(world.photon):
+            i = min(int(lot / guide.lobe * n), n - 1) if lot < guide.lobe else n
+            if i == n:
+                i += min(int((lot - guide.lobe) / guide.cone * n), n - 1)
+            q.copies += 1
+            q.aimed = 1 + i
+            world.photon[q.copies] = q
+            q.aimed = 0
+        d = turn(before, s, u_phi)
+    elif aimed <= n:
+        uv = targets.aim_of(q, world)
+        d = turn(targets.way_to(aimed - 1, start, q.level, uv, world), s, u_phi)
+    else:
+        axis, edge = targets.cone_to(aimed - 1 - n, start, world)
+        d = turn(axis, u * edge, u_phi)
+    own = targets.mixed_phase(before, d, start, world)
+    theta = targets.angle_between(before, d) if is_tinted(world.tints) else 0.0
+    targets.tint_mixed(q.tint, theta, u_kind, start, world)
+    q.density = own
+    if guide.lobe + guide.cone > 0.0:
+        q.density = targets.drawn_density(d, own, guide, q, start, world)
+        q.weight *= own / q.density
+    head(q, d)
+
+
+@outlined
+def importance(p, joins):
+    """Return the importance of a place, for the weight window.
+
+    Array twin: none, a weight window is unbiased for any importance.
+    In turbid water the diffusion flux of a point one transport length below the surface, and its
+    image above [1]_, else the attenuated view of what the targets see.
+
+    References
+    ----------
+    .. [1] T. J. Farrell, M. S. Patterson and B. Wilson, Medical Physics 19 (1992) 879,
+       doi:10.1118/1.596777, eq. 11.
+    """
+    window = joins.window
+    depth, total = max(-p.z, 0.0), 1e-12
+    for i in range(len(joins.target)):
+        seen = joins.target[i].seen
+        dx, dy = p.x - seen[0], p.y - seen[1]
+        square = dx * dx + dy * dy
+        if window.diffuse:
+            square += 0.04 * window.length * window.length
+            low, high = depth - window.length, depth + window.length + 2.0 * window.beyond
+            r1, r2 = math.sqrt(square + low * low), math.sqrt(square + high * high)
+            total += math.exp(-window.kappa * r1) / r1 - math.exp(-window.kappa * r2) / r2
+        else:
+            square += depth * depth
+            wide = seen[2] * seen[2]
+            total += math.exp(-window.kappa * math.sqrt(square)) / (1.0 + square / wide)
+    return total
+
+
+@inlined
+def ratio_of(q, p, joins):
+    """Return the weight times importance of a photon at p, relative to its start.
+
+    Array twin: none.
+    """
+    bent = 1.0 + joins.window.bent * q.bend
+    return q.weight * importance(p, joins) / (bent * q.importance)
+
+
+@inlined
+def survives(q, p, share, lot, world):
+    """Play Russian roulette with a photon of low weight times importance; return whether it lives.
+
+    Array twin: none.
+    `share` is that of its weight that will be left at p.
+    """
+    ratio = share * ratio_of(q, p, world.joins)
+    if ratio >= _LOWEST:
+        return True
+    chance = max(ratio / (2.0 * _LOWEST), _LEAST_CHANCE)
+    if lot < 0.0:
+        lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE.value)
+    if lot >= chance:
+        return False
+    q.weight /= chance
+    return True
+
+
+@inlined
+def copies_of(q, world):
+    """Return the number of photons that one of high weight times importance is split into.
+
+    Array twin: none.
+    """
+    ratio = ratio_of(q, place(q), world.joins)
+    if ratio <= world.joins.window.highest:
+        return 1
+    return max(min(int(ratio), _MOST_COPIES, len(world.photon) - targets.SPARE // 2 - q.copies), 1)
+
 
 _HAIR = 1e-5  # [m], distance of a ray's start from the facet that it leaves
 _LEANING = 2.0
@@ -47,7 +201,7 @@ _LEANING = 2.0
 @inlined
 def _draw_path(q, u, world):
     """Draw the free path to the next collision."""
-    q.free = sample_free_path(world.medium, place(q), u) / world.joins.often
+    q.free = medium.sample_free_path(world.medium, place(q), u) / world.joins.often
 
 
 @inlined
@@ -56,10 +210,10 @@ def _start(q, photon, world):
     p, d, source, u_path = launch(world.sources, world.seed, photon)
     q.u, q.v, _, _ = uniforms(world.seed, photon, 0, Purpose.JOIN.value)
     d, q.weight = guide_start(d, p, source, photon, Vec2(q.u, q.v), world)
-    q.x, q.y, q.z = p.x, p.y, p.z
+    put(q, p)
     head(q, d)
     q.water, q.id, q.event, q.order, q.reflections = 0.0, photon, 0, 0, 0
-    q.level, q.density, q.bend = level_over(p, world), 0.0, 0.0
+    q.level, q.density, q.bend = targets.level_over(p, world), 0.0, 0.0
     q.copies, q.is_guided, q.aimed = 0, 0, 0
     reset_tint(world.tints, q.tint)
     q.importance = importance(p, world.joins)
@@ -70,13 +224,7 @@ def _start(q, photon, world):
 @outlined
 def _facet_ahead(q, world):
     """Return (facet, distance) of the surface ahead of a photon; facet -1 beside the mesh."""
-    p, d, low = place(q), heading(q), world.surface.low[2]
-    facet = UNKNOWN
-    if len(world.grid.x.line) > 0:
-        facet = grid_facet(world.grid, world.surface.vertices, p, d)
-    if facet == UNKNOWN:
-        t = max((low - p.z) / d.z, 0.0) if d.z > 0.0 else 0.0
-        facet = first_facet(world.bvh, along(p, d, max(t - 1e-3 * (1.0 + t), 0.0)), d)
+    p, d, facet = place(q), heading(q), facet_ahead(q, YES, ZERO, world)
     if facet < 0 or dot(d, row(world.surface.face_normals, facet)) <= 0.0:
         return np.int64(-1), math.inf
     return facet, max(interface.plane_distance(p, d, facet, world.surface), 0.0)
@@ -90,12 +238,12 @@ def _look_ahead(q, world, manifold):
     joins = world.joins
     if not interface.is_rough(world.surface.roughness) or q.reflections + 1 < joins.first:
         return
-    q.bend = bend_ahead(place(q), heading(q), q.level, world)
+    q.bend = targets.bend_ahead(place(q), heading(q), q.level, world)
     if q.order == 0 and q.reflections == 0 and not joins.direct:
         return
     if q.dz <= 0.0 and q.z < world.surface.low[2]:
         return
-    chance = chance_ahead(place(q), heading(q), q.level, q.bend, joins)
+    chance = targets.chance_ahead(place(q), heading(q), q.level, q.bend, joins)
     _, _, _, lot = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
     if lot < chance:
         facet, distance = _facet_ahead(q, world)
@@ -107,13 +255,13 @@ def _look_ahead(q, world, manifold):
 def _fly(q, length, world):
     """Move a photon through the water."""
     start, often = place(q), world.joins.often
-    q.x, q.y, q.z = q.x + length * q.dx, q.y + length * q.dy, q.z + length * q.dz
+    put(q, along(start, heading(q), length))
     q.water += length
     tint_way(world.tints, q.tint, start.z, q.z, length)
-    if world.medium.absorption == Absorption.CONTINUOUS:
-        tau = absorption_path(world.medium, start.z, q.z, length)
+    if world.medium.absorption == medium.Absorption.CONTINUOUS:
+        tau = medium.absorption_path(world.medium, start.z, q.z, length)
         if often > 1.0:
-            tau -= (often - 1.0) * scattering_path(world.medium, start, place(q), length)
+            tau -= (often - 1.0) * medium.scattering_path(world.medium, start, place(q), length)
         q.weight *= math.exp(-tau)
 
 
@@ -126,7 +274,7 @@ def _most_reflected(q, world):
     square = 1.0 - n * n * (1.0 - c * c)
     if c <= 0.0 or square <= 0.0:
         return 1.0
-    return reflectance(c, math.sqrt(square), world.medium.n_water, world.medium.n_air)
+    return interface.reflectance(c, math.sqrt(square), world.medium.n_water, world.medium.n_air)
 
 
 @outlined
@@ -141,8 +289,8 @@ def _stays(q, world):
     q.bend = 0.0
     way = max(q.level - q.z, 0.0) / q.dz if q.dz > 0.0 else 0.0
     share = _most_reflected(q, world)
-    if world.medium.absorption == Absorption.CONTINUOUS:
-        share *= math.exp(-absorption_path(world.medium, q.z, q.z + way * q.dz, way))
+    if world.medium.absorption == medium.Absorption.CONTINUOUS:
+        share *= math.exp(-medium.absorption_path(world.medium, q.z, q.z + way * q.dz, way))
     return survives(q, along(place(q), heading(q), way), share, lot, world)
 
 
@@ -151,18 +299,17 @@ def _reflect(q, facet, world):
     """Reflect a photon off a facet; return whether it lives."""
     p, d = place(q), heading(q)
     g, n, lot = bending_normal(q, facet, world)
-    medium = world.medium
-    rho, _, reflected = branches(d, n, g, medium.n_water, medium.n_air, world.interface)
+    n1, n2 = world.medium.n_water, world.medium.n_air
+    rho, _, reflected = interface.branches(d, n, g, n1, n2, world.interface)
     q.event += 1
     q.reflections += 1
     q.weight *= rho * world.interface.foam_transmittance
     q.density = 0.0
     if q.weight == 0.0 or not survives(q, place(q), 1.0, lot, world):
         return False
-    at = along(p, g, -_HAIR)
-    q.x, q.y, q.z = at.x, at.y, at.z
+    put(q, along(p, g, -_HAIR))
     head(q, reflected)
-    q.level = level_over(at, world)
+    q.level = targets.level_over(place(q), world)
     _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
     _draw_path(q, u_path, world)
     _look_ahead(q, world, world.manifold)
@@ -205,7 +352,7 @@ def _scatter(q, world):
     """Apply a collision; return whether the photon lives."""
     q.event += 1
     u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION.value)
-    s, q.weight, _ = collide(world.medium, place(q), q.weight, u_kind, u_theta)
+    s, q.weight, _ = medium.collide(world.medium, place(q), q.weight, u_kind, u_theta)
     if q.weight == 0.0:
         return False
     if s >= 0.0:
@@ -240,11 +387,11 @@ def _resume(q, world):
     world.photon[0] = world.photon[copies]
     q.event, q.copies = event + 1, copies - 1
     u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION.value)
-    b, bubbles = scattering_coefficients(world.medium, place(q))
+    b, bubbles = medium.scattering_coefficients(world.medium, place(q))
     phase = world.medium.phase_water
     if u_kind * (b + bubbles) >= b:
         phase = world.medium.phase_bubble
-    redirect(q, sample_s(phase, u_theta), u_phi, world)
+    redirect(q, medium.sample_s(phase, u_theta), u_phi, world)
     _look_ahead(q, world, world.manifold)
     _draw_path(q, u_path, world)
     return _is_worth(q, YES, world)

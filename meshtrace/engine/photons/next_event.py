@@ -10,12 +10,23 @@ exposure of the facet and C the chance of this connection. At a collision a cros
 that of still water, too; the direction to it and the slope follow. Either way may bring any light;
 both together count once by the balance heuristic [1]_. Joining to an end in the air has no 1 / r^2
 singularity. Without random slopes a collision is joined by all crossings that refract its light to
-x: the one of still water, or those of smooth waves (`meshtrace.engine.photons.manifold`).
+x: the one of still water, or those of smooth waves.
+
+Newton from the crossing of still water finds one crossing of smooth waves [2]_. Others are found
+from a start drawn about it [3]_: a crossing r that is drawn so with the chance p(r) counts
+1 / p(r), the mean number of further draws up to that which finds r again. So all crossings are
+counted, at the cost of one draw more than there are crossings. With faceted normals all facets are
+searched, as those of scattering chains (`meshtrace.engine.crossing`).
 
 References
 ----------
 .. [1] E. Veach and L. J. Guibas, "Optimally combining sampling techniques for Monte Carlo
    rendering", SIGGRAPH (1995), doi:10.1145/218380.218498.
+.. [2] J. Hanika, M. Droske and L. Fascione, "Manifold next event estimation", Computer Graphics
+   Forum 34 (2015), doi:10.1111/cgf.12681.
+.. [3] T. Zeltner, I. Georgiev and W. Jakob, "Specular manifold sampling for rendering
+   high-frequency caustics and glints", ACM Transactions on Graphics 39 (2020),
+   doi:10.1145/3386569.3392408, section 4.1.
 """
 
 from __future__ import annotations
@@ -28,15 +39,14 @@ import numpy as np
 from meshtrace.engine import crossing
 from meshtrace.engine.chains.microfacets import slope_towards
 from meshtrace.engine.photons import targets
-from meshtrace.engine.photons.guides import drawn_density, guide_of
-from meshtrace.engine.photons.manifold import Drawn, crossings_between
-from meshtrace.engine.photons.state import heading, place
+from meshtrace.engine.photons.flight import heading, place
 from meshtrace.kernels import interface
-from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.interface import MeshArrays
+from meshtrace.kernels.jit import ONE, ZERO, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
-from meshtrace.kernels.scene import FLAT_SEA, height_on
+from meshtrace.kernels.scene import FLAT_SEA, Scene, height_on
 from meshtrace.kernels.tints import copy_tint, is_tinted, tint_way
 from meshtrace.kernels.vectors import (
     ORIGIN,
@@ -47,12 +57,93 @@ from meshtrace.kernels.vectors import (
     dot,
     minus,
     norm,
-    on_circle,
     row,
     scaled,
 )
 
-_HAIR = 1e-4
+_HAIR = 1e-4  # by which a path is shortened at its ends, over 1 + its length
+_SAME = 3e-4  # [m], distance of two results of Newton for one crossing
+_MOST_TRIALS = 100_000
+_CLOSE = 1.0  # depths over the size of the facets up to which each is searched
+_STREAMS = 64  # purposes between those of two trials
+
+
+@outlined
+def _crossings_between(still, shot, q, scene, world, manifold):
+    """Write the crossings from the start of a shot to its goal (`roots`); return their number.
+
+    Array twin: `crossing.enumerate_roots`, which searches every facet.
+    `still` is the crossing of still water, at the height of the waves over a start near them.
+    """
+    surface, target = scene.surface, scene.target
+    side = math.hypot(still.x - shot.start.x, still.y - shot.start.y)
+    move = crossing.MARGIN * surface.max_slope * max(still.along, still.across)
+    move += (
+        crossing.MARGIN * (surface.high[2] - surface.low[2]) * side / still.depth
+        + manifold.search.margin
+    )
+    if math.hypot(still.x - target.center.x, still.y - target.center.y) > target.reach + move:
+        return ZERO  # outside the field of view for any waves
+    if not surface.interpolate:
+        return _on_all_facets(still, shot, scene, manifold)
+    widths = targets.widths_of(still, world.joins)
+    step = widths.x + widths.y
+    found, x, y, facet = crossing.root_from(still.x, still.y, step, shot, scene)
+    n = ZERO
+    if found:
+        n = _append(n, x, y, facet, 1.0, shot, manifold)
+    found, rx, ry, facet = _trial(ZERO, still, step, shot, q, scene, world)
+    if not found or (n == 1 and _is_same(rx, ry, x, y)):
+        return n
+    trials, again = ONE, False
+    while not again and trials < _MOST_TRIALS:
+        again, x, y, _ = _trial(trials, still, step, shot, q, scene, world)
+        again = again and _is_same(rx, ry, x, y)
+        trials += 1
+    return _append(n, rx, ry, facet, float(trials - 1), shot, manifold)
+
+
+@inlined
+def _is_same(x, y, other_x, other_y):
+    return abs(x - other_x) + abs(y - other_y) < _SAME
+
+
+@inlined
+def _append(n, x, y, facet, multiplicity, shot, manifold):
+    root = manifold.roots[n]
+    root.x, root.y, root.facet = x, y, facet
+    root.branch, root.multiplicity = shot.branch, multiplicity
+    return n + 1
+
+
+@outlined
+def _trial(k, still, step, shot, q, scene, world):
+    """Return (found, x, y, facet) from a drawn start.
+
+    Starts have a Student law of four degrees of freedom: far crossings are not too rare.
+    """
+    purpose = Purpose.TRIAL.value + _STREAMS * k
+    u, v, _, _ = uniforms(world.seed, q.id, q.event, purpose)
+    r = 2.0 * math.sqrt(1.0 / math.sqrt(u) - 1.0)
+    start = targets.beside(still, r, v, world.joins)
+    return crossing.root_from(start.x, start.y, step, shot, scene)
+
+
+@outlined
+def _on_all_facets(still, shot, scene, manifold):
+    """Write the crossings on all facets near the flat-sea crossing; return their number."""
+    search, flat = manifold.search, manifold.flat[0]
+    level = shot.start.z + still.depth  # of the flat sea
+    sea = MeshArrays(*scene.surface[:-1], level)  # type: ignore[call-arg]
+    raised = Scene(scene.emitter, scene.target, sea, *scene[3:])
+    crossing.flat_crossing(flat, still.x, still.y, shot, raised)
+    if flat.low <= 0.0:
+        return ZERO
+    widest = scene.target.reach + search.widest
+    bounded = crossing.Search(search.audit, search.slope, search.margin, widest, search.curvature)
+    radius = crossing.radius_of(flat, bounded, shot, scene)
+    close = still.depth <= _CLOSE * search.margin
+    return crossing.enumerate_roots(manifold.roots, ZERO, flat, radius, close, shot, scene)
 
 
 @inlined
@@ -114,18 +205,12 @@ def _point_density(i, light, world):
     return (1.0 - t.sloped) / t.area + t.sloped * light.density
 
 
-class Way(NamedTuple):
-    """Way of a photon through a crossing to a target."""
-
-    theta: float  # angle of a scattering at its start [rad], < 0 without one
-    z: float  # height of the crossing [m]
-    water: float  # [m]
-    air: float
-
-
 @inlined
-def _score(q, i, light, way, world):
-    """Score light of a photon on target i."""
+def _score(q, i, light, theta, z, water, air, world):
+    """Score light of a photon on target i, by a way of `water` and `air` through a crossing at z.
+
+    `theta` is the angle of a scattering at the start of the way [rad], < 0 without one.
+    """
     light *= world.joins.target[i].share
     part = targets.SCATTERED if q.order > 0 else targets.DIRECT
     if q.reflections > 0:
@@ -138,12 +223,12 @@ def _score(q, i, light, way, world):
     if n < len(world.arrivals):
         a = world.arrivals[n]
         a.photon, a.receiver, a.weight = q.id, i, light
-        a.water, a.air, a.part, a.order = q.water + way.water, way.air, part, q.order
+        a.water, a.air, a.part, a.order = q.water + water, air, part, q.order
         copy_tint(world.tints, q.tint, a.tint)
-        tint_way(world.tints, a.tint, q.z, way.z, way.water)
-        if way.theta >= 0.0:
+        tint_way(world.tints, a.tint, q.z, z, water)
+        if theta >= 0.0:
             _, _, _, u = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
-            targets.tint_mixed(a.tint, way.theta, u, place(q), world)
+            targets.tint_mixed(a.tint, theta, u, place(q), world)
 
 
 @outlined
@@ -178,7 +263,7 @@ def join_crossing(q, facet, length, chance, world):
             )
             other *= length * length * g.z / (dot(d, g) * scene.target.area * q.density)
         score = weight * light.density * light.share / (own + other)
-        _score(q, i, score, Way(-1.0, p.z, length, light.flight), world)
+        _score(q, i, score, -1.0, p.z, length, light.flight, world)
 
 
 @outlined
@@ -199,11 +284,10 @@ def join_collision(q, at_bottom, world):
     lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN.value)
     if lot >= chance:
         return
-    s, t, wide, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
-    r = math.sqrt(-2.0 * math.log(s))
+    u, v, wide, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
+    r = math.sqrt(-2.0 * math.log(u))
     if wide < targets.WIDE_SHARE:
         r *= targets.WIDE
-    c, s = on_circle(t)
     rough = interface.is_rough(world.surface.roughness)
     for i in range(len(joins.target)):
         if q.reflections + 1 < joins.target[i].first:
@@ -212,29 +296,22 @@ def join_collision(q, at_bottom, world):
         goal = targets.goal_on(scene.target, q.u, q.v)
         still = targets.still_crossing(start, goal, level, scene)
         if rough:
-            sa, sc = targets.widths_of(still, joins)
-            a, b = r * c * sa, r * s * sc
-            x, y = still.x + a * still.ux - b * still.uy, still.y + a * still.uy + b * still.ux
-            p = Vec2(x, y)
+            p = targets.beside(still, r, v, joins)
             _join_by_slope(p, q, i, goal, still, chance, at_bottom, scene, world, world.manifold)
         else:
             _join_bent(q, i, goal, still, chance, at_bottom, scene, world, world.manifold)
 
 
 @inlined
-def _turn(w, d, at_bottom, world):
-    """Return the scattering angle of an event [rad], -1 at the bottom and if not needed."""
-    if at_bottom:
-        return -1.0
-    return targets.angle_between(d, w) if is_tinted(world.tints) else 0.0
-
-
-@inlined
 def _scattered(w, d, start, at_bottom, world):
-    """Return the density of directions [sr-1] behind an event."""
+    """Return the density of directions [sr-1] behind an event, and the angle if it is needed.
+
+    The angle [rad] is -1 at the bottom.
+    """
     if at_bottom:
-        return max(w.z, 0.0) / math.pi
-    return targets.mixed_phase(d, w, start, world)
+        return max(w.z, 0.0) / math.pi, -1.0
+    theta = targets.angle_between(d, w) if is_tinted(world.tints) else 0.0
+    return targets.mixed_phase(d, w, start, world), theta
 
 
 @outlined
@@ -259,10 +336,10 @@ def _join_by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manif
     light = _through(p, n, g, w, goal, facet, scene, world)
     if light.share <= 0.0 or not _is_clear(start, w, length, facet, world):
         return
-    turned = _scattered(w, d, start, at_bottom, world)
+    turned, theta = _scattered(w, d, start, at_bottom, world)
     drawn = turned
     if not at_bottom:
-        drawn = drawn_density(w, turned, guide_of(q, world), q, start, world)
+        drawn = targets.drawn_density(w, turned, targets.guide_of(q, world), q, start, world)
     own = chance * targets.crossing_density(x, y, still, joins) * length * length * g.z
     own /= facing * scene.target.area
     bend = targets.bend_ahead(start, w, q.level, world)
@@ -274,8 +351,7 @@ def _join_by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manif
     turned *= math.exp(-depth_between(world.medium, start, p, length))
     light_in = turned * light.density * light.share / (own + other)
     if light_in > 0.0:
-        theta = _turn(w, d, at_bottom, world)
-        _score(q, i, q.weight * light_in, Way(theta, p.z, length, light.flight), world)
+        _score(q, i, q.weight * light_in, theta, p.z, length, light.flight, world)
 
 
 @outlined
@@ -287,8 +363,7 @@ def _join_bent(q, i, goal, still, chance, at_bottom, scene, world, manifold):
         at = Vec2(still.x, still.y)
         _join_at(at, FLAT_SEA, 1.0, q, i, shot, chance, at_bottom, scene, world)
     else:
-        drawn = Drawn(world.seed, q.id, q.event, *targets.widths_of(still, world.joins))
-        for k in range(crossings_between(still, shot, drawn, scene, manifold)):
+        for k in range(_crossings_between(still, shot, q, scene, world, manifold)):
             root = manifold.roots[k]
             at, facet = Vec2(root.x, root.y), np.int64(root.facet)
             _join_at(at, facet, root.multiplicity, q, i, shot, chance, at_bottom, scene, world)
@@ -318,9 +393,9 @@ def _join_at(at, facet, multiplicity, q, i, shot, chance, at_bottom, scene, worl
             return
     solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
     light *= scene.target.area * solid_angle * crossing.transmittance(m, world.interface) / chance
-    light *= _scattered(m.w, d, start, at_bottom, world)
+    turned, theta = _scattered(m.w, d, start, at_bottom, world)
+    light *= turned
     light *= math.exp(-depth_between(world.medium, start, p, m.length))
     light *= multiplicity
     if light > 0.0:
-        theta = _turn(m.w, d, at_bottom, world)
-        _score(q, i, q.weight * light, Way(theta, p.z, m.length, m.flight), world)
+        _score(q, i, q.weight * light, theta, p.z, m.length, m.flight, world)

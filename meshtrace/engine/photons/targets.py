@@ -1,19 +1,19 @@
-"""Joined photons and the ends that they are joined to: records, still crossings, chances."""
+"""Joined photons and the ends that they are joined to: records, chances, directions drawn."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.photons.manifold import Manifold
-from meshtrace.engine.photons.state import UNDER_WAY
+from meshtrace.engine import crossing
+from meshtrace.engine.photons.flight import UNDER_WAY, place
+from meshtrace.kernels import interface
 from meshtrace.kernels.interface import Interface, MeshArrays
 from meshtrace.kernels.jit import inlined, outlined
-from meshtrace.kernels.medium import Medium, scattering_coefficients
-from meshtrace.kernels.phase import AngleTable, phase_at
+from meshtrace.kernels.medium import AngleTable, Medium, phase_at, scattering_coefficients
 from meshtrace.kernels.rays import Bvh, Grid, facet_over
 from meshtrace.kernels.scene import Emitter, Locator, Scene, Target, height_on, locate
 from meshtrace.kernels.sources import Sources
@@ -24,6 +24,7 @@ from meshtrace.kernels.vectors import (
     Vec2,
     Vec3,
     along,
+    dot,
     minus,
     norm,
     on_circle,
@@ -48,23 +49,18 @@ JOINED_PHOTON = np.dtype(
 )
 """A joined photon under way."""
 
+_TYPES: Any = {float: (float,), int: (np.int64,), bool: (bool,), Vec3: (float, (3,))}
+
+
+def _fields_of(kind: type) -> list[tuple[Any, ...]]:
+    """Return the fields of a NamedTuple of numbers as those of a record."""
+    return [(name, *_TYPES[of]) for name, of in get_type_hints(kind).items() if of in _TYPES]
+
+
 TARGET = np.dtype(
     [
-        ("center", float, (3,)),
-        ("axis", float, (3,)),
-        ("e1", float, (3,)),
-        ("e2", float, (3,)),
-        ("area", float),
-        ("radius", float),
-        ("cos_half_fov", float),
-        ("tan_half_fov", float),
-        ("reach", float),
-        ("sin_widest", float),
-        ("is_lamp", bool),
-        ("lamp_axis", float, (3,)),
-        ("lamp_kind", np.int64),
-        ("lamp_spread", float),
-        ("lamp_norm", float),
+        *_fields_of(Target),
+        ("lamp", _fields_of(Emitter)),
         ("share", float),  # factor on its scores
         ("first", np.int64),  # crossing from which on light is scored; 2: reflected first
         ("sloped", float),  # share of the points that drawn slopes land on, instead of even ones
@@ -122,6 +118,14 @@ _BENT = 0.1  # of the square of such a slope over its variance
 SPARE = 16  # places for copies at which none is aimed any more
 
 
+class Manifold(NamedTuple):
+    """Search for crossings with the buffers of one thread."""
+
+    search: crossing.Search  # for targets without bounds
+    flat: NDArray[np.void]  # (1,) FLAT
+    roots: NDArray[np.void]  # ROOT
+
+
 class JoinedWorld(NamedTuple):
     """Everything that the joined photons of a block share."""
 
@@ -154,11 +158,11 @@ def vector_of(a):
 def scene_to(i, world):
     """Return the surface with target i; nothing is read of its emitter."""
     t = world.joins.target[i]
-    kind, spread = t.lamp_kind, t.lamp_spread
-    center, axis = vector_of(t.center), vector_of(t.axis)
+    light, center, axis = t.lamp, vector_of(t.center), vector_of(t.axis)
     lamp = Emitter(
-        center, vector_of(t.lamp_axis), kind, spread, t.lamp_norm, 1.0, 0.0, ORIGIN, ORIGIN
-    )
+        center, vector_of(light.axis), light.kind, light.spread, light.norm, 1.0, 0.0,
+        ORIGIN, ORIGIN,
+    )  # fmt: skip
     target = Target(
         center, axis, vector_of(t.e1), vector_of(t.e2), t.area, t.radius, t.cos_half_fov,
         t.tan_half_fov, t.reach, t.sin_widest, t.is_lamp, lamp,
@@ -248,7 +252,16 @@ def still_crossing(p, goal, level, scene):
 def widths_of(still, joins):
     """Return the standard deviations of the crossings drawn, along and across the path [m]."""
     least = _LEAST_WIDTH * still.depth
-    return joins.spread * still.along + least, joins.spread * still.across + least
+    return Vec2(joins.spread * still.along + least, joins.spread * still.across + least)
+
+
+@inlined
+def beside(still, r, u, joins):
+    """Return (x, y) beside a flat-sea crossing: r of these deviations in the direction 2 pi u."""
+    widths = widths_of(still, joins)
+    c, s = on_circle(u)
+    a, b = r * c * widths.x, r * s * widths.y
+    return Vec2(still.x + a * still.ux - b * still.uy, still.y + a * still.uy + b * still.ux)
 
 
 @inlined
@@ -344,3 +357,91 @@ def chance_ahead(p, d, level, bend, joins):
     way = max(level - p.z, 0.0) / d.z
     bent = max(1.0 / (1.0 + (_BENT * bend) ** 2), _LEAST_BENT)
     return min(1.0, _AHEAD * bent * math.exp(-joins.b * way))
+
+
+class Guide(NamedTuple):
+    """Expected numbers of guided directions drawn at a collision."""
+
+    lobe: float  # by the phase function about the ways to the targets
+    cone: float  # even over the cones to what they see
+
+
+@inlined
+def guide_of(q, world):
+    """Return the `Guide` of a collision.
+
+    Array twin: none.
+    """
+    joins, start = world.joins, place(q)
+    lobe = cone = 0.0
+    if q.is_guided == 1:
+        if joins.lobe > 0.0:
+            lobe = joins.lobe * collision_chance(max(q.level - start.z, LEAST_DEPTH), joins)
+        cone = joins.cone
+        for i in range(len(joins.target)):
+            seen = joins.target[i].seen
+            x, y = seen[0] - start.x, seen[1] - start.y
+            if x * x + y * y + start.z * start.z < seen[2] * seen[2]:
+                cone = 0.0
+    return Guide(lobe, cone)
+
+
+@inlined
+def cone_to(i, p, world):
+    """Return (axis, sin^2(theta / 2) of the edge) of the cone from p to the view of target i."""
+    t = world.joins.target[i]
+    way = Vec3(t.seen[0] - p.x, t.seen[1] - p.y, -p.z)
+    distance = norm(way)
+    sine = min(t.seen[2] / distance, 1.0)
+    edge = 0.5 * sine * sine / (1.0 + math.sqrt(1.0 - sine * sine))
+    return scaled(1.0 / distance, way), edge
+
+
+@inlined
+def cone_density(d, p, world):
+    """Return the density of directions uniform over the cones to the views [sr-1]."""
+    n, total = len(world.joins.target), 0.0
+    for i in range(n):
+        axis, edge = cone_to(i, p, world)
+        if 0.5 * (1.0 - dot(d, axis)) <= edge:
+            total += 1.0 / (n * 4.0 * math.pi * edge)
+    return total
+
+
+@inlined
+def aim_of(q, world):
+    """Return the uniforms of the point of a target about which directions are drawn.
+
+    Array twin: none.
+    Over random slopes its centre: a photon is joined to the point of its connection or to another
+    one, and the balance heuristic needs one density of its direction for both.
+    """
+    if interface.is_rough(world.surface.roughness):
+        return Vec2(0.0, 0.0)
+    return Vec2(q.u, q.v)
+
+
+@outlined
+def drawn_density(d, own, guide, q, start, world):
+    """Return the density of all directions drawn behind a collision [sr-1].
+
+    `own` is the phase function, by which the photon itself goes on.
+    """
+    n = len(world.joins.target)
+    total = own
+    for i in range(n):
+        if guide.lobe > 0.0:
+            way = way_to(i, start, q.level, aim_of(q, world), world)
+            total += guide.lobe / n * mixed_phase(way, d, start, world)
+    if guide.cone > 0.0:
+        total += guide.cone * cone_density(d, start, world)
+    return total
+
+
+@outlined
+def way_to(i, p, level, uv, world):
+    """Return the direction from p to a point of target i through still water."""
+    scene = scene_to(i, world)
+    still = still_crossing(p, goal_on(scene.target, uv.x, uv.y), level, scene)
+    way = Vec3(still.x - p.x, still.y - p.y, still.depth)
+    return scaled(1.0 / norm(way), way)

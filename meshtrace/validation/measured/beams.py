@@ -10,7 +10,7 @@ import numpy as np
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import new_recorder, run_analog
-from meshtrace.engine.photons.state import Recorder, Vertex
+from meshtrace.engine.photons.flight import Recorder, Vertex
 from meshtrace.engine.setup.options import Analog, IrradianceMap
 from meshtrace.engine.simulate import simulate
 from meshtrace.link import GaussianBeam, Link, Receiver, TopHatBeam

@@ -7,7 +7,7 @@ import pytest
 from mc_statistics import ALPHA, chi2_test, sidak
 
 from meshtrace.kernels.jit import allocating_entry
-from meshtrace.kernels.phase import sample_s
+from meshtrace.kernels.medium import sample_s
 from meshtrace.kernels.random import uniforms
 from meshtrace.kernels.vectors import UP, Vec3, turn, write
 from meshtrace.optics import FournierForand, HenyeyGreenstein
