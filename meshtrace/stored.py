@@ -527,7 +527,10 @@ def read_dataset(path: str | PathLike[str], **options: Any) -> xr.Dataset:
     import h5py
     import xarray as xr
 
-    if not _is_file(path):
+    known = False
+    with suppress(TypeError, ValueError, OSError):
+        known = Path(path).is_file()
+    if not known:
         name = str(path) if isinstance(path, str | PathLike) else show(path)
         raise Refused(name, Described("no such file"), _ALLOWED)
     try:
@@ -545,22 +548,18 @@ def read_dataset(path: str | PathLike[str], **options: Any) -> xr.Dataset:
         raise Refused(str(path), Described(reason_of(error)), _ALLOWED) from error
 
 
-def _is_file(path: Any) -> bool:
-    """Return whether a value is the path of a regular file."""
-    try:
-        return Path(path).is_file()
-    except (TypeError, ValueError, OSError):
-        return False
-
-
 def _is_damaged(path: str | PathLike[str]) -> bool:
     """Return whether the digest at the end of a file differs from the digest of its bytes.
 
-    HDF5 notes the end of its bytes: the rest behind it is an intact or a damaged digest.
+    HDF5 notes the end of its bytes in its superblock: the rest behind it is an intact or a damaged
+    digest. Other files have none.
     """
     size = Path(path).stat().st_size - _TRAILER
     with open(path, "rb") as file:
-        end = _hdf5_end(file.read(52))
+        end, head = None, file.read(52)
+        if len(head) == 52 and head.startswith(b"\x89HDF\r\n\x1a\n"):
+            place = {0: 40, 1: 44}.get(head[8], 28)  # by the version of the superblock
+            end = int.from_bytes(head[place : place + 8], "little")
         file.seek(0)
         digest = hashlib.sha256()
         for start in range(0, max(size, 0), 2**20):
@@ -589,11 +588,3 @@ def _check_heaps(path: str | PathLike[str]) -> None:
                     raise OSError("damaged: an object of a global heap has no size")
                 at += 16 + -(-size // 8) * 8 if index else size
             start = content.find(_HEAP, start + 1)
-
-
-def _hdf5_end(head: bytes) -> int | None:
-    """Return the length that the superblock of an HDF5 file gives, None for other files."""
-    if len(head) < 52 or not head.startswith(b"\x89HDF\r\n\x1a\n"):
-        return None
-    place = {0: 40, 1: 44}.get(head[8], 28)  # by the version of the superblock
-    return int.from_bytes(head[place : place + 8], "little")

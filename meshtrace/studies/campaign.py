@@ -222,7 +222,13 @@ class Campaign(NamedTuple):
         """Return the arguments of a mesh as far as light can cross to any receiver, at any time."""
         if self.spectral:  # the ends of all are the same
             links = [clearest(links)]
-        joint = with_all_ends(links)
+        joint = links[0]
+        if len(links) > 1:  # in the clearest water
+            ends = {
+                "transmitter": tuple(source for one in links for source in one.transmitters),
+                "receiver": tuple(receiver for one in links for receiver in one.receivers),
+            }
+            joint = min(links, key=lambda link: link.water.a).replace(**ends)
         reach = max(crossing_reach(link) + math.dist(link.origin, joint.origin) for link in links)
         return mesh_lines(joint, surface, self.meshing, reach, FADING_SPACING, self.lit)
 
@@ -425,17 +431,6 @@ def stderr(samples: xr.DataArray, over: str) -> xr.DataArray:
     Over `shift` it is the Monte Carlo error, over realizations the spread of the sea.
     """
     return samples.std(over, ddof=1, skipna=False) / math.sqrt(samples.sizes[over])
-
-
-def with_all_ends(links: Sequence[Link]) -> Link:
-    """Return the link in the clearest water with the sources and receivers of all."""
-    if len(links) == 1:
-        return links[0]
-    ends = {
-        "transmitter": tuple(source for one in links for source in one.transmitters),
-        "receiver": tuple(receiver for one in links for receiver in one.receivers),
-    }
-    return min(links, key=lambda link: link.water.a).replace(**ends)
 
 
 def campaign_of(

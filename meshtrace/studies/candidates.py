@@ -18,6 +18,7 @@ from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Led, Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.background import Lights
 from meshtrace.studies.campaign import Campaign
@@ -317,7 +318,8 @@ class Sample(Restored):
     def _some_light(self, at: Variant) -> list[Light]:
         """Return the light of a candidate at all places over some seas, for its response."""
         link, uav = at.link, None if self._flight is None else at.uav
-        over_each = self._near.map(lambda i: self.light(link, uav, i), MOST_SEAS)
+        some, threads = range(min(MOST_SEAS, self._seas)), self._near.campaign.threads
+        over_each = ordered_map(lambda i: self.light(link, uav, i), some, threads)
         lights = [light for row in over_each for light in row]
         if self._turned:
             lights = [

@@ -556,8 +556,12 @@ class _Fit(NamedTuple):
 
     def result(self, origin: dict[str, Any]) -> Inference:
         """Return the fit, with the identifiability at its start."""
-        first = self.model.at(np.zeros(len(self.names)))
-        x = self._start(first)
+        x = np.zeros(len(self.names))
+        first = self.model.at(x)
+        if SCALE in self.names:  # one with the right mean
+            lit = self.data.value > 0.0
+            off = np.log(self.data.value[lit]) - first.log[lit]
+            x[self.names.index(SCALE)] = float(np.mean(off))
         last = self.model.at(x)
         sigma = self._sigma(last)
         _, singular, rows = np.linalg.svd(first.slope / sigma[:, None], full_matrices=False)
@@ -568,6 +572,9 @@ class _Fit(NamedTuple):
             if np.abs(x - previous).max() < _SETTLED:
                 break
         covariance, after = self._covariance(last)
+        off = self._residuals(last.log, last.log) / self._sigma(last)
+        priors = zip(*self.priors, strict=True)
+        chi2 = float(off @ off) + sum(((x[axis] - mean) / std) ** 2 for axis, mean, std in priors)
         absolute = np.array([p.absolute for p in self.unknowns])
         moves = list(zip(self.unknowns, x, strict=True))
         values = [p.moved(step) for p, step in moves]
@@ -582,21 +589,12 @@ class _Fit(NamedTuple):
             free_error=before,
             singular_values=singular,
             weakest=_words(self.names, absolute, singular, rows),
-            chi2=self._chi2(x, last),
+            chi2=chi2,
             degrees=len(self.data.value) + len(self.priors.axis) - len(self.names),
             measured=self.data.value,
             predicted=np.exp(last.log),
             provenance=origin,
         )
-
-    def _start(self, first: Prediction) -> Floats:
-        """Return the first step of the unknowns: none, but a scale with the right mean."""
-        x = np.zeros(len(self.names))
-        if SCALE in self.names:
-            lit = self.data.value > 0.0
-            off = np.log(self.data.value[lit]) - first.log[lit]
-            x[self.names.index(SCALE)] = float(np.mean(off))
-        return x
 
     def _covariance(self, last: Prediction) -> tuple[Floats, Floats]:
         """Return the covariance of the unknowns, and their standard errors without priors.
@@ -614,13 +612,6 @@ class _Fit(NamedTuple):
         inverse = np.linalg.pinv(information, rcond=_LEAST**2, hermitian=True)
         alone = _relative(*np.linalg.svd(whitened, full_matrices=False)[1:])
         return inverse @ spread @ inverse, alone
-
-    def _chi2(self, x: Floats, last: Prediction) -> float:
-        """Return the squared residuals of measurements and priors over their variances."""
-        sigma = self._sigma(last)
-        off = self._residuals(last.log, last.log) / sigma
-        priors = zip(*self.priors, strict=True)
-        return float(off @ off) + sum(((x[axis] - mean) / std) ** 2 for axis, mean, std in priors)
 
 
 def _relative(singular: Floats, rows: Floats) -> Floats:

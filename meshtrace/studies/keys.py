@@ -94,27 +94,23 @@ class Variant(NamedTuple):
         """
         head, _, rest = name.partition(".")
         if name == "wind_speed":
-            return self._in_wind(value)
+            link = self.link
+            for part in ("whitecaps", "bubbles"):
+                if hasattr(getattr(link, part), "wind_speed"):
+                    link = link.replace(f"{part}.wind_speed", value)
+            return self._replace(link=link, sea=_sea_at(self.sea, name, value))
         if head == "sea":
             return self._replace(sea=_sea_at(self.sea, rest, value))
         if head in _BESIDES:
-            part: Any = getattr(self, head)
-            if part is None:
+            own: Any = getattr(self, head)
+            if own is None:
                 raise Refused(name, value, f"a link with [{head}]")
             with within(head):
-                if isinstance(part, Daylight):
-                    return self._replace(daylight=daylight_with(part, rest, value))
-                changed: dict[str, Any] = {head: part.replace(rest, value)}
+                if isinstance(own, Daylight):
+                    return self._replace(daylight=daylight_with(own, rest, value))
+                changed: dict[str, Any] = {head: own.replace(rest, value)}
                 return self._replace(**changed)
         return self._on_link(name, value)
-
-    def _in_wind(self, value: float) -> Variant:
-        """Return the variant with sea, whitecaps and bubbles in another wind."""
-        link = self.link
-        for part in ("whitecaps", "bubbles"):
-            if hasattr(getattr(link, part), "wind_speed"):
-                link = link.replace(f"{part}.wind_speed", value)
-        return self._replace(link=link, sea=_sea_at(self.sea, "wind_speed", value))
 
     def _on_link(self, name: str, value: Any) -> Variant:
         """Return the variant with another value of a key of the link, and all that follows it."""

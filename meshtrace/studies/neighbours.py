@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +27,10 @@ from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Restored
 
-Result = TypeVar("Result")
 Of = Literal["gain", "ber", "outage", "range", "margin", "capacity"]
 
 FADES = ("ber", "outage", "range", "capacity")
@@ -143,19 +141,6 @@ class Neighbours(Restored):
     def light(self, link: Link, i: int, surface: Any = None) -> list[Light]:
         """Return the light that arrives at each receiver over realization i."""
         return self.frozen.light(link, self.mesh(i, surface))
-
-    def map(self, evaluate: Callable[[int], Result], most: int) -> list[Result]:
-        """Return the results of the first seas in order, computed by threads of this process."""
-        n = min(most, self.seas)
-        return list(ordered_map(evaluate, range(n), self.campaign.threads))
-
-    def over(
-        self, evaluate: Callable[[int], Floats], steps: int, name: str, **identity: Any
-    ) -> Floats:
-        """Return the numbers of steps of a loop, stacked; see `Campaign.over`."""
-        known = {"seas": self.seas, **identity}
-        found = self.campaign.over(lambda: evaluate, range(steps), name, known)
-        return np.array(list(found))
 
 
 def has_moments(link: Link) -> bool:

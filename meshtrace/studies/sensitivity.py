@@ -527,8 +527,9 @@ class Study:
         return self._over(of_first, len(inputs), name)
 
     def _over(self, evaluate: Callable[[int], Floats], variants: int, name: str) -> Floats:
-        steps = variants * self.near.seas
-        return self.near.over(evaluate, steps, f"{name}{self.where}", variants=variants)
+        known = {"seas": self.near.seas, "variants": variants}
+        steps, name = range(variants * self.near.seas), f"{name}{self.where}"
+        return np.array(list(self.near.campaign.over(lambda: evaluate, steps, name, known)))
 
     @cached_property
     def base(self) -> Floats:

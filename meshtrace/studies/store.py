@@ -16,7 +16,7 @@ import time
 import warnings
 from base64 import b64decode, b64encode
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from threading import Lock
@@ -308,7 +308,9 @@ def _held(path: Path) -> int:
             free = True
         except BlockingIOError:
             free = False
-        owner = _owner(handle)
+        owner: dict[str, Any] = {}
+        with suppress(ValueError, TypeError):  # just made, or damaged
+            owner = dict(json.loads(os.pread(handle, 4096, 0)))
         if not free or _lives_elsewhere(owner):
             os.close(handle)
             who = f"{owner.get('host', 'unknown')}:{owner.get('pid', '?')}"
@@ -322,13 +324,6 @@ def _held(path: Path) -> int:
         except FileNotFoundError:
             pass
         os.close(handle)  # its last owner has just removed it
-
-
-def _owner(handle: int) -> dict[str, Any]:
-    try:
-        return dict(json.loads(os.pread(handle, 4096, 0)))
-    except (ValueError, TypeError):  # just made, or damaged
-        return {}
 
 
 def _lives_elsewhere(owner: dict[str, Any]) -> bool:

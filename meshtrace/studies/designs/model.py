@@ -158,7 +158,7 @@ class Need:
 
     def __init__(self, dark: OokLink, found: Background, limit: float) -> None:
         lit = with_background(dark, found)
-        self.window, self._limit = lit.averaging_window, limit
+        self.window = lit.averaging_window
         self.exact = lit.required_power(limit)
         fixed = dark.replace(window=self.window)
         self.fixed, self._floor = fixed, dark.sipm.dark_count_rate + dark.background_rate + 1.0
@@ -196,18 +196,13 @@ class LinkModel:
         self.flight = None if uav is None else Flight(uav)
         self.ensemble = Ensemble(self.campaign, seas, self.flight)
         self.seas = seas if isinstance(campaign.surface, SeededSurface) else 1
-        self.days = self._days(scenario.daylight)
-        self._rays = Lights(self.campaign._replace(progress=None))
-
-    def _days(self, given: Daylight | None) -> dict[str, Daylight]:
-        """Return the lights by night and by day."""
-        nm = self.link.transmitters[0].wavelength_nm
-        given = checked_daylight(given, self.link)
-        night, day = Daylight.night(wavelength_nm=nm), given
-        if given is not None and given.light in _NIGHTS:
-            night, day = given, None
+        nm, day = self.link.transmitters[0].wavelength_nm, scenario.daylight
+        night, day = Daylight.night(wavelength_nm=nm), checked_daylight(day, self.link)
+        if day is not None and day.light in _NIGHTS:
+            night, day = day, None
         self.assumed = day is None
-        return {NIGHT: night, DAY: day or Daylight.clear_sky(30.0, wavelength_nm=nm)}
+        self.days = {NIGHT: night, DAY: day or Daylight.clear_sky(30.0, wavelength_nm=nm)}
+        self._rays = Lights(self.campaign._replace(progress=None))
 
     def notes(self) -> tuple[str, ...]:
         """Return remarks about the basis of the page."""

@@ -452,7 +452,7 @@ class _Study(LinkModel):
             depth = math.nan
         if math.isnan(depth):
             return math.nan, "none below the waves"
-        known = [(self.link.depth, above)]
+        d0, a0 = self.link.depth, above
         for _ in range(_DEPTHS):
             try:
                 log, error = self.apart(self.link.at_depth(depth))
@@ -461,11 +461,10 @@ class _Study(LinkModel):
             above = self._at_depth(light, depth, log)
             if abs(above) < max(_NEAR_DB, DECIBELS * error):
                 return depth, f"a run there: {above:+.1f} +- {DECIBELS * error:.1f} dB"
-            d0, a0 = known[-1]
             slope = _LEAST_SLOPE
             if depth != d0:
                 slope = max((a0 - above) / (depth - d0), slope)
-            known.append((depth, above))
+            d0, a0 = depth, above
             depth = float(np.clip(depth + above / slope, 0.3 * depth, 3.0 * depth))
         return math.nan, "no depth found"
 
