@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ from meshtrace.errors import (
     did_you_mean,
     require_between,
     require_names,
+    require_pair,
     within,
 )
 from meshtrace.link import Link
@@ -29,6 +30,9 @@ from meshtrace.mesh import SeededSurface, WaveSum
 from meshtrace.models import Model
 from meshtrace.scenario.parts import OF_LINK, daylight_values, daylight_with
 from meshtrace.uav import Uav
+
+Bounds = Mapping[str, tuple[float, float]]
+"""Lowest and highest value of each key."""
 
 _ABSOLUTE = {
     "zenith_deg": "azimuth_deg",
@@ -324,6 +328,16 @@ def parameters(
         found.append(p)
     if not found:
         raise Refused(field, wrt, "at least one name")
+    return found
+
+
+def checked_bounds(over: Bounds) -> dict[str, tuple[float, float]]:
+    """Return the bounds of each key; refuse those that do not rise."""
+    found = {}
+    for key, ends in over.items():
+        found[key] = pair = require_pair(ends, f"over.{key}", "(low, high), low < high")
+        if not pair[0] < pair[1]:
+            raise Refused(f"over.{key}", ends, "(low, high), low < high")
     return found
 
 

@@ -28,7 +28,7 @@ from meshtrace.stored import Stored, Variable
 from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of
 from meshtrace.studies.candidates import REWEIGHED, Custom, Goal, Objective, Sample
-from meshtrace.studies.keys import Parameter, Variant, parameters
+from meshtrace.studies.keys import Bounds, Parameter, Variant, checked_bounds, parameters
 from meshtrace.studies.neighbours import DECIBELS, FADES, error_of
 from meshtrace.tables import text_table
 from meshtrace.uav import Flight
@@ -165,7 +165,7 @@ _FOV = "receiver.fov_deg"
 def optimize(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
-    over: Mapping[str, tuple[float, float]] | None = None,
+    over: Bounds | None = None,
     objective: Objective | Custom = "outage",
     constraints: Sequence[Constraint] = (),
     hover_std: tuple[float, float] = (0.0, 0.0),
@@ -286,22 +286,17 @@ def optimize(
 
 
 def _variables(
-    campaign: Campaign, start: Variant, over: Mapping[str, tuple[float, float]] | None
+    campaign: Campaign, start: Variant, over: Bounds | None
 ) -> tuple[list[Parameter], Floats]:
     """Return the variables and their bounds (n, 2)."""
     if not isinstance(over, Mapping) or not over:
         raise Refused("over", over, "a table of names and bounds (low, high)")
-    bounds = []
-    for name, ends in over.items():
-        pair = require_pair(ends, f"over.{name}", "(low, high), low < high")
-        if not pair[0] < pair[1]:
-            raise Refused(f"over.{name}", ends, "(low, high), low < high")
-        bounds.append(pair)
+    bounds = np.array(list(checked_bounds(over).values()))
     found = parameters(start, list(over), None, campaign.meshing.normals, "over")
     for p, pair in zip(found, bounds, strict=True):
-        for end in pair:
-            p.at(start, float(end))
-    return found, np.array(bounds)
+        for end in pair.tolist():
+            p.at(start, end)
+    return found, bounds
 
 
 @dataclass(eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple, Unpack
 
@@ -19,7 +18,6 @@ from meshtrace.errors import (
     Refused,
     require_between,
     require_keys,
-    require_pair,
     require_whole,
 )
 from meshtrace.link import Link
@@ -37,7 +35,7 @@ from meshtrace.studies.designs.model import (
     LinkModel,
 )
 from meshtrace.studies.designs.page import DAY, LIGHTS, BestValue, Design, Reach
-from meshtrace.studies.keys import Variant
+from meshtrace.studies.keys import Bounds, Variant, checked_bounds
 from meshtrace.studies.neighbours import DECIBELS
 
 _FLAT_DB = 0.5
@@ -49,7 +47,6 @@ _COLOURS = 9  # wavelengths with common paths
 _COLOURS_NM = 400.0, 650.0
 OPTICS = LENS, VIEW, WIDTH
 """Keys of which the best values are also sought together."""
-Bounds = Mapping[str, tuple[float, float]]
 _DEPTHS, _SECANTS = 4, 6  # steps of the search for the greatest depth by runs, and by mean gains
 _LEAST_SLOPE = 1e-3  # of the reserve over the depth [dB m-1]
 _BIT_RATES = 1e3, 1e9  # of the search for the greatest one
@@ -62,7 +59,7 @@ def design(
     *,
     outage: float = 0.01,
     limit: float = 1e-3,
-    over: Mapping[str, tuple[float, float]] | None = None,
+    over: Bounds | None = None,
     realizations: int = 64,
     **run: Unpack[StudyOptions],
 ) -> Design:
@@ -206,12 +203,7 @@ class _Study(LinkModel):
         elif over and COLOUR in over:
             self.link.at_wavelength(over[COLOUR][0])  # refused
         require_keys({} if over is None else over, found, "over")
-        for key, pair in (over or {}).items():
-            low, high = require_pair(pair, f"over.{key}", "(low, high), low < high")
-            if not low < high:
-                raise Refused(f"over.{key}", pair, "(low, high), low < high")
-            found[key] = (float(low), float(high))
-        return found
+        return found | checked_bounds(over or {})
 
     def scans(self, key: str, bounds: tuple[float, float]) -> list[Scan]:
         """Return the reserves over the values of a key under the lights that have it."""
@@ -267,7 +259,7 @@ class _Study(LinkModel):
         base = Variant(self.link, None)
         return [base.set(key, value).link for value in values[_nodes(key)].tolist()]
 
-    def prepare(self, bounds: dict[str, tuple[float, float]]) -> None:
+    def prepare(self, bounds: Bounds) -> None:
         """Find what all parts of the page share: gains, lights and needs, and the own response."""
         keys = (key for key in bounds if key not in (WIDTH, RATE, COLOUR))
         links = [link for key in keys for link in self._at(key, self._values(key, bounds[key]))]
@@ -357,16 +349,12 @@ class _Study(LinkModel):
                            float(errors[best]), flat, "; ".join(notes))  # fmt: skip
         return Scan(choice, values, rows)
 
-    def optics(
-        self, bounds: dict[str, tuple[float, float]]
-    ) -> tuple[dict[str, list[Scan]], list[BestValue]]:
+    def optics(self, bounds: Bounds) -> tuple[dict[str, list[Scan]], list[BestValue]]:
         """Return the scans of lens, view and filter, each alone, and their best values together."""
         alone = {key: self.scans(key, bounds[key]) for key in OPTICS}
         return alone, [row for light in LIGHTS for row in self._together(light, bounds)]
 
-    def _together(
-        self, light: str, bounds: dict[str, tuple[float, float]]
-    ) -> tuple[BestValue, ...]:
+    def _together(self, light: str, bounds: Bounds) -> tuple[BestValue, ...]:
         """Return the best lens, view and filter together, with their gain by a separate run."""
         radii, views = (self._values(key, bounds[key]) for key in (LENS, VIEW))
         by_radius, by_view = (
