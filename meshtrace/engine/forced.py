@@ -30,7 +30,14 @@ from numpy.typing import NDArray
 
 from meshtrace.engine import choice, parts
 from meshtrace.engine.chains.aimed import AimedChains, SearchMode
-from meshtrace.engine.chains.sets import ChainDrawer, Drawing, Request, flat_mesh, points_of
+from meshtrace.engine.chains.sets import (
+    ChainDrawer,
+    Drawing,
+    Request,
+    flat_mesh,
+    points_of,
+    shifted,
+)
 from meshtrace.engine.photons.joined import JoinedParts, JoinedPhotons
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import Case
@@ -159,7 +166,7 @@ class ForcedDetection:
             if compares and sea.unresolved is not None and link.physics.unresolved == "tilt":
                 # chains and joined photons are compared over still water with random slopes
                 still = replace(still, unresolved=sea.unresolved)
-                surfaces.append(self._tinted(self.over(still), shared))
+                surfaces.append(self.over(still).at_wavelengths(shared))
             found = self.pilots(surfaces, orders)
             pilots, compared = found[0][0], found[-1]
             self._light = self._still_gain(pilots)
@@ -174,7 +181,7 @@ class ForcedDetection:
                     else [joined.evaluate(still)]
                 )
                 if len(compared) < len(light):
-                    (compared,) = self.pilots([self._tinted(self.over(still), shared)], orders)
+                    (compared,) = self.pilots([self.over(still).at_wavelengths(shared)], orders)
                 self._choose(compared, light, doubtful, self.expected * np.array(shared.ratios))
         # allotted to the orders by the pilots
         requests = self._requests(pilots) if "chains" in self.method else []
@@ -228,11 +235,6 @@ class ForcedDetection:
             except Refused:  # a form as published
                 raise refused from None
         return None
-
-    def _tinted(self, aimed: AimedChains, common: Common) -> AimedChains:
-        """Return chains over a surface at the wavelengths of common paths."""
-        several = len(common.links) > 1
-        return aimed.at_wavelengths(common.tinting, common.links) if several else aimed
 
     def pilots(
         self, surfaces: Sequence[ChainDrawer | AimedChains], orders: list[int]
@@ -412,7 +414,8 @@ class ForcedDetection:
         if higher is not self:
             return higher.at_wavelengths(mesh, over)
         link, common = self.arrays, self.common
-        aimed = self._tinted(self.over(mesh) if over is None else over.of_link(link), common)
+        aimed = self.over(mesh) if over is None else over.of_link(link)
+        aimed = aimed.at_wavelengths(common)
         sums = parts.ChainSums(link, self.method, self.scattered_sets, aimed.wavelengths)
         lit, dark = list[tuple[int, int]](), list[tuple[int, int]]()
         for s, r in link.pairs:
@@ -480,13 +483,12 @@ class ForcedDetection:
     def _lamp_points(self, s: int) -> Floats:
         """Return points of an extended source, shape (shifts, points, 3)."""
         per_shift = max(self.photons // (_CHAINS_PER_POINT * SHIFTS), 2)
-        points, shifts = points_of(Request(s, -1, per_shift, (self.seed, s, 0, 6)))
-        u = ((points[None] + shifts) % 1.0).reshape(-1, points.shape[1])
+        u = shifted(*points_of(Request(s, -1, per_shift, (self.seed, s, 0, 6))))
         emitter, size = self.arrays.emitters[s], self.arrays.sizes[s]
         if emitter.kind == SourceKind.TOP_HAT_BEAM:
             radius = size * np.sqrt(u[:, 0])
         else:
-            radius = size * np.sqrt(-0.5 * np.log(np.maximum(u[:, 0], 1e-12)))
+            radius = size * np.sqrt(-0.5 * np.log(u[:, 0]))
         e1, e2 = (np.array(e) for e in ends.across(emitter.axis))
         phi = 2.0 * math.pi * u[:, 1:2]
         circle = np.cos(phi) * e1 + np.sin(phi) * e2

@@ -122,7 +122,7 @@ def forced_result(
         gain_scattered=per_receiver(link, parts.scattered.mean(axis=1)),
         gain_order=parts.orders,
         chains=parts.counts,
-        scattered=parts.samples_by_receiver(),
+        scattered=parts.samples,
         arrivals=arrivals,
         **extra,
     )
@@ -220,7 +220,7 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
     """
     parts = chains.evaluate(chains.flat())
     light = parts.scattered.mean(axis=1)
-    found = _that_matter(parts.samples_by_receiver(), light, parts.gain)
+    found = _that_matter(parts.samples, light, parts.gain)
     worse = [r for r, method in enumerate(usual.method) if method == "joined"]
     for r in worse:
         _warn(

@@ -39,12 +39,8 @@ class Parts:
         Numbers of chains, and of their outcomes.
     method : list of {"chains", "joined"}
         Estimator of the scattered gain of each receiver.
-    samples : ndarray of int, shape (receivers,)
-        Chains or joined photons that the scattered gain rests on.
-    scored : ndarray of int, shape (receivers,)
-        Those that brought light.
-    effective : ndarray, shape (receivers,)
-        Effective number of samples, (sum w)^2 / sum w^2 of their contributions w.
+    samples : list of ScatteredSamples
+        Chains or joined photons that the scattered gain of each receiver rests on.
     photons : JoinedParts, optional
         Joined photons to all receivers, if light that the surface reflects first was measured.
     """
@@ -54,16 +50,8 @@ class Parts:
     orders: Floats
     counts: dict[str, int]
     method: list[Method]
-    samples: NDArray[np.int64]
-    scored: NDArray[np.int64]
-    effective: Floats
+    samples: list[ScatteredSamples]
     photons: JoinedParts | None = None
-
-    def samples_by_receiver(self) -> list[ScatteredSamples]:
-        """Return the estimator and the samples of the scattered gain of each receiver."""
-        names = ["chains" if m == "chains" else "joined photons" for m in self.method]
-        rows = zip(names, self.samples, self.scored, self.effective, strict=True)
-        return [ScatteredSamples(name, int(n), int(k), float(e)) for name, n, k, e in rows]
 
     @property
     def ballistic(self) -> Floats:
@@ -160,8 +148,10 @@ class ChainSums:
         if self._sampled:
             counts["sampled"] = len(self._sampled)  # pairs
         scattered, orders = self._scattered[i].sum(axis=1), self._scattered[i].mean(axis=2)
-        samples, scored = self._samples[i], self._scored[i]
         effective = scattered.mean(axis=1) ** 2 / np.maximum(self._squares[i], 1e-300)
+        columns = self._samples[i], self._scored[i], effective
+        chained = zip(*(column.tolist() for column in columns), strict=True)
+        samples = [ScatteredSamples("chains", *row) for row in chained]
         rows = np.flatnonzero([m == "joined" for m in self._method])
         if found is not None and len(rows):
             some = found.of(rows)
@@ -169,9 +159,8 @@ class ChainSums:
             seen = np.flatnonzero(some.orders.any(axis=0)).max(initial=0)
             orders = np.pad(orders, ((0, 0), (0, max(seen - orders.shape[1], 0))))
             orders[rows, :seen] = some.orders[:, 1 : seen + 1]
-            mean, square = some.parts[SCATTERED], some.square[SCATTERED]
-            samples[rows], scored[rows] = some.photons, some.scored[SCATTERED]
-            effective[rows] = some.photons * mean**2 / np.maximum(square, 1e-300)
+            for r, row in zip(rows, some.samples(SCATTERED), strict=True):
+                samples[r] = row
         return Parts(
             direct=self._direct[i],
             scattered=scattered,
@@ -179,8 +168,6 @@ class ChainSums:
             counts=counts,
             method=self._method,
             samples=samples,
-            scored=scored,
-            effective=effective,
             photons=found if reflects else None,
         )
 

@@ -20,7 +20,7 @@ from meshtrace.engine.chains.sets import Aimed, ChainDrawer, ChainSet, Request
 from meshtrace.engine.crossing import FLAT, ROOT, Search
 from meshtrace.engine.setup.arrays import locator, surface_arrays, with_raster
 from meshtrace.engine.setup.ends import ForcedLink, expected_water, forced_link
-from meshtrace.engine.setup.tinting import UNTINTED, Tinting
+from meshtrace.engine.setup.tinting import UNTINTED, Common
 from meshtrace.kernels.interface import Direction, MeshArrays, Roughness, Snell
 from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.rays import BESIDE, CUT, shadows
@@ -212,11 +212,8 @@ class AimedChains:
         if n_doubt:
             cut = np.zeros(n_doubt, bool)
             rays = out.rays[:n_rays]
-            blocked = self._cut(
-                np.ascontiguousarray(rays["origin"]),
-                np.ascontiguousarray(rays["direction"]),
-                np.ascontiguousarray(rays["length"]),
-            )
+            names = "origin", "direction", "length"
+            blocked = self._cut(*(np.ascontiguousarray(rays[name]) for name in names))
             cut[rays["crossing"][blocked]] = True
             clear = out.doubtful[:n_doubt][~cut]
             np.add.at(out.score, clear["chain"], clear["weight"])
@@ -227,16 +224,19 @@ class AimedChains:
             return Aimed(out.score[None], arrivals)
         return Aimed(self._tinted_scores(source, chains, n, arrivals), arrivals)
 
-    def at_wavelengths(self, tinting: Tinting, links: Sequence[Link]) -> AimedChains:
-        """Return the same surface with the wavelengths of a tinting, those of some links.
+    def at_wavelengths(self, common: Common) -> AimedChains:
+        """Return the same surface at the wavelengths of common paths.
 
         Light of a facet has one length of its way, that at which it agrees with the light of the
         wavelength that differs most on the way up.
         """
-        found, far, tints = copy(self), copy(self), tinting.tints
-        ways = [self.straight_tints(e, np.zeros((1, 3)), tints) for e in self.link.emitters]
+        tinting, found, far = common.tinting, copy(self), copy(self)
+        if len(common.links) == 1:
+            return found
+        starts = self.link.emitters
+        ways = [self.straight_tints(e, np.zeros((1, 3)), tinting.tints) for e in starts]
         most = int(np.abs(tinting.shares @ np.concatenate(ways).T).max(axis=1).argmax())
-        medium = self.link.frame.medium(expected_water(links[most], crest=5.0))
+        medium = self.link.frame.medium(expected_water(common.links[most], crest=5.0))
         far.medium = medium._replace(**{name: getattr(self.medium, name) for name in _KEPT})
         found.tinting, found._far = tinting, (most, far)
         return found
