@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Field
 
-from meshtrace.errors import Described, Refused, require_array, require_between
+from meshtrace.errors import Described, Refused, require_between, require_range
 from meshtrace.models import Finite as Finite
 from meshtrace.models import Floats as Floats
 from meshtrace.models import Positive as Positive
@@ -58,12 +58,9 @@ Variances = tuple[float, float]
 
 def finite_array(name: str, value: ArrayLike, minimum: float = -math.inf) -> Floats:
     """Return `value` as float64; raise `Refused` if not finite or below `minimum`."""
-    allowed = f"{Range(name, minimum, closed=minimum > -math.inf)}, all finite"
-    array = require_array(value, name, allowed)
-    wrong = array[~(np.isfinite(array) & (array >= minimum))]
-    if wrong.size:
-        raise Refused(name, float(wrong[0]), allowed)
-    return array
+    closed = minimum > -math.inf
+    allowed = f"{Range(name, minimum, closed=closed)}, all finite"
+    return require_range(value, minimum, math.inf, name, "[)" if closed else "()", allowed)
 
 
 def grid_lines(x_axis: ArrayLike, y_axis: ArrayLike) -> tuple[Floats, Floats]:

@@ -8,7 +8,7 @@ import pytest
 from scipy import integrate, stats
 
 from meshtrace import fading, fields
-from meshtrace.fading import distribution as gains_module
+from meshtrace.fading import distribution as distribution_module
 from meshtrace.fading import laws
 from meshtrace.fading import series as series_module
 
@@ -86,7 +86,7 @@ def test_effective_samples_of_repeated_gains():
 
 def test_block_means_against_slices():
     x = np.random.default_rng(15).uniform(size=50)
-    means = gains_module.block_means((x, x**2), 7, 5, seed=3)
+    means = distribution_module.block_means((x, x**2), 7, 5, seed=3)
     starts = np.random.default_rng(3).integers(0, 44, (5, 7))
     for k in range(5):
         drawn = np.concatenate([x[i : i + 7] for i in starts[k]])

@@ -16,9 +16,7 @@ from meshtrace.surfaces import (
     Tma,
     sea_from_config,
 )
-from meshtrace.surfaces import (
-    surface as surface_module,
-)
+from meshtrace.surfaces import surface as surface_module
 from meshtrace.surfaces.bands import PAPER_BANDS
 from meshtrace.surfaces.statistics import components_hs
 from meshtrace.surfaces.surface import interaction_kernels
