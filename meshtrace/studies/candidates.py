@@ -288,15 +288,15 @@ class Sample(Restored):
 
     def _over_sea(self, link: Link, uav: Uav | None, i: int) -> Floats:
         """Return the gains of a candidate over sea i, shape (places, shifts)."""
-        links = self._links(link, uav, i)
+        links, frozen, mesh = self._links(link, uav, i), self._near.frozen, self._near.mesh(i)
         if not self._turned:
-            return np.concatenate([self._near.gains(at, i) for at in links])
+            return np.concatenate([frozen.gains(at, mesh) for at in links])
         lights, rows = iter(self.light(link, uav, i)), []
         for at in links:
             some = list(islice(lights, len(at.receivers)))
             cut = [_by_edge(light, 0.5 * link.receivers[0].fov_deg) for light in some]
             facets = [light.facet[near] for light, near in zip(some, cut, strict=True)]
-            exact = self._near.unscattered(at, i, facets) if any(map(len, facets)) else None
+            exact = frozen.unscattered(at, mesh, facets) if any(map(len, facets)) else None
             for r, light in enumerate(some):
                 row = light.by_shift(np.where(cut[r], 0.0, self._factor(link, light)))
                 rows.append(row if exact is None else row + exact[r])

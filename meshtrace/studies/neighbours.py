@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 from scipy.special import ndtr
@@ -84,16 +83,15 @@ class Neighbours(Restored):
 
     def __post_init__(self) -> None:
         self.campaign = campaign = self.campaign._replace(progress=None)
-        given = self.seas, self.phases, self.fading, self.kept, self.around
-        self.inputs = (campaign.alone, *given)
+        self.inputs = campaign.alone, self.seas, self.phases, self.fading, self.kept, self.around
         self._around = self.around or campaign.link
         self._lines: dict[str, Any] = {}
         if isinstance(campaign.surface, SurfaceModel):
             inputs = self._around, campaign.surface, campaign.meshing
             spacing = FADING_SPACING if self.fading else GAIN_SPACING
             self._lines = mesh_lines(*inputs, _WIDER * crossing_reach(self._around), spacing)
-        first = range(min(self.seas, self.kept))
-        self._meshes = [self._meshed(campaign.surface, i) for i in first]
+        self._meshes: list[TriangleMesh] = []
+        self._meshes = [self.mesh(i) for i in range(min(self.seas, self.kept))]
 
     @cached_property
     def frozen(self) -> FrozenForced:
@@ -109,34 +107,18 @@ class Neighbours(Restored):
             kept=max(self.kept, _FEW) if self.kept <= _MANY else _FEW,
         )
 
-    def _meshed(self, surface: Any, i: int) -> TriangleMesh:
-        """Return the mesh of a surface with the phases of realization i."""
-        campaign, mesh = self.campaign, surface
-        if not isinstance(mesh, TriangleMesh):
-            if self.phases:
-                mesh = mesh.with_seed(realization_seed(campaign.run.seed, i))
-            mesh = mesh.mesh(campaign.meshing.time, **self._lines)
-        require_cover(self._around, mesh)
-        return mesh
-
     def mesh(self, i: int, surface: Any = None) -> TriangleMesh:
         """Return realization i of the base surface, or of a neighbour of it."""
-        if surface is not None:
-            return self._meshed(surface, i)
-        return self._meshes[i] if i < len(self._meshes) else self._meshed(self.campaign.surface, i)
-
-    def gains(self, link: Link, i: int, surface: Any = None) -> Floats:
-        """Return the gain of each receiver over realization i, shape (receivers, shifts)."""
-        return self.frozen.gains(link, self.mesh(i, surface))
-
-    def unscattered(
-        self, link: Link, i: int, facets: Sequence[NDArray[np.int64]] | None = None
-    ) -> Floats:
-        """Return the unscattered gain of each receiver over realization i, without noise.
-
-        Through all facets, or through some for each receiver.
-        """
-        return self.frozen.unscattered(link, self.mesh(i), facets)
+        if surface is None and i < len(self._meshes):
+            return self._meshes[i]
+        campaign = self.campaign
+        made: Any = campaign.surface if surface is None else surface
+        if not isinstance(made, TriangleMesh):
+            if self.phases:
+                made = made.with_seed(realization_seed(campaign.run.seed, i))
+            made = made.mesh(campaign.meshing.time, **self._lines)
+        require_cover(self._around, made)
+        return made
 
     def light(self, link: Link, i: int, surface: Any = None) -> list[Light]:
         """Return the light that arrives at each receiver over realization i."""
@@ -173,8 +155,9 @@ def edge_over(near: Neighbours, name: str, i: int) -> Floats:
     link = near.campaign.link
     fov = link.receivers[0].fov_deg
     views = [min(fov * math.exp(side * _EDGE_STEP), 180.0) for side in (-1.0, 1.0)]
-    low, high = (near.unscattered(link.replace(name, view), i)[0] for view in views)
-    light = near.light(link.replace(name, min((1.0 + WINDOW) * fov, 180.0)), i)[0]
+    frozen, mesh = near.frozen, near.mesh(i)
+    low, high = (frozen.unscattered(link.replace(name, view), mesh)[0] for view in views)
+    light = frozen.light(link.replace(name, min((1.0 + WINDOW) * fov, 180.0)), mesh)[0]
     off = (np.degrees(light.angle) / (0.5 * fov) - 1.0) / WINDOW
     square = np.minimum(off**2, 1.0)
     window = 15.0 / 32.0 * (1.0 - square) * (3.0 - 7.0 * square) / WINDOW

@@ -522,7 +522,7 @@ class Study:
 
         def of_first(i: int) -> Floats:
             link, surface = inputs[i // near.seas]
-            return near.gains(link, i % near.seas, surface)[0]
+            return near.frozen.gains(link, near.mesh(i % near.seas, surface))[0]
 
         return self._over(of_first, len(inputs), name)
 
