@@ -22,6 +22,7 @@ from meshtrace.errors import (
     require_keys,
     require_names,
     require_pair,
+    within,
 )
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -153,11 +154,9 @@ class Predictor(Restored):
             at = start
             if name in OF_DETECTOR and start.detector is None:
                 raise Refused(f"measurements[{i}].{name}", Described("no [detector]"), "a detector")
-            for key, value in row.items():
-                try:
+            with within("measurements", i):
+                for key, value in row.items():
                     at = at.set(key, value)
-                except Refused as refused:
-                    raise refused.inside("measurements", i) from None
             only_aperture(at.link)
             self._starts.append(at)
         self._quick = has_moments(start.link)
