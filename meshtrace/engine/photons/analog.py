@@ -26,7 +26,7 @@ from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.sources import FORWARD, N_SCORES
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, MapGrid, Tallies
-from meshtrace.kernels.tints import ALONE, Tints, factors_of
+from meshtrace.kernels.tints import ALONE, factors_of
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -378,10 +378,21 @@ def _no_tallies(link: Link, frame: arrays.Frame, cells: MapGrid) -> Tallies:
 def _cells_of(
     grid: Record | None, link: Link, frame: arrays.Frame, tinting: Tinting, turn: tuple[int, Floats]
 ) -> MapGrid:
-    """Return the cells of a map at the wavelengths of a tinting, none without a map."""
+    """Return the cells of a map at the wavelengths of a tinting, none without a map.
+
+    Squared weights keep their digits with powers of two, from the absorption of the shortest way
+    down the water. Weights at other wavelengths may exceed it: `_HEADROOM` keeps the sums of a
+    chunk below 2^63.
+    """
     if not isinstance(grid, IrradianceMap):
         return MapGrid()
-    mixture = tinting.mixture(*turn)
+    mixture, tints, layers = tinting.mixture(*turn), tinting.tints, link.water.layers
+    levels = [source.center[2] for source in link.transmitters]
+    way = min(abs(min(z, 0.0) - min(grid.height, 0.0)) for z in levels)
+    a = link.water.a if layers is None else min(row[1] for row in layers)
+    logs = np.full(mixture.shares.shape[1], -a * way)
+    if tints is not None:
+        logs -= mixture.shares.T @ tints.c.mean(axis=1) * way / frame.unit
     return MapGrid(
         n=grid.n,
         z=grid.height / frame.unit,
@@ -391,23 +402,5 @@ def _cells_of(
         axis=Vec3(*grid.axis),
         cos=max(math.cos(math.radians(grid.fov_deg) / 2.0), 1e-12),
         mixture=mixture,
-        scale=_scale(link, frame, grid, tinting.tints, mixture.shares.T),
+        scale=np.exp2(np.floor(-np.clip(logs, -600.0, 0.0) / math.log(2.0)) - _HEADROOM),
     )
-
-
-def _scale(
-    link: Link, frame: arrays.Frame, grid: IrradianceMap, tints: Tints | None, shares: Floats
-) -> Floats:
-    """Return powers of two with which squared weights of a map keep their digits.
-
-    From the absorption of the shortest way down the water. Weights at other wavelengths may exceed
-    it: `_HEADROOM` keeps the sums of a chunk below 2^63.
-    """
-    levels = [source.center[2] for source in link.transmitters]
-    way = min(abs(min(z, 0.0) - min(grid.height, 0.0)) for z in levels)
-    layers = link.water.layers
-    a = link.water.a if layers is None else min(row[1] for row in layers)
-    logs = np.full(len(shares), -a * way)
-    if tints is not None:
-        logs -= shares @ tints.c.mean(axis=1) * way / frame.unit
-    return np.exp2(np.floor(-np.clip(logs, -600.0, 0.0) / math.log(2.0)) - _HEADROOM)
