@@ -29,7 +29,7 @@ from meshtrace.engine.photons.flight import Vertex
 from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic
 from meshtrace.mesh import TriangleMesh
-from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.series import CoverageMap
 
 from .stage import ScenePlotter
 from .style import CHALK

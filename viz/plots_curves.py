@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from meshtrace.comms.background import name_of_light
 from meshtrace.errors import Described, Refused
 from meshtrace.fields import FIELDS, attrs
-from meshtrace.results.wavelengths import ByWavelength, by_wavelength
+from meshtrace.results.series import ByWavelength, by_wavelength
 from meshtrace.studies.performance import DepthSweep, LinkPerformance
 
 from .marks import along, axes, curves, finished, lines, note, variable

@@ -17,12 +17,10 @@ from meshtrace.comms.pulses import Eye
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.models import Floats
-from meshtrace.results.background import PARTS, Background, BackgroundSeries
-from meshtrace.results.coverage import CoverageMap, as_high, place_of_highest
+from meshtrace.results.daylight import PARTS, Background, BackgroundSeries, IrradianceSeries
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 from meshtrace.results.impulse import ImpulseResponse
-from meshtrace.results.irradiance import IrradianceSeries
-from meshtrace.results.series import GainSeries
+from meshtrace.results.series import CoverageMap, GainSeries, as_high, place_of_highest
 from meshtrace.uav import Route
 
 from . import marks
@@ -330,7 +328,7 @@ def plot_coverage(
     """Plot a coverage map with equal axes, contours, and the place of the highest gain.
 
     Contours at 3, 6, 10 and 20 dB below the highest gain are those of the map smoothed by a cell.
-    The place is marked where errors resolve it, see `results.coverage.place_of_highest`.
+    The place is marked where errors resolve it, see `results.series.place_of_highest`.
 
     Parameters
     ----------

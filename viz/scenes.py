@@ -19,8 +19,8 @@ from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model, Positive
-from meshtrace.results.coverage import CoverageMap
 from meshtrace.results.gain import GainResult
+from meshtrace.results.series import CoverageMap
 from meshtrace.studies.coverage import coverage_map
 
 from . import parts

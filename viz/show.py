@@ -24,10 +24,10 @@ from meshtrace.files import atomic
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.parallel import paced
+from meshtrace.results.daylight import IrradianceSeries
 from meshtrace.results.gain import GainResult
-from meshtrace.results.irradiance import IrradianceSeries
 from meshtrace.results.series import GainSeries
-from meshtrace.studies.caustics import light_pattern, pattern_ends
+from meshtrace.studies.coverage import light_pattern, pattern_ends
 from meshtrace.studies.series import time_series
 
 from .export import export_scene, require_suffix, save_html

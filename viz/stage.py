@@ -19,7 +19,7 @@ from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import Source
 from meshtrace.mesh import MeshSource, TriangleMesh
-from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.series import CoverageMap
 
 from .style import CHALK, DUSK, FONT_FILE, NIGHT, PALETTE, SLIDE
 

@@ -66,7 +66,7 @@ def converge(study: StudyRow, asked: Asked, *, what: str = "gain", of: console.L
     what : WORD
         gain, or fading over the band of waves.
     """
-    from meshtrace.studies.convergence.measure import is_wave_sum
+    from meshtrace.studies.refinement import is_wave_sum
 
     require_word(what, ("gain", "fading"), "--what")
     scenario, function = of.opened(), _chosen(study, asked, what)
@@ -276,7 +276,7 @@ def _rows(data: xr.Dataset) -> list[str]:
     """Return gains over the realizations as a table, one row for each point and receiver."""
     import xarray as xr
 
-    from meshtrace.results.wavelengths import by_wavelength
+    from meshtrace.results.series import by_wavelength
     from meshtrace.tables import text_table
 
     data = by_wavelength(data)

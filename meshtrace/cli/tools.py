@@ -576,8 +576,7 @@ def _of_scenario(scenario: Scenario) -> Inputs:
 def _of_result(file: Path) -> Inputs:
     """Return the inputs of a result file, with its map or its gain over time."""
     from meshtrace.results import load
-    from meshtrace.results.coverage import CoverageMap
-    from meshtrace.results.series import GainSeries
+    from meshtrace.results.series import CoverageMap, GainSeries
     from meshtrace.scenario import Scenario
 
     result = load(file)

@@ -38,7 +38,7 @@ class DaylightWarning(UserWarning):
 
 
 class Radiance(Protocol):
-    """Background of a receiver, such as `results.background.Background`."""
+    """Background of a receiver, such as `results.daylight.Background`."""
 
     @property
     def wavelength_nm(self) -> float:

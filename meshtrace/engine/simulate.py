@@ -38,7 +38,7 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.parallel import default_threads
 from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
-from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths
+from meshtrace.results.series import ByWavelength, checked_wavelengths
 
 _MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
 

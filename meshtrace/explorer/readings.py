@@ -23,7 +23,7 @@ from meshtrace.explorer.controls import BY_NAME, CHOICES, State
 from meshtrace.explorer.stages import DURATION, FADING_RATE, LIMIT, Fading, Failed, Session, Signal
 from meshtrace.models import Model, modules_of
 from meshtrace.optics.water import Water
-from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.series import CoverageMap
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.scenario.parts import daylight_recipe, detector_config
 from meshtrace.studies.designs.page import LIGHTS, BestValue, Design, Reach

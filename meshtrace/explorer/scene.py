@@ -18,7 +18,7 @@ from meshtrace.link.sources import AirLamp, WaterSource
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.water import Water
-from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.series import CoverageMap
 from meshtrace.viz import parts
 from meshtrace.viz.scenes import longest_left_out, wind_of
 from meshtrace.viz.stage import Stage, stage_of

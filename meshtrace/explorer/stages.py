@@ -45,10 +45,10 @@ from meshtrace.fading import (
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
-from meshtrace.results.background import Background
-from meshtrace.results.coverage import CoverageMap
+from meshtrace.results.daylight import Background
 from meshtrace.results.gain import GainResult
 from meshtrace.results.impulse import impulse_response
+from meshtrace.results.series import CoverageMap
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import Steps, campaign_of

@@ -1,18 +1,36 @@
-"""Gains of one link over many surfaces."""
+"""Gains of one link over many surfaces, places or wavelengths."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from statistics import NormalDist
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Generic,
+    Literal,
+    ParamSpec,
+    Protocol,
+    TypeVar,
+    cast,
+    overload,
+)
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Refused, require_whole
+from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.models import Floats
-from meshtrace.stored import Stored, Variable
+from meshtrace.results.gain import GainResult
+from meshtrace.results.provenance import water_of
+from meshtrace.stored import Stacked, Stored, Variable
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from meshtrace.fading import FadingStatistics
 
 _FEW = 50  # gains shown in place of statistics
@@ -157,3 +175,233 @@ class GainSeries(Stored):
                 rows = zip(self.time[:_FEW], self.gains[:, receiver], strict=False)
                 lines = [f"  {t:>12g} s {g:.4e}" for t, g in rows]
             return "\n".join([*lines, f"no fading statistics: {error}"])
+
+
+LIT = 0.01
+"""Share of the highest gain below which errors are relative to it."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CoverageMap(Stored):
+    """Gain of a receiver at each place of its plane.
+
+    Attributes
+    ----------
+    x, y : ndarray, shape (nx,), (ny,)
+        Centres of the cells [m].
+    gain, gain_stderr : ndarray, shape (nx, ny)
+        Gain of the link's receiver if it were there, averaged over the cell, and its error.
+    provenance : dict
+        Versions and configuration.
+    gain_bound : ndarray, shape (nx, ny), or None
+        Upper bound of the gain at 95 % confidence in cells without received light, nan
+        elsewhere; None if all received light, or without a tolerance.
+    """
+
+    x: Annotated[Floats, Variable("x")]
+    y: Annotated[Floats, Variable("y")]
+    gain: Annotated[Floats, Variable("x y")]
+    gain_stderr: Annotated[Floats, Variable("x y")]
+    provenance: dict[str, Any] = field(default_factory=dict)
+    gain_bound: Annotated[Floats | None, Variable("x y")] = None
+
+    kind: ClassVar[str] = "coverage"
+    title: ClassVar[str] = "meshtrace coverage map"
+
+    def _headline(self) -> str:
+        shape = " x ".join(map(str, self.gain.shape))
+        return f"{shape} places, gains up to {self.gain.max():.4e}"
+
+    def summary(self) -> str:
+        """Return size, extremes and errors of the map as text for a terminal."""
+        header = (
+            f"gain at {self.gain.size} places, x {self.x[0]:g} to {self.x[-1]:g} m, "
+            f"y {self.y[0]:g} to {self.y[-1]:g} m"
+        )
+        lit = self.gain > 0.0
+        if not lit.any():
+            return f"{header}\n  no light received"
+        highest = self.gain == self.gain.max()
+        found = place_of_highest(self.gain, self.gain_stderr)
+        place = f"place not resolved: {as_high(self.gain, self.gain_stderr).sum()} within errors"
+        if found is not None:
+            place = f"at ({self.x[found[0]]:g}, {self.y[found[1]]:g}) m"
+        error = np.median(self.gain_stderr[lit] / self.gain[lit])
+        rows = [
+            header,
+            f"  highest              {self.gain.max():.4e} +- "
+            f"{self.gain_stderr[highest].max():.1e} {place}",
+            f"  mean                 {self.gain.mean():.4e}",
+            f"  dark places          {int((~lit).sum())}",
+            f"  median error         {100.0 * error:.2g} %",
+        ]
+        if self.gain_bound is not None:
+            rows.append(f"  bound where dark     {np.nanmax(self.gain_bound):.1e}")
+        return "\n".join([*rows, *self._origin_lines()])
+
+    def _origin_lines(self) -> list[str]:
+        """Return the water of the link."""
+        if "link" not in self.provenance:
+            return []
+        return [f"  water                {water_of(self.provenance)}"]
+
+
+def relative_errors(gain: Floats, stderr: Floats) -> Floats:
+    """Return the errors of cells over their gains, or over 1 % of the highest gain."""
+    highest = float(gain.max())
+    if highest == 0.0:
+        return np.full(gain.shape, np.inf)
+    return np.asarray(stderr / np.maximum(gain, LIT * highest))
+
+
+def as_high(gain: Floats, stderr: Floats) -> NDArray[np.bool_]:
+    """Return the cells of a map (nx, ny) that may be as high as the highest one.
+
+    The error of a difference is that of independent errors, at 95 % confidence for all cells
+    together: of many cells with noise the highest is a chance.
+    """
+    z = -NormalDist().inv_cdf(0.05 / gain.size)
+    best = np.unravel_index(int(gain.argmax()), gain.shape)
+    near: NDArray[np.bool_] = gain + z * np.hypot(stderr, stderr[best]) >= gain[best]
+    return near
+
+
+def place_of_highest(gain: Floats, stderr: Floats) -> tuple[int, int] | None:
+    """Return the indices of the highest gain of a map (nx, ny), None if errors hide its place.
+
+    It is resolved if all cells that are `as_high` are next to it.
+    """
+    best = np.array(np.unravel_index(int(gain.argmax()), gain.shape))
+    away = np.abs(np.argwhere(as_high(gain, stderr)) - best)
+    return (int(best[0]), int(best[1])) if (away <= 1).all() else None
+
+
+Result = TypeVar("Result", bound=Stored)
+Options = ParamSpec("Options")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ByWavelength(Stacked, Generic[Result]):
+    """Results of one link at several wavelengths, with common paths where that is possible.
+
+    The standard errors of the wavelengths are correlated: their noise cancels in ratios.
+
+    Attributes
+    ----------
+    wavelength_nm : ndarray, shape (n,)
+        Wavelengths in vacuum [nm], rising.
+    results : tuple
+        Result at each wavelength, of one kind.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> from meshtrace.surfaces import FlatSea
+    >>> link = mt.Link(water=mt.Water.from_type("jerlov-II"))
+    >>> found = mt.simulate(link, FlatSea(), photons=1024, wavelengths_nm=[450, 500, 550])
+    >>> found["gain"].dims, found.brightest
+    (('wavelength', 'receiver'), 500.0)
+    """
+
+    wavelength_nm: Floats
+    results: tuple[Result, ...]
+
+    kind: ClassVar[str] = "wavelengths"
+    title: ClassVar[str] = "meshtrace results by wavelength"
+    _along: ClassVar[tuple[str, str]] = ("wavelength", "wavelength_nm")
+
+    def at_wavelength(self, wavelength_nm: float) -> Result:
+        """Return the result at a wavelength [nm].
+
+        Raises
+        ------
+        Refused
+            If the result has no such wavelength.
+        """
+        found = np.flatnonzero(self.wavelength_nm == wavelength_nm)
+        if not len(found):
+            known = ", ".join(f"{nm:g}" for nm in self.wavelength_nm)
+            raise Refused("wavelength_nm", wavelength_nm, known)
+        return self.results[int(found[0])]
+
+    def __iter__(self) -> Iterator[tuple[float, Result]]:
+        """Yield wavelengths [nm] and results."""
+        return zip(self.wavelength_nm.tolist(), self.results, strict=True)
+
+    def __len__(self) -> int:
+        return len(self.results)
+
+    def __getitem__(self, name: str) -> xr.DataArray:
+        """Return a variable of the dataset, such as "gain", with the dimension `wavelength`."""
+        data = self._content()
+        if name not in data:
+            raise Refused("name", name, ", ".join(map(str, data.data_vars)))
+        return data[name]
+
+    @property
+    def brightest(self) -> float:
+        """Wavelength of the highest mean gain of the first receiver [nm]."""
+        gain = self["gain"]
+        if "receiver" in gain.dims:
+            gain = gain.isel(receiver=0)
+        means = gain.mean([name for name in gain.dims if name != "wavelength"])
+        return float(self.wavelength_nm[int(means.values.argmax())])
+
+    def _headline(self) -> str:
+        low, high = self.wavelength_nm[[0, -1]]
+        return f"{len(self)} wavelengths, {low:g} to {high:g} nm, of kind {self.results[0].kind}"
+
+    def summary(self) -> str:
+        """Return a line for each wavelength as text for a terminal."""
+        first = self.results[0]
+        if not isinstance(first, GainResult):
+            return "\n".join(f"{nm:>8g} nm  {found._headline()}" for nm, found in self)
+        lines = [f"{'nm':>8}{'gain':>13}{'standard error':>16}{'effective samples':>19}  water"]
+        for nm, found in self:
+            assert isinstance(found, GainResult)
+            for r, (gain, stderr) in enumerate(zip(found.gains, found.stderrs, strict=True)):
+                samples = f"{found.scattered[r].effective:,.0f}" if found.scattered else "-"
+                water = found.provenance.get("link", {}).get("water", {})
+                known = [f"{key} {water[key]:.4g}" for key in ("a", "b", "n") if key in water]
+                about = ", ".join([f"receiver {r}"] * (len(found.gains) > 1) + known)
+                lines.append(f"{nm:>8g}{gain:>13.4e}{stderr:>16.1e}{samples:>19}  {about}")
+        return "\n".join(lines)
+
+
+class Spectral(Protocol[Options, Result]):
+    """Function with a result, or one for each of the wavelengths that it is given."""
+
+    @overload
+    def __call__(
+        self, *args: Any, wavelengths_nm: ArrayLike, **options: Any
+    ) -> ByWavelength[Result]: ...
+
+    @overload
+    def __call__(self, *args: Options.args, **options: Options.kwargs) -> Result: ...
+
+
+def spectral(
+    function: Callable[Options, Result | ByWavelength[Result]],
+) -> Spectral[Options, Result]:
+    """Return a function, for type checkers with the kind of result that its options give."""
+    return cast(Spectral[Options, Result], function)
+
+
+def by_wavelength(data: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with wavelengths, if it has the dimension, as its coordinate."""
+    return data.swap_dims(wavelength="wavelength_nm") if "wavelength" in data.dims else data
+
+
+def checked_wavelengths(wavelengths_nm: Any) -> list[float]:
+    """Return wavelengths [nm], rising and all different.
+
+    Raises
+    ------
+    Refused
+        If there is none, or one twice, or one is no finite number.
+    """
+    allowed = "one or more wavelengths [nm]"
+    found = np.sort(np.atleast_1d(require_finite(wavelengths_nm, "wavelengths_nm", allowed)))
+    if len(np.unique(found)) < len(found):
+        raise Refused("wavelengths_nm", Described("one given twice"), "different wavelengths [nm]")
+    return [float(nm) for nm in found]

@@ -33,17 +33,12 @@ def merged_mean(
 ) -> tuple[Floats, Floats]:
     """Return mean and standard error of all photons; a run of one photon has no error."""
     total = int(n.sum())
-    mean = shared_mean(means, n)
+    mean = np.asarray(sum(k / total * m for m, k in zip(means, n, strict=True)))
     square = sum(
         k / total * (m * m + (0.0 if k < 2 else s * s * (k - 1)))
         for m, s, k in zip(means, errors, n, strict=True)
     )
     return mean, np.sqrt(np.maximum(square - mean * mean, 0.0) / max(total - 1, 1))
-
-
-def shared_mean(means: Sequence[Floats], n: NDArray[np.int64]) -> Floats:
-    """Return the mean of all photons."""
-    return np.asarray(sum(k / n.sum() * m for m, k in zip(means, n, strict=True)))
 
 
 def _joined(parts: Sequence[NDArray[Any]], n: NDArray[np.int64]) -> NDArray[Any]:

@@ -20,7 +20,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model, trusting
 from meshtrace.results.gain import GainResult
-from meshtrace.results.wavelengths import ByWavelength
+from meshtrace.results.series import ByWavelength
 from meshtrace.scenario import files, parts, seas
 from meshtrace.scenario.files import Table
 from meshtrace.scenario.seas import MeshFile

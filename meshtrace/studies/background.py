@@ -22,13 +22,13 @@ from meshtrace.fading import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface
 from meshtrace.models import Floats
-from meshtrace.results.background import PARTS, Background, BackgroundSeries
+from meshtrace.results.daylight import PARTS, Background, BackgroundSeries
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of
 from meshtrace.studies.keys import Variant
-from meshtrace.studies.series import in_flight
+from meshtrace.studies.series import in_flight, moved
 from meshtrace.studies.store import digest_of
 from meshtrace.uav import Flight
 
@@ -190,16 +190,8 @@ def _steps(campaign: Campaign, seas: int, flight: Flight | None, most: int) -> S
         return steps
     wind = campaign.wind_of(flight).sample_wind(len(steps.labels), campaign.run.seed)
     tilt = flight.uav.tilt(wind)
-    leans = zip(np.degrees(tilt.angle), np.degrees(tilt.azimuth), strict=True)
-    links = [
-        (
-            link.replace("receiver.tilt_deg", float(angle)).replace(
-                "receiver.tilt_azimuth_deg", float(azimuth)
-            ),
-        )
-        for angle, azimuth in leans
-    ]
-    return steps._replace(links=links)
+    lean = {"tilt_deg": np.degrees(tilt.angle), "tilt_azimuth_deg": np.degrees(tilt.azimuth)}
+    return steps._replace(links=[(one,) for one in moved(link, lean)])
 
 
 def transmission_of(link: Link, base: OokLink | None) -> OokLink:

@@ -36,7 +36,7 @@ from meshtrace.mesh import MeshSource, SeededSurface, SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, ordered_map, paced, trim_memory
 from meshtrace.results.provenance import provenance
-from meshtrace.results.wavelengths import checked_wavelengths
+from meshtrace.results.series import checked_wavelengths
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.cluster import Cluster

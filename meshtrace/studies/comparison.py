@@ -9,7 +9,6 @@ from functools import partial
 from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from meshtrace.comms.background import DARK, warn_of_background, with_background
@@ -18,15 +17,16 @@ from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
     Described,
     Refused,
+    require_between,
     require_finite,
     require_kind,
-    require_real,
     require_whole,
 )
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.models import Floats
 from meshtrace.results.series import GainSeries
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.stored import Stacked, Stored, Variable
 from meshtrace.studies.background import (
@@ -35,7 +35,7 @@ from meshtrace.studies.background import (
     light_of,
     transmission_of,
 )
-from meshtrace.studies.campaign import Campaign, campaign_of, mean, stderr
+from meshtrace.studies.campaign import Campaign, campaign_of, mean
 from meshtrace.studies.response import through_channel
 from meshtrace.studies.series import gain_series
 from meshtrace.tables import text_table
@@ -103,22 +103,15 @@ class Comparison(Stored):
         With the mean gains h, the standard error of the ratio r = h_i / h_0 is that of the mean
         of :math:`h_i - r h_0`, over h_0 (delta method).
         """
-        gains = xr.DataArray(samples, dims=("link", "sample"))
-        average = mean(gains, "sample")
+        gain, first = samples.mean(axis=1), samples[0]
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = average / average[0]
-            relative = stderr(gains - ratio * gains[0], "sample") / average
-            ratio_db = 10.0 * np.log10(ratio.to_numpy())
+            ratio = gain / gain[0]
+            relative = error_of_groups(samples - ratio[:, None] * first, axis=1) / gain
+            ratio_db = 10.0 * np.log10(ratio)
         return cls(
-            names,
-            average.to_numpy(),
-            stderr(gains, "sample").to_numpy(),
-            (average - average[0]).to_numpy(),
-            stderr(gains - gains[0], "sample").to_numpy(),
-            ratio_db,
-            _DECIBEL * relative.to_numpy(),
-            provenance,
-        )
+            names, gain, error_of_groups(samples, axis=1), gain - gain[0],
+            error_of_groups(samples - first, axis=1), ratio_db, _DECIBEL * relative, provenance,
+        )  # fmt: skip
 
     @property
     def lights(self) -> tuple[str, ...]:
@@ -351,8 +344,7 @@ class Duplex(Stacked):
             Least gain of each direction with a connection, >= 0.
         """
         for name, value in (("up_gain", up_gain), ("down_gain", down_gain)):
-            if not 0.0 <= require_real(value, name, "a gain >= 0") < math.inf:
-                raise Refused(name, value, "a gain >= 0")
+            require_between(value, 0.0, math.inf, name, "[)", "a gain >= 0")
         up, down = self.up.gain < up_gain, self.down.gain < down_gain
         alone = float(up.mean()), float(down.mean())
         both, either = float((up & down).mean()), float((up | down).mean())

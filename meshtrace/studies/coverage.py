@@ -1,16 +1,17 @@
-"""Gain at each place of the plane of the receiver."""
+"""Gain at each place of the plane of the receiver: by photons, or unscattered without noise."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from threading import Lock
 from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import RectBivariateSpline
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.cells import unscattered_map
@@ -24,26 +25,41 @@ from meshtrace.engine.outcome import (
 )
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.setup.arrays import frame_of
-from meshtrace.engine.setup.meshing import mesh_for, surface_config
+from meshtrace.engine.setup.meshing import GAIN_SPACING, mesh_for, surface_config
 from meshtrace.engine.setup.options import (
     Analog,
     IrradianceMap,
+    Run,
     RunOptions,
     require_options,
     resolve,
 )
 from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, photon_paths, scattering
-from meshtrace.errors import Described, Refused, require_finite, require_whole
-from meshtrace.link import Link, Receiver, WaterReceiver
-from meshtrace.mesh import MeshSource, TriangleMesh
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_between,
+    require_finite,
+    require_whole,
+)
+from meshtrace.link import IsotropicSource, Led, Link, Receiver, WaterReceiver
+from meshtrace.mesh import MeshSource, TriangleMesh, WaveSum
 from meshtrace.models import Floats
-from meshtrace.results.coverage import LIT, CoverageMap, relative_errors
+from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.results.provenance import provenance
-from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths, spectral
+from meshtrace.results.series import (
+    LIT,
+    ByWavelength,
+    CoverageMap,
+    checked_wavelengths,
+    relative_errors,
+    spectral,
+)
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Cluster, Restored
 from meshtrace.studies.store import Store
+from meshtrace.surfaces import Surface
 
 _FIRST_PHOTONS = 2**20  # at most, before the first comparison with `rtol`
 _MOST_AT_ONCE = 16.0  # times the photons: an error of few hits is uncertain itself
@@ -156,8 +172,8 @@ def coverage_map(
     if receiver is None:
         raise Refused("receiver", Described("no receiver"), "a Receiver or a WaterReceiver")
     require_whole(photons, 1, 2**53, "photons")
-    if rtol is not None and not 0.0 < rtol < math.inf:
-        raise Refused("rtol", rtol, "a finite number > 0")
+    if rtol is not None:
+        require_between(rtol, 0.0, math.inf, "rtol", "()", "a finite number > 0")
     given_times = case.meshing.time if times is None else times
     at = require_finite(given_times, "times", "one or more times [s]").tolist()
     view = {"axis": receiver.axis, "fov_deg": receiver.fov_deg}
@@ -166,20 +182,22 @@ def coverage_map(
     waves = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     links = [case.link.at_wavelength(nm) for nm in waves] or [case.link]
     kept, found = Store(store, "coverage_map"), dict[int, CoverageMap]()
-    campaign = Campaign({}, case.surface, case.run, case.meshing, cluster=cluster, store=kept)
+    campaign = Campaign(
+        {}, case.surface, case.run, case.meshing, cluster=cluster, store=kept, progress=progress
+    )
     with campaign.workers():
         while waiting := [i for i in range(len(links)) if i not in found]:
             base, common = photon_paths(links, waiting)
-            name = f"photons of link {base}"
             of = campaign._replace(links={str(i): links[i] for i in common.rows})
-            mapped = _Mapped(of, case.origin, common, receiver, grid, at, exact, name, progress)
-            found |= mapped.run(photons, rtol, base)
-    results = [found[i] for i in range(len(links))]
-    return ByWavelength(np.array(waves), tuple(results)) if waves else results[0]
+            found |= _Mapped(of, common, receiver, grid, at, exact).run(photons, rtol, base)
+    for one in found.values():
+        one.provenance.update(case.origin)
+    results = tuple(found[i] for i in range(len(links)))
+    return ByWavelength(np.array(waves), results) if waves else results[0]
 
 
-class _Photons(Restored):
-    """Photons of common paths over the surfaces of some times, that make maps.
+class _Mapped(Restored):
+    """Maps of a receiver at wavelengths with common photons, and their unscattered light.
 
     Parameters
     ----------
@@ -191,8 +209,8 @@ class _Photons(Restored):
         Receiver, cells and times of the map.
     exact : bool
         Whether the meshes are fine below all cells, for the image of the unscattered light.
-    unscattered : bool
-        Whether the photons carry the unscattered light, too.
+    unscattered : bool, optional
+        Whether the photons carry the unscattered light, too; by default if it has no image.
     """
 
     def __init__(
@@ -203,17 +221,16 @@ class _Photons(Restored):
         grid: IrradianceMap,
         times: list[float],
         exact: bool,
-        unscattered: bool = True,
+        unscattered: bool | None = None,
     ) -> None:
-        self.inputs = (campaign.alone, common, receiver, grid, times, exact, unscattered)
-        self._campaign, self._exact, self._unscattered = campaign, exact, unscattered
-        self._grid, self.times = grid, times
+        self._campaign, self._common, self._exact = campaign, common, exact
+        self._receiver, self._grid, self.times = receiver, grid, times
         options = campaign.run.estimator
         self.options = options if isinstance(options, Analog) else Analog()
         self.tinting = common.tinting or UNTINTED
         shares = np.array([1.0 - common.shares, common.shares])
         self.ends = shares[: len(common.bases)]  # of the smallest and the largest index
-        links = list(campaign.links.values())
+        self._links = links = list(campaign.links.values())
         self._clearest = clearest(links)
         several = [links[i] for i in self.tinting.bases] or [common.bases[0]]
         self.runs = [
@@ -223,19 +240,22 @@ class _Photons(Restored):
         ]
         self._parts = np.full(len(several), 1.0 / len(several))  # of the photons of an index
         self.shares = np.repeat(self.ends, len(several), axis=0) / len(several)  # of the runs
-        half = 0.5 * grid.n * grid.step
-        ends = (-grid.extent, 2.0 * half - grid.extent)
-        corners = (receiver.replace(position=(x, y)) for x in ends for y in ends)
-        self._corners = self._clearest.replace(receiver=tuple(corners))
         self.mesh = lru_cache(_MESHES)(self._meshed)
         self._turns = [Lock() for _ in times]
+        self._image = self._unscattered() if exact and unscattered is None else None
+        self._carry = self._image is None if unscattered is None else unscattered
+        self.inputs = (campaign.alone, common, receiver, grid, times, exact, self._carry)
 
     def _meshed(self, time: float) -> TriangleMesh:
         """Return the mesh of a time, fine below all cells if exact."""
         inputs = self._campaign.surface, self._campaign.meshing.replace(time=time)
         if self._exact:
+            half = 0.5 * self._grid.n * self._grid.step
+            ends = (-self._grid.extent, 2.0 * half - self._grid.extent)
+            corners = [self._receiver.replace(position=(x, y)) for x in ends for y in ends]
             try:
-                return mesh_for(self._corners, *inputs, math.inf)[0]
+                below = self._clearest.replace(receiver=tuple(corners))
+                return mesh_for(below, *inputs, math.inf)[0]
             except Refused:  # a given mesh that does not reach below all cells
                 pass
         return mesh_for(self._clearest, *inputs)[0]
@@ -268,58 +288,22 @@ class _Photons(Restored):
             link, EmbreeIntersector(mesh, 1), self.options.replace(first_photon=step.first),
             photons=step.photons, seed=self._campaign.run.seed,
             normals=self._campaign.meshing.normals,
-            unscattered=self._unscattered or grid is not None,
+            unscattered=self._carry or grid is not None,
             record=[grid or self._grid], **({} if grid else tinted),
         )  # fmt: skip
 
-
-class _Mapped:
-    """Maps of a receiver at wavelengths with common photons, and their unscattered light."""
-
-    def __init__(
-        self,
-        campaign: Campaign,
-        origin: Mapping[str, Any],
-        common: CommonPaths,
-        receiver: Receiver | WaterReceiver,
-        grid: IrradianceMap,
-        times: list[float],
-        exact: bool,
-        name: str,
-        progress: Callable[[int], None] | None,
-    ) -> None:
-        self._campaign, self._more_origin, self._common = campaign, origin, common
-        self._links = list(campaign.links.values())
-        self._receiver, self._grid, self._name, self._progress = receiver, grid, name, progress
-        inputs = campaign, common, receiver, grid, times, exact
-        self._photons = _Photons(*inputs)
-        self._image = self._unscattered() if exact else None
-        if self._image is not None:
-            scattered = _Photons(*inputs, unscattered=False)
-            scattered.mesh, self._photons = self._photons.mesh, scattered  # the same meshes
-
     def _unscattered(self) -> Floats | None:
         """Return the unscattered gain of the cells; None if photons have to carry it."""
-        photons, threads = self._photons, self._campaign.threads
-        options = self._campaign.meshing.normals, threads, photons.tinting
+        options = self._campaign.meshing.normals, self._campaign.threads, self.tinting
         total = np.zeros((self._grid.n, self._grid.n, len(self._links)))
-        for link, shares in zip(self._common.bases, photons.ends, strict=True):
+        for link, shares in zip(self._common.bases, self.ends, strict=True):
             link = link.replace(receiver=self._receiver)
-            for time in photons.times:
-                found = unscattered_map(link, photons.mesh(time), self._grid, *options)
+            for time in self.times:
+                found = unscattered_map(link, self.mesh(time), self._grid, *options)
                 if found is None:
                     return None
-                total += shares * found / len(photons.times)
+                total += shares * found / len(self.times)
         return total
-
-    def identity(self) -> dict[str, Any]:
-        """Return the configuration of the tallies besides `Campaign.identity`."""
-        return {
-            "run": self._photons.options.model_dump(mode="json"),
-            "map": self._grid.model_dump(mode="json"),
-            "times": self._photons.times,
-            "unscattered": self._image is None,
-        }
 
     def run(self, photons: int, rtol: float | None, base: int) -> dict[int, CoverageMap]:
         """Return maps by photons, which carry all light, or the light that the images lack.
@@ -329,7 +313,7 @@ class _Mapped:
         more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
         each, sums, kept = 0, list[PhotonSums](), list[int]()
         while not sums or more > 0:
-            sums = self._follow(each, more, sums)
+            sums = self._follow(base, each, more, sums)
             each += more
             gain, stderr = self._gain(sums)
             kept = kept or self._well_sampled(sums, base)
@@ -340,12 +324,10 @@ class _Mapped:
             wanted = math.ceil(each * min(1.1 * float(lack), _MOST_AT_ONCE))
             more = max(min(wanted, Analog.most_photons) - each, 0) if lack > 1.0 else 0
         self._warn(sums)
-        rows = [self._common.rows[k] for k in kept]
-        maps = [
-            self._map(self._links[k], *pair, sums, each, rtol)
+        return {
+            self._common.rows[k]: self._map(self._links[k], *pair, sums, each, rtol)
             for k, pair in zip(kept, pairs, strict=True)
-        ]
-        return dict(zip(rows, maps, strict=True))
+        }
 
     def _well_sampled(self, sums: list[PhotonSums], base: int) -> list[int]:
         """Return which wavelengths have enough effective photons in a typical lit cell."""
@@ -369,43 +351,55 @@ class _Mapped:
                 text = f"rtol: {cells} of {gain.size} cells have not reached {rtol:g}"
                 warnings.warn(f"{text} with the most photons", FewSamplesWarning, stacklevel=5)
             bound = self._bound(link, gain, stderr, sum(one.photons for one in sums))
-        axis = self._grid.axes
-        return CoverageMap(axis, axis, gain, stderr, self._origin(link, photons, rtol), bound)
+        of, axis = self._campaign, self._grid.axes
+        meshing = of.meshing.replace(time=self.times[0]).model_dump()
+        run = of.run.replace(estimator=self.options).to_config()
+        run |= {"photons": photons, "rtol": rtol, **meshing}
+        run["record"] = [self._grid.model_dump(mode="json")]
+        light = "photons" if self._image is None else "image"
+        origin = provenance(link, surface_config(of.surface), run)
+        origin |= {"times": self.times, "unscattered": light}
+        return CoverageMap(axis, axis, gain, stderr, origin, bound)
 
     def _warn(self, sums: list[PhotonSums]) -> None:
         """Warn of lost photons, and of a map that looks away from the light."""
         records = {"irradiance-map": self._grid}
-        results = [
-            analog_result(link, one, {}, records)
-            for (_, link), one in zip(self._photons.runs, sums, strict=True)
-        ]
+        pairs = zip(self.runs, sums, strict=True)
+        results = [analog_result(link, one, {}, records) for (_, link), one in pairs]
         for result in results:
             warn_of_lost(result)
+
+        def back(photons: int, record: Sequence[IrradianceMap]) -> PhotonSums:
+            return self.tallies(_Step(0, 0, self.options.first_photon, photons), *record)
+
         if self._image is None:
-            warn_of_dark_map(results[0], records, self._back)
+            warn_of_dark_map(results[0], records, back)
 
-    def _back(self, photons: int, record: Sequence[IrradianceMap]) -> PhotonSums:
-        """Follow a few photons at the first time with another map."""
-        step = _Step(0, 0, self._photons.options.first_photon, photons)
-        return self._photons.tallies(step, *record)
-
-    def _follow(self, done: int, photons: int, sums: list[PhotonSums]) -> list[PhotonSums]:
+    def _follow(
+        self, base: int, done: int, photons: int, sums: list[PhotonSums]
+    ) -> list[PhotonSums]:
         """Follow more photons at each time, and return their tallies with the sums, by run."""
-        of = self._photons
-        found = sums or [of.tallies(_Step(0, k, 0, 0)) for k in range(len(of.runs))]
-        steps = of.steps(done, photons)
-        rows = self._campaign.over(of.setup, steps, self._name, self.identity(), "runs of photons")
+        found = sums or [self.tallies(_Step(0, k, 0, 0)) for k in range(len(self.runs))]
+        steps, name = self.steps(done, photons), f"photons of link {base}"
+        identity = {
+            "run": self.options.model_dump(mode="json"),
+            "map": self._grid.model_dump(mode="json"),
+            "times": self.times,
+            "unscattered": self._carry,
+        }
+        campaign = self._campaign._replace(progress=None)
+        rows = campaign.over(self.setup, steps, name, identity, "runs of photons")
         for step, row in zip(steps, rows, strict=True):
             found[step.run] += found[step.run].of_row(row)
-            if self._progress is not None:
-                self._progress(step.photons)
+            if self._campaign.progress is not None:
+                self._campaign.progress(step.photons)
         return found
 
     def _mixed(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
         """Return gain by photons and standard error of the cells (x, y, wavelengths)."""
         scale = np.pi * self._receiver.radius**2 / self._grid.step**2
         means, errors = np.array([one.map_mean() for one in sums]).swapaxes(0, 1)
-        shares = self._photons.shares[:, None, None]
+        shares = self.shares[:, None, None]
         gain: Floats = scale * (shares * means).sum(axis=0)
         return gain, scale * np.sqrt(((shares * errors) ** 2).sum(axis=0))
 
@@ -416,26 +410,11 @@ class _Mapped:
             return gain, stderr
         area = np.pi * self._receiver.radius**2
         typical = np.zeros(gain.shape[2])
-        for one, shares in zip(sums, self._photons.shares, strict=True):
+        for one, shares in zip(sums, self.shares, strict=True):
             total, squares = (x.value().sum(axis=(0, 1)) for x in (one.map, one.map_squared))
             weight = squares / np.maximum(total, 1e-300) / one.map_scale
             typical += shares * area / self._grid.step**2 * weight / one.photons
         return self._image + gain, np.hypot(stderr, typical)
-
-    def _origin(self, link: Link, photons: int, rtol: float | None) -> dict[str, Any]:
-        """Return the provenance of a map."""
-        of, times = self._campaign, self._photons.times
-        meshing = of.meshing.replace(time=times[0]).model_dump()
-        run = of.run.replace(estimator=self._photons.options).to_config()
-        run |= {"photons": photons, "rtol": rtol, **meshing}
-        run["record"] = [self._grid.model_dump(mode="json")]
-        light = "photons" if self._image is None else "image"
-        return {
-            **provenance(link, surface_config(of.surface), run),
-            **self._more_origin,
-            "times": times,
-            "unscattered": light,
-        }
 
     def _bound(self, link: Link, gain: Floats, stderr: Floats, photons: int) -> Floats | None:
         """Return upper bounds of dark cells, 95 % confidence, nan elsewhere; None if all are lit.
@@ -452,3 +431,242 @@ class _Mapped:
         weight = largest_weight(link, 0.0) * math.exp(fewer * depth)
         most = weight * np.pi * self._receiver.radius**2 / self._grid.step**2
         return np.where(gain > 0.0, np.nan, gain + 2.0 * stderr + 3.0 * most / photons)
+
+
+_RAYS = 5.0  # over the edge of a cell: fewer show as lines in the dark
+_ROWS = 2**18  # rays that are refracted at a time
+_MOST_CELLS = 2000  # along the map
+_SLOPES = 4.5  # standard deviations of the slopes that may bend light onto the map
+
+
+def light_pattern(
+    link: Link,
+    surface: Surface,
+    extent: float = 2.0,
+    step: float = 0.01,
+    *,
+    time: float = 0.0,
+) -> CoverageMap:
+    r"""Return the gain of unscattered light over the plane of the receiver.
+
+    Every element of the surface sends its light to the place where its refracted ray meets the
+    plane. The pattern shows the caustics of the sea.
+
+    .. math:: G(x) = \pi r^2 \sum_{x' = x} I(w) T e^{-c l}
+        \left| \frac{\partial \Omega}{\partial x'} \right|
+
+    Parameters
+    ----------
+    link : Link
+        The link: LEDs or isotropic sources in the water, without bubbles; height, radius, axis and
+        field of view of its receiver are used.
+    surface : Surface
+        The sea.
+    extent : float
+        The map covers |x|, |y| <= extent about the receiver [m], > 0.
+    step : float
+        Edge of a cell [m], extent / 1000 to extent / 4.
+    time : float
+        Time of the sea [s].
+
+    Returns
+    -------
+    CoverageMap
+        Gains without noise; `gain_stderr` is 0.
+
+    Raises
+    ------
+    Refused
+        If an option is out of range, or the link or the surface is of another kind.
+
+    Notes
+    -----
+    Rays lie on a grid of a fifth of a cell, between points of the surface at 0.45 / k of its
+    shortest waves (cubic splines). Their light is shared out between the four nearest cells. Waves
+    that the sea leaves out blur the pattern by a Gaussian of the standard deviation
+    (n - 1) h sigma along and across the wind, the displacement of steep light by their slopes
+    sigma (`Physics.unresolved`). Light that meets a second wave in the air is not followed.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> from meshtrace.surfaces import FlatSea
+    >>> pattern = mt.light_pattern(mt.Link(), FlatSea(), extent=0.1, step=0.02)
+    >>> float(pattern.gain.mean().round(7))
+    4.51e-05
+    """
+    require_between(time, -math.inf, math.inf, "time")
+    case = resolve(link, surface)
+    link, sea = case.link, case.surface
+    source, receiver = pattern_ends(link, sea, extent, step)
+    assert isinstance(sea, Surface)
+    extent, step = float(extent), float(step)
+    n = math.ceil(extent / step - 1e-9)
+    spacing, slope, reach = _waves(sea, step)
+    beyond, wind = _beyond(link, sea, spacing)
+    blur = (link.water.n / link.n_air - 1.0) * receiver.height * np.sqrt(beyond) / step
+    margin = math.ceil(4.0 * blur.max()) + 1
+    light = np.zeros((2 * (n + margin), 2 * (n + margin)))
+    center = np.array(receiver.position)
+    labels = _labels(link, step * (n + margin), spacing, slope, reach)
+    for points, normals in _strips(sea.sheet(*labels, time), labels, step / _RAYS):
+        place, flux = _landed(link, source, receiver, points, normals)
+        _share_out(light, (place - center) / step + (n + margin), flux)
+    gain = math.pi * receiver.radius**2 / step**2 * _blurred(light, blur, wind)
+    gain = np.maximum(gain[margin : margin + 2 * n, margin : margin + 2 * n], 0.0)
+    cells = step * (np.arange(2 * n, dtype=np.float64) - n + 0.5)
+    x, y = np.add(receiver.position[0], cells), np.add(receiver.position[1], cells)
+    run = {"times": [time], "extent": extent, "step": step}
+    origin = {**provenance(link, sea.to_config(), Run().to_config()), **run}
+    return CoverageMap(x, y, gain, np.zeros_like(gain), origin)
+
+
+def pattern_ends(link: Link, surface: Any, extent: float, step: float) -> tuple[Any, Receiver]:
+    """Return source and receiver of a link that the pattern is defined for."""
+    extent = require_between(extent, 0.0, math.inf, "extent")
+    least, most = 2.0 * extent / _MOST_CELLS, 0.25 * extent
+    allowed = f"{least:g} to {most:g} m, extent / 4"
+    require_between(step, least, most, "step", "[]", allowed)
+    source = link.transmitter
+    if not isinstance(source, Led | IsotropicSource):
+        kinds = ", ".join(t.kind for t in link.transmitters)
+        raise Refused("transmitter", Described(kinds), "one LED or isotropic source")
+    if link.bubbles is not None:
+        raise Refused("bubbles", Described(link.bubbles.model_dump()["kind"]), "none")
+    if not isinstance(surface, Surface):
+        raise Refused("surface", Described(type(surface).__name__), "a sea (Surface)")
+    return source, link.only_receiver
+
+
+def _waves(sea: Surface, step: float) -> tuple[float, float, float]:
+    """Return the distance of the points that represent the surface, its rms slope, and the reach.
+
+    The reach is the distance of points from their labels in a choppy sea [m].
+    """
+    if not isinstance(sea, WaveSum):
+        return step, 0.3, 0.0
+    waves = sea.components
+    k = np.hypot(waves.kx, waves.ky)
+    slope = math.sqrt(0.25 * float(np.square(waves.amplitude * k).sum()))
+    shortest = float(k[waves.amplitude > 0.0].max(initial=0.0))
+    choppy = getattr(sea, "choppy", False)
+    reach = _SLOPES * math.sqrt(0.5 * float(np.square(waves.amplitude).sum())) if choppy else 0.0
+    return GAIN_SPACING / shortest if shortest > 0.0 else step, slope, reach
+
+
+def _beyond(link: Link, sea: Surface, spacing: float) -> tuple[Floats, float]:
+    """Return the slope variances along and across the wind that tilt, and its direction [rad]."""
+    found = sea.unresolved_slopes(spacing) if link.physics.unresolved == "tilt" else None
+    if found is None:
+        return np.zeros(2), 0.0
+    if any(found.cumulants):
+        raise Refused("slope_law", Described("not Gaussian"), "gaussian: the blur is Gaussian")
+    return np.array(found.vertex), math.radians(found.direction_deg)
+
+
+def _labels(
+    link: Link, half: float, spacing: float, slope: float, reach: float
+) -> tuple[Floats, Floats]:
+    """Return the grid lines of the surface whose light may reach |x|, |y| <= half [m]."""
+    receiver, source = link.only_receiver, link.transmitters[0]
+    n = link.water.n / link.n_air
+    share = getattr(source, "depth", 1.0) / (getattr(source, "depth", 1.0) + n * receiver.height)
+    start, end = np.array(source.position), np.array(receiver.position)
+    lever = (n - 1.0) * receiver.height * share
+    reach += share * half + _SLOPES * lever * slope + 4.0 * spacing
+    lines = np.arange(-reach, reach + spacing, spacing)
+    x, y = start + share * (end - start)
+    return float(x) + lines, float(y) + lines
+
+
+def _strips(
+    sheet: tuple[Floats, Floats], labels: tuple[Floats, Floats], distance: float
+) -> Iterator[tuple[Floats, Floats]]:
+    """Yield points and normals (nx, ny, 3), interpolated between the points of a sheet."""
+    splines = [RectBivariateSpline(*labels, a[..., i]) for a in sheet for i in range(3)]
+    u, v = (np.arange(a[0], a[-1], distance) for a in labels)
+    rows = max(2, _ROWS // len(v))
+    for first in range(0, len(u) - 1, rows):
+        at = u[first : first + rows + 1]  # with the first row of the next strip
+        grid = np.stack([spline(at, v) for spline in splines], axis=-1)
+        yield grid[..., :3], grid[..., 3:]
+
+
+def _landed(
+    link: Link, source: Any, receiver: Receiver, points: Floats, normals: Floats
+) -> tuple[Floats, Floats]:
+    """Return the places (m, 2) of the cells' light on the plane, and its flux (m,)."""
+
+    def middle(a: Floats) -> Floats:
+        return 0.25 * (a[:-1, :-1] + a[1:, :-1] + a[:-1, 1:] + a[1:, 1:])
+
+    first, second = points[1:, 1:] - points[:-1, :-1], points[:-1, 1:] - points[1:, :-1]
+    area = 0.5 * np.cross(first, second)
+    at, normal = middle(points), middle(normals)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    ray = at - np.array(source.center)
+    way = np.linalg.norm(ray, axis=-1)
+    ray /= way[..., None]
+    cos_i = np.clip((ray * normal).sum(axis=-1), 0.0, 1.0)
+    n_water, n_air = link.water.n, link.n_air
+    flux = _intensity(source, ray) * (ray * area).sum(axis=-1) / way**2
+    flux *= np.exp(-(link.water.a + link.water.b) * way)
+    flux *= 1.0 - fresnel_reflectance(cos_i, n_water, n_air)
+    flux *= link.whitecaps.transmittance if link.whitecaps else 1.0
+    out = refract(ray, normal, n_water, n_air)
+    seen = (out * np.array(receiver.axis)).sum(axis=-1)
+    seen_enough = seen >= math.cos(math.radians(0.5 * receiver.fov_deg))
+    up = np.where(np.isfinite(out[..., 2]) & (out[..., 2] > 0.0) & seen_enough, out[..., 2], np.nan)
+    place = at[..., :2] + (receiver.height - at[..., 2:]) * out[..., :2] / up[..., None]
+    lands = np.isfinite(place[..., 0]) & (flux > 0.0)
+    return place[lands], (flux * seen / up)[lands]
+
+
+def _intensity(source: Any, ray: Floats) -> Floats:
+    """Return the intensity [sr-1] per unit power along rays (..., 3)."""
+    if isinstance(source, IsotropicSource):
+        return np.full(ray.shape[:-1], 0.25 / math.pi)
+    m, cosine = source.order, np.maximum((ray * np.array(source.axis)).sum(axis=-1), 0.0)
+    return np.asarray(0.5 * (m + 1.0) / math.pi * cosine**m)
+
+
+def _share_out(light: Floats, place: Floats, flux: Floats) -> None:
+    """Add fluxes to the four cells around places (m, 2), in cells from the corner of the map."""
+    low = np.floor(place - 0.5)
+    part, cell = place - 0.5 - low, low.astype(np.int64)
+    inside = ((cell >= 0) & (cell < np.array(light.shape) - 1)).all(axis=1)
+    cell, part, flux = cell[inside], part[inside], flux[inside]
+    corner = cell[:, 0] * light.shape[1] + cell[:, 1]
+    for i in (0, 1):
+        for j in (0, 1):
+            weight = np.abs(1 - i - part[:, 0]) * np.abs(1 - j - part[:, 1]) * flux
+            at = corner + i * light.shape[1] + j
+            light += np.bincount(at, weight, light.size).reshape(light.shape)
+
+
+def _blurred(light: Floats, blur: Floats, wind: float) -> Floats:
+    """Return the light convolved with a Gaussian, standard deviations in cells along the wind."""
+    if not blur.any():
+        return light
+    rows, columns = light.shape
+    window = gaussian(*wavenumbers(rows, columns, 1.0), blur, wind)
+    return np.asarray(np.fft.ifft2(np.fft.fft2(light) * window).real)
+
+
+def wavenumbers(nx: int, ny: int, cell: float) -> tuple[Floats, Floats]:
+    """Return the wavenumbers of a discrete transform of cells, shape (nx, ny)."""
+    along = (2.0 * math.pi * np.fft.fftfreq(n, cell) for n in (nx, ny))
+    kx, ky = np.meshgrid(*along, indexing="ij")
+    return kx, ky
+
+
+def turned(kx: Floats, ky: Floats, angle: float) -> tuple[Floats, Floats]:
+    """Return the components along an azimuth [rad] and across it."""
+    c, s = math.cos(angle), math.sin(angle)
+    return kx * c + ky * s, ky * c - kx * s
+
+
+def gaussian(kx: Floats, ky: Floats, widths: Floats, angle: float) -> Floats:
+    """Return the transform of a Gaussian, standard deviations along an azimuth and across it."""
+    along, across = turned(kx, ky, angle)
+    return np.asarray(np.exp(-0.5 * ((widths[0] * along) ** 2 + (widths[1] * across) ** 2)))

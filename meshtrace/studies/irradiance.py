@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from time import process_time
-from typing import Any, Literal, Unpack, cast
+from typing import Any, Literal, NamedTuple, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import j1
 
-from meshtrace.daylight.light import Daylight, default_irradiance
-from meshtrace.engine.setup.options import RunOptions, require_options
+from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, default_irradiance
+from meshtrace.engine.backward.background import background
+from meshtrace.engine.setup.meshing import GAIN_SPACING
+from meshtrace.engine.setup.options import IrradianceMap, RunOptions, require_options
+from meshtrace.engine.simulate import simulate
 from meshtrace.errors import (
     Described,
     Refused,
@@ -23,18 +28,29 @@ from meshtrace.errors import (
     require_word,
 )
 from meshtrace.fading.spectral import fading_band
-from meshtrace.link import AirLed, Link, WaterReceiver
+from meshtrace.kernels.sources import land_sunlight
+from meshtrace.link import AirLed, IrradiancePlanes, Link, Sun, WaterReceiver
 from meshtrace.models import Floats
+from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.water import Water
-from meshtrace.results.irradiance import IrradianceSeries
+from meshtrace.results.daylight import PARTS, IrradianceSeries
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import campaign_of
+from meshtrace.studies.coverage import gaussian, turned, wavenumbers
 from meshtrace.studies.store import digest_of
-from meshtrace.studies.sunlight import Collector, DepthPlan, SunRay, scattered_light
-from meshtrace.surfaces import Surface
+from meshtrace.surfaces import FlatSea, Surface
+from meshtrace.surfaces.surface import WaveSurface
+from meshtrace.surfaces.waves import WaveComponents, WaveGrid, elevation_and_slopes
 
 _SUN_HEIGHT = 1e6  # [m], of a lamp in place of the sun
+_ERROR = 1e-6  # of the sums of waves
+_SLOPES = 4.5  # standard deviations of the slopes that may bend light onto the collector
+_RAYS = 6.0  # over the blur
+_CELLS = 2.0  # over the blur
+_BLURS = 4.0  # standard deviations of tilts
+_MOST_POINTS = 4_000_000  # of a grid
+_SCATTERED = 0.05  # of the depth: the part of the scattered light that follows the pattern
 
 
 def irradiance_series(
@@ -140,7 +156,7 @@ def irradiance_series(
     ray, seed, plans = SunRay.of(daylight, water), campaign.run.seed, []
     for depth, band in zip(depths.tolist(), bands, strict=True):
         scattered = scattered_light(daylight, water, ray, depth, photons, seed)
-        plans.append(DepthPlan.of(sea, ray, depth, band, disk, scattered))
+        plans.append(DepthPlan(sea, ray, depth, band, disk, scattered))
     ready = process_time()
     described = {"collector": collector, "below": below, "fineness": fineness, "photons": photons}
     identity = {
@@ -242,3 +258,289 @@ def _frames(plans: list[DepthPlan], times: Floats) -> Callable[[int], Floats]:
         return np.concatenate([total, direct, *map(np.ravel, patterns)])
 
     return frame
+
+
+class SunRay(NamedTuple):
+    """Unscattered sunlight below still water."""
+
+    sun: tuple[float, float, float]
+    direct: float  # across the sunlight in the air [W m-2 nm-1]
+    n: float  # of the water, relative to the air
+    sine: float  # in the water
+    cosine: float
+    turn: float  # azimuth of the sun [rad]
+    entering: float  # irradiance that enters the water [W m-2 nm-1]
+    c: float  # attenuation of the water [m-1]
+
+    @classmethod
+    def of(cls, day: Daylight, water: Water) -> SunRay:
+        """Return the sunlight of a day in a water."""
+        n = water.n / Link().n_air
+        sine = math.sin(math.radians(day.sun_zenith_deg)) / n
+        cosine = math.sqrt(1.0 - sine**2)
+        entering = day.direct * day.sun[2]
+        entering *= 1.0 - float(fresnel_reflectance(day.sun[2], 1.0, n))
+        turn = math.radians(day.sun_azimuth_deg)
+        return cls(day.sun, day.direct, n, sine, cosine, turn, entering, water.c)
+
+    def at(self, depth: float) -> float:
+        """Return the downward irradiance at a depth [W m-2 nm-1]."""
+        return self.entering * math.exp(-self.c / self.cosine * depth)
+
+    def entry(self, depth: float) -> tuple[float, float]:
+        """Return the point of the surface from which light comes to a depth below the origin."""
+        away = depth * self.sine / self.cosine
+        return away * math.cos(self.turn), away * math.sin(self.turn)
+
+    def lever(self, depth: float) -> float:
+        """Return the displacement of the light at a depth by a unit of slope [m]."""
+        return depth * (1.0 - self.sun[2] / (self.n * self.cosine)) / self.cosine**2
+
+    def disk(self, depth: float) -> tuple[float, float]:
+        """Return the half-axes of the image of the sun at a depth, along and across its light."""
+        across = math.radians(SUN_RADIUS_DEG) * depth / (self.n * self.cosine)
+        return across * self.sun[2] / self.cosine**2, across
+
+
+class Collector(NamedTuple):
+    """Disk whose irradiance is computed, and the patch about it.
+
+    Parameters
+    ----------
+    radius : float
+        Radius [m].
+    floating : bool
+        Whether its depth counts from the mean height of the waves over it.
+    patch : (float, float), optional
+        Half-length of the patch and edge of its cells [m].
+    fineness : float
+        Factor on the number of surface points along an axis.
+    """
+
+    radius: float
+    floating: bool
+    patch: tuple[float, float] | None
+    fineness: float
+
+    @property
+    def cells(self) -> Floats | None:
+        """Centres of the cells of the patch along an axis [m]."""
+        if self.patch is None:
+            return None
+        half, step = self.patch
+        n = math.ceil(half / step - 1e-9)
+        return step * (np.arange(2 * n + 1.0) - n)
+
+
+class _Scattered(NamedTuple):
+    """Light at a depth that is not unscattered sunlight."""
+
+    sunlight: float
+    spread: Callable[[float, int], Floats] | None  # shares on the cells about the unscattered ray
+    sky: float
+
+
+class DepthPlan:
+    """Light at a depth, as far as all times share it.
+
+    It lands on square cells of a plane, from points of the surface on lines `x` and `y`. Kernels
+    are the shares of the light of a cell in the irradiance at the collector.
+
+    Parameters
+    ----------
+    sea : Surface
+        The sea.
+    ray : SunRay
+        Sunlight in the water.
+    depth : float
+        Depth [m].
+    band : float, optional
+        Highest frequency of the waves [rad s-1]; all waves by default.
+    collector : Collector
+        Disk and patch.
+    scattered : _Scattered
+        Other light at the depth.
+    """
+
+    def __init__(
+        self, sea: Surface, ray: SunRay, depth: float, band: float | None, collector: Collector,
+        scattered: _Scattered,
+    ) -> None:  # fmt: skip
+        self.sea, self.ray, self.depth, self.collector = sea, ray, depth, collector
+        self.scattered, self.still = scattered, ray.at(depth)
+        self._waves, shortest, slope, height = _waves(sea, band)
+        lever = ray.lever(depth)
+        if band is not None:
+            tilts = np.sqrt(sea.slopes_beyond(band)) * lever  # type: ignore[attr-defined]
+        else:
+            missing = sea.unresolved_slopes(GAIN_SPACING / shortest if shortest else 1.0)
+            tilts = lever * np.sqrt((0.0, 0.0) if missing is None else missing.vertex)
+        trough = 0.0 if collector.floating else _SLOPES * height
+        if trough >= depth:
+            allowed = f'> {trough:.3g} m, below all troughs, or below = "waves"'
+            raise Refused("depths", depth, allowed)
+        finest = GAIN_SPACING / shortest if shortest else math.inf
+        self._place(tilts, finest, _SLOPES * lever * slope + trough * ray.sine / ray.cosine)
+        self._blur(tilts)
+        self._grid: WaveGrid | None = None
+        if self._waves is not None:
+            self._grid = WaveGrid(self._waves.kx, self._waves.ky, self.x, self.y, _ERROR)
+
+    def _place(self, tilts: Floats, finest: float, bent: float) -> None:
+        """Choose the points of the surface and the cells, for waves that bend light by `bent`."""
+        disk, patch, radius = self.ray.disk(self.depth), self.collector.patch, self.collector.radius
+        blur = math.sqrt(0.25 * radius**2 + 0.25 * disk[1] ** 2 + tilts.max() ** 2)
+        cell = blur / _CELLS
+        if patch is not None:
+            cell = patch[1] / math.ceil(patch[1] / cell)
+        spacing = min(blur / _RAYS, finest)
+        spacing = cell / math.ceil(self.collector.fineness * cell / spacing)  # even on still water
+        support = radius + disk[0] + _BLURS * float(tilts.max())
+        around = 0.0 if self.scattered.spread is None else _SCATTERED * self.depth
+        half = max(support + around, 0.0 if patch is None else patch[0] + support) + 3.0 * cell
+        self.cell, self.cells, self._support = cell, 2 * math.ceil(half / cell), support
+        points = 2 * math.ceil((0.5 * self.cells * cell + bent + 2.0 * spacing) / spacing) + 1
+        if points**2 > _MOST_POINTS:
+            found = Described(f"{points:,} by {points:,} points of the sea at {self.depth:g} m")
+            allowed = (
+                f"at most {_MOST_POINTS:,}: a wider collector, lower omega_max or smaller patch"
+            )
+            raise Refused("depths", found, allowed)
+        lines: Floats = spacing * (np.arange(points, dtype=np.float64) - points // 2)
+        x, y = self.ray.entry(self.depth)
+        self.x, self.y, self.points = x + lines, y + lines, points**2
+
+    def _blur(self, tilts: Floats) -> None:
+        """Make the kernels of unscattered light and of the pattern of scattered light.
+
+        By the way from a cell to the collector: over collector, sun's image and tilts, less the
+        sharing by cells.
+        """
+        n, cell, spread = self.cells, self.cell, self.scattered.spread
+        kx, ky = wavenumbers(n, n, cell)
+        disk = _disk(kx, ky, self.collector.radius)
+        along, across = turned(kx, ky, self.ray.turn)
+        axes = self.ray.disk(self.depth)
+        sun = _disk(axes[0] * along, axes[1] * across, 1.0)
+        tilt = gaussian(kx, ky, tilts, math.radians(getattr(self.sea, "_slopes_along_deg", 0.0)))
+        shared = (np.sinc(kx * cell / (2.0 * np.pi)) * np.sinc(ky * cell / (2.0 * np.pi))) ** 2
+        blur = disk * sun * tilt / shared
+        self._wide = np.zeros((n, n), complex)
+        if spread is not None:
+            shares = np.zeros((n, n))
+            shares[1:, 1:] = spread(0.5 * (n - 1) * cell, n - 1)
+            self._wide = np.fft.fft2(np.fft.ifftshift(shares)) * disk
+        self._direct, self._follows = (
+            np.fft.fftshift(np.fft.ifft2(t.conj()).real) for t in (blur, self._wide)
+        )
+        lines = cell * (np.arange(n) - n // 2)
+        far = np.hypot(lines[:, None], lines) > self._support + cell
+        self._direct[far] = 0.0  # the ripple of a sharp edge
+        self._direct /= self._direct.sum()
+        self._transfer = np.fft.fft2(np.fft.ifftshift(self._direct))
+
+    def at(self, time: float) -> tuple[float, float, Floats]:
+        """Return irradiance, its unscattered part, and the pattern over the cells of the patch."""
+        light, cells = self._landed(time), self.collector.cells
+        sunlight, rest = self.scattered.sunlight, self.scattered.sky + self.scattered.sunlight
+        unscattered, follows = float((light * self._direct).sum()), 0.0
+        relative = light / self.still - 1.0
+        if sunlight > 0.0:
+            follows = float((relative * self._follows).sum())
+        total = unscattered + sunlight * follows + rest
+        if cells is None:
+            return total, unscattered, np.zeros(0)
+        found = np.fft.ifft2(np.fft.fft2(light) * self._transfer).real
+        if sunlight > 0.0:
+            found += sunlight * np.fft.ifft2(np.fft.fft2(relative) * self._wide).real
+        stride = round(float(cells[1] - cells[0]) / self.cell)
+        first = len(light) // 2 - stride * (len(cells) // 2)
+        part = slice(first, first + stride * len(cells), stride)
+        return total, unscattered, found[part, part] + rest
+
+    def _landed(self, time: float) -> Floats:
+        """Return the irradiance of unscattered sunlight on the cells of a plane."""
+        ray, cell = self.ray, self.cell
+        if self._grid is None or self._waves is None:
+            z, zx, zy = self.sea.grid(self.x, self.y, time)
+        else:
+            z, zx, zy = self._grid.sum(elevation_and_slopes(self._waves, time))
+        if self.collector.floating:
+            z = z - z.mean()
+        light = np.zeros((self.cells, self.cells))
+        corner, low = (float(self.x[0]), float(self.y[0])), -0.5 * (self.cells + 1) * cell
+        # the collector is over the middle of a cell
+        land_sunlight(
+            z, zx, zy, corner, self.spacing, ray.sun, ray.n, ray.c, self.depth, (low, low), cell,
+            light,
+        )  # fmt: skip
+        return light * (ray.direct / cell**2)
+
+    @property
+    def spacing(self) -> float:
+        """Distance of the surface points [m]."""
+        return float(self.x[1] - self.x[0])
+
+
+def scattered_light(
+    day: Daylight, water: Water, ray: SunRay, depth: float, photons: int, seed: int
+) -> _Scattered:
+    """Return the scattered sunlight and the light of the sky at a depth, under still water."""
+    sky = 0.0
+    if day.diffuse > 0.0:
+        ends = {"transmitter": AirLed(wavelength_nm=day.wavelength_nm),
+                "receiver": WaterReceiver(depth=depth, radius=0.01, fov_deg=180.0)}  # fmt: skip
+        link, count = Link(water=water, **ends), 32 * max(1, photons // 32)
+        seen = background(link, FlatSea(), day, photons=count, seed=seed, threads=1)
+        sky = math.pi * float(seen.part_radiance[PARTS.index("sky")])
+    if water.b == 0.0:
+        return _Scattered(0.0, None, sky)
+    pencil = Sun(
+        zenith_deg=day.sun_zenith_deg, azimuth_deg=(day.sun_azimuth_deg + 180.0) % 360.0,
+        half_width=1e-6 * depth, position=ray.entry(depth),
+    )  # fmt: skip
+    link = Link(
+        water=water, transmitter=pencil, receiver=(), planes=IrradiancePlanes(depths=(depth,))
+    )
+    run = partial(
+        simulate, link, FlatSea(), estimator="analog", photons=photons, seed=seed, threads=1
+    )
+    level = day.direct * day.sun[2]
+    straight, planes = ray.at(depth) / level, run().planes
+    assert planes is not None
+    share = max(float(planes.e_d[0]) - straight, 0.0)
+    return _Scattered(level * share, partial(_spread, run, depth, straight, share), sky)
+
+
+def _spread(
+    run: Callable[..., Any], depth: float, straight: float, share: float, half: float, n: int
+) -> Floats:
+    """Return the shares of the scattered light on n by n cells (odd) over |x|, |y| <= half [m]."""
+    step = 2.0 * half / n
+    record = IrradianceMap(height=-depth, extent=half, step=step, axis=(0.0, 0.0, -1.0))
+    found = run(record=[record]).map
+    power = np.array(found.irradiance) * step**2
+    power[n // 2, n // 2] -= straight
+    return np.asarray(np.maximum(power, 0.0) / max(share, 1e-300))
+
+
+def _waves(sea: Surface, band: float | None) -> tuple[WaveComponents | None, float, float, float]:
+    """Return the waves up to a frequency, the largest wavenumber, and rms slope and height."""
+    if not isinstance(sea, WaveSurface):
+        flat = isinstance(sea, FlatSea)
+        return None, 0.0, 0.0 if flat else 0.3, 0.0
+    waves = sea.components
+    kept = waves.amplitude != 0.0
+    if band is not None:
+        kept &= waves.omega <= band * (1.0 + 1e-9)
+    waves = WaveComponents(*(a[kept] for a in waves))
+    k = np.hypot(waves.kx, waves.ky)
+    slope = math.sqrt(0.5 * float(np.square(waves.amplitude * k).sum()))
+    height = math.sqrt(0.5 * float(np.square(waves.amplitude).sum()))
+    return waves, float(k.max(initial=0.0)), min(slope, 0.4), height
+
+
+def _disk(kx: Floats, ky: Floats, radius: float) -> Floats:
+    """Return the transform of the mean over a disk."""
+    r = np.maximum(radius * np.hypot(kx, ky), 1e-6)
+    return np.asarray(2.0 * j1(r) / r)

@@ -24,7 +24,7 @@ from meshtrace.errors import Refused
 from meshtrace.fading import Estimate, effective_samples
 from meshtrace.link import Link
 from meshtrace.models import Floats
-from meshtrace.results.background import Background
+from meshtrace.results.daylight import Background
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.campaign import Campaign, Steps
 from meshtrace.studies.response import (

@@ -15,8 +15,7 @@ from meshtrace.fading.spectral import band_fading
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
-from meshtrace.results.series import GainSeries
-from meshtrace.results.wavelengths import ByWavelength, spectral
+from meshtrace.results.series import ByWavelength, GainSeries, spectral
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of, mean, stderr
 from meshtrace.uav import Flight, Route
@@ -105,21 +104,14 @@ def time_series(
     flight = flight and flight.checked()
     if campaign.meshing.time != 0.0:
         raise Refused("sea.time", campaign.meshing.time, "0 with times")
+    steps = in_flight(campaign, at, flight, route)
     if campaign.spectral:
-        return by_wavelength(campaign, in_flight(campaign, at, flight, route))
-    series = over_times(campaign, at, flight, route)
-    return series if flight or route else _beside_closed_form(campaign, series)
-
-
-def over_times(
-    campaign: Campaign, times: Floats, flight: Flight | None = None, route: Route | None = None
-) -> GainSeries:
-    """Return the gains at times (n,) [s] of a campaign, see `time_series`."""
-    gains = campaign.gains(in_flight(campaign, times, flight, route))
-    more = campaign.of_flight(flight) if flight else {}
+        return by_wavelength(campaign, steps)
+    origin = campaign.of_flight(flight) if flight else {}
     if route is not None:
-        more["route"] = route.model_dump(mode="json")
-    return gain_series(campaign, gains, **more)
+        origin["route"] = route.model_dump(mode="json")
+    series = gain_series(campaign, campaign.gains(steps), **origin)
+    return series if flight or route else _beside_closed_form(campaign, series)
 
 
 @spectral
@@ -209,17 +201,19 @@ def in_flight(
     where = {} if route is None else route.at(times, campaign.link.air_end[1].height)._asdict()
     lean = {}
     if flight is not None:
+        for link in campaign.links.values():
+            name, end = link.air_end
+            if end.tilt_deg != 0.0:
+                raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the flight tilts it")
         record = flight.uav.simulate_flight(campaign.wind_of(flight), times, campaign.run.seed)
         lean["tilt_deg"], lean["tilt_azimuth_deg"] = np.degrees(record.tilt)
-    moving = [_moving(link, lean | where) for link in campaign.links.values()]
+    moving = [moved(link, lean | where) for link in campaign.links.values()]
     return campaign.in_time(times, list(zip(*moving, strict=True)))
 
 
-def _moving(link: Link, changes: dict[str, Floats]) -> list[Link]:
+def moved(link: Link, changes: dict[str, Floats]) -> list[Link]:
     """Return the links whose end in the air has the values of each row of the changes."""
     name, end = link.air_end
-    if "tilt_deg" in changes and end.tilt_deg != 0.0:
-        raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the flight tilts it")
     links = []
     for row in zip(*changes.values(), strict=True):
         values = {key: np.asarray(v).tolist() for key, v in zip(changes, row, strict=True)}

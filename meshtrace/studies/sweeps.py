@@ -45,7 +45,7 @@ from meshtrace.parallel import paced
 from meshtrace.results.gain import GainResult
 from meshtrace.results.impulse import impulse_response
 from meshtrace.results.provenance import environment
-from meshtrace.results.wavelengths import checked_wavelengths
+from meshtrace.results.series import checked_wavelengths
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
 from meshtrace.scenario.files import as_table, parse_toml, read_text
 from meshtrace.scenario.parts import changes_irradiance, daylight_recipe, gives_spectrum

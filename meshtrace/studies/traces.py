@@ -9,7 +9,6 @@ from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
@@ -33,7 +32,7 @@ DEFAULT_CHAINS = 1024
 _PIECE = 50  # frames of a step, which a stopped run keeps
 _LIT = 2.0 / 3.0  # 99.5 % of the light crosses in the fine part, the rest in cells somewhat wider
 _RAYS = 512  # of the background at each of its times
-_COLUMNS = "gain", "gain_stderr", "gain_ballistic"
+_COLUMNS = "gain", "gain_stderr", "gain_ballistic", "gain_mean_stderr"
 _MOST_FRAMES = 10**8
 _EACH = Variable("time receiver")
 
@@ -105,8 +104,7 @@ class ChannelTrace(Stored):
         if prefix is None or getattr(self, f"{prefix}gain") is None:
             allowed = "up" if self.down_gain is None else "up or down"
             raise Refused("direction", direction, allowed)
-        names = (*_COLUMNS, "gain_mean_stderr")
-        gain, stderr, ballistic, error = (getattr(self, f"{prefix}{name}") for name in names)
+        gain, stderr, ballistic, error = (getattr(self, f"{prefix}{name}") for name in _COLUMNS)
         origin = self.provenance[direction]
         return GainSeries("time", self.time, gain, stderr, ballistic, error, origin)
 
@@ -275,22 +273,18 @@ def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
     pieces = range(0, n, _PIECE)
     setup = partial(_gains_of_piece, campaign.alone, steps)
     identity = {"steps": steps.identity(), "piece": _PIECE}
-    found = campaign.over(setup, pieces, "frames", identity, f"pieces of {_PIECE} frames")
     samples, frames = np.zeros((links, receivers, SHIFTS)), []
-    for numbers in found:
+    for numbers in campaign.over(setup, pieces, "frames", identity, f"pieces of {_PIECE} frames"):
         own = numbers.reshape(-1, links, receivers)
         frames.append(own[SHIFTS:].reshape(-1, 3, links, receivers))
         samples += np.moveaxis(own[:SHIFTS], 0, -1)
-    mean_error = error_of_groups(samples / n, axis=-1)
-    rows = np.concatenate(frames)
-    several = isinstance(campaign.link.receiver, tuple)
-    first = rows[:, :, 0] if several else rows[:, :, 0, 0]
-    columns: dict[str, Any] = dict(zip(_COLUMNS, np.moveaxis(first, 1, 0), strict=True))
-    columns["gain_mean_stderr"] = mean_error[0] if several else float(mean_error[0, 0])
-    if links > 1:
-        down = zip(_COLUMNS, np.moveaxis(rows[:, :, 1, 0], 1, 0), strict=True)
-        columns |= {f"down_{name}": values for name, values in down}
-        columns["down_gain_mean_stderr"] = float(mean_error[1, 0])
+    rows, mean_error = np.concatenate(frames), error_of_groups(samples / n, axis=-1)
+    mine = slice(None) if isinstance(campaign.link.receiver, tuple) else 0
+    columns: dict[str, Any] = {}
+    for k, prefix in enumerate(("", "down_")[:links]):
+        found = *rows[:, :, k].swapaxes(0, 1), mean_error[k]
+        for name, values in zip(_COLUMNS, found, strict=True):
+            columns[f"{prefix}{name}"] = values[..., mine][()]
     origin = {name: campaign.provenance(link) for name, link in campaign.links.items()}
     return ChannelTrace(steps.labels, **columns, provenance=origin)
 
@@ -327,19 +321,15 @@ def _moved(steps: Steps, flight: bool, route: bool) -> dict[str, Floats]:
 
 
 def _light(campaign: Campaign, steps: Steps, day: Daylight, rate: float) -> dict[str, Floats]:
-    """Return the background of the first link at some of the frames."""
-    frames = _frames(steps.labels, rate)
+    """Return the background of the first link at the frames next to the times of a lower rate."""
+    times = steps.labels
+    wanted = np.minimum(np.arange(0.0, times[-1] + 0.5 / rate, 1.0 / rate), times[-1])
+    frames = np.unique(np.searchsorted(times, wanted - 1e-9))
     links = None if steps.links is None else [steps.links[i] for i in frames]
     single = campaign.of(campaign.link, "up")._replace(progress=None)
-    found = backgrounds(single, single.in_time(steps.labels[frames], links), day, _RAYS)
+    found = backgrounds(single, single.in_time(times[frames], links), day, _RAYS)
     return {
-        "background_time": steps.labels[frames],
+        "background_time": times[frames],
         "background_radiance": np.array([one.radiance for one in found]),
         "background_radiance_stderr": np.array([one.radiance_stderr for one in found]),
     }
-
-
-def _frames(times: Floats, rate: float) -> NDArray[np.int64]:
-    """Return the frames next to the times of a lower rate."""
-    wanted = np.arange(0.0, times[-1] + 0.5 / rate, 1.0 / rate)
-    return np.unique(np.searchsorted(times, np.minimum(wanted, times[-1]) - 1e-9))

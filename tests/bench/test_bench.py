@@ -8,21 +8,22 @@ import pytest
 from typer.testing import CliRunner
 
 import meshtrace as mt
+from meshtrace import bench as room
 from meshtrace import cli
-from meshtrace.bench import bench, compare, engine, report
-from meshtrace.bench.engine import (
+from meshtrace.bench import (
     analog_rate,
     background_light,
+    bench,
     best_of,
+    compare,
+    counts_up_to,
     coverage_cost,
     figure_of_merit,
+    makespan,
     new_sea,
     realization,
+    report,
     resolved_sea,
-)
-from meshtrace.bench.suite import (
-    counts_up_to,
-    makespan,
     speedup_by_jobs,
     thread_scaling,
     worker_scaling,
@@ -82,8 +83,8 @@ def test_time_on_other_processes_does_not_count():
 def test_ratios_are_those_of_cpu_time(meshes, monkeypatch):
     """Rays that wait for 0.3 s beside milliseconds of work leave the ratio as it is."""
     quiet = analog_rate(LINK, meshes[0], photons=20_000, rounds=2)["ratio"]
-    cast = engine.replay
-    monkeypatch.setattr(engine, "replay", lambda *work: (time.sleep(0.3), cast(*work)))
+    cast = room.replay
+    monkeypatch.setattr(room, "replay", lambda *work: (time.sleep(0.3), cast(*work)))
     assert analog_rate(LINK, meshes[0], photons=20_000, rounds=2)["ratio"] < 2.0 * quiet
 
 
@@ -182,12 +183,12 @@ def test_report_names_every_measurement(measured, threads):
 
 @pytest.mark.slow
 def test_bench_measures_all_of_it(monkeypatch, measured):
-    monkeypatch.setattr("meshtrace.bench.suite.worker_scaling", lambda scenario, seas: seas)
+    monkeypatch.setattr("meshtrace.bench.worker_scaling", lambda scenario, seas: seas)
     first = measured["first_run"]
-    monkeypatch.setattr("meshtrace.bench.suite.first_run", lambda: first)
+    monkeypatch.setattr("meshtrace.bench.first_run", lambda: first)
     short = {"cpu_seconds": 1.0}
     for name in ("background_light", "coverage_cost", "realization"):
-        monkeypatch.setattr(f"meshtrace.bench.suite.{name}", lambda link, sea, **options: short)
+        monkeypatch.setattr(f"meshtrace.bench.{name}", lambda link, sea, **options: short)
     found = bench(Scenario.from_config({"bubbles": "none"}), quick=True, cold=True)
     assert found["first_run"] == first
     assert set(found) == set(measured)

@@ -22,7 +22,7 @@ import numpy as np
 from naive import HAS_OPEN3D, caster, naive_gain
 
 import meshtrace as mt
-from meshtrace.bench.engine import RayRecorder
+from meshtrace.bench import RayRecorder
 from meshtrace.engine.bvh import CopiedScene
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.results.tallies import standard_error

@@ -155,7 +155,7 @@ def rays() -> dict[str, Any]:
     from throughput import SMOOTH, default_mesh, measure_against_loop
 
     import meshtrace as mt
-    from meshtrace.bench.engine import analog_rate
+    from meshtrace.bench import analog_rate
 
     found = {"no tilts": SMOOTH, "tilts": mt.Link()}
     rates = {k: analog_rate(v, default_mesh(v), 1_000_000) for k, v in found.items()}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import pytest
 
 import meshtrace as mt
-from meshtrace.bench.engine import coverage_cost
+from meshtrace.bench import coverage_cost
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 SEAS = {"flat": FlatSea(), "5 m/s": JonswapSea(wind_speed=5.0, seed=7)}

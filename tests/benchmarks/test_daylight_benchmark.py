@@ -12,7 +12,7 @@ from time import process_time
 import pytest
 
 import meshtrace as mt
-from meshtrace.bench.engine import new_sea
+from meshtrace.bench import new_sea
 from meshtrace.surfaces import JonswapSea
 
 SEA = JonswapSea(wind_speed=5.0, seed=7)

@@ -14,7 +14,7 @@ import pytest
 from throughput import peak_memory
 
 import meshtrace as mt
-from meshtrace.bench.engine import figure_of_merit, new_sea, resolved_sea
+from meshtrace.bench import figure_of_merit, new_sea, resolved_sea
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.surfaces import Band, Elfouhaily, JonswapSea, SpectralSea

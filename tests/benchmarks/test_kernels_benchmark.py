@@ -17,7 +17,7 @@ from throughput import (
 )
 
 import meshtrace as mt
-from meshtrace.bench.engine import analog_rate
+from meshtrace.bench import analog_rate
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.surfaces import FlatSea
 

@@ -15,7 +15,7 @@ from plain_loop import plain_loop
 from plain_tracer import plain_gain
 
 import meshtrace as mt
-from meshtrace.bench.engine import best_of
+from meshtrace.bench import best_of
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.surfaces import FlatSea, JonswapSea

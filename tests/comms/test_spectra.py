@@ -24,7 +24,7 @@ from meshtrace.comms.spectra import signal_passed
 from meshtrace.daylight import clear_irradiance
 from meshtrace.errors import Refused
 from meshtrace.results import Background
-from meshtrace.results.background import PARTS
+from meshtrace.results.daylight import PARTS
 from meshtrace.scenario import Scenario
 
 SIGMA = 1.0 / (2.0 * math.sqrt(2.0 * math.log(2.0)))  # of a Gaussian of full width 1

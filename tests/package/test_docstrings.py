@@ -22,7 +22,7 @@ MODULES = sorted(
 SLOW = {
     "meshtrace.explorer.page",
     "meshtrace.optics.mie",
-    "meshtrace.studies.convergence.drivers",
+    "meshtrace.studies.convergence",
     "meshtrace.studies.comparison",
     "meshtrace.studies.sensitivity",
 }

@@ -26,7 +26,7 @@ from meshtrace.stored import (
     write_dataset,
 )
 from meshtrace.studies import ConvergenceStudy, fading_study
-from meshtrace.studies.convergence.measure import Reference
+from meshtrace.studies.refinement import Reference
 from meshtrace.surfaces import FlatSea, resolved_sea
 from meshtrace.validation import measured
 

@@ -12,7 +12,7 @@ import meshtrace as mt
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.results import CoverageMap
-from meshtrace.results.coverage import place_of_highest, relative_errors
+from meshtrace.results.series import place_of_highest, relative_errors
 from meshtrace.studies import coverage as room
 from meshtrace.surfaces import FlatSea, JonswapSea
 

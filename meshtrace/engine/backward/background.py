@@ -59,10 +59,10 @@ from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.parallel import ordered_map
-from meshtrace.results.background import PARTS, Background
+from meshtrace.results.daylight import PARTS, Background
 from meshtrace.results.provenance import provenance
+from meshtrace.results.series import ByWavelength, checked_wavelengths
 from meshtrace.results.tallies import error_of_groups
-from meshtrace.results.wavelengths import ByWavelength, checked_wavelengths
 from meshtrace.stored import SHIFTS
 
 SKY, GLINT, WATER, FOAM, SUN = range(len(PARTS))

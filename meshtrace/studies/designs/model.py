@@ -25,7 +25,7 @@ from meshtrace.mesh import SeededSurface, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.water import Water
 from meshtrace.parallel import ordered_map
-from meshtrace.results.background import Background
+from meshtrace.results.daylight import Background
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.studies.background import (

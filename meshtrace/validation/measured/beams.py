@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 
@@ -103,24 +102,15 @@ def share_of(part: Floats, whole: Floats) -> tuple[float, float]:
 
 
 def laser_shares(
-    rows: Sequence[MeasuredRow],
-    photons: float,
-    phase: str,
-    half_angle: float,
-    whole: str,
-    collector: str,
-    divergence: float,
-    surface: str,
-    a: float,
-) -> tuple[list[float], list[float]]:
+    row: MeasuredRow, photons: float, phase: str, half_angle: float, whole: str, collector: str,
+    divergence: float, surface: str, a: float,
+) -> tuple[float, float]:  # fmt: skip
     """Return the share of the power within a cone, at attenuation lengths `at`."""
-    lengths = tuple(row.at for row in rows)
-    light = laser_light(phase, a, divergence, surface, lengths, max(int(_LASER * photons), 8))
-    light = light[:, :, ("cosine", "sphere").index(collector)]
-    cone = light[:, :, : _EDGES.index(half_angle)].sum(axis=2)
-    total = light[:, :, : 3 if whole == "58 deg" else 4].sum(axis=2)
-    pairs = [share_of(cone[:, i], total[:, i]) for i in range(len(rows))]
-    return [share for share, _ in pairs], [error for _, error in pairs]
+    chunks = max(int(_LASER * photons), 8)
+    light = laser_light(phase, a, divergence, surface, row.along, chunks)
+    mine = light[:, row.along.index(row.at), ("cosine", "sphere").index(collector)]
+    cone = mine[:, : _EDGES.index(half_angle)].sum(axis=1)
+    return share_of(cone, mine[:, : 3 if whole == "58 deg" else 4].sum(axis=1))
 
 
 _HEIGHT, _LAMP = 300.0, 2.4  # [m], of the map of the light in the air; [m-1]
@@ -168,18 +158,12 @@ def half_width(angle: Floats, power: Floats) -> float:
 
 
 def lamp_widths(
-    rows: Sequence[MeasuredRow],
-    photons: float,
-    albedo: float,
-    phase: str,
-    wind_speed: float,
+    row: MeasuredRow, photons: float, albedo: float, phase: str, wind_speed: float,
     half_angle: float,
-) -> tuple[list[float], list[float]]:
-    """Return the widths of the light pattern in the air at depths of `at` attenuation lengths."""
+) -> tuple[float, float]:  # fmt: skip
+    """Return the width of the light pattern in the air at a depth of `at` attenuation lengths."""
     n = max(int(_LAMP_PHOTONS * photons), 2**14)
-    of = partial(pattern_in_air, albedo=albedo, phase=phase, wind=wind_speed, half_angle=half_angle)
-    pairs = [of(row.at, photons=n) for row in rows]
-    return [width for width, _ in pairs], [error for _, error in pairs]
+    return pattern_in_air(row.at, albedo, phase, wind_speed, half_angle, n)
 
 
 _GEOMETRIES = {  # depth, height [m], bit rate [s-1]
@@ -202,19 +186,11 @@ def link_gain(depth: float, height: float, divergence: float, radius: float, c: 
 
 
 def link_margins(
-    rows: Sequence[MeasuredRow],
-    photons: float,
-    power_mw: float,
-    divergence: float,
-    radius: float,
-    c: float,
+    row: MeasuredRow, photons: float, power_mw: float, divergence: float, radius: float, c: float,
     photons_per_bit: float,
-) -> tuple[list[float], float]:
+) -> float:  # fmt: skip
     """Return the received photons of a bit over those that a receiver needs [dB]."""
-    found = []
-    for row in rows:
-        depth, height, rate = _GEOMETRIES[row.series]
-        gain = link_gain(depth, height, divergence, radius, c)
-        bit = gain * 1e-3 * power_mw / rate * 520e-9 / _QUANTUM
-        found.append(10.0 * math.log10(bit / photons_per_bit))
-    return found, 0.0
+    depth, height, rate = _GEOMETRIES[row.series]
+    gain = link_gain(depth, height, divergence, radius, c)
+    bit = gain * 1e-3 * power_mw / rate * 520e-9 / _QUANTUM
+    return 10.0 * math.log10(bit / photons_per_bit)

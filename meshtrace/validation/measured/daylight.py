@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from functools import cache
 
 import numpy as np
@@ -20,7 +20,6 @@ from .suite import DATA, MeasuredRow
 
 _TOP = 0.01  # [m], depth that stands for that just below the surface
 _PHOTONS, _RADIANCE_PHOTONS = 2**16, 2**21
-_Pairs = tuple[list[float], list[float]]
 
 
 @cache
@@ -55,25 +54,17 @@ def attenuation(planes: Planes, first: int, last: int) -> tuple[float, float]:
 
 
 def diffuse_attenuation(
-    rows: Sequence[MeasuredRow], photons: float, zenith_deg: float, phase: str, depth: float
-) -> _Pairs:
+    row: MeasuredRow, photons: float, zenith_deg: float, phase: str, depth: float
+) -> tuple[float, float]:
     """Return K_d from the surface to a depth for the series' Jerlov type at `at` nm."""
-    pairs = []
-    for row in rows:
-        a, b = map(float, coefficients(f"jerlov-{row.series}", row.at))
-        found = light_below(a, b, phase, zenith_deg, (_TOP, depth), int(_PHOTONS * photons))
-        pairs.append(attenuation(found, 0, 1))
-    return [k for k, _ in pairs], [error for _, error in pairs]
+    a, b = map(float, coefficients(f"jerlov-{row.series}", row.at))
+    found = light_below(a, b, phase, zenith_deg, (_TOP, depth), int(_PHOTONS * photons))
+    return attenuation(found, 0, 1)
 
 
 def broadband(
-    rows: Sequence[MeasuredRow],
-    photons: float,
-    type: str,
-    zenith_deg: float,
-    weight: str,
-    phase: str,
-) -> _Pairs:
+    row: MeasuredRow, photons: float, type: str, zenith_deg: float, weight: str, phase: str
+) -> tuple[float, float]:
     """Return E_d(z) / E_d(0) over 400 to 1000 nm; none of the light beyond 700 nm reaches `at`.
 
     The weight of the sensor is flat in "energy" or in "photons"; water of a Jerlov type.
@@ -81,24 +72,20 @@ def broadband(
     table = np.loadtxt(DATA / "paulson-simpson" / "spectrum.csv", delimiter=",", skiprows=1)
     nm, light = table.T
     light = light * (nm if weight == "photons" else 1.0)
-    depths, total, variance = (
-        tuple(row.at for row in rows),
-        np.zeros(len(rows)),
-        np.zeros(len(rows)),
-    )
+    depths, i, total, variance = (_TOP, *row.along), 1 + row.along.index(row.at), 0.0, 0.0
     for one, share in zip(nm, light / light.sum(), strict=True):
         if one > 700.0:
             continue
         a, b = map(float, coefficients(f"jerlov-{type}", one))
-        found = light_below(a, b, phase, zenith_deg, (_TOP, *depths), int(_PHOTONS * photons))
-        total += share * found.e_d[1:] / found.e_d[0]
-        variance += (share * found.e_d_stderr[1:] / found.e_d[0]) ** 2
-    return total.tolist(), np.sqrt(variance).tolist()
+        found = light_below(a, b, phase, zenith_deg, depths, int(_PHOTONS * photons))
+        total += share * found.e_d[i] / found.e_d[0]
+        variance += (share * found.e_d_stderr[i] / found.e_d[0]) ** 2
+    return total, math.sqrt(variance)
 
 
 def clear_sea_radiance(
-    rows: Sequence[MeasuredRow], photons: float, a: float, b: float, phase: str, zenith_deg: float
-) -> _Pairs:
+    row: MeasuredRow, photons: float, a: float, b: float, phase: str, zenith_deg: float
+) -> tuple[float, float]:
     """Return relative variations of upward radiance, mean cosine and Q in clear water [%].
 
     "radiance": half the range of the azimuthal mean over 0 to 40 deg from nadir in the air, over
@@ -122,18 +109,17 @@ def clear_sea_radiance(
         "cosine": (float(cosine.std(ddof=1) / cosine.mean()), 0.0),
         "q": (float(np.ptp(q) / q.min()), q_error),
     }
-    pairs = [values[row.series] for row in rows]
-    return [100.0 * v for v, _ in pairs], [100.0 * e for _, e in pairs]
+    value, stderr = values[row.series]
+    return 100.0 * value, 100.0 * stderr
 
 
 def asymptotic_ratio(
-    rows: Sequence[MeasuredRow], photons: float, albedo: float, phase: str, first: float
-) -> _Pairs:
+    row: MeasuredRow, photons: float, albedo: float, phase: str, first: float
+) -> tuple[float, float]:
     """Return K / c of diffuse light from `first` to `first` + 5 attenuation lengths."""
     depths = (first, first + 5.0)
     found = light_below(1.0 - albedo, albedo, phase, -1.0, depths, int(4 * _PHOTONS * photons))
-    k, error = attenuation(found, 0, 1)
-    return [k] * len(rows), [error] * len(rows)
+    return attenuation(found, 0, 1)
 
 
 _SEAS, _OF_SEA = 8, 16_384  # photons of each sea
@@ -179,20 +165,13 @@ def reflected(
 
 
 def sea_albedo(
-    rows: Sequence[MeasuredRow],
-    photons: float,
-    wind_speed: float,
-    direct_share: float,
-    sky: str,
+    row: MeasuredRow, photons: float, wind_speed: float, direct_share: float, sky: str,
     water_light: float,
-) -> tuple[list[float], list[float]]:
+) -> tuple[float, float]:  # fmt: skip
     """Return the albedo, p A_sun + (1 - p) A_sky + A_w, with p = 0 under an overcast sky."""
     each = max(int(_OF_SEA * photons), 1024)
     diffuse, diffuse_error = reflected(sky, 0.0, wind_speed, each)
-    values, errors = [], []
-    for row in rows:
-        p = direct_share if row.series == "clear" else 0.0
-        sun, error = reflected("sun", row.at, wind_speed, each) if p else (0.0, 0.0)
-        values.append(p * sun + (1.0 - p) * diffuse + water_light)
-        errors.append(float(np.hypot(p * error, (1.0 - p) * diffuse_error)))
-    return values, errors
+    p = direct_share if row.series == "clear" else 0.0
+    sun, error = reflected("sun", row.at, wind_speed, each) if p else (0.0, 0.0)
+    albedo = p * sun + (1.0 - p) * diffuse + water_light
+    return albedo, float(np.hypot(p * error, (1.0 - p) * diffuse_error))

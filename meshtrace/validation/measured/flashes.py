@@ -1,13 +1,13 @@
-"""Sunlight focused by waves: coefficient of variation, flashes and wavelengths below the sea.
+"""Slopes of the sea, and sunlight focused by waves: variation, flashes and wavelengths below it.
 
 The coefficient of variation is a closed form (`fading.scintillation_of_spectrum` of a lamp at
-infinity); the wavelengths come from refracted rays over a patch of the sea.
+infinity); the wavelengths come from refracted rays over a patch of the sea. Slopes are those of
+Elfouhaily's spectrum.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -20,6 +20,7 @@ from meshtrace.models import Floats
 from meshtrace.optics.water import Water
 from meshtrace.surfaces import Jonswap, SpectralSea, resolved_sea
 from meshtrace.surfaces.spectra import sea_state
+from meshtrace.surfaces.statistics import mean_square_slope
 from meshtrace.surfaces.waves import angular_frequency
 
 from .beams import phase_of
@@ -51,16 +52,15 @@ def scintillation(depth: float, wind_speed: float, collector: float, fetch: floa
     return scintillation_of_spectrum(lamp_over(depth, collector), sea)
 
 
-def flash_time(
-    rows: Sequence[MeasuredRow], photons: float, wavelength: float, slope: float, depth: float,
-    lamp_deg: float, collector: float, law: str,
-) -> tuple[list[float], float]:  # fmt: skip
-    """Return the share of the time above `at` times the mean, by a law with the closed variance.
+@cache
+def tank_scintillation(
+    wavelength: float, slope: float, depth: float, lamp_deg: float, collector: float
+) -> float:
+    """Return the scintillation index below waves of a tank of an rms slope.
 
-    The waves of the tank have a JONSWAP spectrum about a wavelength [m] and an rms slope.
+    They have a JONSWAP spectrum about a wavelength [m].
     """
-    k = 2.0 * math.pi / wavelength
-    peak = float(angular_frequency(k, None, True))
+    peak = float(angular_frequency(2.0 * math.pi / wavelength, None, True))
     cut = 3.0 * peak
 
     def tank(hs: float) -> SpectralSea:
@@ -68,22 +68,30 @@ def flash_time(
 
     steep = math.sqrt(sum(tank(0.01).slope_spectrum(cut).along_and_across))
     link, sea = lamp_over(depth, collector, lamp_deg), tank(0.01 * slope / steep)
-    si = scintillation_of_spectrum(link, sea, cut, tilts=False)
+    return scintillation_of_spectrum(link, sea, cut, tilts=False)
+
+
+def flash_time(
+    row: MeasuredRow, photons: float, wavelength: float, slope: float, depth: float,
+    lamp_deg: float, collector: float, law: str,
+) -> float:  # fmt: skip
+    """Return the share of the time above `at` times the mean, by a law with the closed variance."""
+    si = tank_scintillation(wavelength, slope, depth, lamp_deg, collector)
     width = math.sqrt(math.log1p(si))
     laws = {
         "gamma": gamma(1.0 / si, scale=si),
         "lognormal": lognorm(width, scale=math.exp(-0.5 * width**2)),
     }
-    return [100.0 * float(laws[law].sf(row.at)) for row in rows], 0.0
+    return 100.0 * float(laws[law].sf(row.at))
 
 
 def windiest(
-    rows: Sequence[MeasuredRow], photons: float, depth: float, collector: float, fetch: float
-) -> tuple[list[float], float]:
+    row: MeasuredRow, photons: float, depth: float, collector: float, fetch: float
+) -> float:
     """Return the wind of the largest scintillation index, from a parabola through the top three."""
     winds = np.geomspace(1.0, 14.0, 14)
     index = np.array([scintillation(depth, float(u), collector, fetch) for u in winds])
-    return [peak_of(winds, index)] * len(rows), 0.0
+    return peak_of(winds, index)
 
 
 def peak_of(x: Floats, y: Floats) -> float:
@@ -116,14 +124,15 @@ def variation(
 
 
 def depth_law(
-    rows: Sequence[MeasuredRow], photons: float, wind_speed: float, fetch: float, collector: float,
+    row: MeasuredRow, photons: float, wind_speed: float, fetch: float, collector: float,
     a: float, b: float, forward_deg: float, diffuse: float,
-) -> tuple[list[float], float]:  # fmt: skip
+) -> float:  # fmt: skip
     """Return the mean CV of 0.25 to 2 m over the CV of 25 m, or the depth of the "peak"."""
     shots = max(int(2**17 * photons), 2**13)
     cv = variation(wind_speed, fetch, collector, a, b, forward_deg, diffuse, shots)
-    found = {"ratio": float(cv[:5].mean() / cv[-1]), "peak": peak_of(np.array(_DEPTHS), cv)}
-    return [found[row.series] for row in rows], 0.0
+    return {"ratio": float(cv[:5].mean() / cv[-1]), "peak": peak_of(np.array(_DEPTHS), cv)}[
+        row.series
+    ]
 
 
 _CELLS, _STEP, _PATCHES = 1024, 0.05, 12  # step [m]
@@ -177,36 +186,73 @@ def light_spectra(wind_speed: float, depths: tuple[float, ...], patches: int) ->
 
 
 def dominant_wavelength(
-    rows: Sequence[MeasuredRow],
-    photons: float,
-    wind_speed: float,
-    heading: str,
-    smoothing: float,
-    peak: str,
-) -> tuple[list[float], list[float]]:
-    """Return the wavelength of the peak of the spectrum of E_d along a track at depths `at` [m].
+    row: MeasuredRow, photons: float, wind_speed: float, heading: str, smoothing: float, peak: str
+) -> tuple[float, float]:
+    """Return the wavelength of the peak of the spectrum of E_d along a track at a depth `at` [m].
 
     The sensor averages over `smoothing` [m]. The peak is that of "k S", or of "S" within the band
     of focusing that the source prints, 1 to 20 m.
     """
     patches = max(int(_PATCHES * photons), 4)
-    power = light_spectra(wind_speed, tuple(row.at for row in rows), patches)
-    power = power[:, :, ("along", "across").index(heading)]
+    spectra = light_spectra(wind_speed, row.along, patches)
+    power = spectra[row.along.index(row.at), :, ("along", "across").index(heading)]
     k = 2.0 * math.pi * np.arange(_CELLS // 2) / (_CELLS * _STEP)
     power = power * np.sinc(k * smoothing / (2.0 * math.pi)) ** 2
     edges = np.geomspace(k[1], k[-1], 25)
     middle = np.sqrt(edges[1:] * edges[:-1])
     count = np.histogram(k, edges)[0]
+    some, rise = (count > 0) & (abs(np.log(middle / 1.405)) < 1.498), 1.0
+    if peak == "k S":
+        some, rise = count > 0, middle
 
     def wavelength(of: Floats) -> float:
         mean = np.histogram(k, edges, weights=of)[0] / np.maximum(count, 1)
-        some = (count > 0) & ((peak == "k S") | (abs(np.log(middle / 1.405)) < 1.498))
-        return (
-            2.0 * math.pi / peak_of(middle[some], (mean * (middle if peak == "k S" else 1.0))[some])
-        )
+        return 2.0 * math.pi / peak_of(middle[some], (mean * rise)[some])
 
-    values = [wavelength(of.mean(axis=0)) for of in power]
     # jackknife over patches
-    left = np.array([[wavelength(of.sum(axis=0) - one) for one in of] for of in power])
-    errors = np.sqrt((patches - 1.0) * left.var(axis=1))
-    return values, errors.tolist()
+    left = np.array([wavelength(power.sum(axis=0) - one) for one in power])
+    return wavelength(power.mean(axis=0)), math.sqrt((patches - 1.0) * left.var())
+
+
+_ROUGHNESS = 1e-4  # [m], roughness length of a neutral wind over the sea, for its profile
+
+
+@cache
+def variances(wind_speed: float, fetch: float | None, shortest: float) -> tuple[float, float]:
+    """Return the slope variances along and across the wind of waves longer than `shortest` [m]."""
+    highest = float(angular_frequency(2.0 * math.pi / shortest, None, True))
+    spectrum = resolved_sea(wind_speed, fetch).slope_spectrum(highest)
+    return spectrum.along_and_across
+
+
+def mean_square_slopes(
+    row: MeasuredRow, photons: float, wind_height: float, fetch: float, shortest: float
+) -> float:
+    """Return slope variances of the series "up" and "cross", or their "ratio", at a wind.
+
+    The wind at `wind_height` [m] is that of a neutral profile; a `fetch` of 0 is a developed sea.
+    """
+    u10 = row.at * math.log(10.0 / _ROUGHNESS) / math.log(wind_height / _ROUGHNESS)
+    up, cross = variances(u10, fetch or None, shortest)
+    return {"up": up, "cross": cross, "ratio": up / cross}[row.series]
+
+
+def law_of_weak_winds(
+    row: MeasuredRow, photons: float, fetch: float, shortest: float, lowest_wind: float
+) -> float:
+    """Return d ln(mss) / d ln(U) from `lowest_wind` to 7 m/s: nadir glint goes as 1 / mss."""
+    winds = np.geomspace(lowest_wind, 7.0, 6)
+    mss = [sum(variances(float(u), fetch or None, shortest)) for u in winds]
+    return float(np.polyfit(np.log(winds), np.log(mss), 1)[0])
+
+
+def beam_wander(
+    row: MeasuredRow, photons: float, fetch: float, wind_speed: float, cut: float
+) -> float:
+    """Return the rms deviation (n - 1) / n s of a beam into the water, over that at half the wind.
+
+    Small slopes of JONSWAP waves over the fetch of a tank, up to `cut` times the peak frequency.
+    """
+    seas = [Jonswap(wind_speed=u, fetch=fetch) for u in (wind_speed, 0.5 * wind_speed)]
+    strong, weak = (mean_square_slope(s, cut * s.omega_p, capillary=True) for s in seas)
+    return math.sqrt(strong / weak)

@@ -2,7 +2,8 @@
 
 An experiment is a folder in `data`: `experiment.toml` has its texts, its source and the inputs
 that the source does not report, with their ranges; `data.csv` has the printed numbers. Its
-prediction is a function of the rooms beside this file, which returns one value a row.
+prediction is a function of the rooms beside this file, of a row, the share of the photons and the
+inputs; it returns a value, or a value and its standard error.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ import csv
 import math
 import tomllib
 import warnings
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -79,6 +80,8 @@ class MeasuredRow(Model, frozen=True):
         Ends of its uncertainty, or of the printed range; nan where nothing is printed.
     place : str
         Place in the source.
+    along : tuple of number
+        Abscissas of all rows of the experiment.
     """
 
     quantity: _Text
@@ -89,6 +92,7 @@ class MeasuredRow(Model, frozen=True):
     low: float
     high: float
     place: _Text
+    along: tuple[Finite, ...] = ()
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -155,6 +159,8 @@ class Experiment(Model, frozen=True):
             {k: float(v or "nan") if k in _NUMBERS else v for k, v in row.items()}
             for row in csv.DictReader(lines)
         ]
+        along = [row["at"] for row in rows]
+        rows = [{**row, "along": along} for row in rows]
         return cls.model_validate({"name": folder.name, "rows": rows, **texts})
 
     def predict(self, photons: float, **changed: Any) -> tuple[Floats, Floats]:
@@ -162,8 +168,9 @@ class Experiment(Model, frozen=True):
         room, name = self.prediction.split(":")
         function = getattr(import_module(f"{__package__}.{room}"), name)
         inputs = {u.name: u.nominal for u in self.unknowns} | changed
-        values, errors = function(self.rows, photons, **inputs)
-        return np.asarray(values, float), np.broadcast_to(errors, len(self.rows)).astype(float)
+        found = [function(row, photons, **inputs) for row in self.rows]
+        value, stderr = np.array([v if isinstance(v, tuple) else (v, 0.0) for v in found]).T
+        return value, stderr
 
 
 @cache
@@ -332,49 +339,36 @@ def run(
         require_word(name, known, "names")
     photons = 1.0 / _QUICK if quick else 1.0
     announce(_SECONDS * photons * len(chosen) / len(known), "suite of measurements")
-    parts = []
+    rows: list[tuple[Any, ...]] = []
     for name in chosen:
         if progress is not None:
             progress(name)
         with warnings.catch_warnings():
             # the light that leaves the meshes sideways is below 0.1 %
             warnings.simplefilter("ignore", DomainWarning)
-            parts.append(_compared(known[name], photons))
+            rows += _compared(known[name], photons)
     columns: dict[str, Any] = {
-        key: np.concatenate([part[key] for part in parts])
-        if isinstance(parts[0][key], np.ndarray)
-        else tuple(word for part in parts for word in part[key])
-        for key in parts[0]
+        field.name: tuple(column) if isinstance(column[0], str) else np.array(column)
+        for field, column in zip(fields(MeasuredTable), zip(*rows, strict=True), strict=False)
     }
     origin = {"environment": environment(), "experiments": chosen, "photons": photons}
     return MeasuredTable(**columns, provenance=origin)
 
 
-def _compared(experiment: Experiment, photons: float) -> dict[str, Any]:
-    """Return the columns of an experiment: nominal run, the other values of each input, band."""
+def _compared(experiment: Experiment, photons: float) -> Iterator[tuple[Any, ...]]:
+    """Yield the rows of the table: nominal run, the other values of each input, band."""
     value, stderr = experiment.predict(photons)
     ends = {
         u.name: np.array([experiment.predict(photons, **{u.name: v})[0] for v in u.others])
         for u in experiment.unknowns
     }
-    band, rows = band_of(value, stderr, ends), experiment.rows
-    low, high = np.array([[r.low, r.high] for r in rows]).T
-    return {
-        "experiment": (experiment.name,) * len(rows),
-        "observable": tuple(r.quantity for r in rows),
-        "unit": tuple(r.unit for r in rows),
-        "observed_text": tuple(r.text for r in rows),
-        "abscissa": np.array([r.at for r in rows]),
-        "observed": np.array([r.value for r in rows]),
-        "observed_low": low,
-        "observed_high": high,
-        "computed": value,
-        "computed_stderr": stderr,
-        "band_low": band.low,
-        "band_high": band.high,
-        "verdict": tuple(verdicts(low, high, band).tolist()),
-        "dominant": band.dominant,
-    }
+    band = band_of(value, stderr, ends)
+    low, high = np.array([[row.low, row.high] for row in experiment.rows]).T
+    verdict = verdicts(low, high, band).tolist()
+    found = zip(value, stderr, band.low, band.high, verdict, band.dominant, strict=True)
+    for row, computed in zip(experiment.rows, found, strict=True):
+        texts = experiment.name, row.quantity, row.unit, row.text
+        yield (*texts, row.at, row.value, row.low, row.high, *computed)
 
 
 def verdicts(low: Floats, high: Floats, band: ErrorBand) -> NDArray[np.str_]:

@@ -1,4 +1,4 @@
-"""Gains over the meshes of a study and over the exact sum of waves, with one set of chains."""
+"""What convergence studies share: meshes, chains, the exact surface, and the law that is fitted."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NamedTuple, TypeGuard, cast
 
 import numpy as np
+from scipy.optimize import brentq
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains import wave_sum as analytic
@@ -20,7 +21,6 @@ from meshtrace.engine.setup.arrays import IDENTITY, Frame
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import (
-    Described,
     Refused,
     require_array,
     require_between,
@@ -28,13 +28,16 @@ from meshtrace.errors import (
     require_whole,
     require_word,
 )
+from meshtrace.fading import Estimate
 from meshtrace.kernels.scene import Scene
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh, WaveSum
 from meshtrace.models import Floats
 from meshtrace.results.gain import Fate
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import SHIFTS, Variable, WithArrays
 from meshtrace.studies.campaign import Campaign
+from meshtrace.studies.cluster import Restored
 
 _MARGIN = 2.0  # [m], mesh beyond the farthest crossing to the receiver
 _PROBES = 64  # per axis: where slopes are compared
@@ -49,7 +52,8 @@ def descending(name: str, values: Sequence[float]) -> list[float]:
     numbers = require_array(values, name, allowed)
     if numbers.ndim != 1:
         raise Refused(name, values, allowed)
-    given = sorted((positive(name, value) for value in numbers.tolist()), reverse=True)
+    given = [require_between(value, 0.0, math.inf, name) for value in numbers.tolist()]
+    given.sort(reverse=True)
     if len(given) < 4 or len(set(given)) < len(given):
         raise Refused(name, numbers.tolist(), allowed)
     return given
@@ -61,11 +65,6 @@ def normal_kinds(normals: Sequence[Normals]) -> tuple[Normals, ...]:
     if not kinds or not set(kinds) <= {"vertex", "facet"}:
         raise Refused("normals", normals, "vertex and facet")
     return cast(tuple[Normals, ...], kinds)
-
-
-def positive(name: str, value: float) -> float:
-    """Return a number that is finite and > 0."""
-    return require_between(value, 0.0, math.inf, name)
 
 
 def multiple_of(name: str, ratio: float) -> int:
@@ -115,19 +114,7 @@ MakeMesh = Callable[[], TriangleMesh]
 ANALOG_PHOTONS = 16_384  # of the share of total reflection
 
 
-class MeshSamples(NamedTuple):
-    """Gains over all meshes of a study, by kind of normals, step and repeat."""
-
-    samples: Floats  # (kinds, steps, repeats, shifts)
-    ballistic: Floats  # (kinds, steps, repeats)
-    slope_variance: Floats  # (kinds, steps)
-    total_reflection: Floats  # (kinds, steps)
-    mesh_time: Floats  # [s] of one surface (kinds, steps)
-    bvh_time: Floats
-    evaluation_time: Floats
-
-
-class CommonChains:
+class CommonChains(Restored):
     """Set of chains that all surfaces of a study share.
 
     Parameters
@@ -156,25 +143,22 @@ class CommonChains:
         link, highest = campaign.link, highest or campaign.sea
         self.kinds, self.receiver, self.campaign = normal_kinds(normals), receiver, campaign
         coarse = nested_mesh(link, highest, campaign.meshing.time, 0.5, np.zeros(2))
-        self._crest = float(coarse.bounds[1, 2])
+        self._typical = TypicalSea(float(coarse.bounds[1, 2]))
         require_whole(receiver, 0, len(link.receivers) - 1, "receiver")
         physics = link.physics.model_copy(update={"unresolved": unresolved})
         one = {"receiver": link.receivers[receiver], "physics": physics}
-        self._inputs = campaign.alone, self.kinds, receiver, unresolved, highest
+        self.inputs = campaign.alone, self.kinds, receiver, unresolved, highest
         self.link = link.model_copy(update=one)
         self.reach = crossing_reach(self.link)
         self._forced = {kind: self._chains(kind) for kind in self.kinds}
 
-    def __reduce__(self) -> Any:
-        """Return the inputs: a worker makes the chains again."""
-        return CommonChains, self._inputs
-
     def _chains(self, kind: Normals) -> ForcedDetection:
         """Return the chains over surfaces with one kind of normals."""
-        run, sea = self.campaign.run, TypicalSea(self._crest)
+        run = self.campaign.run
         return ForcedDetection(
-            self.link, run.photons, run.seed, kind, sea=sea, search="thorough", scattered="chains"
-        )
+            self.link, run.photons, run.seed, kind, sea=self._typical, search="thorough",
+            scattered="chains",
+        )  # fmt: skip
 
     def measure(self, case: MakeMesh, photons: int = 0) -> Floats:
         """Return the numbers of a mesh in a row for each kind of normals.
@@ -198,26 +182,13 @@ class CommonChains:
             rows.append([*parts.shifts[0], parts.ballistic[0], slopes, reflected, *seconds])
         return np.array(rows)
 
-    def exact(self, sea: WaveSum, spacing: float) -> Reference:
-        """Return the gain over the sum of waves, see `over_waves`."""
-        return over_waves(self._chains("vertex"), sea, self.campaign.meshing.time, spacing)
-
     def over(
-        self,
-        cases: Sequence[MakeMesh],
-        steps: int,
-        recorded: dict[str, Any],
-        photons: int = ANALOG_PHOTONS,
-    ) -> MeshSamples:
-        """Return the gains over the meshes of a study: as many repeats of each step, in order.
+        self, cases: Sequence[MakeMesh], recorded: dict[str, Any], photons: int = ANALOG_PHOTONS
+    ) -> Floats:
+        """Return the numbers of `measure` of each mesh, shape (kinds, cases, numbers).
 
         `photons` are those of the share of total reflection, 0 for none; `recorded` are the
         options that identify the meshes.
-
-        Raises
-        ------
-        Refused
-            If no light is received at a step: its gain has no relative error.
         """
         chosen = {"kinds": list(self.kinds), "receiver": self.receiver}
         identity = {**recorded, **chosen, "physics": self.link.physics.model_dump(mode="json")}
@@ -226,13 +197,35 @@ class CommonChains:
             return lambda i: self.measure(cases[i], photons)
 
         rows = self.campaign.over(setup, range(len(cases)), "meshes", identity, "meshes")
-        by_case = np.stack(list(rows), axis=1)  # (kinds, cases, numbers)
-        found = by_case.reshape(len(by_case), steps, -1, by_case.shape[-1])
-        samples, (ballistic, *means) = found[..., :SHIFTS], np.moveaxis(found[..., SHIFTS:], -1, 0)
-        if not samples.mean(axis=(2, 3)).all():
-            raise Refused("gain", Described("no light received"), "light at every step")
-        slopes, reflected, *seconds = (column.mean(axis=2) for column in means)
-        return MeshSamples(samples, ballistic, slopes, reflected, *seconds)
+        return np.stack(list(rows), axis=1)
+
+    def exact(self, sea: WaveSum, spacing: float) -> Reference:
+        """Return the gain over the sum of waves, from crossings found on a mesh of some spacing."""
+        forced, time = self._chains("vertex"), self.campaign.meshing.time
+        link, mesh = forced.arrays, nested_mesh(self.link, sea, time, spacing, np.zeros(2))
+        aimed, waves = forced.over(mesh), waves_at(sea, time, link.frame)
+        scattered, direct = np.zeros(SHIFTS), np.zeros(2)
+        counters = np.zeros(len(analytic.Moved), np.int64)
+        for source, power in enumerate(link.power):
+            scene = aimed.scene(link.emitters[source], link.targets[0])
+            for chains in map(forced.drawer.whole, forced.scattered_sets[source]):
+                _, arrivals = aimed.aim(source, 0, chains, keep=True)
+                score = np.zeros(len(chains.audit))
+                analytic.move_crossings(chains.chains, arrivals, waves, scene, score, counters)
+                scattered += power * score.reshape(SHIFTS, -1).mean(axis=1)
+            crossings = aimed.centroids[np.flatnonzero(aimed.direct_gains(source, 0))]
+            coarse, fine = (_direct(waves, scene, crossings, n) for n in (4, 8))
+            if abs(fine - coarse) > _QUADRATURE_ERROR * fine:  # a caustic lies on the aperture
+                coarse, fine = _finely_meshed(forced, sea, time, source, crossings, spacing)
+            direct += power * np.array([fine, abs(fine - coarse)])
+        slope_x, slope_y = sea.slopes(*probes(self.reach), time)
+        return Reference(
+            samples=direct[0] + scattered,
+            ballistic=float(direct[0]),
+            quadrature_error=float(direct[1]),
+            slope_variance=float(np.mean(slope_x**2 + slope_y**2)),
+            lost=int(counters[analytic.Moved.LOST]),
+        )
 
 
 def _slope_variance(intersector: EmbreeIntersector, kind: Normals, reach: float) -> float:
@@ -303,37 +296,6 @@ class Reference(WithArrays):
     def gain(self) -> float:
         """Gain over the exact surface."""
         return float(self.samples.mean())
-
-
-def over_waves(forced: ForcedDetection, sea: WaveSum, time: float, spacing: float) -> Reference:
-    """Return the gain over the sum of waves, from crossings found on a mesh of some spacing.
-
-    The search of the chains has to be thorough.
-    """
-    link, mesh = forced.arrays, nested_mesh(forced.link, sea, time, spacing, np.zeros(2))
-    aimed, waves = forced.over(mesh), waves_at(sea, time, link.frame)
-    scattered, direct = np.zeros(SHIFTS), np.zeros(2)
-    counters = np.zeros(len(analytic.Moved), np.int64)
-    for source, power in enumerate(link.power):
-        scene = aimed.scene(link.emitters[source], link.targets[0])
-        for chains in map(forced.drawer.whole, forced.scattered_sets[source]):
-            _, arrivals = aimed.aim(source, 0, chains, keep=True)
-            score = np.zeros(len(chains.audit))
-            analytic.move_crossings(chains.chains, arrivals, waves, scene, score, counters)
-            scattered += power * score.reshape(SHIFTS, -1).mean(axis=1)
-        crossings = aimed.centroids[np.flatnonzero(aimed.direct_gains(source, 0))]
-        coarse, fine = (_direct(waves, scene, crossings, n) for n in (4, 8))
-        if abs(fine - coarse) > _QUADRATURE_ERROR * fine:  # a caustic lies on the aperture
-            coarse, fine = _finely_meshed(forced, sea, time, source, crossings, spacing)
-        direct += power * np.array([fine, abs(fine - coarse)])
-    slope_x, slope_y = sea.slopes(*probes(crossing_reach(forced.link)), time)
-    return Reference(
-        samples=direct[0] + scattered,
-        ballistic=float(direct[0]),
-        quadrature_error=float(direct[1]),
-        slope_variance=float(np.mean(slope_x**2 + slope_y**2)),
-        lost=int(counters[analytic.Moved.LOST]),
-    )
 
 
 def _finely_meshed(
@@ -411,3 +373,109 @@ def wave_sum(sea: SurfaceModel) -> WaveSum:
         kind = "a choppy sea" if getattr(sea, "choppy", False) else type(sea).__name__
         raise Refused("reference", f"analytic for {kind}", "None: not a sum of waves")
     return sea
+
+
+_REPLICATES = 2000  # of the bootstrap
+_LEVEL = 0.95
+_REWEIGHTINGS = 4  # of the fit by its own misfit
+_ORDERS = np.linspace(0.5, 6.0, 1101)  # of the fit
+
+
+class Fit(NamedTuple):
+    """The law g_0 + C h^p fitted to a study."""
+
+    order: Estimate
+    gain: Estimate
+    coefficient: float
+
+
+def fit_law(step: Floats, differences: Floats, anchor: float, spread: Floats | None = None) -> Fit:
+    """Fit g_0 + C h^p to differences from an anchor, with 95 % intervals.
+
+    Parameters
+    ----------
+    step : ndarray, shape (n,)
+        Steps h, from coarse to fine, n >= 4.
+    differences : ndarray, shape (n, shifts)
+        Gains less the anchor, of each shift of the chains.
+    anchor : float
+        Reference of the differences.
+    spread : ndarray, shape (n,), optional
+        Further error of each mean, absolute and in proportion; by default the law leaves
+        out something in proportion to h^2.
+
+    Returns
+    -------
+    Fit
+    """
+    n, shifts = differences.shape
+    h = step / step[0]
+    y, noise = differences.mean(axis=1), error_of_groups(differences, -1)
+    shape, least = (h**2, 0.0) if spread is None else (spread, 1.0)
+    sigma = h**2
+    for _ in range(_REWEIGHTINGS):
+        order, offset, slope = _least_squares(h, y[None], sigma)
+        misfit = max(_misfit(y - offset - slope * h**order, noise, shape), least)
+        sigma = np.hypot(noise, misfit * shape) + 1e-300
+    order, offset, slope = _least_squares(h, y[None], sigma)
+    rng = np.random.default_rng(n * shifts)
+    resampled = differences[:, rng.integers(shifts, size=(_REPLICATES, shifts))].mean(axis=2).T
+    # a misfit that was fitted is itself known from n - 3 residuals only: Student's distribution
+    fitted = misfit > least
+    scale = np.sqrt((n - 3) / rng.chisquare(n - 3, (_REPLICATES, 1))) if fitted else 1.0
+    left = misfit * shape * scale * rng.standard_normal((_REPLICATES, n))
+    orders, offsets, _ = _least_squares(h, offset + slope * h**order + resampled - y + left, sigma)
+    tail = 0.5 * (1.0 - _LEVEL)
+    limits = np.quantile([orders, offsets], (tail, 1.0 - tail), axis=1)
+    return Fit(
+        Estimate(float(order[0]), *map(float, limits[:, 0])),
+        Estimate(anchor + float(offset[0]), *(anchor + float(v) for v in limits[:, 1])),
+        float(slope[0] * step[0] ** -order[0]),
+    )
+
+
+def _misfit(residual: Floats, noise: Floats, shape: Floats) -> float:
+    """Return the m >= 0 of errors hypot(noise, m shape) that the residuals of the fit have.
+
+    sum r^2 / (noise^2 + m^2 shape^2) = n - 3, as R. C. Paule and J. Mandel, J. Res. Natl.
+    Bur. Stand. 87, 377 (1982), doi:10.6028/jres.087.022: noise is not counted twice.
+    """
+    freedom = len(residual) - 3
+
+    def excess(m: float) -> float:
+        return float(np.sum(residual**2 / (noise**2 + (m * shape) ** 2 + 1e-300))) - freedom
+
+    most = math.sqrt(float(np.sum((residual / shape) ** 2)) / freedom)
+    if excess(0.0) <= 0.0 or excess(most) >= 0.0:
+        return 0.0 if excess(0.0) <= 0.0 else most
+    return float(brentq(excess, 0.0, most))
+
+
+def _least_squares(h: Floats, y: Floats, sigma: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return p, g_0 and C for each row of y (rows, n), errors in proportion to sigma.
+
+    For a given order the law is linear: the best order is looked up on a fine grid.
+    """
+    weight = (sigma / sigma.max()) ** -2
+    weight /= weight.sum()
+    power = h ** _ORDERS[:, None]
+    power_mean = power @ weight
+    power = power - power_mean[:, None]
+    mean = y @ weight
+    covariance = (weight * (y - mean[:, None])) @ power.T  # (rows, orders)
+    variance = (weight * power**2).sum(axis=1)
+    best = np.argmax(covariance**2 / variance, axis=1)
+    slope = covariance[np.arange(len(y)), best] / variance[best]
+    return _ORDERS[best], mean - slope * power_mean[best], slope
+
+
+def largest_step(step: Floats, error: Floats, limit: float) -> float:
+    """Return the largest step with all errors from there on below a limit, or nan."""
+    worst = np.maximum(np.maximum.accumulate(error[::-1])[::-1], 1e-300)
+    if not worst[-1] <= limit:
+        return math.nan
+    if worst[0] <= limit:
+        return float(step[0])
+    j = int(np.argmax(worst <= limit))
+    share = math.log(limit / worst[j]) / math.log(worst[j - 1] / worst[j])
+    return float(step[j] * (step[j - 1] / step[j]) ** share)
