@@ -100,12 +100,14 @@ _ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : (.*))?\n((?: .*\n|\n)+)", re.M)
 def entries(owner: Any) -> dict[str, tuple[str, str]]:
     """Return type and text of each parameter of a function, or of a class and its bases.
 
-    A text "See ..." does not replace that of a base.
+    A text "See ..." does not replace that of a base, nor does one without a type.
     """
     found: dict[str, tuple[str, str]] = {}
     for one in reversed(getattr(owner, "__mro__", (owner,))):
         section = _SECTION.search(f"{inspect.cleandoc(one.__doc__ or '')}\n")
         for names, kind, text in _ENTRY.findall(section[1] if section else ""):
-            told = dict.fromkeys(names.split(", "), (kind, " ".join(text.split())))
-            found = told | found if text.lstrip().startswith("See ") else found | told
+            text = " ".join(text.split())
+            refers = not kind or text.startswith("See ")
+            for name in names.split(", "):
+                found[name] = kind, found[name][1] if refers and name in found else text
     return found

@@ -100,9 +100,7 @@ _READERS = {
     "tuple[float, float]": Reader("X,Y", _pair),
     **dict.fromkeys(("ArrayLike", "Sequence[float]", "float | Sequence[float]"), _NUMBERS),
     "Sequence[str]": Reader("NAME", lambda _, texts: texts, list[str] | None, "; repeatable"),
-    "Mapping[str, tuple[float, float]]": Reader(
-        "KEY=LOW,HIGH", _intervals, list[str] | None, "; repeatable"
-    ),
+    "Bounds": Reader("KEY=LOW,HIGH", _intervals, list[str] | None, "; repeatable"),
 }
 
 
@@ -115,6 +113,7 @@ def reader_of(annotation: str, names: dict[str, Any]) -> tuple[Reader, tuple[str
     if reader is not None:
         return reader, ()
     words = _literals(eval(annotation, names))
+    assert words, f"no reader of options of type {annotation}"
 
     def word(option: str, text: str) -> str:
         require_word(text, words, option)

@@ -61,7 +61,7 @@ def test_every_option_has_a_sentence_of_its_own(name):
         ("ArrayLike | None", "0:1:0.5", [0.0, 0.5, 1.0]),
         ("float | Sequence[float]", "1,2.5", [1.0, 2.5]),
         ("tuple[float, float]", "1,2", (1.0, 2.0)),
-        ("Mapping[str, tuple[float, float]]", ["a.b=1,2"], {"a.b": (1.0, 2.0)}),
+        ("Bounds", ["a.b=1,2"], {"a.b": (1.0, 2.0)}),
         ("Word", "tilt", "tilt"),
         ("Sequence[Word]", "tilt,none", ["tilt", "none"]),
     ],
@@ -82,7 +82,7 @@ def test_texts_are_read_by_the_annotation(annotation, text, value):
         ("float", "x", "a number"),
         ("Sequence[float]", "1:2", "numbers as in 1,2,3"),
         ("tuple[float, float]", "1", "two numbers"),
-        ("Mapping[str, tuple[float, float]]", ["a=1"], "KEY=LOW,HIGH"),
+        ("Bounds", ["a=1"], "KEY=LOW,HIGH"),
     ],
 )
 def test_other_texts_are_refused_by_the_name_of_the_option(annotation, text, allowed):
