@@ -33,7 +33,7 @@ from meshtrace.surfaces import (
     from_wavespectra,
     gauge_spectrum,
 )
-from meshtrace.surfaces.statistics import GramCharlier
+from meshtrace.surfaces.gram_charlier import GramCharlier
 
 PAGE = Path(__file__).with_name("link_file.md")
 

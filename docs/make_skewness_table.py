@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 import meshtrace as mt
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.surfaces.statistics import GramCharlier, cox_munk
+from meshtrace.surfaces.gram_charlier import GramCharlier
+from meshtrace.surfaces.statistics import cox_munk
 
 PAGE = Path(__file__).with_name("slopes.md")
 WINDS = 5.0, 10.0

@@ -1,4 +1,5 @@
 from .bands import Band as Band
+from .gram_charlier import GramCharlier as GramCharlier
 from .measured import from_gauge as from_gauge
 from .measured import from_wavespectra as from_wavespectra
 from .measured import gauge_spectrum as gauge_spectrum
@@ -24,7 +25,6 @@ from .spectra import Spreading as Spreading
 from .spectra import TabulatedSpectrum as TabulatedSpectrum
 from .spectra import Tma as Tma
 from .spectra import Torsethaugen as Torsethaugen
-from .statistics import GramCharlier as GramCharlier
 from .surface import FlatSea as FlatSea
 from .surface import SinusoidalSea as SinusoidalSea
 from .surface import Surface as Surface

@@ -16,6 +16,8 @@ from meshtrace.mesh import Cumulants, UnresolvedSlopes
 from meshtrace.models import NonNegative
 
 from .bands import PAPER_FETCH, Band, OwnWaves, direction_grid, drawn_places, named_band
+from .gram_charlier import SlopeLaw, real_cumulants, require_random
+from .nonlinear import with_bound_waves
 from .parameters import (
     Alpha,
     Current,
@@ -44,15 +46,12 @@ from .spectra import (
     Tma,
 )
 from .statistics import (
-    SlopeLaw,
     SlopeSpectrum,
     meshed_slope_variance,
-    real_cumulants,
     real_slope_variance,
-    require_random,
     unresolved_slope_variance,
 )
-from .surface import FlatSea, Surface, WaveSurface, with_bound_waves
+from .surface import FlatSea, Surface, WaveSurface
 from .waves import WaveComponents, flat_components, wavenumber, wavenumber_in_current
 
 _ORDER_OMEGA_MAX = 3.0  # highest frequency of waves that make bound waves, over the peak's

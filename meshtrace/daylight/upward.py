@@ -18,7 +18,7 @@ from meshtrace.optics.bubbles import BubblePopulation
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.optics.water import Water
-from meshtrace.surfaces.statistics import GramCharlier
+from meshtrace.surfaces.gram_charlier import GramCharlier
 
 _over_gaussian = getattr(over_gaussian, "py_func", over_gaussian)  # as it is without the JIT
 

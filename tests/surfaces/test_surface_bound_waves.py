@@ -14,12 +14,12 @@ from meshtrace.surfaces import (
     MeasuredSea,
     SpectralSea,
     Tma,
+    nonlinear,
     sea_from_config,
 )
-from meshtrace.surfaces import surface as surface_module
 from meshtrace.surfaces.bands import PAPER_BANDS
+from meshtrace.surfaces.nonlinear import interaction_kernels
 from meshtrace.surfaces.statistics import components_hs
-from meshtrace.surfaces.surface import interaction_kernels
 
 # wave vectors [rad/m] and kernels made by an independent program
 VECTORS = np.array([[1.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.990403, 0.677571]])
@@ -96,7 +96,7 @@ def test_one_wave_is_stokes_second_order():
 
 
 def test_elevation_is_the_double_sum(monkeypatch):
-    monkeypatch.setattr(surface_module, "NEGLIGIBLE", 0.0)
+    monkeypatch.setattr(nonlinear, "NEGLIGIBLE", 0.0)
     sea = JonswapSea(waves="paper", wind_speed=5.0, seed=4, order=2, wind_direction_deg=25.0)
     waves, x, y, t = sea.free_waves, 3.1, -7.7, 12.0
     phi = waves.omega * t - waves.kx * x - waves.ky * y + waves.phase
@@ -196,7 +196,7 @@ def test_steepness_of_the_crests():
 @pytest.mark.thorough
 def test_crests_follow_forristall_roughly(monkeypatch):
     # short crests in deep water, for the steepness of the test above
-    monkeypatch.setattr(surface_module, "NEGLIGIBLE", 1e-2)
+    monkeypatch.setattr(nonlinear, "NEGLIGIBLE", 1e-2)
     alpha, beta, crests = 0.3646, 1.9232, []
     sea = JonswapSea(waves="paper", wind_speed=5.0, order=2)
     for seed in range(2):

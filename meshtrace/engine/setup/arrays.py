@@ -30,7 +30,7 @@ from meshtrace.link import AirSource, Link, Receiver, Source, WaterSource
 from meshtrace.mesh import FARTHEST, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.phase import PhaseFunction
-from meshtrace.surfaces.statistics import series_of
+from meshtrace.surfaces.gram_charlier import series_of
 
 # fields of a medium without a raster
 _PER_LENGTH = ("a", "b", "layer_a", "layer_b", "bubble_b", "b_max", "c_max")
