@@ -27,7 +27,7 @@ from meshtrace.parallel import paced
 from meshtrace.results.daylight import IrradianceSeries
 from meshtrace.results.gain import GainResult
 from meshtrace.results.series import GainSeries
-from meshtrace.studies.coverage import light_pattern, pattern_ends
+from meshtrace.studies.caustics import light_pattern, pattern_ends
 from meshtrace.studies.series import time_series
 
 from .export import export_scene, require_suffix, save_html

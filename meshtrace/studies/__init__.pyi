@@ -1,4 +1,5 @@
 from .background import background_series as background_series
+from .caustics import light_pattern as light_pattern
 from .comparison import Comparison as Comparison
 from .comparison import Duplex as Duplex
 from .comparison import compare as compare
@@ -10,7 +11,6 @@ from .convergence import convergence_study as convergence_study
 from .convergence import fading_study as fading_study
 from .convergence import time_step_study as time_step_study
 from .coverage import coverage_map as coverage_map
-from .coverage import light_pattern as light_pattern
 from .designs.page import Design as Design
 from .designs.study import design as design
 from .inference import Inference as Inference

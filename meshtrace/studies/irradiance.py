@@ -37,7 +37,7 @@ from meshtrace.results.daylight import PARTS, IrradianceSeries
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.coverage import gaussian, turned, wavenumbers
+from meshtrace.studies.caustics import gaussian, turned, wavenumbers
 from meshtrace.studies.store import digest_of
 from meshtrace.surfaces import FlatSea, Surface
 from meshtrace.surfaces.surface import WaveSurface

@@ -1,0 +1,268 @@
+"""The pattern of unscattered light on the plane of the receiver, without noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import RectBivariateSpline
+
+from meshtrace.engine.setup.meshing import GAIN_SPACING
+from meshtrace.engine.setup.options import (
+    Run,
+    resolve,
+)
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_between,
+)
+from meshtrace.link import IsotropicSource, Led, Link, Receiver
+from meshtrace.mesh import WaveSum
+from meshtrace.models import Floats
+from meshtrace.optics.fresnel import fresnel_reflectance, refract
+from meshtrace.results.provenance import provenance
+from meshtrace.results.series import (
+    CoverageMap,
+)
+from meshtrace.surfaces import Surface
+
+_RAYS = 5.0  # over the edge of a cell: fewer show as lines in the dark
+_ROWS = 2**18  # rays that are refracted at a time
+_MOST_CELLS = 2000  # along the map
+_SLOPES = 4.5  # standard deviations of the slopes that may bend light onto the map
+
+
+def light_pattern(
+    link: Link,
+    surface: Surface,
+    extent: float = 2.0,
+    step: float = 0.01,
+    *,
+    time: float = 0.0,
+) -> CoverageMap:
+    r"""Return the gain of unscattered light over the plane of the receiver.
+
+    Every element of the surface sends its light to the place where its refracted ray meets the
+    plane. The pattern shows the caustics of the sea.
+
+    .. math:: G(x) = \pi r^2 \sum_{x' = x} I(w) T e^{-c l}
+        \left| \frac{\partial \Omega}{\partial x'} \right|
+
+    Parameters
+    ----------
+    link : Link
+        The link: LEDs or isotropic sources in the water, without bubbles; height, radius, axis and
+        field of view of its receiver are used.
+    surface : Surface
+        The sea.
+    extent : float
+        The map covers |x|, |y| <= extent about the receiver [m], > 0.
+    step : float
+        Edge of a cell [m], extent / 1000 to extent / 4.
+    time : float
+        Time of the sea [s].
+
+    Returns
+    -------
+    CoverageMap
+        Gains without noise; `gain_stderr` is 0.
+
+    Raises
+    ------
+    Refused
+        If an option is out of range, or the link or the surface is of another kind.
+
+    Notes
+    -----
+    Rays lie on a grid of a fifth of a cell, between points of the surface at 0.45 / k of its
+    shortest waves (cubic splines). Their light is shared out between the four nearest cells. Waves
+    that the sea leaves out blur the pattern by a Gaussian of the standard deviation
+    (n - 1) h sigma along and across the wind, the displacement of steep light by their slopes
+    sigma (`Physics.unresolved`). Light that meets a second wave in the air is not followed.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> from meshtrace.surfaces import FlatSea
+    >>> pattern = mt.light_pattern(mt.Link(), FlatSea(), extent=0.1, step=0.02)
+    >>> float(pattern.gain.mean().round(7))
+    4.51e-05
+    """
+    require_between(time, -math.inf, math.inf, "time")
+    case = resolve(link, surface)
+    link, sea = case.link, case.surface
+    source, receiver = pattern_ends(link, sea, extent, step)
+    assert isinstance(sea, Surface)
+    extent, step = float(extent), float(step)
+    n = math.ceil(extent / step - 1e-9)
+    spacing, slope, reach = _waves(sea, step)
+    beyond, wind = _beyond(link, sea, spacing)
+    blur = (link.water.n / link.n_air - 1.0) * receiver.height * np.sqrt(beyond) / step
+    margin = math.ceil(4.0 * blur.max()) + 1
+    light = np.zeros((2 * (n + margin), 2 * (n + margin)))
+    center = np.array(receiver.position)
+    labels = _labels(link, step * (n + margin), spacing, slope, reach)
+    for points, normals in _strips(sea.sheet(*labels, time), labels, step / _RAYS):
+        place, flux = _landed(link, source, receiver, points, normals)
+        _share_out(light, (place - center) / step + (n + margin), flux)
+    gain = math.pi * receiver.radius**2 / step**2 * _blurred(light, blur, wind)
+    gain = np.maximum(gain[margin : margin + 2 * n, margin : margin + 2 * n], 0.0)
+    cells = step * (np.arange(2 * n, dtype=np.float64) - n + 0.5)
+    x, y = np.add(receiver.position[0], cells), np.add(receiver.position[1], cells)
+    run = {"times": [time], "extent": extent, "step": step}
+    origin = {**provenance(link, sea.to_config(), Run().to_config()), **run}
+    return CoverageMap(x, y, gain, np.zeros_like(gain), origin)
+
+
+def pattern_ends(link: Link, surface: Any, extent: float, step: float) -> tuple[Any, Receiver]:
+    """Return source and receiver of a link that the pattern is defined for."""
+    extent = require_between(extent, 0.0, math.inf, "extent")
+    least, most = 2.0 * extent / _MOST_CELLS, 0.25 * extent
+    allowed = f"{least:g} to {most:g} m, extent / 4"
+    require_between(step, least, most, "step", "[]", allowed)
+    source = link.transmitter
+    if not isinstance(source, Led | IsotropicSource):
+        kinds = ", ".join(t.kind for t in link.transmitters)
+        raise Refused("transmitter", Described(kinds), "one LED or isotropic source")
+    if link.bubbles is not None:
+        raise Refused("bubbles", Described(link.bubbles.model_dump()["kind"]), "none")
+    if not isinstance(surface, Surface):
+        raise Refused("surface", Described(type(surface).__name__), "a sea (Surface)")
+    return source, link.only_receiver
+
+
+def _waves(sea: Surface, step: float) -> tuple[float, float, float]:
+    """Return the distance of the points that represent the surface, its rms slope, and the reach.
+
+    The reach is the distance of points from their labels in a choppy sea [m].
+    """
+    if not isinstance(sea, WaveSum):
+        return step, 0.3, 0.0
+    waves = sea.components
+    k = np.hypot(waves.kx, waves.ky)
+    slope = math.sqrt(0.25 * float(np.square(waves.amplitude * k).sum()))
+    shortest = float(k[waves.amplitude > 0.0].max(initial=0.0))
+    choppy = getattr(sea, "choppy", False)
+    reach = _SLOPES * math.sqrt(0.5 * float(np.square(waves.amplitude).sum())) if choppy else 0.0
+    return GAIN_SPACING / shortest if shortest > 0.0 else step, slope, reach
+
+
+def _beyond(link: Link, sea: Surface, spacing: float) -> tuple[Floats, float]:
+    """Return the slope variances along and across the wind that tilt, and its direction [rad]."""
+    found = sea.unresolved_slopes(spacing) if link.physics.unresolved == "tilt" else None
+    if found is None:
+        return np.zeros(2), 0.0
+    if any(found.cumulants):
+        raise Refused("slope_law", Described("not Gaussian"), "gaussian: the blur is Gaussian")
+    return np.array(found.vertex), math.radians(found.direction_deg)
+
+
+def _labels(
+    link: Link, half: float, spacing: float, slope: float, reach: float
+) -> tuple[Floats, Floats]:
+    """Return the grid lines of the surface whose light may reach |x|, |y| <= half [m]."""
+    receiver, source = link.only_receiver, link.transmitters[0]
+    n = link.water.n / link.n_air
+    share = getattr(source, "depth", 1.0) / (getattr(source, "depth", 1.0) + n * receiver.height)
+    start, end = np.array(source.position), np.array(receiver.position)
+    lever = (n - 1.0) * receiver.height * share
+    reach += share * half + _SLOPES * lever * slope + 4.0 * spacing
+    lines = np.arange(-reach, reach + spacing, spacing)
+    x, y = start + share * (end - start)
+    return float(x) + lines, float(y) + lines
+
+
+def _strips(
+    sheet: tuple[Floats, Floats], labels: tuple[Floats, Floats], distance: float
+) -> Iterator[tuple[Floats, Floats]]:
+    """Yield points and normals (nx, ny, 3), interpolated between the points of a sheet."""
+    splines = [RectBivariateSpline(*labels, a[..., i]) for a in sheet for i in range(3)]
+    u, v = (np.arange(a[0], a[-1], distance) for a in labels)
+    rows = max(2, _ROWS // len(v))
+    for first in range(0, len(u) - 1, rows):
+        at = u[first : first + rows + 1]  # with the first row of the next strip
+        grid = np.stack([spline(at, v) for spline in splines], axis=-1)
+        yield grid[..., :3], grid[..., 3:]
+
+
+def _landed(
+    link: Link, source: Any, receiver: Receiver, points: Floats, normals: Floats
+) -> tuple[Floats, Floats]:
+    """Return the places (m, 2) of the cells' light on the plane, and its flux (m,)."""
+
+    def middle(a: Floats) -> Floats:
+        return 0.25 * (a[:-1, :-1] + a[1:, :-1] + a[:-1, 1:] + a[1:, 1:])
+
+    first, second = points[1:, 1:] - points[:-1, :-1], points[:-1, 1:] - points[1:, :-1]
+    area = 0.5 * np.cross(first, second)
+    at, normal = middle(points), middle(normals)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    ray = at - np.array(source.center)
+    way = np.linalg.norm(ray, axis=-1)
+    ray /= way[..., None]
+    cos_i = np.clip((ray * normal).sum(axis=-1), 0.0, 1.0)
+    n_water, n_air = link.water.n, link.n_air
+    flux = _intensity(source, ray) * (ray * area).sum(axis=-1) / way**2
+    flux *= np.exp(-(link.water.a + link.water.b) * way)
+    flux *= 1.0 - fresnel_reflectance(cos_i, n_water, n_air)
+    flux *= link.whitecaps.transmittance if link.whitecaps else 1.0
+    out = refract(ray, normal, n_water, n_air)
+    seen = (out * np.array(receiver.axis)).sum(axis=-1)
+    seen_enough = seen >= math.cos(math.radians(0.5 * receiver.fov_deg))
+    up = np.where(np.isfinite(out[..., 2]) & (out[..., 2] > 0.0) & seen_enough, out[..., 2], np.nan)
+    place = at[..., :2] + (receiver.height - at[..., 2:]) * out[..., :2] / up[..., None]
+    lands = np.isfinite(place[..., 0]) & (flux > 0.0)
+    return place[lands], (flux * seen / up)[lands]
+
+
+def _intensity(source: Any, ray: Floats) -> Floats:
+    """Return the intensity [sr-1] per unit power along rays (..., 3)."""
+    if isinstance(source, IsotropicSource):
+        return np.full(ray.shape[:-1], 0.25 / math.pi)
+    m, cosine = source.order, np.maximum((ray * np.array(source.axis)).sum(axis=-1), 0.0)
+    return np.asarray(0.5 * (m + 1.0) / math.pi * cosine**m)
+
+
+def _share_out(light: Floats, place: Floats, flux: Floats) -> None:
+    """Add fluxes to the four cells around places (m, 2), in cells from the corner of the map."""
+    low = np.floor(place - 0.5)
+    part, cell = place - 0.5 - low, low.astype(np.int64)
+    inside = ((cell >= 0) & (cell < np.array(light.shape) - 1)).all(axis=1)
+    cell, part, flux = cell[inside], part[inside], flux[inside]
+    corner = cell[:, 0] * light.shape[1] + cell[:, 1]
+    for i in (0, 1):
+        for j in (0, 1):
+            weight = np.abs(1 - i - part[:, 0]) * np.abs(1 - j - part[:, 1]) * flux
+            at = corner + i * light.shape[1] + j
+            light += np.bincount(at, weight, light.size).reshape(light.shape)
+
+
+def _blurred(light: Floats, blur: Floats, wind: float) -> Floats:
+    """Return the light convolved with a Gaussian, standard deviations in cells along the wind."""
+    if not blur.any():
+        return light
+    rows, columns = light.shape
+    window = gaussian(*wavenumbers(rows, columns, 1.0), blur, wind)
+    return np.asarray(np.fft.ifft2(np.fft.fft2(light) * window).real)
+
+
+def wavenumbers(nx: int, ny: int, cell: float) -> tuple[Floats, Floats]:
+    """Return the wavenumbers of a discrete transform of cells, shape (nx, ny)."""
+    along = (2.0 * math.pi * np.fft.fftfreq(n, cell) for n in (nx, ny))
+    kx, ky = np.meshgrid(*along, indexing="ij")
+    return kx, ky
+
+
+def turned(kx: Floats, ky: Floats, angle: float) -> tuple[Floats, Floats]:
+    """Return the components along an azimuth [rad] and across it."""
+    c, s = math.cos(angle), math.sin(angle)
+    return kx * c + ky * s, ky * c - kx * s
+
+
+def gaussian(kx: Floats, ky: Floats, widths: Floats, angle: float) -> Floats:
+    """Return the transform of a Gaussian, standard deviations along an azimuth and across it."""
+    along, across = turned(kx, ky, angle)
+    return np.asarray(np.exp(-0.5 * ((widths[0] * along) ** 2 + (widths[1] * across) ** 2)))
