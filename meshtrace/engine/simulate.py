@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from meshtrace.engine import outcome
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.common import SpectralDetection, analog_sums
+from meshtrace.engine.correlated import SpectralDetection, analog_sums
 from meshtrace.engine.forced import ForcedDetection, TypicalSea, cut_share
 from meshtrace.engine.mesh_error import relative_mesh_error, with_mesh_errors
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths

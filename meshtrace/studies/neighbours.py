@@ -16,7 +16,7 @@ from scipy.special import ndtr
 from meshtrace.comms.budget import required_gain
 from meshtrace.comms.capacity import capacity
 from meshtrace.comms.ook import OokLink
-from meshtrace.engine.common import FrozenForced
+from meshtrace.engine.correlated import FrozenForced
 from meshtrace.engine.forced import MANY_SEAS, TypicalSea
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.ends import crossing_reach

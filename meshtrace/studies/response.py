@@ -12,7 +12,7 @@ from scipy.interpolate import PchipInterpolator
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.comms.spectra import Curve, lit_band
-from meshtrace.engine.common import SpectralDetection
+from meshtrace.engine.correlated import SpectralDetection
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.meshing import surface_config

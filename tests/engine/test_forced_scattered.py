@@ -16,7 +16,7 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy.stats import binom
 
 import meshtrace as mt
-from meshtrace.engine.common import FrozenForced
+from meshtrace.engine.correlated import FrozenForced
 from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for

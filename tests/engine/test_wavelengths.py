@@ -6,7 +6,7 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy.stats import chi2
 
 import meshtrace as mt
-from meshtrace.engine.common import SpectralDetection, analog_sums
+from meshtrace.engine.correlated import SpectralDetection, analog_sums
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.photons.joined import JoinedPhotons

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 import meshtrace as mt
 from meshtrace.engine.chains.sets import ChainDrawer
-from meshtrace.engine.common import FrozenForced
+from meshtrace.engine.correlated import FrozenForced
 from meshtrace.kernels.random import realization_seed
 from meshtrace.stored import SHIFTS
 from meshtrace.studies import Variant

@@ -209,7 +209,7 @@ class _Walk(NamedTuple):
         """Return the radiances at the wavelengths of common photons (wavelengths, shifts, 2).
 
         Photons are those of several bases in turn, and of the smallest and the largest index, as in
-        `engine.common.analog_sums`.
+        `engine.correlated.analog_sums`.
         """
         tinting = common.tinting
         assert tinting is not None

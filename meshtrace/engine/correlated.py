@@ -1,4 +1,4 @@
-"""Forced detection of several links with common chains and photons: wavelengths, neighbours.
+"""Correlated sampling: links with common chains and photons, at other wavelengths or nearby.
 
 The geometry of paths is the same for all wavelengths, up to the index of the water: paths of one
 of them, the base, bring light of all others by factors on their weights (`setup.tinting`). The
