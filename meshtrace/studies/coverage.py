@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.chains.cells import unscattered_map
+from meshtrace.engine.chains.maps import unscattered_map
 from meshtrace.engine.outcome import (
     FEW_PHOTONS,
     FewSamplesWarning,

@@ -345,7 +345,7 @@ def test_chains_that_turn_gently_cross_a_flat_sea_once(lamp, receiver):
     n, rng = 3200, np.random.default_rng(11)
     link = forced_link(mt.Link(transmitter=mt.Led(**lamp), receiver=mt.Receiver(**receiver)))
     drawer = ChainDrawer(link, 0.0, 0.0)
-    still, depth = drawer._still_water(0, 0), -link.emitters[0].position.z
+    (starts, scene, raised), depth = drawer._still_water(0, 0), -link.emitters[0].position.z
     chains = drawer.empty(Request(source=0, order=1, per_shift=n // SHIFTS, key=())).chains
     for part in chains:
         part[:] = 0
@@ -357,10 +357,10 @@ def test_chains_that_turn_gently_cross_a_flat_sea_once(lamp, receiver):
     chains.tail[:] = 0.95 * depth * rng.random((n, 1)) ** (1.0 / 3.0) * way
     chains.last[:] = np.cos(turn) * way + np.sin(turn) * side
     chains.disk[:] = rng.uniform(-0.7, 0.7, (n, 2))
-    found = np.full((len(still.starts), n, 2), np.nan)
+    found = np.full((len(starts), n, 2), np.nan)
     for k, point in enumerate(found):
         flat = np.zeros((n, CROSSINGS), FLAT)
-        flat_crossings(chains, still.starts[k : k + 1], still.scene, still.scene, flat)
+        flat_crossings(chains, starts[k : k + 1], scene, raised, flat)
         lit = flat["branch"][:, 0] > 0.0
         point[lit] = np.stack([flat["x"], flat["y"]], axis=-1)[lit, 0]
     found = found[:, ~np.isnan(found).all(axis=(0, 2))]

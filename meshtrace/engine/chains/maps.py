@@ -1,0 +1,108 @@
+"""Unscattered light over the cells of a map: images of the facets, without noise."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+
+from meshtrace.engine.chains import microfacets, unscattered
+from meshtrace.engine.chains.aimed import AimedChains
+from meshtrace.engine.chains.cells import Cells, Rules, blurred_map, image_map
+from meshtrace.engine.chains.gain import Colours
+from meshtrace.engine.setup.arrays import locator
+from meshtrace.engine.setup.ends import forced_link, require_height_field
+from meshtrace.engine.setup.options import IrradianceMap
+from meshtrace.engine.setup.tinting import UNTINTED, Tinting
+from meshtrace.errors import Refused
+from meshtrace.kernels.scene import Emitter, Target
+from meshtrace.kernels.vectors import Vec3
+from meshtrace.link import Link, Receiver, WaterSource
+from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map
+
+_COARSEST = 16  # points along a cell that resolve the blur by random slopes
+
+
+def unscattered_map(
+    link: Link,
+    mesh: TriangleMesh,
+    grid: IrradianceMap,
+    normals: str = "vertex",
+    threads: int = 1,
+    tinting: Tinting = UNTINTED,
+) -> Floats | None:
+    """Return the unscattered gain of the first receiver in the cells of a map.
+
+    Shape (n, n, wavelengths).
+
+    Light counts that crosses the surface once, at its first arrival, and meets nothing else. None
+    where it has to be sampled: for extended sources, light from the air, receivers in the water or
+    tilted, overhanging surfaces, random slopes too narrow for the cells, and some forms as
+    published.
+    """
+    receiver = link.receivers[0]
+    upright = isinstance(receiver, Receiver) and receiver.tilt_deg == 0.0
+    points = all(isinstance(t, WaterSource) and t.size == 0.0 for t in link.transmitters)
+    if not (upright and points) or link.physics.fov != "angle":
+        return None
+    middle = 0.5 * grid.n * grid.step - grid.extent
+    link = link.replace(receiver=receiver.replace(position=(middle, middle)))
+    try:
+        require_height_field(mesh)
+        arrays = forced_link(link)
+    except Refused:
+        return None
+    aimed = AimedChains(arrays, mesh, normals, link.physics.unresolved)
+    target = arrays.targets[0]._replace(e1=Vec3(1.0, 0.0, 0.0), e2=Vec3(0.0, 1.0, 0.0))
+    aimed.locator = locator(aimed.surface, [target._replace(reach=math.inf)])
+    step = grid.step / arrays.frame.unit
+    cells = Cells(-0.5 * grid.n * step, -0.5 * grid.n * step, step, grid.n)
+    total = np.zeros((grid.n, grid.n, len(tinting.shares)))
+    images = ordered_map(partial(_image, aimed, target, cells, tinting), arrays.emitters, threads)
+    for power, found in zip(arrays.power, images, strict=True):
+        if found is None:
+            return None
+        total += power * target.area / step**2 * found
+    return total
+
+
+def _image(
+    aimed: AimedChains, target: Target, cells: Cells, tinting: Tinting, emitter: Emitter
+) -> Floats | None:
+    """Return the unscattered gain of apertures of the cells' area from one source."""
+    scene = aimed.scene(emitter, target)
+    n_colours, n_tints = tinting.shares.shape
+    gain = np.zeros((cells.n, cells.n, n_colours))
+    colours = Colours(
+        tints=tinting.tints,
+        shares=tinting.shares,
+        clear=aimed.clear,
+        tint=np.zeros(n_tints),
+        factor=np.zeros(n_colours),
+    )
+    stretch, lever, _ = aimed.bounds_of(scene)
+    if not aimed.rough:
+        stack, polygons = np.empty((unscattered.STACK, 3), np.int64), np.empty((2, 16, 2))
+        image_map(scene, cells, 1.5 * stretch, lever, stack, polygons, colours, gain)
+        return gain
+    n = scene.medium.n_water / scene.medium.n_air
+    height = max(target.center.z - float(scene.surface.high[2]), 1e-6)
+    blur = abs(n - 1.0) * height * min(scene.surface.roughness[:2])
+    across = math.ceil(cells.step / blur) if blur > 0.0 else _COARSEST + 1
+    if not aimed.blurred or across > _COARSEST:
+        return None
+    whole = blurred_map(
+        scene, cells, stretch, microfacets.MOST_PARTS, across, _rules(), colours, gain
+    )
+    return gain if whole else None
+
+
+def _rules() -> Rules:
+    """Return Gauss's rules of up to `_COARSEST` points."""
+    rules = np.zeros((2, _COARSEST, _COARSEST))
+    for k in range(1, _COARSEST + 1):
+        rules[:, k - 1, :k] = 0.5 * np.array(np.polynomial.legendre.leggauss(k))
+    return Rules(*rules)
