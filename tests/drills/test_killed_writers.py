@@ -200,8 +200,8 @@ def test_killed_encoder(tmp_path, gain, viz, monkeypatch):
     test_killed_in_the_act("view.mp4", 30, tmp_path, gain, viz, monkeypatch)
 
 
-@pytest.mark.parametrize("kills", KILLS)
-@pytest.mark.thorough
+@pytest.mark.parametrize("kills", [30])
+@pytest.mark.slow
 def test_killed_figures(kills, tmp_path):
     """Picture, data, table, record and index: each is absent, or whole."""
     import pandas as pd

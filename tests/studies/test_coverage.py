@@ -45,7 +45,6 @@ def mesh_of(link, sea):
 @pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
 @pytest.mark.slow_but(
-    "flat-on axis",
     "flat-aside",
     "random slopes-aside",
     "skewed slopes-on axis",

@@ -90,7 +90,7 @@ def test_killed_client_loses_nothing(expected, tmp_path):
     assert finished(store).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_killed_worker_loses_nothing(expected, tmp_path):
     store, result = tmp_path / "depths.store", []
     with distributed.LocalCluster(
