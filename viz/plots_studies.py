@@ -30,7 +30,7 @@ _COSTS = {
     "capacity": "minus logarithm of the capacity",
     "custom": "cost",
 }
-"""What each objective of an optimisation minimises."""
+"""Quantity that each objective of an optimisation minimises."""
 
 
 def plot_comparison(result: studies.Comparison, *, ax: Axes | None = None) -> Axes:

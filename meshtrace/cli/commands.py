@@ -39,7 +39,7 @@ def on_link(study: StudyRow, asked: Asked, *, of: console.LinkOptions) -> None:
     of.write(study.run(function, scenario, total, asked))
 
 
-def compare(study: StudyRow, asked: Asked, links: list[Path], *, of: console.StudyOptions) -> None:
+def compare(study: StudyRow, asked: Asked, links: list[Path], *, of: console.ResultOptions) -> None:
     """Compare the links of several files.
 
     Parameters

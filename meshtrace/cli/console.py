@@ -1,4 +1,4 @@
-"""What the commands share: groups of options, files and pictures, progress, warnings."""
+"""Option groups, output files, progress and warnings of all commands."""
 
 from __future__ import annotations
 
@@ -360,12 +360,12 @@ class PlotOptions(FileOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyOptions(AllChanges, PlotOptions):
+class ResultOptions(AllChanges, PlotOptions):
     """Options that change a link file, and files of a result."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinkOptions(StudyOptions):
+class LinkOptions(ResultOptions):
     """Link file, options that change it, and files of a result."""
 
     link: LinkFile = None

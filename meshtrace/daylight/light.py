@@ -327,7 +327,7 @@ _ATMOSPHERE = ("aerosol", "ozone", "water_vapour", "pressure", "day_of_year")
 
 
 class LightModel(NamedTuple):
-    """Model of a light: fields that differ from those of `Daylight`, and keys of its options."""
+    """Model of natural light: its fields of `Daylight` and the keys of its options."""
 
     fields: Mapping[str, str]
     keys: tuple[str, ...] = ()

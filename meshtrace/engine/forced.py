@@ -68,7 +68,7 @@ _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
 
 class TypicalSea(NamedTuple):
-    """What forced detection knows of the surfaces before it sees them.
+    """Properties of all surfaces that forced detection needs before their meshes.
 
     Parameters
     ----------
@@ -145,12 +145,7 @@ class ForcedDetection:
         self.sea, self.search, self.wanted = sea, search, scattered
         alone = Common(UNTINTED, [link], (1.0,))
         self.common = common or alone
-        unit = self.arrays.frame.unit
-        top = max(sea.crest, 0.0) / unit
-        lowest = min(t.center[2] for t in self.arrays.targets)
-        # a chain that ends higher is not looked for; the level must stay below the receivers
-        ceiling = top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
-        self.drawer = ChainDrawer(self.arrays, top, ceiling, self.common.ratios)
+        self.drawer = ChainDrawer(self.arrays, *_levels(self.arrays, sea), self.common.ratios)
         self._per_chain = choice.PER_CHAIN
         self.method: list[choice.Method] = ["joined"] * len(link.receivers)
         # receivers with pilots, and the number of those that each stands for
@@ -271,7 +266,7 @@ class ForcedDetection:
         doubtful: NDArray[np.bool_],
         expected: Floats,
     ) -> None:
-        """Set the estimators of doubtful receivers, and of those that they stand for."""
+        """Set the estimators of doubtful receivers and of the receivers represented by them."""
         chains = [choice.chain_pilot(row, self.arrays).of(doubtful) for row in pilots]
         photons = [choice.ScatteredPilot.of_photons(one) for one in light]
         better, self._per_chain = choice.choose_common(chains, photons, expected)
@@ -561,6 +556,13 @@ class ForcedDetection:
                 chains = self.drawer.drawn(block)
                 rows.append(parts.chain_light(aimed, e, t, chains, tints, block))
         return parts.merged(rows)
+
+
+def _levels(link: ends.ForcedLink, sea: TypicalSea) -> tuple[float, float]:
+    """Return the level of the crests, and the ceiling of the ends of chains below all receivers."""
+    top = max(sea.crest, 0.0) / link.frame.unit
+    lowest = min(t.center[2] for t in link.targets)
+    return top, top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
 
 
 def cut_share(case: Case, mesh: TriangleMesh) -> Floats:

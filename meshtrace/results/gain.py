@@ -39,7 +39,7 @@ FATE_MEANING = {
     Fate.EVENT_LIMIT: "reached the limit of events",
     Fate.DEEP: "escaped downwards (bottomless, non-absorbing water)",
 }
-"""What became of the photons of each `Fate`."""
+"""Description of each `Fate` of photons."""
 
 
 class FateTally(NamedTuple):

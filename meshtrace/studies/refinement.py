@@ -1,4 +1,4 @@
-"""What convergence studies share: meshes, chains, the exact surface, and the law that is fitted."""
+"""Parts of convergence studies: meshes, common chains, the exact surface, the fitted law."""
 
 from __future__ import annotations
 

@@ -232,7 +232,7 @@ def test_unscattered_light_converges_to_the_exact(study):
     assert abs(error[-1]) < 1e-3
 
 
-def test_refinement_leave_differences_a_tenth_of_the_error(study):
+def test_common_chains_leave_differences_a_tenth_of_the_error(study):
     assert (study.difference_stderr[0, 1:] < 0.1 * study.gain_stderr[0, 1:]).all()
 
 

@@ -63,7 +63,7 @@ def test_times_may_come_in_any_order_and_number(series):
     assert one.gain_ballistic[0] == series.gain_ballistic[1]
 
 
-def test_refinement_make_smooth_series():
+def test_common_chains_make_smooth_series():
     """A wave that moves by millimetres changes the gain by far less than its error."""
     wave = SinusoidalSea(amplitude=0.2, wavelength=8.0)
     times = np.arange(4) * 1e-4

@@ -284,9 +284,9 @@ class ChainDrawer:
         return out
 
     def _still_water(self, source: int, receiver: int) -> tuple[Floats, Scene, Scene]:
-        """Return where the search for crossings of still water starts, and the water.
+        """Return the starts of the search for crossings of still water, and the water itself.
 
-        At the mean level, and at the ceiling, for chains that end above the mean level.
+        The water is at the mean level, and at the ceiling for chains that end above that level.
         """
         link, sea = self.link, _still_surface()
         emitter, target = link.emitters[source], link.targets[receiver]

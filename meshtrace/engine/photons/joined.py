@@ -463,7 +463,7 @@ class JoinedPhotons:
 
 
 class _Run(NamedTuple):
-    """Photons from the sources, or backwards from one receiver, and what they are joined to."""
+    """Photons from the sources, or backwards from one receiver, and their targets."""
 
     start: Emitter | None  # a receiver in the water
     receivers: list[int]  # that the photons serve: the targets, or the start
