@@ -92,6 +92,8 @@ class RandomSea(WaveSurface, frozen=True):
 
     _common: dict[str, Any] = PrivateAttr(default_factory=dict)
     """Results that do not depend on the seed."""
+    _left_out: dict[float, UnresolvedSlopes] = PrivateAttr(default_factory=dict)
+    """Slopes that meshes leave out, by their spacing."""
 
     most_components: ClassVar[int] = 1_000_000
 
@@ -181,14 +183,15 @@ class RandomSea(WaveSurface, frozen=True):
         The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
         """
         real = self.slope_variance
-        if real is None:
-            return None
-        wind = self._slopes_along_deg
-        vertex, facet = (
-            unresolved_slope_variance(real, resolved)
-            for resolved in meshed_slope_variance(self.components, spacing, wind)
-        )
-        return UnresolvedSlopes(vertex, facet, wind, self.slope_cumulants)
+        if real is not None and spacing not in self._left_out:
+            wind = self._slopes_along_deg
+            vertex, facet = (
+                unresolved_slope_variance(real, resolved)
+                for resolved in meshed_slope_variance(self.components, spacing, wind)
+            )
+            found = UnresolvedSlopes(vertex, facet, wind, self.slope_cumulants)
+            self._left_out[spacing] = found
+        return self._left_out.get(spacing)
 
 
 _KEPT = "wind_direction_deg", "current", "seed", "choppy", "order", "order_omega_max", "slope_law"

@@ -99,23 +99,28 @@ class AimedChains:
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     def _serve(self, link: ForcedLink) -> None:
-        """Set link, water, bins and the extent of the search for roots; empty counters."""
+        """Set link, water and bins; empty counters."""
         self.link, self.medium, self.tinting = link, link.medium, UNTINTED
         self._far: tuple[int, AimedChains] | None = None  # at one of several wavelengths
         if self.medium.depth_mode == DepthMode.LOCAL:
             self.medium = with_raster(self.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
         self.counters = np.zeros(len(Counter), np.int64)
-        self._extent = search_extent(self.surface, self.facets, self.locator)
-        if self._search_mode == "thorough" and self.surface.max_slope > 0.0:
-            # level water has the crossings of the flat sea alone
-            self._extent = self._extent._replace(audit=1.0)
 
     def of_link(self, link: ForcedLink) -> AimedChains:
         """Return the same surface over another link of the same frame and slopes."""
         found = copy(self)
+        found.__dict__.pop("_extent", None)
         found._serve(link)
         return found
+
+    @cached_property
+    def _extent(self) -> Search:
+        """Extent of the search for roots."""
+        extent = search_extent(self.surface, self.facets, self.locator)
+        # level water has the crossings of the flat sea alone
+        thorough = self._search_mode == "thorough" and self.surface.max_slope > 0.0
+        return extent._replace(audit=1.0) if thorough else extent
 
     @property
     def sampled(self) -> bool:
