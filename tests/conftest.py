@@ -39,20 +39,21 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(items, config):
-    """Mark slow cases and tests that use statistics; put the folders that take longest first."""
+    """Mark slow and thorough cases and tests that use statistics; put the folders that take longest first."""
     named, found = set(), set()
     for item in items:
-        for mark in item.iter_markers("slow_but"):
-            name = f"{item.path}::{item.originalname}"
-            named |= {(name, case) for case in mark.args}
-            found.add((name, item.callspec.id))
-            if item.callspec.id not in mark.args:
-                item.add_marker("slow")
+        for cost in ("slow", "thorough"):
+            for mark in item.iter_markers(f"{cost}_but"):
+                name = f"{item.path}::{item.originalname}"
+                named |= {(name, case) for case in mark.args}
+                found.add((name, item.callspec.id))
+                if item.callspec.id not in mark.args:
+                    item.add_marker(cost)
         if any(name in vars(item.module) for name in ("z_test", "chi2_test", "sidak")):
             item.add_marker("statistical")
     chosen = config.getoption("lf", False) or any("[" in argument for argument in config.args)
     if named - found and not chosen:
-        raise pytest.UsageError(f"slow_but: no such cases: {sorted(named - found)}")
+        raise pytest.UsageError(f"slow_but, thorough_but: no such cases: {sorted(named - found)}")
     items.sort(key=lambda item: item.path.relative_to(TESTS).parts[0] not in LONGEST)
 
 

@@ -80,6 +80,7 @@ def test_time_on_other_processes_does_not_count():
     assert best_of(1, lambda: time.sleep(0.2), clock=time.perf_counter)[0] >= 0.2
 
 
+@pytest.mark.thorough
 def test_ratios_are_those_of_cpu_time(meshes, monkeypatch):
     """Rays that wait for 0.3 s beside milliseconds of work leave the ratio as it is."""
     quiet = analog_rate(LINK, meshes[0], photons=20_000, rounds=2)["ratio"]

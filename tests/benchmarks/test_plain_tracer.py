@@ -40,6 +40,7 @@ def test_turn_keeps_length_and_angle():
     np.testing.assert_allclose(np.einsum("ij,ij->i", out, d), cos_theta, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_plain_loop_agrees():
     water = mt.Water(b=0.2, phase=mt.optics.HenyeyGreenstein(g=0.9))
     link = mt.Link(water=water, receiver=mt.Receiver(radius=2.0, fov_deg=150.0))

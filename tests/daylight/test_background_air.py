@@ -336,6 +336,7 @@ def test_a_receiver_that_looks_at_the_sun_sees_it():
 
 
 @pytest.mark.parametrize("offset", [-0.4, -0.2, 0.0, 0.1, 0.4])
+@pytest.mark.thorough_but("0.1")
 def test_the_edge_of_the_view_cuts_the_disk_of_the_sun(offset):
     # share of a disk of 0.2665 deg beyond a straight edge, and of the circle about the view
     x = min(max(offset / 0.2665, -1.0), 1.0)

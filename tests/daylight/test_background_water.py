@@ -56,6 +56,7 @@ def test_white_furnace(wind, tilt, place):
 
 @pytest.mark.parametrize("i", range(3))
 @pytest.mark.parametrize(("day", "key"), [(SUN, "sun30"), (UNIFORM, "uniform")])
+@pytest.mark.thorough_but("day0-sun30-0", "day1-uniform-2")
 def test_unscattered_light_under_still_water(i, day, key):
     water = mt.Water(a=0.151, b=0.0)  # c of the default water: scattering takes light away
     found = mt.background(below(STILL["depth"][i], water=water), FlatSea(), day, photons=65536)
@@ -65,6 +66,7 @@ def test_unscattered_light_under_still_water(i, day, key):
 
 @pytest.mark.parametrize("i", range(3))
 @pytest.mark.parametrize(("day", "key"), [(SUN, "sun30"), (UNIFORM, "uniform")])
+@pytest.mark.thorough_but("day0-sun30-0", "day1-uniform-2")
 def test_light_under_still_water(i, day, key):
     found = mt.background(below(STILL["depth"][i]), FlatSea(), day, photons=8192)
     scale = CONE / day.irradiance

@@ -102,6 +102,7 @@ def through_a_small_lens(link):
     st.floats(2.0, 30.0), st.floats(2.0, 30.0), st.floats(0.0, 5.0),
     st.floats(0.0, 20.0), st.floats(0.0, 20.0),
 )  # fmt: skip
+@pytest.mark.thorough
 def test_swapped_ends_of_even_patterns_have_the_square_of_the_index(h, d, aside, tilt, lean):
     clear = mt.Water(b=0.0)
     lamp = mt.Led(half_angle_deg=60.0, depth=d, zenith_deg=lean, azimuth_deg=30.0)
@@ -200,6 +201,7 @@ def test_defaults_are_those_of_the_reference():
     )
 
 
+@pytest.mark.thorough
 def test_without_refraction_both_directions_are_alike():
     water = mt.Water(b=0.0, n=1.0001)
     up = EVEN.replace(water=water)
@@ -217,6 +219,7 @@ def test_a_sinusoid_meets_the_quadrature(spacing, tolerance, radius):
 
 
 @pytest.mark.filterwarnings("ignore:receiver 0. the mesh causes")  # 0.6 % on 4 cm
+@pytest.mark.thorough
 def test_a_wave_that_passes_flickers_by_its_focusing():
     """SI = (1 - eps^2)^(-1/2) - 1, eps = beta A k^2, for a small aperture before the caustic."""
     link = mt.Link(
@@ -339,6 +342,7 @@ def test_a_lamp_close_to_the_water_reaches_a_receiver_aside():
 
 
 @pytest.mark.statistical
+@pytest.mark.thorough
 def test_joined_photons_to_the_lamp_agree_with_chains():
     link = down(mt.AirLed(half_angle_deg=40.0), position=(6.0, 0.0), fov_deg=120.0)
     mesh, _ = mesh_for(link.in_wind(8.0), sea_in_wind(8.0), reach=crossing_reach(link))
@@ -368,6 +372,7 @@ def test_several_lamps_share_their_power():
 # Reproducibility, arrivals, paths
 
 
+@pytest.mark.thorough
 def test_threads_and_the_order_of_receivers_change_no_digit():
     ends = [mt.WaterReceiver(), mt.WaterReceiver(position=(1.0, 0.0), depth=12.0, radius=0.2)]
     link = mt.Link(transmitter=mt.AirLed(half_angle_deg=20.0), receiver=tuple(ends))

@@ -156,6 +156,7 @@ def link_of(water=NO_SCATTERING, depth=10.0, half_angle_deg=10.0, **receiver):
     )
 
 
+@pytest.mark.thorough
 def test_absorption_only_to_two_in_a_thousand():
     r = analog(link_of(radius=1.0), 9_000_000)
     expected = axis_gain(radius=1.0)
@@ -304,6 +305,7 @@ def test_other_lamps_and_depths(case, expected, error, photons):
 # ---- the printed forms -----------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_printed_absorption_is_less_scattering():
     """E5: Algorithm 1 is exactly b -> albedo b, whatever its weights look like."""
     water = mt.Water()

@@ -94,6 +94,7 @@ QUICK = ["13 m/s", "focusing", "omega_max 8 facets", "bubbles", "layers", "paper
 
 
 @pytest.mark.parametrize("name", QUICK)
+@pytest.mark.thorough_but("paper", "13 m/s", "tilted slopes")
 def test_estimators_agree_to_three_per_cent(name):
     """A quick look with few photons; the slow test below looks closely."""
     link, sea, normals, _photons, chains = CASES[name]

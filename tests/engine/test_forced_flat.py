@@ -71,6 +71,7 @@ def gain_aside(height, aside, radius, n=1.33, a=0.05, nodes=1_000_001):
         (1.0, 12.0, 0.2),
     ],
 )
+@pytest.mark.thorough_but("1.0-5.0-0.05")
 def test_light_that_leaves_along_the_surface(height, aside, radius):
     """The image of a part is stretched a hundredfold there: bounds on it once left it out."""
     link = link_of(
@@ -89,6 +90,7 @@ def sinusoid_gains(sea, link, spacing, places):
     return ForcedDetection(several, 32, 1, "vertex", sea=TypicalSea(0.2)).evaluate(mesh).ballistic
 
 
+@pytest.mark.thorough
 def test_unscattered_gain_over_waves_converges_as_the_square_of_the_spacing():
     """Root mean square error against quadrature over the exact, strongly focusing sinusoid."""
     from test_transport_waves import quadrature_gains
@@ -164,6 +166,7 @@ SOURCES = {
     "4.0-2.0-120.0-0.0-down",
     "2.0-1.0-180.0-0.0-lambertian",
 )
+@pytest.mark.thorough_but("10.0-5.0-60.0-0.9-isotropic")
 def test_first_order(depth, height, fov_deg, g, source):
     """Every crossing of sharply turned chains must be found, shallow and wide ones too."""
     kind, options, intensity = SOURCES[source]
@@ -229,6 +232,7 @@ SEAS = {"flat": FlatSea(), "jonswap": JonswapSea(wind_speed=13.0, seed=3, waves=
 
 
 @pytest.mark.parametrize("sea", SEAS)
+@pytest.mark.thorough_but("flat")
 def test_scatter_over_seeds_is_the_standard_error(sea):
     """Forty seeds: chi-square of the gains about their mean with the reported errors."""
     link = mt.Link()

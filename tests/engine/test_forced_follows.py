@@ -62,6 +62,7 @@ def test_the_errors_of_an_extended_lamp_are_true():
     assert 0.5 < scatter / np.mean([r.gain_stderr for r in runs]) < 1.7
 
 
+@pytest.mark.thorough
 def test_arrivals_of_an_extended_lamp_add_up():
     link, sea = LINKS["lamp of 1 m"]
     link = link.replace("receiver.radius", 0.2)

@@ -61,6 +61,7 @@ def test_orders_follow_the_layers_on_the_way(layers):
     agree(mt.Link(water=mt.Water(layers=layers), receiver=receiver, physics=KILL), 800_000, tests=3)
 
 
+@pytest.mark.thorough
 def test_a_thin_turbid_layer_below_the_surface_rests_on_joined_photons():
     """Chains that wander there are hardly drawn: a fifth of the light would be missed."""
     water = mt.Water(layers=((0.0, 0.1, 6.0), (1.0, 0.1, 0.0), (100.0, 0.1, 0.0)))

@@ -78,6 +78,7 @@ def test_every_seed_may_be_used(mesh, seed):
     assert run(mt.Link(), mesh, seed=seed, photons=64).gain > 0.0
 
 
+@pytest.mark.thorough
 def test_receivers_in_a_list_are_those_alone(banded):
     """The first receiver sets the expected collisions: with it in front the chains are the same."""
     rows = [mt.Receiver(), mt.Receiver(position=(0.6, 0.1), radius=0.2), mt.Receiver(tilt_deg=20.0)]

@@ -106,6 +106,7 @@ def test_the_quadrature_against_the_published_floors():
 
 @pytest.mark.parametrize("name", ["tilt 40", "tilt 60", "aside 10 m, 60.0, 20"])
 @pytest.mark.slow_but("tilt 60")
+@pytest.mark.thorough
 def test_no_gain_below_the_light_that_is_scattered_once(name):
     """Chains alone gave 1.9e-8, 1.5e-13 and 2.9e-16 with small errors on some seeds."""
     link, seeds = LINKS[name], 2
@@ -295,6 +296,7 @@ def test_the_order_of_receivers_changes_nothing(sea):
             np.testing.assert_array_equal(value, first)
 
 
+@pytest.mark.thorough
 def test_few_chains_of_next_to_no_light_are_not_trusted():
     """Chains of this seed saw 1e-10 of the light, and the paths of its pilot were unsure."""
     parts = parts_of(LINKS["tilt 80"], 10_000, 6)

@@ -147,6 +147,7 @@ TURBID = mt.Link(water=mt.Water(a=0.1, b=1.0))
 """0.06 % of its light is reflected first."""
 
 
+@pytest.mark.thorough
 def test_little_light_that_is_reflected_first_has_few_photons():
     """They took nine tenths of the time of a link in turbid water, for a thousandth of its light."""
     found = ForcedDetection(TURBID, 4096, 1)

@@ -20,6 +20,7 @@ def unscattered(sea):
 
 
 @pytest.mark.parametrize("kind", [{"choppy": True}, {"order": 2}], ids=["choppy", "order-2"])
+@pytest.mark.thorough_but("order-2")
 def test_mean_gain_is_that_of_the_linear_sea(kind):
     ratios = []
     for seed in range(24):
@@ -48,6 +49,7 @@ def test_crest_of_gerstners_wave_focuses_harder():
         assert gain / flat.gain == pytest.approx(around / spread, rel=0.01)
 
 
+@pytest.mark.thorough
 def test_estimators_agree_over_a_steep_choppy_sea_without_leaks():
     link = mt.Link(
         transmitter=mt.Led(depth=5.0, half_angle_deg=10.0),

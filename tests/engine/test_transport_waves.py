@@ -128,6 +128,7 @@ def test_facet_and_vertex_normals_converge_to_each_other(sea):
     assert differences[-1] < 0.03
 
 
+@pytest.mark.thorough
 def test_focusing_moves_light_and_loses_none():
     """A caustic at the receiver's height: bright lines, dark gaps, the same total."""
     grid = mt.IrradianceMap(height=5.0, extent=6.0, step=0.1)

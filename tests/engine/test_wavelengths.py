@@ -245,6 +245,7 @@ def test_photons_of_several_bases(sea):
     assert (np.array(errors[0]) < 4.0 * np.array(errors[1])).all()
 
 
+@pytest.mark.thorough
 def test_a_wavelength_far_from_the_base_has_its_paths():
     """An eighth of the scattering: its error is no larger than that of the base."""
     links = links_of([{"a": 0.1, "b": 1.2}, {"a": 0.1, "b": 1.15}, {"a": 0.5, "b": 0.15}])
@@ -338,6 +339,7 @@ def test_errors_of_a_far_wavelength_are_true():
         assert sidak(ALPHA, 6) < scatter_of(runs) < 1.0 - sidak(ALPHA, 6)
 
 
+@pytest.mark.thorough
 def test_few_samples_are_warned_of_at_the_worst_wavelength():
     """Once each wavelength had a warning of its own."""
     water = mt.Water(spectrum=mt.optics.Constituents(chlorophyll=1.0), wavelength_nm=500.0)

@@ -270,6 +270,7 @@ def test_goodness_of_fit_of_gamma_gamma_accepts_and_rejects():
 # --- intervals -----------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_scintillation_interval_of_an_ensemble_covers():
     rng = np.random.default_rng(114)
     si = 0.02

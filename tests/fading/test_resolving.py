@@ -52,6 +52,7 @@ def test_a_larger_aperture_needs_fewer_waves():
 
 
 @pytest.mark.filterwarnings("ignore:receiver 0:meshtrace.engine.outcome.FewSamplesWarning")
+@pytest.mark.thorough
 def test_runs_store_the_number():
     link = mt.Link(receiver=mt.Receiver(radius=0.5))
     number = band(radius=0.5)

@@ -67,6 +67,7 @@ def test_cheap_figures_have_picture_data_table_and_a_page(tmp_path, figures):
     assert "Not drawn yet: link," in page
 
 
+@pytest.mark.thorough
 def test_second_run_keeps_what_is_there_and_redraws_what_is_missing(tmp_path):
     make_figures(tmp_path, CHEAP, quick=True)
     (tmp_path / "stations.png").unlink()
@@ -76,6 +77,7 @@ def test_second_run_keeps_what_is_there_and_redraws_what_is_missing(tmp_path):
     assert all(r["kept"] for r in make_figures(tmp_path, CHEAP, quick=True))
 
 
+@pytest.mark.thorough
 def test_interrupted_run_goes_on_where_it_was(tmp_path, monkeypatch):
     def interrupted(*arguments):
         raise KeyboardInterrupt

@@ -101,6 +101,7 @@ def traced_gain(link, sea, half_width, n):
     return float((light * inside).sum() * (2.0 * half_width / n) ** 2)
 
 
+@pytest.mark.thorough
 def test_exact_unscattered_gain_is_that_of_traced_rays():
     # the rays of some 1e5 cells inside err by less than 1e-4
     link = LINK.model_copy(update={"receiver": mt.Receiver(radius=0.25)})
@@ -271,6 +272,7 @@ def test_result_does_not_depend_on_threads():
     np.testing.assert_array_equal(one.total_reflection, two.total_reflection)
 
 
+@pytest.mark.thorough
 def test_total_reflection_is_that_of_steep_waves():
     # from a plane tilted by 60 degrees light that goes straight up is totally reflected
     chains = common(LINK, FlatSea(), 64, "facet")
@@ -297,6 +299,7 @@ def test_dataset_and_summary_tell_all(study, tmp_path):
     assert all(len(line) <= 120 for line in text.splitlines())
 
 
+@pytest.mark.thorough
 def test_time_steps_converge():
     # a trapezoidal mean over a whole period of a smooth function leaves nothing
     period = 2.0 * math.pi / float(WAVE.components.omega[0])
@@ -394,6 +397,7 @@ def test_command_prints_writes_and_draws(tmp_path):
         assert data.sizes["spacing"] == 4
 
 
+@pytest.mark.thorough
 def test_command_studies_bands_and_time_steps():
     bands = converge_command("--omega-max", "2,3,4,5", "--realizations", "2", *FEW)
     assert bands.exit_code == 0, bands.stderr

@@ -118,6 +118,7 @@ LINKS = {
 @pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
 @pytest.mark.parametrize("name", LINKS)
 @pytest.mark.slow_but("light reflected first", "layers", "paper")
+@pytest.mark.thorough_but("paper")
 def test_image_and_photons_against_photons_alone(name):
     """Chi-square over 64 cells. Chains once left out the light that is reflected first."""
     link, sea = LINKS[name]

@@ -101,6 +101,7 @@ def test_the_switch_of_a_link_file_serves_all_studies():
         assert Scenario.from_toml(scenario.to_toml()) == scenario
 
 
+@pytest.mark.thorough
 def test_the_mesh_chooses_the_waves_of_any_study():
     for waves, sea in (
         ("mean", JonswapSea(waves="mean")),

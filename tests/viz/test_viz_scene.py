@@ -189,6 +189,7 @@ def bubbles_of(plotter):
     return np.concatenate(points or [np.empty((0, 3))])
 
 
+@pytest.mark.thorough
 def test_bubbles_are_points_in_proportion_to_their_density(shoot, plain):
     layer = mt.HallNovarini(wind_speed=13.0)
     plotter, image = shoot(mt.Link(bubbles=layer))
@@ -213,6 +214,7 @@ def rays_of(plotter):
     return np.concatenate([r.points for r in rays]), np.concatenate([r["tint"] for r in rays])
 
 
+@pytest.mark.thorough
 def test_rays_end_softly_and_are_as_bright_as_their_photons(shoot):
     """They fade at the sides of the stage and where photons land, and go with the weight."""
     wide = mt.Link(transmitter=mt.Led(half_angle_deg=40.0))

@@ -59,6 +59,7 @@ def test_it_renders(browser):
 
 
 @pytest.mark.browser
+@pytest.mark.thorough
 def test_it_reacts_to_the_mouse(browser):
     before = picture(browser).astype(int)
 

@@ -151,8 +151,8 @@ def tinting(
     cuts = np.cumsum([part.shape[1] for part in parts])[:-1]
     c, b, phase, bubble, extra = np.split(functions, cuts, axis=1)
     size = max(phase.shape[1], bubble.shape[1])
-    if size > 1:
-        phase, bubble = (np.broadcast_to(x, (len(x), size)).copy() for x in (phase, bubble))
+    # contiguous, of one cell as of many: kernels are compiled for the layout of their arrays
+    phase, bubble = (np.broadcast_to(x, (len(x), size)).copy() for x in (phase, bubble))
     step = float(grid[1]) / frame.unit
     c = c * (frame.unit / deep)
     path = np.zeros_like(c)

@@ -22,6 +22,7 @@ def parts_of(sea, threads=1):
 
 @pytest.mark.parametrize("sea", [FlatSea(), ROUGH], ids=["flat", "rough"])
 @pytest.mark.parametrize("largest", [8192, 5])  # whole shifts, parts of one
+@pytest.mark.thorough_but("5-flat", "8192-flat")
 def test_kept_and_drawn_chains_are_the_same(sea, largest, monkeypatch):
     kept, light = parts_of(sea)
     monkeypatch.setattr(sets, "_KEPT_BYTES", 0)
