@@ -110,6 +110,29 @@ def within(*path: int | str) -> Iterator[None]:
         raise error.inside(*path) from error.__cause__
 
 
+@contextmanager
+def extra(
+    name: str,
+    field: str,
+    value: object = Described("extra packages are missing"),
+    allowed: str = "{}",
+) -> Iterator[None]:
+    """Refuse with the way to install an extra if packages are missing in a block.
+
+    Parameters
+    ----------
+    name : str
+        The extra of meshtrace.
+    field, value, allowed : str
+        As in `Refused`; {} in `allowed` stands for the command that installs the extra.
+    """
+    try:
+        yield
+    except ImportError as error:
+        command = f'pip install "meshtrace[{name}]"'
+        raise Refused(field, value, allowed.format(command)) from error
+
+
 def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:
     """Refuse all but tables with certain keys."""
     if not isinstance(table, Mapping):

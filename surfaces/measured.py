@@ -18,6 +18,7 @@ from meshtrace.errors import (
     DomainWarning,
     Refused,
     did_you_mean,
+    extra,
     reason_of,
     require_array,
     require_between,
@@ -217,11 +218,8 @@ def _text_table(path: str | PathLike[str]) -> xarray.Dataset:
 
 
 def _reader(name: str) -> Any:
-    try:
+    with extra("measured", "reader", name, "formats of wavespectra: {}"):
         import wavespectra
-    except ImportError as error:
-        allowed = 'formats of wavespectra: pip install "meshtrace[measured]"'
-        raise Refused("reader", name, allowed) from error
     names = sorted(n.removeprefix("read_") for n in dir(wavespectra) if n.startswith("read_"))
     if name not in names:
         raise Refused("reader", name, ", ".join(names), did_you_mean(name, names))
@@ -591,12 +589,9 @@ def _of_array(
     at = require_array(() if positions is None else positions, "positions", allowed)
     if at.shape != (n, 2) or n < 3 or np.linalg.matrix_rank(at - at.mean(axis=0), 1e-6) < 2:
         raise Refused("positions", Described(f"shape {at.shape}"), allowed)
-    try:
+    with extra("measured", "positions", Described(f"{n} gauges"), "one gauge, or diwasp: {}"):
         from diwasp import EstimationMethod, EstimationParameters, InstrumentData, dirspec
         from diwasp.types import SensorType
-    except ImportError as error:
-        allowed = 'one gauge, or diwasp: pip install "meshtrace[measured]"'
-        raise Refused("positions", Described(f"{n} gauges"), allowed) from error
     apart = np.hypot(*(at[:, None] - at).transpose(2, 0, 1))[~np.eye(n, dtype=bool)].min()
     last = int(np.searchsorted(wavenumber(2.0 * np.pi * freq, depth), math.pi / apart))
     if last == 0:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import PrivateAttr
 
-from meshtrace.errors import Described, Refused, reason_of, require_whole
+from meshtrace.errors import Described, Refused, extra, reason_of, require_whole
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Model
 
@@ -137,10 +137,8 @@ def _one_each(files: list[Path], times: Floats | None = None) -> Frames:
 
 def _read_vtk(path: Path) -> Facets:
     """Return the polygons of a VTK file, or the outer surface of its cells."""
-    try:
+    with extra("viz", "source", str(path), "{} for VTK files"):
         import pyvista as pv
-    except ImportError as error:
-        raise Refused("source", str(path), 'pip install "meshtrace[viz]" for VTK files') from error
     data: Any = pv.read(path)
     if isinstance(data, pv.MultiBlock):
         data = data.combine()
@@ -170,12 +168,9 @@ def _xdmf(path: Path) -> Frames:
     times = np.array(at, np.float64) if len(at) == len(grids) else None
 
     def read(i: int) -> Facets:
-        try:
+        with extra("meshes", "source", str(path), "{} for XDMF files"):
             from meshio.xdmf import TimeSeriesReader
             from meshio.xdmf.main import XdmfReader
-        except ImportError as error:
-            allowed = 'pip install "meshtrace[meshes]" for XDMF files'
-            raise Refused("source", str(path), allowed) from error
         if shared:
             with TimeSeriesReader(path) as series:
                 points, cells = series.read_points_cells()

@@ -355,18 +355,13 @@ def _packed(window: Any) -> bytes:
 
 def _letters(scene: ScenePlotter) -> pv.PolyData | None:
     """Return the texts of a scene as flat letters that face the camera."""
-    towards = np.subtract(scene.camera.position, scene.camera.focal_point)
-    towards /= np.linalg.norm(towards)
-    right = np.cross((0.0, 0.0, 1.0), towards)
-    right /= np.linalg.norm(right)
-    frame = np.stack([right, np.cross(towards, right), towards])
     size, words = 0.021 * scene.stage.size, []
     for point, text, align in scene.texts:
         # the letters that VTK has as solids are those of ASCII
         word = pv.Text3D(text.replace("°", " deg"), depth=0.0)
         x0, x1 = word.bounds[:2]
         shift = {"left": -x0, "center": 0.0, "right": -x1}[align]
-        word.points = size * (word.points + np.array([shift, 0.0, 0.0])) @ frame + point
+        word.points = size * (word.points + np.array([shift, 0.0, 0.0])) @ scene.frame + point
         tint = 255.0 * np.array(to_rgb(CHALK))
         word.point_data["tint"] = np.tile(tint.astype(np.uint8), (word.n_points, 1))
         words.append(word)

@@ -13,8 +13,9 @@ from matplotlib.colors import to_rgb
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
-from meshtrace.link import CardioidalSky, Link, Receiver, Sun, UniformSky
-from meshtrace.link.sources import AirLamp
+from meshtrace.link import Link, Receiver
+from meshtrace.link.receivers import Aperture
+from meshtrace.link.sources import AirLamp, Source, WaterSource
 from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.bubbles import BubblePopulation
 
@@ -184,7 +185,7 @@ def add_bubbles(
     ScenePlotter
         The same scene.
     """
-    ring, bottom = _outline(mesh), scene.stage.bottom
+    ring, bottom = mesh.vertices[outline(mesh)], scene.stage.bottom
     share = np.linspace(0.0, 1.0, 60)[:, None] ** 2  # finer near the surface, in the bubbles
     z = ring[:, 2] + share * (bottom - ring[:, 2])
     x, y = (np.broadcast_to(column, z.shape) for column in ring[:, :2].T)
@@ -231,14 +232,16 @@ _BUBBLES_SHOWN, _THICK = 12_000, 0.05
 """Bubbles drawn in a layer of an optical thickness."""
 
 
-def _outline(mesh: TriangleMesh) -> np.ndarray:
-    """Return the edge of a surface, shape (n, 3) [m], anticlockwise and first as last."""
-    edge = to_pyvista(mesh).extract_feature_edges(
+def outline(mesh: TriangleMesh) -> np.ndarray:
+    """Return the numbers of the vertices along the edge, anticlockwise and first as last."""
+    facets = pv.PolyData.from_regular_faces(mesh.vertices, mesh.faces.astype(int))
+    facets["vertex"] = np.arange(facets.n_points)
+    edge = facets.extract_feature_edges(
         boundary_edges=True, feature_edges=False, manifold_edges=False, non_manifold_edges=False
     )
     loop = edge.strip(join=True, max_length=edge.n_points + 1)
-    ring = np.asarray(loop.points)[loop.lines[1 : loop.lines[0] + 1]]
-    x, y = ring[:, :2].T
+    ring = np.asarray(loop["vertex"])[loop.lines[1 : loop.lines[0] + 1]]
+    x, y = mesh.vertices[ring, :2].T
     clockwise = float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) < 0.0
     return ring[::-1] if clockwise else ring
 
@@ -252,12 +255,12 @@ def add_transmitter(
     (Gaussian beam), or of the whole beam.
     """
     for source in link.transmitters:
-        if isinstance(source, Sun | UniformSky | CardioidalSky):
+        if not isinstance(source, WaterSource | AirLamp):
             _add_sky(scene, source, labels)
             continue
         place = source.center
-        half = getattr(source, "half_angle_deg", getattr(source, "divergence_deg", None))
-        if half is not None:
+        half = source.spread_deg
+        if half < 180.0:
             if scene.stage.contains(place):
                 _add_beam(scene, mesh, link.water.c, place, source.axis, half)
             _add_cone(scene, mesh, place, source.axis, half, LED_COLOR, fill=0.0)
@@ -265,23 +268,23 @@ def add_transmitter(
             continue
         ball = pv.Sphere(radius=0.012 * scene.stage.size, center=place)
         scene.add_mesh(ball, color=LED_COLOR, ambient=0.7, specular=0.3)
-        name = "LED" if source.pattern == "led" else source.kind.replace("-", " ")
-        angle = "" if half is None else f"\nhalf-angle {half:g}°"
-        level = f"height {place[2]:g}" if place[2] > 0.0 else f"depth {-place[2]:g}"
-        text = f"{name}, {level} m{angle}"
+        angle = f"\nhalf-angle {half:g}°" if half < 180.0 else ""
         if labels:
-            _label(scene, place, 0.03, text)
+            _label(scene, place, 0.03, ", ".join(words_of(source)) + angle)
     return scene
+
+
+def words_of(item: Source | Aperture) -> list[str]:
+    """Return the kind of a source or receiver and its level, if it has one."""
+    name = "LED" if getattr(item, "pattern", "") == "led" else item.kind.replace("-", " ")
+    keys = [key for key in ("height", "depth") if hasattr(item, key)]
+    return [name, *(f"{key} {getattr(item, key):g} m" for key in keys)]
 
 
 def _add_sky(scene: ScenePlotter, source: Any, labels: bool) -> None:
     """Draw the square of the sea lit by a sun or sky, with the direction of the light."""
     stage, w = scene.stage, source.half_width
-    zenith = math.radians(getattr(source, "zenith_deg", 0.0))
-    azimuth = math.radians(getattr(source, "azimuth_deg", 0.0))
-    across = math.sin(zenith)
-    along = np.array([across * math.cos(azimuth), across * math.sin(azimuth), -math.cos(zenith)])
-    target = np.array([*source.position, 0.0])
+    along, target = np.array(source.axis), np.array(source.center)
     square = pv.Plane(center=target, i_size=2.0 * w, j_size=2.0 * w).extract_feature_edges()
     scene.add_mesh(square.tube(radius=0.002 * stage.size), color=LED_COLOR, lighting=False)
     length = 0.2 * stage.size

@@ -274,7 +274,7 @@ def caption(link: Link | None, surface: Any, time: float, gain: GainResult | Non
     texts = []
     if link is not None:
         ends = link.transmitters[0], link.receivers[0]
-        texts.append(" to ".join(_place(item) for item in ends))
+        texts.append(" to ".join(" at ".join(parts.words_of(item)) for item in ends))
     speed = wind_of(surface)[0]
     kind = getattr(surface, "kind", "mesh")
     words = ["mesh" if kind == "mesh" else f"{ACRONYMS.get(kind, kind)} sea"]
@@ -287,15 +287,6 @@ def caption(link: Link | None, surface: Any, time: float, gain: GainResult | Non
         value, error = (np.ravel(v)[0] for v in (gain.gain, gain.gain_stderr))
         texts.append(f"gain {value:.2e} ± {error:.0e}")
     return "; ".join(texts)
-
-
-def _place(item: Any) -> str:
-    """Return kind and level of a source or receiver."""
-    name = "LED" if getattr(item, "pattern", "") == "led" else item.kind.replace("-", " ")
-    if not hasattr(item, "center"):
-        return name
-    z = item.center[2]
-    return f"{name} at height {z:g} m" if z > 0.0 else f"{name} at depth {-z:g} m"
 
 
 def received_light(
@@ -370,7 +361,7 @@ def add_paths(
             scene.add_tinted(rays, shade, alpha, **thick)
             scene.key[f"photons {name}"] = shade
         if received:
-            _add_dots(scene, chosen, (Vertex.SCATTER,), 0.002 * scene.stage.size, shade)
+            _add_dots(scene, chosen.vertex[chosen.what == Vertex.SCATTER], shade)
     return scene
 
 
@@ -379,17 +370,20 @@ _PIECES = 60  # of a ray as long as the stage
 _SOFT = 0.1  # width of the rim in which rays fade, over the size of the stage
 
 
+def path_segments(paths: PhotonPaths) -> tuple[np.ndarray, ...]:
+    """Return the path and the first vertex of each straight piece of photon paths."""
+    return np.nonzero(np.arange(paths.what.shape[1] - 1) < paths.length[:, None] - 1)
+
+
 def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
     """Return photon paths as short straight pieces, and the number of photons seen.
 
     Points have the weight, and a factor by which rays fade towards the sides of the stage, and at
     their end if that is no aperture.
     """
-    stage, count = scene.stage, np.maximum(paths.length - 1, 0)
-    row = np.repeat(np.arange(len(count)), count)
-    step = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    stage, (row, step) = scene.stage, path_segments(paths)
     start, end = paths.vertex[row, step], paths.vertex[row, step + 1]
-    low, high = np.reshape(stage.bounds, (3, 2)).T
+    low, high = stage.ends
     length = np.linalg.norm(end - start, axis=1)
     near = (np.maximum(start, end) > low).all(axis=1) & (np.minimum(start, end) < high).all(axis=1)
     start, end, length, row, step = (a[near] for a in (start, end, length, row, step))
@@ -426,14 +420,11 @@ def select_paths(paths: PhotonPaths, rows: np.ndarray | slice) -> PhotonPaths:
 _CROSSINGS = (Vertex.SURFACE_OUT, Vertex.SURFACE_IN)
 
 
-def _add_dots(
-    scene: ScenePlotter, paths: PhotonPaths, what: tuple[Vertex, ...], radius: float, color: str
-) -> None:
-    """Draw balls at the events within the stage."""
-    points = paths.vertex[np.isin(paths.what, what)]
-    low, high = np.reshape(scene.stage.bounds, (3, 2)).T
-    points = points[((points >= low) & (points <= high)).all(axis=1)]
+def _add_dots(scene: ScenePlotter, points: np.ndarray, color: str) -> None:
+    """Draw small balls at the points within the stage."""
+    points = points[scene.stage.contains(points)]
     if len(points):
+        radius = 0.002 * scene.stage.size
         ball = pv.Sphere(radius=radius, theta_resolution=10, phi_resolution=10)
         dots = pv.PolyData(points).glyph(geom=ball, scale=False, orient=False)
         scene.add_mesh(dots, color=color, ambient=0.6)

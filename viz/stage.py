@@ -51,10 +51,20 @@ class Stage(NamedTuple):
         """Longest edge [m], to which symbols are scaled."""
         return max(2.0 * self.half, self.top - self.bottom)
 
-    def contains(self, point: tuple[float, float, float]) -> bool:
-        """Return whether a point [m] lies on the stage."""
-        low, high = np.reshape(self.bounds, (3, 2)).T
-        return bool(((low <= point) & (point <= high)).all())
+    @property
+    def ends(self) -> np.ndarray:
+        """Lowest and highest corner [m], shape (2, 3)."""
+        return np.reshape(self.bounds, (3, 2)).T
+
+    @property
+    def corners(self) -> np.ndarray:
+        """All corners [m], shape (8, 3)."""
+        return np.array(list(itertools.product(*self.ends.T)))
+
+    def contains(self, points: ArrayLike) -> Any:
+        """Return whether points [m], shape (..., 3), lie on the stage."""
+        low, high = self.ends
+        return ((low <= points) & (points <= high)).all(axis=-1)
 
     @property
     def bounds(self) -> tuple[float, float, float, float, float, float]:
@@ -148,6 +158,14 @@ class ScenePlotter(pv.Plotter):
             drawn.clear()
 
     @property
+    def frame(self) -> np.ndarray:
+        """Unit vectors to the right, up and towards the camera, as rows."""
+        towards = -np.array(self.camera.direction)
+        right = np.cross(Z, towards)
+        right /= max(np.linalg.norm(right), 1e-12)
+        return np.stack([right, np.cross(towards, right), towards])
+
+    @property
     def font_size(self) -> int:
         """Height of texts [pixel], in proportion to the window."""
         return round(min(0.015 * self.window_size[0], 0.024 * self.window_size[1]))
@@ -217,8 +235,7 @@ def look(
     azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
     x, y, across = math.cos(azimuth), math.sin(azimuth), math.cos(elevation)
     towards, right = np.array([x * across, y * across, math.sin(elevation)]), np.array([-y, x, 0.0])
-    up = np.cross(towards, right)
-    corners = np.array(list(itertools.product(*np.reshape(scene.stage.bounds, (3, 2)))))
+    up, corners = np.cross(towards, right), scene.stage.corners
     half_angle = math.radians(0.5 * VIEW_ANGLE_DEG)
     focus, distance = corners.mean(axis=0), 4.0 * scene.stage.size
     aspect = scene.window_size[0] / scene.window_size[1]
@@ -272,13 +289,9 @@ def add_scale(scene: ScenePlotter) -> ScenePlotter:
 
 def _left_of_the_stage(scene: ScenePlotter) -> tuple[np.ndarray, np.ndarray]:
     """Return the place (x, y, 0) of the ruler and the unit vector to the right."""
-    camera = np.array(scene.camera.position)
-    ahead = np.subtract(scene.camera.focal_point, camera)
-    ahead /= np.linalg.norm(ahead)
-    level = ahead * (1.0, 1.0, 0.0)
-    right = np.cross(level / max(np.linalg.norm(level), 1e-12), Z)
+    camera, ahead = np.array(scene.camera.position), np.array(scene.camera.direction)
+    right, corners = scene.frame[0], scene.stage.corners
     middle = np.array([*scene.stage.center, 0.0])
-    corners = np.array(list(itertools.product(*np.reshape(scene.stage.bounds, (3, 2)))))
     reach = (corners - middle) @ right / ((corners - camera) @ ahead)
     across = float(reach.min() * ((middle - camera) @ ahead)) - 0.02 * scene.stage.size
     return middle + across * right, right
@@ -325,11 +338,11 @@ def add_labels(
     scene: ScenePlotter, points: list[np.ndarray], texts: list[str], align: Side = "center"
 ) -> ScenePlotter:
     """Draw texts at points, upright and in front of all other parts."""
-    ahead = np.subtract(scene.camera.focal_point, scene.camera.position)
     places = require_array(points, "points", "points (n, 3)").reshape(len(points), -1)
     if not len(texts) == len(places) > 0 or places.shape[1] != 3:
         raise Refused("points", places.shape, "a point (3,) for each text")
-    seen = (places - scene.camera.position) @ ahead > 0.0  # VTK draws labels behind, too
+    ways = places - scene.camera.position
+    seen = ways @ scene.camera.direction > 0.0  # VTK draws labels behind, too
     places, texts = places[seen], [text for text, here in zip(texts, seen, strict=True) if here]
     if not texts:
         return scene

@@ -16,7 +16,7 @@ from typer.core import TyperGroup
 
 from meshtrace.cli import console
 from meshtrace.cli.made import StudyCommand, StudyRow, defaults, numbers
-from meshtrace.errors import Refused, require_word
+from meshtrace.errors import Refused, extra, require_word
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -252,7 +252,7 @@ def sweep(
     found, store = read_study(file, asked.pop("store", None), trust)
     total = len(list(found.tasks()))
     try:
-        with console.extra("sweep", "batch"):
+        with extra("batch", "sweep"):
             data = study.run(found.run, store, total, asked)
     except KeyboardInterrupt:
         typer.echo(f"finished points are in {store}; the same command resumes", err=True)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from meshtrace.errors import Described, Refused, one_line, require_writable
+from meshtrace.errors import Refused, extra, one_line, require_writable
 from meshtrace.files import atomic
 
 if TYPE_CHECKING:
@@ -149,16 +149,6 @@ def warnings_as_lines() -> Iterator[None]:
         yield
 
 
-@contextmanager
-def extra(field: str, name: str) -> Iterator[None]:
-    """Refuse with an installation hint if packages of an extra are missing."""
-    try:
-        yield
-    except ImportError as error:
-        missing = Described("extra packages are missing")
-        raise Refused(field, missing, f'pip install "meshtrace[{name}]"') from error
-
-
 def finite(value: Any) -> Any:
     """Return numbers in tuples, mappings and arrays as plain data; null if not finite."""
     if value is None or isinstance(value, str | bool):
@@ -272,7 +262,7 @@ def check_plot(path: Path | None, *inputs: Path | None, option: str = "--plot") 
     if path is None:
         return
     check_output(path, *inputs, option=option)
-    with extra(option, "viz"):
+    with extra("viz", option):
         from matplotlib.figure import Figure
     kinds = Figure().canvas.get_supported_filetypes()
     if path.suffix[1:].lower() not in kinds:
@@ -283,7 +273,7 @@ def draw(result: Any, path: Path | None) -> None:
     """Write the plot of a result, if a file is given."""
     if path is None:
         return
-    with extra("plot", "viz"):
+    with extra("viz", "plot"):
         import matplotlib
 
         matplotlib.use("agg")

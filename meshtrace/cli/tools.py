@@ -19,6 +19,7 @@ from meshtrace.errors import (
     MISSING,
     Described,
     Refused,
+    extra,
     require_between,
     require_finite,
     require_word,
@@ -517,7 +518,7 @@ def view(
     """
     if options.frame_rate is not None:  # a view without a movie does not check it
         require_between(options.frame_rate, 0.0, math.inf, "--frame-rate", allowed="numbers > 0")
-    with console.extra("viz", "viz"):
+    with extra("viz", "viz"):
         from meshtrace.viz import SceneStyle
         from meshtrace.viz import view as show
     given: Inputs = {name: value for name, value in vars(options).items() if value is not None}
@@ -529,7 +530,7 @@ def view(
     kernels = () if subject["link"] is None else ("forced",)
     with (
         console.progress(steps, False, "drawing frames", *kernels) as (_, advance),
-        console.extra("viz", "viz"),
+        extra("viz", "viz"),
     ):
         written = show(
             **subject,

@@ -15,6 +15,7 @@ from meshtrace.errors import (
     MISSING,
     Described,
     Refused,
+    extra,
     require_between,
     require_whole,
     require_word,
@@ -160,12 +161,9 @@ class SunPosition(NamedTuple):
 
 def _pvlib() -> Any:
     """Return the package pvlib, or refuse."""
-    try:
+    missing = Described("pvlib is not installed")
+    with extra("daylight", "daylight", missing, "the extra daylight, {}, or direct and diffuse"):
         import pvlib
-    except ImportError as error:
-        missing = Described("pvlib is not installed")
-        allowed = "the extra daylight, pip install meshtrace[daylight], or direct and diffuse"
-        raise Refused("daylight", missing, allowed) from error
     return pvlib
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from meshtrace.engine.setup.options import resolve
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import extra
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.scenario import Scenario
@@ -51,11 +51,8 @@ def explore(
     Every browser, and every visit of the first page, has a separate state. The address that is
     printed holds a token; without it, from another host or another origin, no page is opened.
     """
-    try:
+    with extra("explore", "explore"):
         from meshtrace.explorer.server import Explorer, serve
-    except ImportError as error:
-        missing = Described("extra packages are missing")
-        raise Refused("explore", missing, 'pip install "meshtrace[explore]"') from error
     explorer = Explorer(scenario_of(link, surface), title, host, port)
     try:
         asyncio.run(serve(explorer, open_browser))

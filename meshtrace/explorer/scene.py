@@ -14,13 +14,13 @@ from meshtrace.daylight.light import Daylight
 from meshtrace.engine.paths import PhotonPaths
 from meshtrace.explorer.controls import State
 from meshtrace.link import Link
-from meshtrace.link.sources import AirLamp, WaterSource
+from meshtrace.link.sources import AirLamp, Source, WaterSource
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.water import Water
 from meshtrace.results.series import CoverageMap
 from meshtrace.viz import parts
-from meshtrace.viz.scenes import longest_left_out, wind_of
+from meshtrace.viz.scenes import longest_left_out, path_segments, wind_of
 from meshtrace.viz.stage import Stage, stage_of
 from meshtrace.viz.style import PALETTE, RECEIVER_COLOR, to_srgb
 from meshtrace.viz.water import (
@@ -94,6 +94,7 @@ class LiveScene:
         self._made: tuple[Any, TriangleMesh] | None = None
         self._drawn: TriangleMesh | None = None
         self._faces: Any = None
+        self._ring = np.empty(0, int)
         self._framed, self._framing = 0.0, 0
         self._changed: set[str] = set()
         self.parts: dict[str, Any] = {"rays": b"", "map": None}
@@ -225,13 +226,12 @@ class LiveScene:
     def _take_sea(self, mesh: TriangleMesh) -> None:
         """Take over points, normals, edge and facets of a surface, in single precision."""
         self._drawn = mesh
-        arrays = {
-            "points": mesh.vertices, "normals": mesh.vertex_normals, "ring": _edge(mesh.vertices),
-        }  # fmt: skip
-        self._set("sea", {key: a.astype(np.float32).tobytes() for key, a in arrays.items()})
         if self._faces is not mesh.faces.base or self._faces is None:  # grids of a shape share them
-            self._faces = mesh.faces.base
+            self._faces, self._ring = mesh.faces.base, parts.outline(mesh)[:-1]
             self._set("faces", mesh.faces.astype(np.uint32).tobytes())
+        points = mesh.vertices
+        arrays = {"points": points, "normals": mesh.vertex_normals, "ring": points[self._ring]}
+        self._set("sea", {key: a.astype(np.float32).tobytes() for key, a in arrays.items()})
 
     def _look(self, state: State, mesh: TriangleMesh) -> dict[str, Any]:
         """Return the light on the sea of a state, and the waves that its mesh leaves out."""
@@ -289,8 +289,7 @@ def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str
 
 def segments(paths: PhotonPaths) -> Any:
     """Return the pieces of paths, shape (n, 7): both ends [m], and 1 for scattered light."""
-    n = paths.length[:, None]
-    rows, k = np.nonzero(np.arange(paths.vertex.shape[1] - 1) < n - 1)
+    rows, k = path_segments(paths)
     scattered = (paths.length > 3)[rows, None]
     ends = paths.vertex[rows, k], paths.vertex[rows, k + 1]
     return np.hstack([*ends, scattered]).astype(np.float32)
@@ -298,17 +297,6 @@ def segments(paths: PhotonPaths) -> Any:
 
 def _ends(values: Floats, half: float) -> tuple[float, float]:
     return float(values[0] - half), float(values[-1] + half)
-
-
-def _edge(vertices: Floats) -> Floats:
-    """Return the vertices on the sides of the square that a mesh covers, anticlockwise."""
-    (x0, y0), (x1, y1) = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
-    x, y = vertices[:, :2].T
-    near = 1e-6 * (x1 - x0)
-    on_edge = (x - x0 < near) | (x1 - x < near) | (y - y0 < near) | (y1 - y < near)
-    ring = vertices[on_edge]
-    u, v = (ring[:, :2] - (0.5 * (x0 + x1), 0.5 * (y0 + y1))).T
-    return ring[np.argsort(np.arctan2(v, u))]
 
 
 def _sky_of(day: Daylight | None) -> tuple[Daylight, tuple[float, float, float]]:
@@ -352,7 +340,6 @@ def _link(link: Link, stage: Stage) -> dict[str, Any]:
             scale = (far + plane * n) ** 2 * math.exp(link.water.c * far) / n**2
         else:
             scale = (far - plane / n) ** 2 * math.exp(-link.water.c * plane)
-    power = link.transmitters[0].power_mw
     colors = {"receiver": RECEIVER_COLOR, "unscattered": UNSCATTERED_COLOR,
               "scattered": SCATTERED_COLOR}  # fmt: skip
     return {
@@ -360,9 +347,14 @@ def _link(link: Link, stage: Stage) -> dict[str, Any]:
         "color": light_color(link.transmitters[0].wavelength_nm), "index": link.water.n,
         "extinction": link.water.c, "scattering": link.water.b, "loss": _loss(link.water),
         "plane": plane, "size": stage.size,
-        "norm": scale * min(max((power / 100.0) ** 0.25, 0.5), 2.0),
+        "norm": scale * _strength(link.transmitters[0]),
         "colors": {name: to_rgb(color) for name, color in colors.items()},
     }  # fmt: skip
+
+
+def _strength(source: Source) -> float:
+    """Return the brightness of the light of a lamp in the picture, 1 for 100 mW."""
+    return min(max((source.power_mw / 100.0) ** 0.25, 0.5), 2.0)
 
 
 def _loss(water: Water) -> float:
@@ -372,8 +364,7 @@ def _loss(water: Water) -> float:
 
 def _lamp(source: WaterSource | AirLamp, link: Link) -> dict[str, Any]:
     """Return a lamp as it shines at its place ("own"), and in the water as from "place"."""
-    half = getattr(source, "half_angle_deg", getattr(source, "divergence_deg", 180.0))
-    bright = 0.4 * min(max((source.power_mw / 100.0) ** 0.25, 0.5), 2.0)
+    half, bright = source.spread_deg, 0.4 * _strength(source)
     x, y, z = source.center
     bright *= min(math.exp(_loss(link.water) * abs(z) / 3.0), 5.0) if z < 0.0 else 1.0
     own_axis, own_shape = _beam(source.pattern, half, source.axis, abs(z), bright)

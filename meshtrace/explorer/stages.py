@@ -277,15 +277,7 @@ def coverage(state: State, check: Check) -> Iterator[CoverageMap]:
         )  # fmt: skip
 
 
-_DESIGN = """
-import sys
-import meshtrace as mt
-try:
-    scenario = mt.Scenario.load(sys.argv[1], trust=True)
-    mt.design(scenario).save(sys.argv[2])
-except mt.Refused as error:
-    sys.exit(str(error))
-"""
+_DESIGN = ("-m", "meshtrace", "design", "--trust")
 
 
 async def design_of(scenario: Scenario) -> Design:
@@ -300,7 +292,7 @@ async def design_of(scenario: Scenario) -> Design:
         link, made = Path(folder, "link.toml"), Path(folder, "design.nc")
         link.write_text(scenario.to_toml(), encoding="utf-8")
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-c", _DESIGN, str(link), str(made),
+            sys.executable, *_DESIGN, str(link), "-o", str(made),
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
         )  # fmt: skip
@@ -312,7 +304,8 @@ async def design_of(scenario: Scenario) -> Design:
                 await process.wait()
         if process.returncode:
             lines = said.decode(errors="replace").strip().splitlines() or ["ended without a word"]
-            raise Refused("design", Described(lines[-1]), "a link that can be designed")
+            said_last = Described(lines[-1].removeprefix("error: "))
+            raise Refused("design", said_last, "a link that can be designed")
         return Design.load(made)
 
 

@@ -66,9 +66,8 @@ def test_a_design_is_read_in_the_units_of_the_page():
 @pytest.mark.process
 @pytest.mark.slow
 def test_the_design_is_that_of_the_library(monkeypatch):
-    options = ", ".join(f"{key}={value}" for key, value in FEW.items())
-    program = stages._DESIGN.replace("mt.design(scenario)", f"mt.design(scenario, {options})")
-    monkeypatch.setattr(stages, "_DESIGN", program)
+    options = [f"--{key}={value}" for key, value in FEW.items()]
+    monkeypatch.setattr(stages, "_DESIGN", (*stages._DESIGN, *options))
     found, expected = asyncio.run(design_of(CALM)), mt.design(CALM, **FEW)
     assert found.figures == expected.figures
     assert found.choices == expected.choices

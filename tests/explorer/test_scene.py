@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.stats import norm
 
 import meshtrace as mt
@@ -36,6 +37,18 @@ def test_the_sea_is_that_of_the_model(scene):
     assert np.abs(ring[:, :2]).max(axis=1) == pytest.approx(stage.half, rel=1e-6)
     x, y = ring[:, :2].T
     assert (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() > 0.0  # anticlockwise
+
+
+def test_the_water_ends_at_the_edge_of_any_mesh(tmp_path):
+    angle = np.radians(np.arange(0, 360, 10))
+    rim = 30.0 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    faces = [[0, i, i % 36 + 1] for i in range(1, 37)]
+    disk = trimesh.Trimesh(np.vstack([[0.0, 0.0, 0.0], rim]), faces)
+    disk.export(tmp_path / "disk.stl")
+    scenario = Scenario.from_toml("sea.mesh = 'disk.stl'", folder=tmp_path)
+    ring = points(LiveScene(State(scenario)), "ring")
+    assert len(ring) == 36
+    assert np.hypot(*ring[:, :2].T) == pytest.approx(30.0, rel=1e-6)
 
 
 def test_only_parts_that_changed_are_sent(scene):

@@ -215,6 +215,8 @@ def test_captions_state_link_sea_and_gain():
     down = caption(mt.Link().mirrored(), FlatSea(), 0.0, None)
     assert down.endswith("at depth 10 m; flat sea")
     assert "at height 5 m" in down
+    sun = caption(mt.Link(transmitter=mt.link.Sun()), FlatSea(), 0.0, None)
+    assert sun == "sun to receiver at height 5 m; flat sea"
     assert caption(None, SEA.mesh(0.0, 2.0, 1.0), 0.0, None) == "mesh"
 
 
