@@ -23,7 +23,6 @@ from meshtrace.engine.setup.ends import ForcedLink, expected_water, forced_link
 from meshtrace.engine.setup.tinting import UNTINTED, Common
 from meshtrace.kernels.interface import Direction, MeshArrays, Roughness, Snell
 from meshtrace.kernels.medium import DepthMode, Medium
-from meshtrace.kernels.rays import BESIDE, CUT, shadows
 from meshtrace.kernels.scene import FACET, Emitter, Locator, Scene, Target, facet_summary
 from meshtrace.kernels.tints import Tints
 from meshtrace.kernels.vectors import Vec3
@@ -188,12 +187,9 @@ class AimedChains:
         """
         receivers = [receivers] if isinstance(receivers, int) else receivers
         n, keep = len(chains.audit) * len(receivers), keep or self._far is not None
-        most = 2 * n + 64
         out = kernel.Output(
             score=np.zeros(n),
-            doubtful=np.empty(most, kernel.DOUBT),
-            rays=np.empty(most * (chains.order + 2), kernel.RAY),
-            arrivals=np.empty(most if keep else 0, kernel.ARRIVAL),
+            arrivals=np.empty(2 * n + 64 if keep else 0, kernel.ARRIVAL),
             counters=np.zeros(len(Counter), np.int64),
             roots=np.zeros(ROOTS, ROOT),
         )
@@ -212,18 +208,7 @@ class AimedChains:
             scene, extent = self.scene(emitter, target), self._extent
             search = extent._replace(widest=target.reach + extent.widest)
             found = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
-        n_doubt, n_rays, n_arrivals = found
-        arrivals = out.arrivals[:n_arrivals]
-        if n_doubt:
-            cut = np.zeros(n_doubt, bool)
-            rays = out.rays[:n_rays]
-            names = "origin", "direction", "length"
-            blocked = self._cut(*(np.ascontiguousarray(rays[name]) for name in names))
-            cut[rays["crossing"][blocked]] = True
-            clear = out.doubtful[:n_doubt][~cut]
-            np.add.at(out.score, clear["chain"], clear["weight"])
-            out.counters[Counter.BLOCKED] += int(cut.sum())
-            arrivals = arrivals[(arrivals["doubt"] < 0) | ~cut[arrivals["doubt"]]]
+        arrivals = out.arrivals[:found]
         self.counters += out.counters
         if self._far is None:
             return Aimed(out.score[None], arrivals)
@@ -305,22 +290,6 @@ class AimedChains:
         """The water with its bubbles alone."""
         return self.medium._replace(b=0.0, layered=False)
 
-    def _cut(self, origins: Floats, directions: Floats, lengths: Floats) -> NDArray[np.bool_]:
-        """Return the straight paths that the surface blocks.
-
-        A path that starts or ends on the surface is shortened by a hair at both ends. Paths
-        outside the region that the receivers see are checked by Embree.
-        """
-        outcome = np.empty(len(lengths), np.int64)
-        shadows(origins, directions, lengths, self.surface, self.locator, outcome)
-        cut, beside = outcome == CUT, np.flatnonzero(outcome == BESIDE)
-        if len(beside):
-            hair = 1e-4 * (1.0 + lengths[beside])
-            start = origins[beside] + hair[:, None] * directions[beside]
-            hits = self._intersector.intersect(start, directions[beside])
-            cut[beside] = hits.distance < lengths[beside] - 3.0 * hair
-        return cut
-
     def direct_gains(
         self,
         source: int,
@@ -336,30 +305,17 @@ class AimedChains:
         """
         scene = self._forwards(source, receiver, at)
         gain = np.zeros(len(self._mesh.faces))
-        hidden = np.zeros(len(gain), bool)
         stack = np.empty((image.STACK, 3), np.int64)
         if self.rough and self.blurred:
             nodes = self.nodes.setdefault((source, receiver), _disk_nodes(self._blur(scene)))
             rule = _slope_rule() if nodes is None else _disk_rule(nodes)
             blocks = self._blocks if facets is None else _one_block(facets)
             coarse = np.zeros(len(gain), bool)
-            microfacets.blurred_gain(scene, rule, blocks, stack, coarse, gain, hidden)
+            microfacets.blurred_gain(scene, rule, blocks, stack, coarse, gain)
         else:
             stretch, lever, bend = self.bounds_of(scene)
-            image.image_gain(scene, 1.5 * stretch, lever, bend, stack, gain, hidden)
-            if facets is not None:
-                others = np.ones(len(gain), bool)
-                others[facets] = False
-                gain[others], hidden[others] = 0.0, False
-        doubtful = np.flatnonzero(hidden)
-        if not len(doubtful):
-            return gain
-        centroid = self.centroids[doubtful]
-        for end in (self.link.emitters[source].position, self.link.targets[receiver].center):
-            way = centroid - np.asarray(end)
-            length = np.linalg.norm(way, axis=1)
-            start = np.tile(np.asarray(end), (len(way), 1))
-            gain[doubtful[self._cut(start, way / length[:, None], length)]] = 0.0
+            some = np.arange(len(gain)) if facets is None else facets
+            image.image_gain(scene, some, 1.5 * stretch, lever, bend, stack, gain)
         return gain
 
     @cached_property

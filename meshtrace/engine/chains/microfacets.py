@@ -190,8 +190,8 @@ def _block_is_lit(b, blocks, dark, scene):
 
 
 @entry
-def blurred_gain(scene, rule, blocks, stack, coarse, gain, doubtful):
-    """Write the unscattered gain of each facet, with a flag for possible shadowing by waves.
+def blurred_gain(scene, rule, blocks, stack, coarse, gain):
+    """Write the unscattered gain of each facet.
 
     `stack` is room for (STACK, 3) integers, `coarse` for a flag of each facet, False.
 
@@ -212,13 +212,13 @@ def blurred_gain(scene, rule, blocks, stack, coarse, gain, doubtful):
             facet = scene.facets[f]
             p = Vec3(facet.x, facet.y, facet.z)
             if is_lit(f, p, unscattered.spatial_radius(facet), dark, scene):
-                gain[f], steep, finer = _facet_light(f, first, dark, rule, stack, scene)
-                doubtful[f] = gain[f] > 0.0 and not steep
+                light, steep, finer = _facet_light(f, first, dark, rule, stack, scene)
+                gain[f] = unscattered.unless_hidden(light, steep, f, scene)
                 coarse[f], most = finer and first > 1.0, max(most, gain[f])
     for f in range(len(gain)):
         if coarse[f] and gain[f] > _DIM * most:
-            gain[f], steep, _ = _facet_light(f, 1.0, dark, rule, stack, scene)
-            doubtful[f] = gain[f] > 0.0 and not steep
+            light, steep, _ = _facet_light(f, 1.0, dark, rule, stack, scene)
+            gain[f] = unscattered.unless_hidden(light, steep, f, scene)
 
 
 @inlined

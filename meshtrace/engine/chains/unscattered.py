@@ -10,6 +10,7 @@ from meshtrace.engine.crossing import is_steep, transmittance
 from meshtrace.kernels.interface import FieldOfView, corners, normal_at
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
+from meshtrace.kernels.rays import is_free
 from meshtrace.kernels.scene import Scene, Target, height_on
 from meshtrace.kernels.sources import SourceKind, beam_width, dark_angle, intensity, is_dark
 from meshtrace.kernels.vectors import (
@@ -24,6 +25,7 @@ from meshtrace.kernels.vectors import (
     minus,
     minus2,
     norm,
+    unit,
 )
 
 EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
@@ -212,8 +214,8 @@ def _flat_stretch(m, scene):
 
 
 @entry
-def image_gain(scene, stretch, lever, bend, stack, gain, doubtful):
-    """Write the unscattered gain of each facet, with a flag for possible shadowing by waves.
+def image_gain(scene, facets, stretch, lever, bend, stack, gain):
+    """Write the unscattered gain of each of some facets.
 
     Array twin: quadrature over the aperture with the analytic sinusoid.
     The image of a part of a facet is taken for a triangle: its gain is the light in its solid
@@ -236,7 +238,7 @@ def image_gain(scene, stretch, lever, bend, stack, gain, doubtful):
     fine = min(fine, straight)
     coarse = min(5.0 * edge, 20.0 * straight)
     dark = dark_angle(scene.emitter)
-    for f in range(len(scene.surface.faces)):
+    for f in facets:
         facet = scene.facets[f]
         large = 2.0 * facet.radius > min(_FEW * edge, 20.0 * straight)
         if not large:
@@ -250,13 +252,29 @@ def image_gain(scene, stretch, lever, bend, stack, gain, doubtful):
                 continue
         n = math.ceil(2.0 * facet.radius / fine)
         if n <= _FEW:
-            gain[f], steep = _facet_gain(f, n, shot, scene)
+            light, steep = _facet_gain(f, n, shot, scene)
         else:
             # light into the denser side is nowhere stretched more than at normal incidence
             size = math.inf if scene.mirrored else coarse
             image = Image(stretch + lever * facet.curvature, size, dark)
-            gain[f], steep = _large_facet_gain(f, n, image, stack, shot, scene)
-        doubtful[f] = gain[f] > 0.0 and not steep
+            light, steep = _large_facet_gain(f, n, image, stack, shot, scene)
+        gain[f] = unless_hidden(light, steep, f, scene)
+
+
+@outlined
+def unless_hidden(light, steep, f, scene):
+    """Return the light of a facet; none where waves hide the ways to its centroid.
+
+    Array twin: `EmbreeIntersector.intersect`.
+    """
+    if steep or light == 0.0:
+        return light
+    p = Vec3(scene.facets[f].x, scene.facets[f].y, scene.facets[f].z)
+    for end in (scene.emitter.position, scene.target.center):
+        way = minus(p, end)
+        if not is_free(end, unit(way), norm(way), scene.surface, scene.locator):
+            return 0.0
+    return light
 
 
 @outlined
