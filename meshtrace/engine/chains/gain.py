@@ -31,7 +31,15 @@ from meshtrace.kernels.medium import (
 from meshtrace.kernels.rays import is_free
 from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
 from meshtrace.kernels.sources import intensity
-from meshtrace.kernels.tints import Tints, tint_scattering, tint_way
+from meshtrace.kernels.tints import (
+    Factors,
+    Mixture,
+    Tints,
+    fill_factors,
+    reset_tint,
+    tint_scattering,
+    tint_way,
+)
 from meshtrace.kernels.vectors import (
     UP,
     Vec2,
@@ -480,10 +488,10 @@ class Colours(NamedTuple):
     """Wavelengths of straight ways, and their factors on the weight of the last one."""
 
     tints: Tints | None
-    shares: NDArray[np.float64]  # (wavelengths, tints)
+    mixture: Mixture
     clear: Medium  # the water with its bubbles alone
     tint: NDArray[np.float64]  # (tints,)
-    factor: NDArray[np.float64]  # (wavelengths,)
+    factors: Factors
 
 
 @outlined
@@ -492,13 +500,9 @@ def straight_factors(p, q, colours):
 
     Array twin: see `tint_chains`.
     """
-    colours.tint[:] = 0.0
+    reset_tint(colours.tints, colours.tint)
     _add_way(p, q, colours.clear, colours.tints, colours.tint)
-    for j in range(len(colours.factor)):
-        log = 0.0
-        for r in range(len(colours.tint)):
-            log += colours.shares[j, r] * colours.tint[r]
-        colours.factor[j] = math.exp(log)
+    fill_factors(colours.mixture, colours.tint, colours.factors)
 
 
 @inlined
@@ -524,8 +528,7 @@ def tint_chains(chains, arrivals, emitter, clear, tints, out):
         i, w = a.chain, Vec3(a.emission[0], a.emission[1], a.emission[2])
         start = crossing.start_of(emitter, chains.disk[i, 0], chains.disk[i, 1])
         end = Vec3(a.point[0], a.point[1], a.point[2])
-        for r in range(len(tint)):
-            tint[r] = 0.0
+        reset_tint(tints, tint)
         before, last = start, w
         order = chains.vertex.shape[1]
         for k in range(order + 1):
@@ -548,6 +551,5 @@ def tint_straight(start, ends, clear, tints, out):
     Array twin: see `tint_chains`.
     """
     for n in range(len(ends)):
-        for r in range(len(out[n])):
-            out[n, r] = 0.0
+        reset_tint(tints, out[n])
         _add_way(start, row(ends, n), clear, tints, out[n])

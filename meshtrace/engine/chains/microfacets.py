@@ -335,8 +335,8 @@ def _parts_along(f, i, j, side, scene):
     p = unscattered.node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
     h = unscattered.spatial_radius(facet) * share
     width = beam_width(emitter) * -emitter.position.z
-    margin, flight = _margin(p, Vec2(0.0, 0.0), scene)
-    if margin < -_NEAR * (h + scene.target.radius):
+    inside, flight = margin(p, Vec2(0.0, 0.0), scene)
+    if inside < -_NEAR * (h + scene.target.radius):
         return 1.0, 1.0
     # everywhere in view, see `_FINER`
     view = unscattered.view_radius(flight, scene.target, scene.interface.fov)
@@ -403,8 +403,11 @@ def _clipped(p, f, goal, scene):
 
 
 @inlined
-def _margin(p, goal, scene):
-    """Return `view_margin` and distance of light from P to a point of the aperture."""
+def margin(p, goal, scene):
+    """Return `view_margin` and distance of light from P to a point of the aperture.
+
+    Array twin: see `unscattered.view_margin`.
+    """
     target = scene.target
     way = minus(along(along(target.center, target.e1, goal.x), target.e2, goal.y), p)
     flight = norm(way)
@@ -419,7 +422,7 @@ def _share_in_view(p, q, r, goal, scene):
     Array twin: fine meshes in the tests.
     The edge of the field of view is taken for a straight line.
     """
-    a, b, c = _margin(p, goal, scene)[0], _margin(q, goal, scene)[0], _margin(r, goal, scene)[0]
+    a, b, c = margin(p, goal, scene)[0], margin(q, goal, scene)[0], margin(r, goal, scene)[0]
     seen = ZERO + (a >= 0.0) + (b >= 0.0) + (c >= 0.0)
     if seen == 0 or seen == 3:
         return seen / 3.0
@@ -513,10 +516,10 @@ def _part_gain(f, n, i, j, side, rule, number, scene):
     middle, normal, w, light = part.middle, part.normal, part.w, part.light
     total, steep = 0.0, True
     radius, source = scene.target.radius, scene.emitter.position
-    margin, _ = _margin(middle, Vec2(0.0, 0.0), scene)
+    inside, _ = margin(middle, Vec2(0.0, 0.0), scene)
     p, q, r = unscattered.nodes_of(f, n, i, j, side, scene.surface)
     near = _NEAR * (max(norm(minus(p, middle)), norm(minus(q, r))) + radius)
-    if light == 0.0 or margin < -near:
+    if light == 0.0 or inside < -near:
         return 0.0, True
     first, second = _SHIFT * (_APART * f + number), _SHIFT**2 * (_APART * f + number)
     for k in range(len(rule.points)):
@@ -527,7 +530,7 @@ def _part_gain(f, n, i, j, side, rule, number, scene):
             goal = Vec2(radius * at.x, radius * at.y)
             s = slope_towards(middle, normal, w, w, part.length, goal, scene)
         if s.density > 0.0:
-            share = 1.0 if margin > near else _share_in_view(p, q, r, s.aim.at, scene)
+            share = 1.0 if inside > near else _share_in_view(p, q, r, s.aim.at, scene)
             share *= exposure(w, normal, s.tilt) * crossing.transmittance(s.aim, scene.interface)
             if scene.mirrored and share > 0.0:
                 share *= math.exp(-unscattered.straight_depth(middle, s.aim, source, scene))

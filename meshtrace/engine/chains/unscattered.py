@@ -28,7 +28,7 @@ from meshtrace.kernels.vectors import (
     unit,
 )
 
-EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
+_EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
 
 _ROUNDING = 1e-13  # of the disk's radius squared
 BEAM_SHARE = 0.03  # longest edge of a part over the width of the beam: its light is near linear
@@ -38,7 +38,6 @@ _FINEST = 1.0 / 64.0  # of the longest edge
 _GRAZING = 0.1  # cosine of the edge of views that accept light along the surface
 _FLATTEST = 1e-4  # cosine of such light
 _STRAIGHT = 0.1  # relative change of the stretch of an image along the longest edge of a part
-_FEW = 16  # parts along an edge: facets of more are cut where the light crosses
 STACK = 128
 """Parts of a large facet that wait to be cut."""
 
@@ -224,41 +223,38 @@ def image_gain(scene, facets, stretch, lever, bend, stack, gain):
     |dX/dslope|, `bend` the relative change of the first; `stack` is room for (STACK, 3) integers.
     """
     shot = crossing.straight_shot(0.0, 0.0, scene)
-    depth = -scene.emitter.position.z
-    edge = min(max(EDGE * depth, 0.005), 0.1)
     gaussian = scene.emitter.kind == SourceKind.GAUSSIAN_BEAM
-    beam = _GAUSSIAN_SHARE if gaussian else BEAM_SHARE
-    fine = min(edge, beam * beam_width(scene.emitter) * depth)
+    fine, coarse = part_sizes(_GAUSSIAN_SHARE if gaussian else BEAM_SHARE, bend, scene)
+    aperture, dark = Region(0.0, 0.0, 0.0, scene.target.radius), dark_angle(scene.emitter)
+    for f in facets:
+        image = Image(stretch + lever * scene.facets[f].curvature, coarse, dark)
+        nodes, top = whole_facet(2.0 * scene.facets[f].radius / fine, stack)
+        light, steep = 0.0, True
+        while top > 0:
+            i, j, side, top = next_part(f, nodes, image, aperture, stack, top, shot, scene)
+            if side != 0:
+                g, s = _triangle_gain(f, nodes, i, j, side, shot, scene)
+                light, steep = light + g, steep and s
+        gain[f] = unless_hidden(light, steep, f, scene)
+
+
+@inlined
+def part_sizes(share, bend, scene):
+    """Return the longest edge of a part, and the size up to which bounds on its image hold [m].
+
+    Array twin: none, lengths.
+    `share` is that of the width of the beam; for `bend` see `image_gain`.
+    """
+    depth = -scene.emitter.position.z
+    edge = min(max(_EDGE * depth, 0.005), 0.1)
     height = scene.target.center.z - scene.surface.high[2]
     view = VIEW_SHARE * view_radius(height, scene.target, scene.interface.fov)
-    fine = min(fine, max(view, _FINEST * edge))
     # light along the surface: an image is a triangle, and total reflection ends at a straight
     # line, for small parts alone
     straight = _STRAIGHT / max(bend, 1e-300)
-    fine = min(fine, straight)
-    coarse = min(5.0 * edge, 20.0 * straight)
-    dark = dark_angle(scene.emitter)
-    for f in facets:
-        facet = scene.facets[f]
-        large = 2.0 * facet.radius > min(_FEW * edge, 20.0 * straight)
-        if not large:
-            m = crossing.aim_at(facet.x, facet.y, f, shot, scene)
-            if m.ok:
-                widest = max(stretch, 1.5 * _flat_stretch(m, scene))
-                reach = facet.radius * (widest + lever * facet.curvature)
-                if math.hypot(m.at.x, m.at.y) > scene.target.radius + reach:
-                    continue
-            elif not crossing.corner_shines(f, shot, scene):
-                continue
-        n = math.ceil(2.0 * facet.radius / fine)
-        if n <= _FEW:
-            light, steep = _facet_gain(f, n, shot, scene)
-        else:
-            # light into the denser side is nowhere stretched more than at normal incidence
-            size = math.inf if scene.mirrored else coarse
-            image = Image(stretch + lever * facet.curvature, size, dark)
-            light, steep = _large_facet_gain(f, n, image, stack, shot, scene)
-        gain[f] = unless_hidden(light, steep, f, scene)
+    fine = min(edge, share * beam_width(scene.emitter) * depth, max(view, _FINEST * edge), straight)
+    # light into the denser side is nowhere stretched more than at normal incidence
+    return fine, math.inf if scene.mirrored else min(5.0 * edge, 20.0 * straight)
 
 
 @outlined
@@ -275,20 +271,6 @@ def unless_hidden(light, steep, f, scene):
         if not is_free(end, unit(way), norm(way), scene.surface, scene.locator):
             return 0.0
     return light
-
-
-@outlined
-def _large_facet_gain(f, n, image, stack, shot, scene):
-    """Sum the parts of a large facet; subdivide only parts with an image on the aperture."""
-    aperture = Region(0.0, 0.0, 0.0, scene.target.radius)
-    gain, steep = 0.0, True
-    nodes, top = whole_facet(n, stack)
-    while top > 0:
-        i, j, side, top = next_part(f, nodes, image, aperture, stack, top, shot, scene)
-        if side != 0:
-            g, s = _triangle_gain(f, nodes, i, j, side, shot, scene)
-            gain, steep = gain + g, steep and s
-    return gain, steep
 
 
 @inlined
@@ -385,17 +367,6 @@ def _is_reflected(p, size, f, scene):
     critical = math.asin(min(scene.medium.n_air / scene.medium.n_water, 1.0))
     bend = 2.0 * facet.curvature * size
     return math.acos(dot(way, n) / norm(way)) > critical + math.asin(seen) + bend
-
-
-@outlined
-def _facet_gain(f, n, shot, scene):
-    """Sum the parts of a facet cut into n^2 triangles."""
-    gain, steep = 0.0, True
-    for i in range(n):
-        for k in range(2 * (n - i) - 1):
-            g, s = _triangle_gain(f, n, *part_of_row(i, k), shot, scene)
-            gain, steep = gain + g, steep and s
-    return gain, steep
 
 
 @inlined
