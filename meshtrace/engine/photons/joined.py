@@ -66,6 +66,7 @@ _CLEAR_HIGHEST = 1.5
 _AIMED_HIGHEST = 2.0
 _BENT = 0.3  # fall of the importance with the bend of light over random slopes
 _BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
+_GUIDES = 64  # targets at most to which directions are guided: their densities are sums over all
 _ROOM = 32  # arrivals of a photon at each target, else a block is followed again
 _EVENTS = 10_000_000  # of a photon and its copies
 _OPAQUE = 1e4  # largest optical depth: diffuse photons collide up to its square times (1 - g)
@@ -346,14 +347,15 @@ class JoinedPhotons:
             if not target.is_lamp and rough > 0.0:
                 sloped = target.area / (target.area + blur * target.center.z**2)
                 row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
+        guides = rows[:: -(-len(rows) // _GUIDES)].copy()
         still = rough == 0.0
         decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
         lobe = _LOBE if still else 0.0 if window.bent > 0.0 else _ROUGH_LOBE
         cone = 0.0 if window.diffuse else _CONE
         first = min(run.first)
         return Joins(
-            rows, first, self._direct, water, bubble, bins, facets, spread, decay, often * b, often,
-            _START if first == 1 else 0.0, lobe, cone, window,
+            rows, guides, first, self._direct, water, bubble, bins, facets, spread, decay,
+            often * b, often, _START if first == 1 else 0.0, lobe, cone, window,
         )  # fmt: skip
 
     def _is_aimed(self, sources: Sources, targets: list[Target], spread: float) -> bool:
