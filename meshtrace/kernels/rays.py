@@ -310,28 +310,3 @@ def facet_over(grid, x, y):
     if (i + j) & 1:
         u = 1.0 - u
     return 2 * (i * (len(grid.y.line) - 1) + j) + np.int64(u <= v)
-
-
-@entry
-def is_grid(vertices, faces, nx, ny):
-    """Return whether a mesh is a height field on an nx by ny tensor grid, cut as by `triangulate`.
-
-    Array twin: `grid_faces`.
-    """
-    for i in range(nx):
-        for j in range(ny):
-            a = i * ny + j
-            if vertices[a, 0] != vertices[i * ny, 0] or vertices[a, 1] != vertices[j, 1]:
-                return False
-            if i == nx - 1 or j == ny - 1:
-                continue
-            b, c, d = a + ny, a + ny + 1, a + 1
-            f = 2 * (i * (ny - 1) + j)
-            even = (i + j) % 2 == 0
-            if faces[f, 0] != a or faces[f, 1] != b or faces[f, 2] != (c if even else d):
-                return False
-            if faces[f + 1, 0] != (a if even else b) or faces[f + 1, 1] != c:
-                return False
-            if faces[f + 1, 2] != d:
-                return False
-    return True

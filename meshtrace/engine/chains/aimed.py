@@ -18,7 +18,12 @@ from meshtrace.engine.chains import unscattered as image
 from meshtrace.engine.chains.gain import Counter, tint_chains, tint_straight
 from meshtrace.engine.chains.sets import Aimed, ChainDrawer, ChainSet, Request
 from meshtrace.engine.crossing import FLAT, ROOT, Search
-from meshtrace.engine.setup.arrays import locator, surface_arrays, with_raster
+from meshtrace.engine.setup.arrays import (
+    locator,
+    mean_square_slope,
+    surface_arrays,
+    with_raster,
+)
 from meshtrace.engine.setup.ends import ForcedLink, expected_water, forced_link
 from meshtrace.engine.setup.tinting import UNTINTED, Common
 from meshtrace.kernels.interface import Direction, MeshArrays, Roughness, Snell
@@ -82,9 +87,7 @@ class AimedChains:
         self._intersector = EmbreeIntersector(self._mesh, 1)
         self._search_mode = search
         self.surface: MeshArrays = surface_arrays(self._mesh, normals, unresolved)
-        rough, n = self.surface.roughness, self.surface.vertex_normals
-        # mean square slope of the mesh, of one component
-        self._mesh_slopes = float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
+        rough, self._mesh_slopes = self.surface.roughness, mean_square_slope(self.surface)
         self.rough = rough.along > 0.0 or rough.across > 0.0
         # the slope between two directions is known where refraction is physical
         physical = link.interface.snell, link.interface.direction
@@ -307,7 +310,9 @@ class AimedChains:
         gain = np.zeros(len(self._mesh.faces))
         stack = np.empty((image.STACK, 3), np.int64)
         if self.rough and self.blurred:
-            nodes = self.nodes.setdefault((source, receiver), _disk_nodes(self._blur(scene)))
+            nodes = self.nodes.setdefault(
+                (source, receiver), _disk_nodes(scene.target.radius / self.blur(scene))
+            )
             rule = _slope_rule() if nodes is None else _disk_rule(nodes)
             blocks = self._blocks if facets is None else _one_block(facets)
             coarse = np.zeros(len(gain), bool)
@@ -343,18 +348,19 @@ class AimedChains:
         radius, bend = (np.maximum.reduceat(x, start) for x in (far, bend))
         return microfacets.Blocks(np.append(start, n), order, middle, radius, bend)
 
-    def _blur(self, scene: Scene) -> float:
-        """Return the radius of the aperture over the width of the light of one facet on it."""
-        target, n = scene.target, scene.medium.n_water / scene.medium.n_air
-        lever = abs(n - 1.0) * max(target.center[2] - float(scene.surface.high[2]), 1e-6)
-        return float(target.radius / (lever * min(self.surface.roughness[:2])))
+    def blur(self, scene: Scene) -> float:
+        """Return the width of the light of one facet on the aperture [m]."""
+        n = scene.medium.n_water / scene.medium.n_air
+        height = max(scene.target.center.z - float(scene.surface.high[2]), 1e-6)
+        return float(abs(n - 1.0) * height * min(self.surface.roughness[:2]))
 
     def take_points(self, source: int, receiver: int) -> None:
         """Take one point for an aperture over which blurred light does not change.
 
         That suffices for the ratio of the light through two meshes.
         """
-        if self.blurred and self._blur(self._forwards(source, receiver, None)) <= _POINT:
+        scene = self._forwards(source, receiver, None)
+        if self.blurred and scene.target.radius <= _POINT * self.blur(scene):
             self.nodes[source, receiver] = 1, 1
 
     def bounds_of(self, scene: Scene) -> tuple[float, float, float]:

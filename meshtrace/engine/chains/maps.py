@@ -89,9 +89,7 @@ def _image(
         stack, polygons = np.empty((unscattered.STACK, 3), np.int64), np.empty((2, 16, 2))
         image_map(scene, cells, 1.5 * stretch, lever, bend, stack, polygons, colours, gain)
         return gain
-    n = scene.medium.n_water / scene.medium.n_air
-    height = max(target.center.z - float(scene.surface.high[2]), 1e-6)
-    blur = abs(n - 1.0) * height * min(scene.surface.roughness[:2])
+    blur = aimed.blur(scene)
     across = math.ceil(cells.step / blur) if blur > 0.0 else _COARSEST + 1
     if not aimed.blurred or across > _COARSEST:
         return None

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
 from meshtrace.engine.chains import unscattered
-from meshtrace.engine.crossing import is_steep
 from meshtrace.kernels.interface import (
     exposure,
     normal_at,
@@ -212,13 +211,12 @@ def blurred_gain(scene, rule, blocks, stack, coarse, gain):
             facet = scene.facets[f]
             p = Vec3(facet.x, facet.y, facet.z)
             if is_lit(f, p, unscattered.spatial_radius(facet), dark, scene):
-                light, steep, finer = _facet_light(f, first, dark, rule, stack, scene)
-                gain[f] = unscattered.unless_hidden(light, steep, f, scene)
+                light, finer = _facet_light(f, first, dark, rule, stack, scene)
+                gain[f] = unscattered.unless_hidden(light, f, scene)
                 coarse[f], most = finer and first > 1.0, max(most, gain[f])
     for f in range(len(gain)):
         if coarse[f] and gain[f] > _DIM * most:
-            light, steep, _ = _facet_light(f, 1.0, dark, rule, stack, scene)
-            gain[f] = unscattered.unless_hidden(light, steep, f, scene)
+            gain[f], _ = _facet_light(f, 1.0, dark, rule, stack, scene)
 
 
 @inlined
@@ -284,11 +282,11 @@ def is_lit(f, p, h, dark, scene):
 
 @outlined
 def _facet_light(f, coarse, dark, rule, stack, scene):
-    """Return (gain, steep, finer) of a facet; quarter parts that need a fine subdivision.
+    """Return (gain, finer) of a facet; quarter parts that need a fine subdivision.
 
     Parts are `coarse` times as long as they should be; `finer` is whether any of them is.
     """
-    total, steep, number, finer = 0.0, True, ZERO, False
+    total, number, finer = 0.0, ZERO, False
     stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, _NODES
     top = 1
     while top > 0:
@@ -317,10 +315,9 @@ def _facet_light(f, coarse, dark, rule, stack, scene):
                 x, y, z = unscattered.part_of_row(k, q)
                 # part (x, y, z) of m along the edges of the part (i, j, side)
                 x, y, z = m * i + x * side, m * j + y * side, z * side
-                g, s = _part_gain(f, m * _NODES, x, y, z, rule, number, scene)
-                total, number = total + g, number + 1
-                steep = steep and s
-    return total, steep, finer
+                total += _part_gain(f, m * _NODES, x, y, z, rule, number, scene)
+                number += 1
+    return total, finer
 
 
 @outlined
@@ -511,16 +508,15 @@ def _landing(part, size, turn, scene):
 
 @outlined
 def _part_gain(f, n, i, j, side, rule, number, scene):
-    """Return (gain, steep) of a part of a facet, see `lit_part`; `number` counts its parts."""
+    """Return the gain of a part of a facet, see `lit_part`; `number` counts its parts."""
     part = lit_part(f, n, i, j, side, scene)
     middle, normal, w, light = part.middle, part.normal, part.w, part.light
-    total, steep = 0.0, True
-    radius, source = scene.target.radius, scene.emitter.position
+    total, radius, source = 0.0, scene.target.radius, scene.emitter.position
     inside, _ = margin(middle, Vec2(0.0, 0.0), scene)
     p, q, r = unscattered.nodes_of(f, n, i, j, side, scene.surface)
     near = _NEAR * (max(norm(minus(p, middle)), norm(minus(q, r))) + radius)
     if light == 0.0 or inside < -near:
-        return 0.0, True
+        return 0.0
     first, second = _SHIFT * (_APART * f + number), _SHIFT**2 * (_APART * f + number)
     for k in range(len(rule.points)):
         at = Vec2(rule.points[k, 0], rule.points[k, 1])
@@ -535,9 +531,6 @@ def _part_gain(f, n, i, j, side, rule, number, scene):
             if scene.mirrored and share > 0.0:
                 share *= math.exp(-unscattered.straight_depth(middle, s.aim, source, scene))
             total += rule.shares[k] * s.density * share
-            steep = steep and is_steep(s.aim, scene)
-    if total == 0.0:
-        return 0.0, True
     if not scene.mirrored:
         light *= math.exp(-depth_between(scene.medium, source, middle, part.length))
-    return scene.target.area * light * part.omega * total, steep
+    return scene.target.area * light * part.omega * total

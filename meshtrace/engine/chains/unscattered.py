@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from meshtrace.engine import crossing
-from meshtrace.engine.crossing import is_steep, transmittance
+from meshtrace.engine.crossing import transmittance
 from meshtrace.kernels.interface import FieldOfView, corners, normal_at
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
@@ -229,13 +229,12 @@ def image_gain(scene, facets, stretch, lever, bend, stack, gain):
     for f in facets:
         image = Image(stretch + lever * scene.facets[f].curvature, coarse, dark)
         nodes, top = whole_facet(2.0 * scene.facets[f].radius / fine, stack)
-        light, steep = 0.0, True
+        light = 0.0
         while top > 0:
             i, j, side, top = next_part(f, nodes, image, aperture, stack, top, shot, scene)
             if side != 0:
-                g, s = _triangle_gain(f, nodes, i, j, side, shot, scene)
-                light, steep = light + g, steep and s
-        gain[f] = unless_hidden(light, steep, f, scene)
+                light += _triangle_gain(f, nodes, i, j, side, shot, scene)
+        gain[f] = unless_hidden(light, f, scene)
 
 
 @inlined
@@ -258,18 +257,21 @@ def part_sizes(share, bend, scene):
 
 
 @outlined
-def unless_hidden(light, steep, f, scene):
+def unless_hidden(light, f, scene):
     """Return the light of a facet; none where waves hide the ways to its centroid.
 
     Array twin: `EmbreeIntersector.intersect`.
     """
-    if steep or light == 0.0:
+    if light == 0.0:
         return light
     p = Vec3(scene.facets[f].x, scene.facets[f].y, scene.facets[f].z)
-    for end in (scene.emitter.position, scene.target.center):
+    slope, below, above = scene.surface.max_slope, scene.emitter.position, scene.target.center
+    for end, is_air in ((below, scene.mirrored), (above, not scene.mirrored)):
         way = minus(p, end)
-        if not is_free(end, unit(way), norm(way), scene.surface, scene.locator):
-            return 0.0
+        steep = abs(way.z) > slope * math.hypot(way.x, way.y)
+        if not (steep or (is_air and not scene.interface.follow_second_hit)):
+            if not is_free(end, unit(way), norm(way), scene.surface, scene.locator):
+                return 0.0
     return light
 
 
@@ -395,7 +397,7 @@ def nodes_of(f, n, i, j, side, surface):
 
 @outlined
 def _triangle_gain(f, n, i, j, side, shot, scene):
-    """Return (gain, steep) of the part with the corners `nodes_of`, inside the field of view.
+    """Return the gain of the part with the corners `nodes_of`, inside the field of view.
 
     A part is cut at the edge of the field of view, a straight line between its corners.
     """
@@ -403,13 +405,13 @@ def _triangle_gain(f, n, i, j, side, shot, scene):
     a, b = _corner(p, f, shot, scene), _corner(q, f, shot, scene)
     c = _corner(r, f, shot, scene)
     if not (a.ok and b.ok and c.ok):
-        return 0.0, True
+        return 0.0
     first, second, third = a.inside >= 0.0, b.inside >= 0.0, c.inside >= 0.0
     seen = ZERO + first + second + third
     if seen == 3:
         return _image_light(a, b, c, f, shot, scene)
     if seen == 0:
-        return 0.0, True
+        return 0.0
     if first == third:
         a, b, c = b, c, a
     elif first == second:
@@ -417,9 +419,8 @@ def _triangle_gain(f, n, i, j, side, shot, scene):
     ab, ac = _at_edge(a, b), _at_edge(a, c)
     if seen == 1:
         return _image_light(a, ab, ac, f, shot, scene)
-    one, steep = _image_light(ab, b, c, f, shot, scene)
-    other, flat = _image_light(ab, c, ac, f, shot, scene)
-    return one + other, steep and flat
+    one = _image_light(ab, b, c, f, shot, scene)
+    return one + _image_light(ab, c, ac, f, shot, scene)
 
 
 @inlined
@@ -443,7 +444,7 @@ def _at_edge(a, b):
 
 @outlined
 def _image_light(a, b, c, f, shot, scene):
-    """Return (gain, steep) of the light of a triangle on facet f that lands on the aperture."""
+    """Return the light of a triangle on facet f that lands on the aperture."""
     ab, ac = minus2(b.at, a.at), minus2(c.at, a.at)
     det = cross2(ab, ac)
     radius = scene.target.radius
@@ -456,14 +457,13 @@ def _image_light(a, b, c, f, shot, scene):
         middle = minus2(center, a.at)
         u, v = cross2(middle, ac) / det, cross2(ab, middle) / det
     if share == 0.0:
-        return 0.0, True
+        return 0.0
     # light that is linear in the image has its mean over the overlap at the centroid
     middle3 = along(along(a.p, minus(b.p, a.p), u), minus(c.p, a.p), v)
     m = crossing.aim_at(middle3.x, middle3.y, f, shot, scene)
     if not m.ok:
-        return 0.0, True
+        return 0.0
     p = Vec3(middle3.x, middle3.y, height_on(middle3.x, middle3.y, f, scene.surface))
-    light, steep = carried(1.0, p, m, scene), is_steep(m, scene)
     source = scene.emitter.position
     omega = solid_angle(minus(a.p, source), minus(b.p, source), minus(c.p, source))
-    return omega * share * light, steep
+    return omega * share * carried(1.0, p, m, scene)

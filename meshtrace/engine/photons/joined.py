@@ -317,12 +317,9 @@ class JoinedPhotons:
         link = self.link
         water = arrays.angle_table(link.water.phase)
         bubble = arrays.angle_table(link.bubbles.phase_function()) if link.bubbles else water
-        n = surface.vertex_normals
-        mesh_slopes = float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
         rough = 0.5 * (surface.roughness.along**2 + surface.roughness.across**2)
         depth = max(-item.center[2] for _, item in link.items()) / frame.unit
-        nodes = np.linspace(0.0, depth, 257) * frame.unit
-        a, b = (float(np.mean(x)) * frame.unit for x in link.water.profile(nodes))
+        a, b = (frame.unit * x for x in arrays.mean_water(link.water, frame.unit * depth))
         turned = b * (1.0 - link.water.phase.mean_cosine)
         often = 1.0
         if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
@@ -333,7 +330,7 @@ class JoinedPhotons:
             window = Window(
                 True, math.sqrt(a / diffusion), length, _BOUNDARY * diffusion, _HIGHEST, 0.0
             )
-        spread = _SPREAD * math.sqrt(rough + mesh_slopes)
+        spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
         if rough > 0.0 and not window.diffuse and self._is_aimed(sources, run.targets, spread):
             kept = _kept(water, link.water.n / link.n_air, spread)
             kappa = a + b * (1.0 - kept)

@@ -18,11 +18,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from meshtrace.engine.bvh import Hits, Intersector
+from meshtrace.engine.bvh import Intersector
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels import interface
 from meshtrace.kernels.medium import SMALLEST_ANGLE, Absorption, AngleTable, DepthMode, Medium
-from meshtrace.kernels.rays import Axis, Grid, is_grid
+from meshtrace.kernels.rays import Axis, Grid
 from meshtrace.kernels.scene import Locator, Target, count_bins, fill_bins
 from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import Apertures
@@ -30,7 +30,9 @@ from meshtrace.link import AirSource, Link, Receiver, Source, WaterSource
 from meshtrace.mesh import FARTHEST, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.phase import PhaseFunction
+from meshtrace.optics.water import Water
 from meshtrace.surfaces.gram_charlier import series_of
+from meshtrace.surfaces.triangulate import grid_faces
 
 # fields of a medium without a raster
 _PER_LENGTH = ("a", "b", "layer_a", "layer_b", "bubble_b", "b_max", "c_max")
@@ -221,27 +223,21 @@ def with_raster(medium: Medium, intersector: Intersector) -> Medium:
     y = np.clip(low[1] + step * np.arange(nodes), low[1] + 1e-4, high[1] - 1e-4)
     places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
 
-    def rays(start: Floats | float, way: float) -> tuple[Floats, Floats]:
-        """Return vertical rays up (1) or down (-1)."""
-        z = np.broadcast_to(start, (nodes, nodes))
-        origins = np.concatenate([places, z[..., None]], axis=-1).reshape(-1, 3)
-        return origins, np.broadcast_to((0.0, 0.0, way), origins.shape)
-
-    def heights(hits: Hits, start: Floats | float, way: float, beside: Floats | float) -> Floats:
-        """Return the heights of the first crossings, `beside` without one."""
+    def heights(start: Floats | float, way: float, beside: Floats | float) -> Floats:
+        """Return where vertical rays up (1) or down (-1) cross first, `beside` without one."""
+        z = np.broadcast_to(start, (nodes, nodes))[..., None]
+        origins = np.concatenate([places, z], axis=-1).reshape(-1, 3)
+        hits = intersector.intersect(origins, np.broadcast_to((0.0, 0.0, way), origins.shape))
         distance = hits.distance.reshape(nodes, nodes)
         return np.where(np.isfinite(distance), start + way * distance, beside)
 
-    start = high[2] + 1.0
-    top = heights(intersector.intersect(*rays(start, -1.0)), start, -1.0, 0.0)
+    top = heights(high[2] + 1.0, -1.0, 0.0)
     x0, y0 = (float(side) for side in low[:2])
     medium = medium._replace(raster_x=x0, raster_y=y0, raster_step=step, raster=top)
     if intersector.mesh.single_valued:
         return medium
-    start = low[2] - 1.0
-    lowest = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, top)
-    start = lowest + 1e-4  # to the underside of the jet, if there is one
-    above = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, lowest)
+    lowest = heights(low[2] - 1.0, 1.0, top)
+    above = heights(lowest + 1e-4, 1.0, lowest)  # the underside of the jet, if there is one
     below = np.where(above > lowest, lowest, top)
     split = np.where(above > lowest, 0.5 * (lowest + above), top)
     return medium._replace(overhangs=True, raster_low=below, raster_split=split)
@@ -281,13 +277,13 @@ def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
         layer_step=layer_step,
         layer_a=layer_a,
         layer_b=layer_b,
-        layer_a_path=_integral(layer_a, layer_step),
-        layer_b_path=_integral(layer_b, layer_step),
+        layer_a_path=integral(layer_a, layer_step),
+        layer_b_path=integral(layer_b, layer_step),
         depth_mode=mode,
         bubble_start=start,
         bubble_step=step,
         bubble_b=b_bub,
-        bubble_path=_integral(b_bub, step),
+        bubble_path=integral(b_bub, step),
         b_max=b_max,
         c_max=b_max + float(layer_a.max()),
         bottom_z=-math.inf if water.bottom_depth is None else -water.bottom_depth,
@@ -299,9 +295,23 @@ def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
     )
 
 
-def _integral(values: np.ndarray, step: float) -> np.ndarray:
-    """Return the cumulative trapezoidal integral from the first node."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * step * (values[1:] + values[:-1]))])
+def integral(values: Floats, step: float) -> Floats:
+    """Return the cumulative trapezoidal integral from the first node, along the last axis."""
+    found = np.zeros_like(values)
+    found[..., 1:] = np.cumsum(0.5 * step * (values[..., 1:] + values[..., :-1]), axis=-1)
+    return found
+
+
+def mean_water(water: Water, depth: float) -> tuple[float, float]:
+    """Return the means of absorption and scattering from the surface to a depth [m-1]."""
+    a, b = water.profile(np.linspace(0.0, depth, 1 if water.layers is None else 257))
+    return float(np.mean(a)), float(np.mean(b))
+
+
+def mean_square_slope(surface: interface.MeshArrays) -> float:
+    """Return the mean square slope of a mesh, of one component."""
+    n = surface.vertex_normals
+    return float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
 
 
 def empty_locator() -> Locator:
@@ -367,19 +377,27 @@ def angle_table(phase: PhaseFunction) -> AngleTable:
     return AngleTable(log_first, per_log, edge, beta)
 
 
+def grid_shape(mesh: TriangleMesh) -> tuple[int, int] | None:
+    """Return the numbers of vertices (x, y) of a grid by `triangulate`; None for another mesh."""
+    ny = int(mesh.faces[0, 1])
+    nx = len(mesh.vertices) // ny if ny > 1 else 0
+    if nx < 2 or nx * ny != len(mesh.vertices) or not mesh.single_valued:
+        return None
+    return (nx, ny) if np.array_equal(mesh.faces, grid_faces(nx, ny)) else None
+
+
 def grid_arrays(mesh: TriangleMesh) -> Grid:
     """Return the grid of a height field made by `triangulate`, `NO_GRID` for another mesh.
 
     Facets are found with a margin for the single precision of Embree: they are its facets.
     """
-    x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
-    ny = int(np.argmax(x != x[0]))  # vertices of the first line; 0 if there is but one
-    nx = len(x) // ny if ny > 1 else 0
-    if nx < 2 or nx * ny != len(x) or len(mesh.faces) != 2 * (nx - 1) * (ny - 1):
+    shape = grid_shape(mesh)
+    if shape is None:
         return NO_GRID
-    if not mesh.single_valued or not is_grid(mesh.vertices, mesh.faces, nx, ny):
+    x, y = (mesh.vertices[:, k].reshape(shape) for k in (0, 1))
+    lines = x[:, 0].copy(), y[0].copy()
+    if (x != lines[0][:, None]).any() or (y != lines[1]).any():
         return NO_GRID
-    lines = x[::ny].copy(), y[:ny].copy()
     if any((np.diff(line) <= 0.0).any() for line in lines):  # a grid that was turned
         return NO_GRID
     along_x, along_y = (_axis(line) for line in lines)
