@@ -185,7 +185,7 @@ class QuasiSingle:
         """
         beams = self._beams
         light = np.zeros((len(directions), beams.lit.shape[1]))
-        toward = np.empty((len(beams.slant), beams.phase.shape[1]))
+        toward = np.empty((len(beams.slant), beams.phase.shape[1] + 1))
         add_upwelling(np.ascontiguousarray(directions), beams, toward, light[0].copy(), light)
         return light
 

@@ -289,10 +289,9 @@ class Intersector(ABC):
             facet = self.facets(o[rows].astype(np.float32), d[rows].astype(np.float32))
             return Hits(facet, *facet_hits(facet, o[rows], d[rows], triangles))
 
-        if self.threads == 1 or len(o) < 2 * self.threads:
-            return hits(slice(None))
-        bounds = np.linspace(0, len(o), self.threads + 1, dtype=int)
-        parts = ordered_map(hits, (slice(*ends) for ends in pairwise(bounds)), self.threads)
+        threads = self.threads if len(o) >= 2 * self.threads else 1
+        bounds = np.linspace(0, len(o), threads + 1, dtype=int)
+        parts = ordered_map(hits, (slice(*ends) for ends in pairwise(bounds)), threads)
         return Hits(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 

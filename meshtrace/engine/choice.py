@@ -21,8 +21,8 @@ from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.sets import TURBID, ChainDrawer, Request, poisson_law
 from meshtrace.engine.photons.joined import JoinedParts
 from meshtrace.engine.photons.targets import SCATTERED
-from meshtrace.engine.setup.ends import ForcedLink, across, emitter_of
-from meshtrace.kernels.sources import SourceKind
+from meshtrace.engine.setup.arrays import mean_water
+from meshtrace.engine.setup.ends import ForcedLink, across, lamp_intensity
 from meshtrace.link import Link, WaterReceiver
 from meshtrace.link.sources import AirLamp
 from meshtrace.models import Floats
@@ -327,7 +327,7 @@ def returned_gain(link: Link) -> Floats:
         if down:
             etendue = (math.pi * end.radius * math.sin(math.radians(end.fov_deg) / 2.0)) ** 2
         depth = -low_end.center[2]
-        a, b = _mean(rows, depth)
+        a, b = mean_water(water, depth)
         below = 0.5 / max(a + back * b, 1e-12)
         rays = _rays(low_end)
         length = depth / rays[:, 2]
@@ -340,14 +340,6 @@ def returned_gain(link: Link) -> Floats:
             place = rays[:, :2] * ((depth + below) / rays[:, 2:]) + low_end.position
             gain[i] += etendue * float(sent @ _seen(high_end, place, low))
     return gain
-
-
-def _mean(rows: list[tuple[float, float, float]], depth: float) -> tuple[float, float]:
-    """Return the means of a and b from the surface to a depth."""
-    top = [row[0] for row in rows]
-    ends = np.minimum([*top[1:], math.inf], depth)
-    thick = np.maximum(ends - np.array([0.0, *top[1:]]), 0.0) / depth
-    return float(thick @ [row[1] for row in rows]), float(thick @ [row[2] for row in rows])
 
 
 def _rays(source: Any) -> Floats:
@@ -379,24 +371,12 @@ def _seen(receiver: Any, place: Floats, below: float) -> Floats:
     distance = np.linalg.norm(away, axis=1)
     rise = -away[:, 2] / distance
     if isinstance(receiver, AirLamp):
-        light = _intensity(receiver, away @ np.array(receiver.axis) / distance)
+        light = lamp_intensity(receiver, away @ np.array(receiver.axis) / distance)
         return np.asarray(light * rise / (math.pi * distance**2))
     view = -(away @ np.array(receiver.axis)) / distance
     seen = view > math.cos(math.radians(receiver.fov_deg) / 2.0)
     area = math.pi * receiver.radius**2
     return np.asarray(np.where(seen, area * view * rise / (math.pi * distance**2), 0.0))
-
-
-def _intensity(lamp: AirLamp, cosine: Floats) -> Floats:
-    """Return the intensity of a lamp at the cosine of an angle to its axis [sr-1]."""
-    emitter = emitter_of(lamp)
-    cosine = np.clip(cosine, 0.0, 1.0)
-    if emitter.kind == SourceKind.LED:
-        return np.asarray(emitter.norm * cosine**emitter.spread)
-    angle = np.arccos(cosine)
-    if emitter.kind == SourceKind.GAUSSIAN_BEAM:
-        return np.asarray(emitter.norm * np.exp(-2.0 * (angle / emitter.spread) ** 2))
-    return np.where(angle <= emitter.spread, emitter.norm, 0.0)
 
 
 def counts(returned: Floats, gain: Floats) -> NDArray[np.bool_]:

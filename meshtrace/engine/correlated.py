@@ -32,13 +32,7 @@ from meshtrace.engine.parts import Light, Parts, chain_light, direct_light, merg
 from meshtrace.engine.photons.analog import PhotonSums, run_analog, tinted
 from meshtrace.engine.setup.ends import ForcedLink, forced_link
 from meshtrace.engine.setup.options import Analog, Arrivals, Record
-from meshtrace.engine.setup.tinting import (
-    Common,
-    Tinting,
-    common_paths,
-    photon_paths,
-    scattering,
-)
+from meshtrace.engine.setup.tinting import Common, photon_paths, scattering
 from meshtrace.errors import Refused
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -105,14 +99,12 @@ class SpectralDetection:
     ) -> None:
         self.links = list(links)
         self._groups: list[_Group] = []
-        found = [scattering(link) for link in links]
+        found = [scattering(link)[0] for link in links]
         waiting = list(range(len(self.links)))
         while waiting:
-            base = max(waiting, key=lambda i: found[i])
-            common = common_paths(self.links, base, waiting)
+            base, common = photon_paths(self.links, waiting, chains=True)
             first, some = common.middle(), [self.links[i] for i in common.rows]
-            most = found[base][0] or 1.0
-            ratios = [found[i][0] / most for i in common.rows]
+            ratios = [found[i] / (found[base] or 1.0) for i in common.rows]
             kept = None if common.tinting is None else Common(common.tinting, some, ratios)
             detection = ForcedDetection(first, photons, seed, normals, threads, sea, common=kept)
             ends = [
@@ -143,20 +135,26 @@ class SpectralDetection:
 
 def _moved(parts: Parts, low: Parts, high: Parts, share: float) -> Parts:
     """Return parts with a share of the difference between two, of fewer paths."""
+    three = parts, low, high
+    moved: dict[str, Any] = _shifted(three, ("direct", "scattered", "orders"), share)
+    photons = [one.photons for one in three if one.photons is not None]
+    if len(photons) == len(three):
+        moved["photons"] = replace(photons[0], **_shifted(photons, ("groups", "orders"), share))
+    return replace(parts, **moved)
 
-    def moved(name: str, of: Any = parts, ends: tuple[Any, Any] = (low, high)) -> Floats:
-        rows = [getattr(one, name) for one in (of, *ends)]
-        width = max(row.shape[1] for row in rows)
-        wide = [np.pad(row, ((0, 0), (0, width - row.shape[1]))) for row in rows]
-        return np.asarray(wide[0] + share * (wide[2] - wide[1]))
 
-    photons = parts.photons
-    if photons is not None and low.photons is not None and high.photons is not None:
-        groups = photons.groups + share * (high.photons.groups - low.photons.groups)
-        by_order = moved("orders", photons, (low.photons, high.photons))
-        photons = replace(photons, groups=groups, orders=by_order)
-    direct, scattered, orders = map(moved, ("direct", "scattered", "orders"))
-    return replace(parts, direct=direct, scattered=scattered, orders=orders, photons=photons)
+def _shifted(three: Sequence[Any], names: Sequence[str], share: float) -> dict[str, Any]:
+    """Return arrays of the first with a share of the difference between the others.
+
+    Rows are filled up with zeros: orders of scattering may be missing.
+    """
+    found = {}
+    for name in names:
+        rows = [getattr(one, name) for one in three]
+        width = max(row.shape[-1] for row in rows)
+        wide = [np.pad(r, [*[(0, 0)] * (r.ndim - 1), (0, width - r.shape[-1])]) for r in rows]
+        found[name] = wide[0] + share * (wide[2] - wide[1])
+    return found
 
 
 def analog_sums(
@@ -201,18 +199,11 @@ def analog_sums(
             part = common.shares if end else 1.0 - common.shares
             scale = part * photons / of_end if ends > 1 else np.ones(len(common.rows))
             shares = numbers[:, end] / numbers[:, end].sum()
-            mixed = partial(_scaled, tinting, base=base, parts=shares, scale=scale)
-            strata.append(tinted(sums, mixed, cuts[k], bool(record)))
+            mixed = partial(tinting.mixed, base=base, parts=shares)
+            strata.append(tinted(sums, mixed, scale, cuts[k], bool(record)))
         each = (PhotonSums.of_strata(rows) for rows in zip(*strata, strict=True))
         found |= dict(zip(common.rows, each, strict=True))
     return [found[i] for i in range(len(links))]
-
-
-def _scaled(tinting: Tinting, sums: Floats, base: int, parts: Floats, scale: Floats) -> Floats:
-    """Return the factors on the weights of paths of one base, times a scale by wavelength."""
-    found = tinting.mixed(sums, base, parts)
-    found *= scale[:, None]
-    return found
 
 
 class FrozenForced:

@@ -505,7 +505,7 @@ def radius_of(flat, search, shot, scene):
 def is_steep(m, scene):
     """Return whether no wave can block a path before or after its crossing.
 
-    Array twin: `_cut` of `meshtrace.engine.forced`, by Embree.
+    Array twin: `meshtrace.kernels.rays.is_free` of both ways.
     """
     slope = scene.surface.max_slope
     return m.d.z > slope * math.hypot(m.d.x, m.d.y) and (

@@ -17,6 +17,7 @@ import numpy as np
 
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.outcome import per_receiver
+from meshtrace.engine.setup.arrays import grid_shape
 from meshtrace.engine.setup.ends import ForcedLink, forced_link
 from meshtrace.errors import Refused
 from meshtrace.kernels.medium import DepthMode
@@ -27,7 +28,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
-from meshtrace.surfaces.triangulate import grid_faces, mesh_of_sheet
+from meshtrace.surfaces.triangulate import mesh_of_sheet
 
 _DIVISOR = 2.5
 """Change by every second line over the error: 3 for errors by h^2, 5^(1/2) for random ones by h."""
@@ -174,13 +175,10 @@ def _unscattered(
 
 def _sheet(mesh: TriangleMesh) -> _Sheet | None:
     """Return the grid of a mesh by `triangulate`; None for another mesh."""
-    ny = int(mesh.faces[0, 1])
-    nx = len(mesh.vertices) // ny if ny > 1 else 0
-    if nx < 4 or ny < 4 or nx * ny != len(mesh.vertices) or not mesh.single_valued:
+    shape = grid_shape(mesh)
+    if shape is None or min(shape) < 4:
         return None
-    if not np.array_equal(mesh.faces, grid_faces(nx, ny)):
-        return None
-    return _Sheet(*(rows.reshape(nx, ny, 3) for rows in (mesh.vertices, mesh.vertex_normals)))
+    return _Sheet(*(rows.reshape(*shape, 3) for rows in (mesh.vertices, mesh.vertex_normals)))
 
 
 def _patch(link: Link, mesh: TriangleMesh, sheet: _Sheet) -> _Sheet:

@@ -9,22 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.chains.aimed import on_disk
+from meshtrace.engine.chains.gain import turned
+from meshtrace.engine.chains.sampling import Chains
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import new_recorder, run_analog
 from meshtrace.engine.photons.flight import Recorder, Vertex
 from meshtrace.engine.setup.options import BLOCK, Analog
 from meshtrace.errors import Described, Refused
+from meshtrace.kernels.scene import Emitter, Target
+from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 
 if TYPE_CHECKING:
     import xarray as xr
-import math
 
-from meshtrace.engine.chains.aimed import on_disk
-from meshtrace.engine.chains.sampling import Chains
-from meshtrace.kernels.scene import Emitter, Target
+_turned = getattr(turned, "py_func", turned)  # as it is without the JIT
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,13 +176,8 @@ def received_paths(
 
 def _placed(chains: Chains, arrival: np.void, emitter: Emitter, target: Target) -> Floats:
     """Return the points of a chain turned to its emission direction, up to the aperture."""
-    from scipy.spatial.transform import Rotation
-
-    i, w = int(arrival["chain"]), arrival["emission"]
-    axis = np.array([-w[1], w[0], 0.0])
-    sine = np.linalg.norm(axis)
-    angle = math.atan2(sine, w[2])
-    turn = Rotation.from_rotvec(axis * (angle / sine if sine > 0.0 else 0.0))
+    i = int(arrival["chain"])
+    vertices = np.transpose(_turned(Vec3(*arrival["emission"]), Vec3(*chains.vertex[i].T)))
     start = on_disk(emitter.position, emitter, chains.disk[i : i + 1])
     end = on_disk(target.center, target, chains.disk[i : i + 1])
-    return np.vstack([start, turn.apply(chains.vertex[i]) + start, arrival["point"], end])
+    return np.vstack([start, vertices + start, arrival["point"], end])

@@ -5,7 +5,7 @@ facet that steep light meets on a height field over a grid without ray casting: 
 falls much faster than the steepest facet meets a height field once, and Newton steps from cell to
 cell find that point. A point close to an edge is left to Embree: the facet that single precision
 would choose there is not known, and results are the same bit for bit with and without this
-shortcut. `is_free` and `shadows` walk over the bins of a locator.
+shortcut. `is_free` walks over the bins of a locator.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels.interface import inside_facet, plane_distance
 from meshtrace.kernels.jit import config, entry, inlined, outlined
-from meshtrace.kernels.vectors import along, row, write
+from meshtrace.kernels.vectors import along, write
 
 RAY_WORDS = 32
 """Words of 4 bytes for an `RTCRayHit`, of which Embree 4.4 has 24 with its padding."""
@@ -143,43 +143,21 @@ def first_facet(bvh, p, d):
     return np.int64(word[Word.FACET.value])
 
 
-FREE, CUT, BESIDE = range(3)
-"""Outcomes for a path; one beside the bins has to be checked by other means."""
-
 _HAIR = 1e-4  # by which a path is shortened at its ends, over 1 + its length
-
-
-@entry
-def shadows(origins, directions, lengths, surface, grid, outcome):
-    """Write whether the surface cuts straight paths off, `FREE`, `CUT` or `BESIDE`.
-
-    Array twin: `EmbreeIntersector.intersect`.
-    A path may start or end on the surface: it is shortened by a hair at both ends. Only its part
-    between the lowest trough and the highest crest is searched.
-    """
-    for i in range(len(lengths)):
-        p, d, hair = row(origins, i), row(directions, i), _HAIR * (1.0 + lengths[i])
-        first, last = _between(p.z, d.z, hair, lengths[i] - 2.0 * hair, surface)
-        outcome[i] = FREE if first >= last else _walk(p, d, first, last, surface, grid)
 
 
 @outlined
 def is_free(p, d, length, surface, grid):
-    """Return whether a straight path is free, over bins that hold all facets.
+    """Return whether the surface leaves a straight path free.
 
-    Array twin: `shadows`.
+    Array twin: `EmbreeIntersector.intersect`.
+    A path may start or end on the surface: it is shortened by a hair at both ends. Only its part
+    between the lowest trough and the highest crest is searched, in the bins of a locator; the few
+    paths that leave these are compared with every facet.
     """
     hair = _HAIR * (1.0 + length)
     first, last = _between(p.z, d.z, hair, length - 2.0 * hair, surface)
-    edge = 1e-9 * grid.step
-    for o, s, low, n in ((p.x, d.x, grid.x, grid.nx), (p.y, d.y, grid.y, grid.ny)):
-        a, b = low + edge, low + n * grid.step - edge
-        if s != 0.0:
-            t, u = (a - o) / s, (b - o) / s
-            first, last = max(first, min(t, u)), min(last, max(t, u))
-        elif not a <= o <= b:
-            return True
-    return first >= last or _walk(p, d, first, last, surface, grid) != CUT
+    return first >= last or not _is_cut(p, d, first, last, surface, grid)
 
 
 @inlined
@@ -192,14 +170,27 @@ def _between(z, rise, first, last, surface):
     return max(first, min(a, b)), min(last, max(a, b))
 
 
+@inlined
+def _meets(p, d, first, last, f, surface):
+    """Return whether the part first <= t <= last of a path meets a facet."""
+    t = plane_distance(p, d, f, surface)
+    if not first <= t <= last:
+        return False
+    q = along(p, d, t)
+    return inside_facet(q.x, q.y, f, surface)
+
+
 @outlined
-def _walk(p, d, first, last, surface, grid):
-    """Return the outcome for the part first <= t <= last of a path, column by column of bins."""
+def _is_cut(p, d, first, last, surface, grid):
+    """Return whether a facet cuts the part first <= t <= last of a path, by columns of bins."""
     a, b = along(p, d, first), along(p, d, last)
     west, east = (min(a.x, b.x) - grid.x) / grid.step, (max(a.x, b.x) - grid.x) / grid.step
     south, north = (min(a.y, b.y) - grid.y) / grid.step, (max(a.y, b.y) - grid.y) / grid.step
     if west < 0.0 or south < 0.0 or east >= grid.nx or north >= grid.ny:
-        return BESIDE
+        for f in range(len(surface.faces)):
+            if _meets(p, d, first, last, f, surface):
+                return True
+        return False
     for i in range(math.floor(west), math.floor(east) + 1):
         t0, t1 = first, last
         if d.x != 0.0:
@@ -212,13 +203,9 @@ def _walk(p, d, first, last, surface, grid):
         for j in range(j0, j1 + 1):
             cell = i * grid.ny + j
             for k in range(grid.start[cell], grid.start[cell + 1]):
-                f = np.int64(grid.facet[k])
-                t = plane_distance(p, d, f, surface)
-                if first <= t <= last:
-                    q = along(p, d, t)
-                    if inside_facet(q.x, q.y, f, surface):
-                        return CUT
-    return FREE
+                if _meets(p, d, first, last, np.int64(grid.facet[k]), surface):
+                    return True
+    return False
 
 
 UNKNOWN = np.int64(-2)
@@ -323,28 +310,3 @@ def facet_over(grid, x, y):
     if (i + j) & 1:
         u = 1.0 - u
     return 2 * (i * (len(grid.y.line) - 1) + j) + np.int64(u <= v)
-
-
-@entry
-def is_grid(vertices, faces, nx, ny):
-    """Return whether a mesh is a height field on an nx by ny tensor grid, cut as by `triangulate`.
-
-    Array twin: `grid_faces`.
-    """
-    for i in range(nx):
-        for j in range(ny):
-            a = i * ny + j
-            if vertices[a, 0] != vertices[i * ny, 0] or vertices[a, 1] != vertices[j, 1]:
-                return False
-            if i == nx - 1 or j == ny - 1:
-                continue
-            b, c, d = a + ny, a + ny + 1, a + 1
-            f = 2 * (i * (ny - 1) + j)
-            even = (i + j) % 2 == 0
-            if faces[f, 0] != a or faces[f, 1] != b or faces[f, 2] != (c if even else d):
-                return False
-            if faces[f + 1, 0] != (a if even else b) or faces[f + 1, 1] != c:
-                return False
-            if faces[f + 1, 2] != d:
-                return False
-    return True

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.kernels.interface import reflectance
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import (
     Medium,
@@ -116,8 +117,11 @@ def is_dark(p, h, dark, emitter):
 
     Array twin: `intensity`. `dark` is the `dark_angle`.
     """
-    length = norm(minus(p, emitter.position))
-    return h < length and off_axis(p, emitter) > dark + math.asin(h / length)
+    way = minus(p, emitter.position)
+    length = norm(way)
+    if h >= length or dot(way, emitter.axis) >= length * math.cos(dark):
+        return False
+    return off_axis(p, emitter) > dark + math.asin(h / length)
 
 
 @inlined
@@ -340,10 +344,8 @@ def land_sunlight(z, zx, zy, corner, spacing, sun, n, c, depth, cells, cell, lig
             down = sun[2] / n - along
             if down <= 0.0:
                 continue
-            r_s = (cos_i - n * cos_t) / (cos_i + n * cos_t)
-            r_p = (n * cos_i - cos_t) / (n * cos_i + cos_t)
             way = (z[i, j] + depth) / down
-            power = spacing * spacing * upright * (1.0 - 0.5 * (r_s * r_s + r_p * r_p))
+            power = spacing * spacing * upright * (1.0 - reflectance(cos_i, cos_t, 1.0, n))
             power *= math.exp(-c * way)
             x = corner[0] + i * spacing + way * (-sun[0] / n - along * p)
             y = corner[1] + j * spacing + way * (-sun[1] / n - along * q)
@@ -389,8 +391,8 @@ def add_upwelling(directions, beams, toward, scattered, light):
         Unit vectors.
     beams : Beams
         Beams and water.
-    toward, scattered : ndarray, shape (rings, functions), (wavelengths,)
-        Scratch: power of a ring times function, and phase function.
+    toward, scattered : ndarray, shape (rings, functions + 1), (wavelengths,)
+        Scratch: power of a ring times function, and alone; phase function.
     light : ndarray, shape (n, wavelengths)
         Radiances.
     """
@@ -408,6 +410,7 @@ def add_upwelling(directions, beams, toward, scattered, light):
             for q in range(beams.phase.shape[1]):
                 p = (1.0 - f) * beams.phase[j, q] + f * beams.phase[j + 1, q]
                 toward[r, q] += power * p
+            toward[r, -1] += power
         for r in range(len(beams.slant)):
             m = 1.0 / beams.slant[r] + 1.0 / mu
             j = min(max(int(math.log(m / beams.m[0]) * per_m), 0), nodes - 2)
@@ -424,18 +427,8 @@ def add_upwelling(directions, beams, toward, scattered, light):
                 row, lit = light[i], beams.lit[r]
                 for c in range(len(row)):
                     row[c] += lit[c] / mu * scattered[c]
-        if len(beams.floor) > 0:
-            _add_floor(beams, mu, per_m, light[i])
-
-
-@outlined
-def _add_floor(beams, mu, per_m, light):
-    """Add the light of the floor at one direction, see `add_upwelling`."""
-    for b in range(len(beams.power)):
-        r, nodes = beams.ring[b], len(beams.m)
-        m = 1.0 / beams.slant[r] + 1.0 / mu
-        j = min(max(int(math.log(m / beams.m[0]) * per_m), 0), nodes - 2)
-        f = min(max((m - beams.m[j]) / (beams.m[j + 1] - beams.m[j]), 0.0), 1.0)
-        for c in range(len(light)):
-            floor = (1.0 - f) * beams.floor[j, c] + f * beams.floor[j + 1, c]
-            light[c] += beams.lit[r, c] * beams.power[b] * beams.slant[r] * floor
+            if len(beams.floor) > 0:
+                level, row, lit = toward[r, -1] * beams.slant[r], light[i], beams.lit[r]
+                low, high = beams.floor[j], beams.floor[j + 1]
+                for c in range(len(row)):
+                    row[c] += lit[c] * level * ((1.0 - f) * low[c] + f * high[c])

@@ -216,16 +216,17 @@ def score_apertures(q, in_water, flight, world):
 
 
 @inlined
-def keep_arrival(tallies, photon, receiver, weight, tints, tint):
+def keep_arrival(kept, photon, receiver, weight, tints, tint):
     """Keep the light of a path on demand; return its row, -1 without room.
 
     Array twin: none.
+    `kept` has `arrivals` and their number `n_arrivals`.
     """
-    n = tallies.n_arrivals[0]
-    tallies.n_arrivals[0] = n + 1  # counts those without room, too: the chunk is run again
-    if n >= len(tallies.arrivals):
+    n = kept.n_arrivals[0]
+    kept.n_arrivals[0] = n + 1  # counts those without room, too: the chunk is run again
+    if n >= len(kept.arrivals):
         return -1
-    a = tallies.arrivals[n]
+    a = kept.arrivals[n]
     a.photon, a.receiver, a.weight = photon, receiver, weight
     copy_tint(tints, tint, a.tint)
     return n

@@ -85,7 +85,8 @@ def ways(monkeypatch):
 )
 def test_kernels_are_called_a_few_frames_below_simulate(name, ways):
     CASES[name]()
-    assert len({kernel for kernel, _ in ways}) > 1
+    kernels = {kernel for kernel, _ in ways}
+    assert len(kernels) > 1 or kernels == {"follow"}  # analog photons
     deep = {k: [f for _, f in way] for (k, way), _ in ways.items() if len(way) > MOST}
     assert not deep
     assert max(len(files) for files in ways.values()) <= MOST

@@ -18,12 +18,16 @@ from meshtrace.engine.chains import unscattered as image
 from meshtrace.engine.chains.gain import Counter, tint_chains, tint_straight
 from meshtrace.engine.chains.sets import Aimed, ChainDrawer, ChainSet, Request
 from meshtrace.engine.crossing import FLAT, ROOT, Search
-from meshtrace.engine.setup.arrays import locator, surface_arrays, with_raster
+from meshtrace.engine.setup.arrays import (
+    locator,
+    mean_square_slope,
+    surface_arrays,
+    with_raster,
+)
 from meshtrace.engine.setup.ends import ForcedLink, expected_water, forced_link
 from meshtrace.engine.setup.tinting import UNTINTED, Common
 from meshtrace.kernels.interface import Direction, MeshArrays, Roughness, Snell
 from meshtrace.kernels.medium import DepthMode, Medium
-from meshtrace.kernels.rays import BESIDE, CUT, shadows
 from meshtrace.kernels.scene import FACET, Emitter, Locator, Scene, Target, facet_summary
 from meshtrace.kernels.tints import Tints
 from meshtrace.kernels.vectors import Vec3
@@ -83,9 +87,7 @@ class AimedChains:
         self._intersector = EmbreeIntersector(self._mesh, 1)
         self._search_mode = search
         self.surface: MeshArrays = surface_arrays(self._mesh, normals, unresolved)
-        rough, n = self.surface.roughness, self.surface.vertex_normals
-        # mean square slope of the mesh, of one component
-        self._mesh_slopes = float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
+        rough, self._mesh_slopes = self.surface.roughness, mean_square_slope(self.surface)
         self.rough = rough.along > 0.0 or rough.across > 0.0
         # the slope between two directions is known where refraction is physical
         physical = link.interface.snell, link.interface.direction
@@ -188,12 +190,9 @@ class AimedChains:
         """
         receivers = [receivers] if isinstance(receivers, int) else receivers
         n, keep = len(chains.audit) * len(receivers), keep or self._far is not None
-        most = 2 * n + 64
         out = kernel.Output(
             score=np.zeros(n),
-            doubtful=np.empty(most, kernel.DOUBT),
-            rays=np.empty(most * (chains.order + 2), kernel.RAY),
-            arrivals=np.empty(most if keep else 0, kernel.ARRIVAL),
+            arrivals=np.empty(2 * n + 64 if keep else 0, kernel.ARRIVAL),
             counters=np.zeros(len(Counter), np.int64),
             roots=np.zeros(ROOTS, ROOT),
         )
@@ -212,18 +211,7 @@ class AimedChains:
             scene, extent = self.scene(emitter, target), self._extent
             search = extent._replace(widest=target.reach + extent.widest)
             found = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
-        n_doubt, n_rays, n_arrivals = found
-        arrivals = out.arrivals[:n_arrivals]
-        if n_doubt:
-            cut = np.zeros(n_doubt, bool)
-            rays = out.rays[:n_rays]
-            names = "origin", "direction", "length"
-            blocked = self._cut(*(np.ascontiguousarray(rays[name]) for name in names))
-            cut[rays["crossing"][blocked]] = True
-            clear = out.doubtful[:n_doubt][~cut]
-            np.add.at(out.score, clear["chain"], clear["weight"])
-            out.counters[Counter.BLOCKED] += int(cut.sum())
-            arrivals = arrivals[(arrivals["doubt"] < 0) | ~cut[arrivals["doubt"]]]
+        arrivals = out.arrivals[:found]
         self.counters += out.counters
         if self._far is None:
             return Aimed(out.score[None], arrivals)
@@ -305,22 +293,6 @@ class AimedChains:
         """The water with its bubbles alone."""
         return self.medium._replace(b=0.0, layered=False)
 
-    def _cut(self, origins: Floats, directions: Floats, lengths: Floats) -> NDArray[np.bool_]:
-        """Return the straight paths that the surface blocks.
-
-        A path that starts or ends on the surface is shortened by a hair at both ends. Paths
-        outside the region that the receivers see are checked by Embree.
-        """
-        outcome = np.empty(len(lengths), np.int64)
-        shadows(origins, directions, lengths, self.surface, self.locator, outcome)
-        cut, beside = outcome == CUT, np.flatnonzero(outcome == BESIDE)
-        if len(beside):
-            hair = 1e-4 * (1.0 + lengths[beside])
-            start = origins[beside] + hair[:, None] * directions[beside]
-            hits = self._intersector.intersect(start, directions[beside])
-            cut[beside] = hits.distance < lengths[beside] - 3.0 * hair
-        return cut
-
     def direct_gains(
         self,
         source: int,
@@ -336,30 +308,19 @@ class AimedChains:
         """
         scene = self._forwards(source, receiver, at)
         gain = np.zeros(len(self._mesh.faces))
-        hidden = np.zeros(len(gain), bool)
         stack = np.empty((image.STACK, 3), np.int64)
         if self.rough and self.blurred:
-            nodes = self.nodes.setdefault((source, receiver), _disk_nodes(self._blur(scene)))
+            nodes = self.nodes.setdefault(
+                (source, receiver), _disk_nodes(scene.target.radius / self.blur(scene))
+            )
             rule = _slope_rule() if nodes is None else _disk_rule(nodes)
             blocks = self._blocks if facets is None else _one_block(facets)
             coarse = np.zeros(len(gain), bool)
-            microfacets.blurred_gain(scene, rule, blocks, stack, coarse, gain, hidden)
+            microfacets.blurred_gain(scene, rule, blocks, stack, coarse, gain)
         else:
             stretch, lever, bend = self.bounds_of(scene)
-            image.image_gain(scene, 1.5 * stretch, lever, bend, stack, gain, hidden)
-            if facets is not None:
-                others = np.ones(len(gain), bool)
-                others[facets] = False
-                gain[others], hidden[others] = 0.0, False
-        doubtful = np.flatnonzero(hidden)
-        if not len(doubtful):
-            return gain
-        centroid = self.centroids[doubtful]
-        for end in (self.link.emitters[source].position, self.link.targets[receiver].center):
-            way = centroid - np.asarray(end)
-            length = np.linalg.norm(way, axis=1)
-            start = np.tile(np.asarray(end), (len(way), 1))
-            gain[doubtful[self._cut(start, way / length[:, None], length)]] = 0.0
+            some = np.arange(len(gain)) if facets is None else facets
+            image.image_gain(scene, some, 1.5 * stretch, lever, bend, stack, gain)
         return gain
 
     @cached_property
@@ -387,18 +348,19 @@ class AimedChains:
         radius, bend = (np.maximum.reduceat(x, start) for x in (far, bend))
         return microfacets.Blocks(np.append(start, n), order, middle, radius, bend)
 
-    def _blur(self, scene: Scene) -> float:
-        """Return the radius of the aperture over the width of the light of one facet on it."""
-        target, n = scene.target, scene.medium.n_water / scene.medium.n_air
-        lever = abs(n - 1.0) * max(target.center[2] - float(scene.surface.high[2]), 1e-6)
-        return float(target.radius / (lever * min(self.surface.roughness[:2])))
+    def blur(self, scene: Scene) -> float:
+        """Return the width of the light of one facet on the aperture [m]."""
+        n = scene.medium.n_water / scene.medium.n_air
+        height = max(scene.target.center.z - float(scene.surface.high[2]), 1e-6)
+        return float(abs(n - 1.0) * height * min(self.surface.roughness[:2]))
 
     def take_points(self, source: int, receiver: int) -> None:
         """Take one point for an aperture over which blurred light does not change.
 
         That suffices for the ratio of the light through two meshes.
         """
-        if self.blurred and self._blur(self._forwards(source, receiver, None)) <= _POINT:
+        scene = self._forwards(source, receiver, None)
+        if self.blurred and scene.target.radius <= _POINT * self.blur(scene):
             self.nodes[source, receiver] = 1, 1
 
     def bounds_of(self, scene: Scene) -> tuple[float, float, float]:

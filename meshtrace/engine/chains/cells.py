@@ -1,4 +1,7 @@
-"""Unscattered light over the cells of a map: images of the parts of every facet, without noise."""
+"""Unscattered light over the cells of a map: images of the parts of every facet, without noise.
+
+The field of view is that of an angle, and accepts light alike in all cells.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from numpy.typing import NDArray
 from meshtrace.engine.chains import microfacets, unscattered
 from meshtrace.engine.chains.gain import straight_factors
 from meshtrace.engine.crossing import acceptance, aim_at, is_steep, straight_shot, transmittance
-from meshtrace.kernels.interface import FieldOfView, corners, exposure, normal_at
+from meshtrace.kernels.interface import corners, exposure, normal_at
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.rays import is_free
@@ -48,13 +51,6 @@ class Rules(NamedTuple):
 
     nodes: NDArray[np.float64]  # (m, m)
     shares: NDArray[np.float64]  # (m, m)
-
-
-@inlined
-def _moved(scene, x, y):
-    """Return a scene with the aperture displaced in its plane."""
-    center = scene.target.center
-    return unscattered.aperture_at(Vec3(center.x + x, center.y + y, center.z), scene)
 
 
 @inlined
@@ -109,13 +105,13 @@ def _free(p, m, scene):
 
 
 @outlined
-def _light(x, y, f, cell, shot, scene):
-    """Return the light per solid angle of a crossing that lands in a cell."""
+def _light(x, y, f, shot, scene):
+    """Return the light per solid angle of a crossing that the field of view accepts."""
     m = aim_at(x, y, f, shot, scene)
     if not m.ok:
         return 0.0
     p = Vec3(x, y, height_on(x, y, f, scene.surface))
-    light = acceptance(m, p, _moved(scene, cell.x, cell.y).target, scene.interface.fov)
+    light = acceptance(m, p, scene.target, scene.interface.fov)
     if light == 0.0 or not (is_steep(m, scene) or _free(p, m, scene)):
         return 0.0
     return unscattered.carried(light, p, m, scene)
@@ -149,11 +145,11 @@ def _part_cells(f, n, i, j, side, cells, poly, shot, scene, colours, gain):
             if share > 0.0:
                 # light that is linear in the image has its mean over the overlap at the centroid
                 at = along(along(p, minus(q, p), u), minus(r, p), v)
-                light = _light(at.x, at.y, f, Vec2(x, y), shot, scene)
+                light = _light(at.x, at.y, f, shot, scene)
                 if light > 0.0:
                     straight_factors(source, at, colours)
-                    for colour in range(len(colours.factor)):
-                        gain[k, m, colour] += omega * share * light * colours.factor[colour]
+                    for colour in range(len(colours.factors.values)):
+                        gain[k, m, colour] += omega * share * light * colours.factors.values[colour]
 
 
 @outlined
@@ -191,16 +187,17 @@ def _region(cells):
 
 
 @entry
-def image_map(scene, cells, stretch, lever, stack, poly, colours, gain):
-    """Add the unscattered gains (x, y, wavelengths) of cells, as apertures of their areas."""
+def image_map(scene, cells, stretch, lever, bend, stack, poly, colours, gain):
+    """Add the unscattered gains (x, y, wavelengths) of cells, as apertures of their areas.
+
+    Array twin: `unscattered.image_gain` of one aperture.
+    """
     shot = straight_shot(0.0, 0.0, scene)
-    depth = -scene.emitter.position.z
-    edge = min(max(unscattered.EDGE * depth, 0.005), 0.1)
-    fine = min(edge, unscattered.BEAM_SHARE * beam_width(scene.emitter) * depth)
+    fine, coarse = unscattered.part_sizes(unscattered.BEAM_SHARE, bend, scene)
     region, dark = _region(cells), dark_angle(scene.emitter)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
-        image = unscattered.Image(stretch + lever * facet.curvature, 5.0 * edge, dark)
+        image = unscattered.Image(stretch + lever * facet.curvature, coarse, dark)
         nodes, top = unscattered.whole_facet(2.0 * facet.radius / fine, stack)
         while top > 0:
             i, j, side, top = unscattered.next_part(
@@ -238,7 +235,8 @@ def blurred_map(scene, cells, stretch, most, across, rules, colours, gain):
         if box.west > box.east or box.south > box.north:
             continue
         a, b, c = corners(scene.surface.vertices, f, scene.surface.faces)
-        change, _ = microfacets.slope_change(f, a, b, c, _moved(scene, x, y))
+        here = unscattered.aperture_at(Vec3(center.x + x, center.y + y, center.z), scene)
+        change, _ = microfacets.slope_change(f, a, b, c, here)
         if math.isinf(change) and not m.ok:
             change = 0.0  # light is reflected there
         parts = max(change / microfacets.PART_SLOPE, 2.0 * facet.radius / edge, 1.0)
@@ -330,30 +328,19 @@ def _blurred_part(f, n, i, j, side, box, cells, rules, scene, colours, gain):
         for m in range(box.south, box.north + 1):
             y = cells.y + (m + 0.5) * cells.step
             across = box.across
-            if _at_edge(part.middle, x, y, cells, scene):
+            inside, _ = microfacets.margin(part.middle, Vec2(x, y), scene)
+            if abs(inside) < 0.75 * cells.step:  # the edge of the field of view may pass through
                 across = max(across, min(4 * across, _AT_EDGE))
             seen = light * _blur(part, x, y, cells, across, rules, scene)
             if seen > 0.0:
-                for colour in range(len(colours.factor)):
-                    gain[k, m, colour] += seen * colours.factor[colour]
-
-
-@inlined
-def _at_edge(p, x, y, cells, scene):
-    """Return whether the edge of the field of view passes through a cell seen from a crossing."""
-    target, half = scene.target, 0.75 * cells.step
-    dx, dy, dz = x + target.center.x - p.x, y + target.center.y - p.y, target.center.z - p.z
-    side = math.hypot(dx, dy)
-    sine = math.sqrt(1.0 - target.cos_half_fov**2)
-    if scene.interface.fov == FieldOfView.ANGLE:
-        return abs(side * target.cos_half_fov - dz * sine) < half
-    return abs(side - target.radius - dz * target.tan_half_fov) < half
+                for colour in range(len(colours.factors.values)):
+                    gain[k, m, colour] += seen * colours.factors.values[colour]
 
 
 @outlined
 def _blur(part, x, y, cells, across, rules, scene):
     """Return the mean density over a cell of unit light through a part of a facet [m-2]."""
-    total, target = 0.0, _moved(scene, x, y).target
+    total = 0.0
     middle, normal, w = part.middle, part.normal, part.w
     nodes, shares = rules.nodes[across - 1], rules.shares[across - 1]
     for k in range(across * across):
@@ -361,7 +348,7 @@ def _blur(part, x, y, cells, across, rules, scene):
         goal = Vec2(x + cells.step * nodes[i], y + cells.step * nodes[j])
         s = microfacets.slope_towards(middle, normal, w, w, part.length, goal, scene)
         if s.density > 0.0:
-            share = acceptance(s.aim, middle, target, scene.interface.fov)
+            share = acceptance(s.aim, middle, scene.target, scene.interface.fov)
             if share > 0.0 and (is_steep(s.aim, scene) or _free(middle, s.aim, scene)):
                 share *= exposure(w, normal, s.tilt) * transmittance(s.aim, scene.interface)
                 total += shares[i] * shares[j] * s.density * share

@@ -28,26 +28,34 @@ from meshtrace.kernels.medium import (
     scattering_path,
     water_coefficients,
 )
+from meshtrace.kernels.rays import is_free
 from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
 from meshtrace.kernels.sources import intensity
-from meshtrace.kernels.tints import Tints, tint_scattering, tint_way
-from meshtrace.kernels.vectors import UP, Vec2, Vec3, along, dot, minus, norm, plus, row, write
+from meshtrace.kernels.tints import (
+    Factors,
+    Mixture,
+    Tints,
+    fill_factors,
+    reset_tint,
+    tint_scattering,
+    tint_way,
+)
+from meshtrace.kernels.vectors import (
+    UP,
+    Vec2,
+    Vec3,
+    along,
+    dot,
+    minus,
+    norm,
+    plus,
+    row,
+    unit,
+    write,
+)
 
 _FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, that is much
 _AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched
-
-RAY = np.dtype(
-    [
-        ("crossing", np.int64),  # row of `Output.doubtful`
-        ("origin", float, (3,)),
-        ("direction", float, (3,)),
-        ("length", float),
-    ]
-)
-"""A straight part of a path that a wave may cut."""
-
-DOUBT = np.dtype([("chain", np.int64), ("weight", float)])
-"""A crossing that counts only if no wave cuts its path."""
 
 ARRIVAL = np.dtype(
     [
@@ -55,7 +63,6 @@ ARRIVAL = np.dtype(
         ("weight", float),
         ("water", float),  # path in the water [m]
         ("air", float),
-        ("doubt", np.int64),  # row of `Output.doubtful`, or -1
         ("point", float, (3,)),  # crossing [m]
         ("emission", float, (3,)),  # direction
     ]
@@ -67,8 +74,6 @@ class Output(NamedTuple):
     """Results of `contributions`, and a buffer for the crossings of one chain."""
 
     score: NDArray[np.float64]  # (chains,)
-    doubtful: NDArray[np.void]  # DOUBT
-    rays: NDArray[np.void]  # RAY
     arrivals: NDArray[np.void]  # ARRIVAL; no rows: not kept
     counters: NDArray[np.int64]  # by `Counter`
     roots: NDArray[np.void]  # ROOT
@@ -197,15 +202,11 @@ def _reaches(flat, radius, shot, scene):
 
 @entry
 def contributions(chains, flat, audits, search, scene, out):
-    """Write the contribution of each chain to the aperture.
-
-    Returns (doubtful crossings, rays, arrivals).
+    """Write the contribution of each chain to the aperture; return the number of arrivals.
 
     Array twin: the analog estimator.
-    Crossings that a wave may cut off before or behind are not scored but listed as doubtful,
-    with the rays of their paths, which the caller checks by Embree.
     """
-    counts = ZERO, ZERO, ZERO
+    arrivals = ZERO
     for i in range(len(chains.last)):
         n = ZERO
         for k in range(len(flat[i])):
@@ -220,10 +221,9 @@ def contributions(chains, flat, audits, search, scene, out):
             shot = shot_of(chains, i, scene, root.branch, scene.surface.roughness)
             light = weigh(chains, i, root.x, root.y, root.facet, shot, scene)
             w = light.weight * root.multiplicity
-            if w <= 0.0:
-                continue
-            counts = keep(chains, i, w, light, counts, scene, out)
-    return counts
+            if w > 0.0:
+                arrivals = keep(chains, i, w, light, i, arrivals, scene, out)
+    return arrivals
 
 
 @entry
@@ -253,8 +253,8 @@ def flat_contributions(chains, flat, scene, score):
 def blurred_contributions(chains, flat, places, near, spread, scene, out):
     """Write the contribution of each chain to the aperture at each of some places.
 
-    Returns (doubtful crossings, rays, arrivals); their rows, and those of the scores, count the
-    chains to the first place, to the second, and so on.
+    Returns the number of arrivals; their chains, and the rows of the scores, count the chains to
+    the first place, to the second, and so on.
 
     Array twin: `contributions`, which finds the crossings of a chosen slope.
     Here the crossing is chosen, as that of a flat sea moved by slopes of the law `spread`, and the
@@ -263,13 +263,10 @@ def blurred_contributions(chains, flat, places, near, spread, scene, out):
     the aperture of the scene, moved to first order to its `places` (m, 3); `near` has room for
     those of a chain.
     """
-    counts, n = (ZERO, ZERO, ZERO), len(chains.last)
+    arrivals, n = ZERO, len(chains.last)
     for m in range(len(places)):
         there = aperture_at(row(places, m), scene)
         x, y = places[m, 0] - scene.target.center.x, places[m, 1] - scene.target.center.y
-        own = Output(
-            out.score[m * n :], out.doubtful, out.rays, out.arrivals, out.counters, out.roots
-        )
         for i in range(n):
             if flat[i, 0].branch == 0.0:
                 out.counters[Counter.NO_FLAT.value] += 1
@@ -282,16 +279,11 @@ def blurred_contributions(chains, flat, places, near, spread, scene, out):
                 if near[k].branch == 0.0:
                     break
                 light = _sloped_crossing(chains, i, near, k, spread, there)
-                if light.weight <= 0.0:
-                    continue
-                out.counters[Counter.SOLVED.value] += 1
-                doubt, _, arrival = counts
-                counts = keep(chains, i, light.weight, light, counts, there, own)
-                if counts[0] > doubt:
-                    out.doubtful[doubt].chain += m * n
-                if counts[2] > arrival:
-                    out.arrivals[arrival].chain += m * n
-    return counts
+                if light.weight > 0.0:
+                    out.counters[Counter.SOLVED.value] += 1
+                    w, place = light.weight, m * n + i
+                    arrivals = keep(chains, i, w, light, place, arrivals, there, out)
+    return arrivals
 
 
 @inlined
@@ -364,31 +356,25 @@ def _emission_at(x, y, facet, shot, scene):
     return ok, w
 
 
-@inlined
-def keep(chains, i, w, light, counts, scene, out):
-    """Score the light w of chain i by its `Crossing`, or list it as doubtful with its rays.
+@outlined
+def keep(chains, i, w, light, place, n, scene, out):
+    """Score the light w of chain i by its `Crossing`, unless a wave cuts its path off.
 
-    Array twin: none, a list for Embree.
-    `counts` are those of `contributions`, returned with what is added.
+    Array twin: none, sums.
+    `place` is the row of its score, n the number of arrivals, which is returned with this one.
     """
-    n_doubt, n_rays, n_arrivals = counts
-    first, aim = n_rays, light.aim
-    if not light.steep:
-        n_rays = list_paths(chains, i, light, n_doubt, scene, out.rays, n_rays)
-    if n_arrivals < len(out.arrivals):
-        a = out.arrivals[n_arrivals]
-        a.chain, a.weight = i, w
+    if not (light.steep or _is_clear(chains, i, light, scene)):
+        out.counters[Counter.BLOCKED.value] += 1
+        return n
+    out.score[place] += w
+    if n < len(out.arrivals):
+        a, aim = out.arrivals[n], light.aim
+        a.chain, a.weight = place, w
         a.water, a.air = chains.path[i] + aim.length, aim.flight
-        a.doubt = n_doubt if n_rays > first else -1
         write(a.point, light.point)
         write(a.emission, aim.w)
-        n_arrivals += 1
-    if n_rays > first:
-        out.doubtful[n_doubt].chain, out.doubtful[n_doubt].weight = i, w
-        n_doubt += 1
-    else:
-        out.score[i] += w
-    return n_doubt, n_rays, n_arrivals
+        n += 1
+    return n
 
 
 @inlined
@@ -474,43 +460,38 @@ def _transmit(chains, i, m, p, start, scene):
 
 
 @outlined
-def list_paths(chains, i, light, doubt, scene, rays, n):
-    """List the straight parts of a `Crossing`'s path that a wave may block; return the rays.
+def _is_clear(chains, i, light, scene):
+    """Return whether no wave cuts a straight part of the path of a `Crossing`.
 
-    Array twin: none, a list for Embree.
-    A vertex above the highest crest needs no ray of its own: the path to it or from it is cut.
+    A vertex above the highest crest needs no part of its own: the path to it or from it is cut.
     """
-    low, high, slope = scene.surface.low[2], scene.surface.high[2], scene.surface.max_slope
-    m, p, start = light.aim, light.point, light.start
+    m, start, slope = light.aim, light.start, scene.surface.max_slope
     order = chains.vertex.shape[1]
     for k in range(order + (2 if scene.interface.follow_second_hit else 1)):
         if k < order:
             end = _vertex(chains, i, k, m, light.start)
         elif k == order:
-            end = p
+            end = light.point
         else:
-            end = along(p, m.r, m.flight)
+            end = along(light.point, m.r, m.flight)
         way = minus(end, start)
         length = norm(way)
-        level = max(start.z, end.z) > low and min(start.z, end.z) < high
         climbs = way.z > slope * math.hypot(way.x, way.y) and k >= order
-        if length > 0.0 and level and not climbs and n < len(rays):
-            rays[n].crossing, rays[n].length = doubt, length
-            write(rays[n].origin, start)
-            write(rays[n].direction, Vec3(way.x / length, way.y / length, way.z / length))
-            n += 1
+        if length > 0.0 and not climbs:
+            if not is_free(start, unit(way), length, scene.surface, scene.locator):
+                return False
         start = end
-    return n
+    return True
 
 
 class Colours(NamedTuple):
     """Wavelengths of straight ways, and their factors on the weight of the last one."""
 
     tints: Tints | None
-    shares: NDArray[np.float64]  # (wavelengths, tints)
+    mixture: Mixture
     clear: Medium  # the water with its bubbles alone
     tint: NDArray[np.float64]  # (tints,)
-    factor: NDArray[np.float64]  # (wavelengths,)
+    factors: Factors
 
 
 @outlined
@@ -519,13 +500,9 @@ def straight_factors(p, q, colours):
 
     Array twin: see `tint_chains`.
     """
-    colours.tint[:] = 0.0
+    reset_tint(colours.tints, colours.tint)
     _add_way(p, q, colours.clear, colours.tints, colours.tint)
-    for j in range(len(colours.factor)):
-        log = 0.0
-        for r in range(len(colours.tint)):
-            log += colours.shares[j, r] * colours.tint[r]
-        colours.factor[j] = math.exp(log)
+    fill_factors(colours.mixture, colours.tint, colours.factors)
 
 
 @inlined
@@ -551,8 +528,7 @@ def tint_chains(chains, arrivals, emitter, clear, tints, out):
         i, w = a.chain, Vec3(a.emission[0], a.emission[1], a.emission[2])
         start = crossing.start_of(emitter, chains.disk[i, 0], chains.disk[i, 1])
         end = Vec3(a.point[0], a.point[1], a.point[2])
-        for r in range(len(tint)):
-            tint[r] = 0.0
+        reset_tint(tints, tint)
         before, last = start, w
         order = chains.vertex.shape[1]
         for k in range(order + 1):
@@ -561,18 +537,11 @@ def tint_chains(chains, arrivals, emitter, clear, tints, out):
                 at = plus(turned(w, row(chains.vertex[i], k)), start)
             way = minus(at, before)
             if k > 0:
-                s = 0.5 * norm(minus(_unit(way), _unit(last)))
+                s = 0.5 * norm(minus(unit(way), unit(last)))
                 theta = 2.0 * math.asin(min(s, 1.0))
                 tint_scattering(tints, tint, before.z, theta, chains.kind[i, k - 1] == 1)
             _add_way(before, at, clear, tints, tint)
             before, last = at, way
-
-
-@inlined
-def _unit(way):
-    """Return the direction of a way."""
-    size = norm(way)
-    return Vec3(way.x / size, way.y / size, way.z / size)
 
 
 @entry
@@ -582,6 +551,5 @@ def tint_straight(start, ends, clear, tints, out):
     Array twin: see `tint_chains`.
     """
     for n in range(len(ends)):
-        for r in range(len(out[n])):
-            out[n, r] = 0.0
+        reset_tint(tints, out[n])
         _add_way(start, row(ends, n), clear, tints, out[n])

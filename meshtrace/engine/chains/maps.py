@@ -17,6 +17,7 @@ from meshtrace.engine.setup.options import IrradianceMap
 from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.errors import Refused
 from meshtrace.kernels.scene import Emitter, Target
+from meshtrace.kernels.tints import ALONE, factors_of
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link, Receiver, WaterSource
 from meshtrace.mesh import TriangleMesh
@@ -78,19 +79,17 @@ def _image(
     gain = np.zeros((cells.n, cells.n, n_colours))
     colours = Colours(
         tints=tinting.tints,
-        shares=tinting.shares,
+        mixture=tinting._replace(bases=()).mixture(0, ALONE.parts),
         clear=aimed.clear,
         tint=np.zeros(n_tints),
-        factor=np.zeros(n_colours),
+        factors=factors_of(n_colours),
     )
-    stretch, lever, _ = aimed.bounds_of(scene)
+    stretch, lever, bend = aimed.bounds_of(scene)
     if not aimed.rough:
         stack, polygons = np.empty((unscattered.STACK, 3), np.int64), np.empty((2, 16, 2))
-        image_map(scene, cells, 1.5 * stretch, lever, stack, polygons, colours, gain)
+        image_map(scene, cells, 1.5 * stretch, lever, bend, stack, polygons, colours, gain)
         return gain
-    n = scene.medium.n_water / scene.medium.n_air
-    height = max(target.center.z - float(scene.surface.high[2]), 1e-6)
-    blur = abs(n - 1.0) * height * min(scene.surface.roughness[:2])
+    blur = aimed.blur(scene)
     across = math.ceil(cells.step / blur) if blur > 0.0 else _COARSEST + 1
     if not aimed.blurred or across > _COARSEST:
         return None

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
 from meshtrace.engine.chains import unscattered
-from meshtrace.engine.crossing import is_steep
 from meshtrace.kernels.interface import (
     exposure,
     normal_at,
@@ -190,8 +189,8 @@ def _block_is_lit(b, blocks, dark, scene):
 
 
 @entry
-def blurred_gain(scene, rule, blocks, stack, coarse, gain, doubtful):
-    """Write the unscattered gain of each facet, with a flag for possible shadowing by waves.
+def blurred_gain(scene, rule, blocks, stack, coarse, gain):
+    """Write the unscattered gain of each facet.
 
     `stack` is room for (STACK, 3) integers, `coarse` for a flag of each facet, False.
 
@@ -212,13 +211,12 @@ def blurred_gain(scene, rule, blocks, stack, coarse, gain, doubtful):
             facet = scene.facets[f]
             p = Vec3(facet.x, facet.y, facet.z)
             if is_lit(f, p, unscattered.spatial_radius(facet), dark, scene):
-                gain[f], steep, finer = _facet_light(f, first, dark, rule, stack, scene)
-                doubtful[f] = gain[f] > 0.0 and not steep
+                light, finer = _facet_light(f, first, dark, rule, stack, scene)
+                gain[f] = unscattered.unless_hidden(light, f, scene)
                 coarse[f], most = finer and first > 1.0, max(most, gain[f])
     for f in range(len(gain)):
         if coarse[f] and gain[f] > _DIM * most:
-            gain[f], steep, _ = _facet_light(f, 1.0, dark, rule, stack, scene)
-            doubtful[f] = gain[f] > 0.0 and not steep
+            gain[f], _ = _facet_light(f, 1.0, dark, rule, stack, scene)
 
 
 @inlined
@@ -284,11 +282,11 @@ def is_lit(f, p, h, dark, scene):
 
 @outlined
 def _facet_light(f, coarse, dark, rule, stack, scene):
-    """Return (gain, steep, finer) of a facet; quarter parts that need a fine subdivision.
+    """Return (gain, finer) of a facet; quarter parts that need a fine subdivision.
 
     Parts are `coarse` times as long as they should be; `finer` is whether any of them is.
     """
-    total, steep, number, finer = 0.0, True, ZERO, False
+    total, number, finer = 0.0, ZERO, False
     stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, _NODES
     top = 1
     while top > 0:
@@ -317,10 +315,9 @@ def _facet_light(f, coarse, dark, rule, stack, scene):
                 x, y, z = unscattered.part_of_row(k, q)
                 # part (x, y, z) of m along the edges of the part (i, j, side)
                 x, y, z = m * i + x * side, m * j + y * side, z * side
-                g, s = _part_gain(f, m * _NODES, x, y, z, rule, number, scene)
-                total, number = total + g, number + 1
-                steep = steep and s
-    return total, steep, finer
+                total += _part_gain(f, m * _NODES, x, y, z, rule, number, scene)
+                number += 1
+    return total, finer
 
 
 @outlined
@@ -335,8 +332,8 @@ def _parts_along(f, i, j, side, scene):
     p = unscattered.node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
     h = unscattered.spatial_radius(facet) * share
     width = beam_width(emitter) * -emitter.position.z
-    margin, flight = _margin(p, Vec2(0.0, 0.0), scene)
-    if margin < -_NEAR * (h + scene.target.radius):
+    inside, flight = margin(p, Vec2(0.0, 0.0), scene)
+    if inside < -_NEAR * (h + scene.target.radius):
         return 1.0, 1.0
     # everywhere in view, see `_FINER`
     view = unscattered.view_radius(flight, scene.target, scene.interface.fov)
@@ -403,8 +400,11 @@ def _clipped(p, f, goal, scene):
 
 
 @inlined
-def _margin(p, goal, scene):
-    """Return `view_margin` and distance of light from P to a point of the aperture."""
+def margin(p, goal, scene):
+    """Return `view_margin` and distance of light from P to a point of the aperture.
+
+    Array twin: see `unscattered.view_margin`.
+    """
     target = scene.target
     way = minus(along(along(target.center, target.e1, goal.x), target.e2, goal.y), p)
     flight = norm(way)
@@ -419,7 +419,7 @@ def _share_in_view(p, q, r, goal, scene):
     Array twin: fine meshes in the tests.
     The edge of the field of view is taken for a straight line.
     """
-    a, b, c = _margin(p, goal, scene)[0], _margin(q, goal, scene)[0], _margin(r, goal, scene)[0]
+    a, b, c = margin(p, goal, scene)[0], margin(q, goal, scene)[0], margin(r, goal, scene)[0]
     seen = ZERO + (a >= 0.0) + (b >= 0.0) + (c >= 0.0)
     if seen == 0 or seen == 3:
         return seen / 3.0
@@ -508,16 +508,15 @@ def _landing(part, size, turn, scene):
 
 @outlined
 def _part_gain(f, n, i, j, side, rule, number, scene):
-    """Return (gain, steep) of a part of a facet, see `lit_part`; `number` counts its parts."""
+    """Return the gain of a part of a facet, see `lit_part`; `number` counts its parts."""
     part = lit_part(f, n, i, j, side, scene)
     middle, normal, w, light = part.middle, part.normal, part.w, part.light
-    total, steep = 0.0, True
-    radius, source = scene.target.radius, scene.emitter.position
-    margin, _ = _margin(middle, Vec2(0.0, 0.0), scene)
+    total, radius, source = 0.0, scene.target.radius, scene.emitter.position
+    inside, _ = margin(middle, Vec2(0.0, 0.0), scene)
     p, q, r = unscattered.nodes_of(f, n, i, j, side, scene.surface)
     near = _NEAR * (max(norm(minus(p, middle)), norm(minus(q, r))) + radius)
-    if light == 0.0 or margin < -near:
-        return 0.0, True
+    if light == 0.0 or inside < -near:
+        return 0.0
     first, second = _SHIFT * (_APART * f + number), _SHIFT**2 * (_APART * f + number)
     for k in range(len(rule.points)):
         at = Vec2(rule.points[k, 0], rule.points[k, 1])
@@ -527,14 +526,11 @@ def _part_gain(f, n, i, j, side, rule, number, scene):
             goal = Vec2(radius * at.x, radius * at.y)
             s = slope_towards(middle, normal, w, w, part.length, goal, scene)
         if s.density > 0.0:
-            share = 1.0 if margin > near else _share_in_view(p, q, r, s.aim.at, scene)
+            share = 1.0 if inside > near else _share_in_view(p, q, r, s.aim.at, scene)
             share *= exposure(w, normal, s.tilt) * crossing.transmittance(s.aim, scene.interface)
             if scene.mirrored and share > 0.0:
                 share *= math.exp(-unscattered.straight_depth(middle, s.aim, source, scene))
             total += rule.shares[k] * s.density * share
-            steep = steep and is_steep(s.aim, scene)
-    if total == 0.0:
-        return 0.0, True
     if not scene.mirrored:
         light *= math.exp(-depth_between(scene.medium, source, middle, part.length))
-    return scene.target.area * light * part.omega * total, steep
+    return scene.target.area * light * part.omega * total

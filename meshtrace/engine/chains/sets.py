@@ -24,7 +24,7 @@ from meshtrace.engine.chains import sampling as kernel
 from meshtrace.engine.chains.gain import ARRIVAL, flat_contributions, flat_crossings
 from meshtrace.engine.chains.sampling import Chains, Nominal
 from meshtrace.engine.crossing import FLAT
-from meshtrace.engine.setup.arrays import empty_locator, surface_arrays
+from meshtrace.engine.setup.arrays import empty_locator, integral, surface_arrays
 from meshtrace.engine.setup.ends import ForcedLink
 from meshtrace.errors import Refused
 from meshtrace.kernels.interface import MeshArrays
@@ -415,7 +415,7 @@ def nominal(
     b_bub = np.interp(at, np.arange(len(medium.bubble_b)), medium.bubble_b, right=0.0)
     total = np.maximum(b + b_bub, 1e-12)
     step = distance / (nodes - 1)
-    cumulative = np.concatenate([[0.0], np.cumsum(0.5 * step * (total[1:] + total[:-1]))])
+    cumulative = integral(total, step)
     c = max(medium.a + float(b.mean()), 1e-3 / distance)
     uniform = not medium.layered and medium.depth_mode == DepthMode.NONE
     turbid = float(np.mean(np.asarray(ratios) * cumulative[-1] >= TURBID))

@@ -6,10 +6,11 @@ import math
 from typing import NamedTuple
 
 from meshtrace.engine import crossing
-from meshtrace.engine.crossing import is_steep, transmittance
+from meshtrace.engine.crossing import transmittance
 from meshtrace.kernels.interface import FieldOfView, corners, normal_at
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
+from meshtrace.kernels.rays import is_free
 from meshtrace.kernels.scene import Scene, Target, height_on
 from meshtrace.kernels.sources import SourceKind, beam_width, dark_angle, intensity, is_dark
 from meshtrace.kernels.vectors import (
@@ -24,9 +25,10 @@ from meshtrace.kernels.vectors import (
     minus,
     minus2,
     norm,
+    unit,
 )
 
-EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
+_EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
 
 _ROUNDING = 1e-13  # of the disk's radius squared
 BEAM_SHARE = 0.03  # longest edge of a part over the width of the beam: its light is near linear
@@ -36,7 +38,6 @@ _FINEST = 1.0 / 64.0  # of the longest edge
 _GRAZING = 0.1  # cosine of the edge of views that accept light along the surface
 _FLATTEST = 1e-4  # cosine of such light
 _STRAIGHT = 0.1  # relative change of the stretch of an image along the longest edge of a part
-_FEW = 16  # parts along an edge: facets of more are cut where the light crosses
 STACK = 128
 """Parts of a large facet that wait to be cut."""
 
@@ -212,8 +213,8 @@ def _flat_stretch(m, scene):
 
 
 @entry
-def image_gain(scene, stretch, lever, bend, stack, gain, doubtful):
-    """Write the unscattered gain of each facet, with a flag for possible shadowing by waves.
+def image_gain(scene, facets, stretch, lever, bend, stack, gain):
+    """Write the unscattered gain of each of some facets.
 
     Array twin: quadrature over the aperture with the analytic sinusoid.
     The image of a part of a facet is taken for a triangle: its gain is the light in its solid
@@ -222,55 +223,56 @@ def image_gain(scene, stretch, lever, bend, stack, gain, doubtful):
     |dX/dslope|, `bend` the relative change of the first; `stack` is room for (STACK, 3) integers.
     """
     shot = crossing.straight_shot(0.0, 0.0, scene)
-    depth = -scene.emitter.position.z
-    edge = min(max(EDGE * depth, 0.005), 0.1)
     gaussian = scene.emitter.kind == SourceKind.GAUSSIAN_BEAM
-    beam = _GAUSSIAN_SHARE if gaussian else BEAM_SHARE
-    fine = min(edge, beam * beam_width(scene.emitter) * depth)
+    fine, coarse = part_sizes(_GAUSSIAN_SHARE if gaussian else BEAM_SHARE, bend, scene)
+    aperture, dark = Region(0.0, 0.0, 0.0, scene.target.radius), dark_angle(scene.emitter)
+    for f in facets:
+        image = Image(stretch + lever * scene.facets[f].curvature, coarse, dark)
+        nodes, top = whole_facet(2.0 * scene.facets[f].radius / fine, stack)
+        light = 0.0
+        while top > 0:
+            i, j, side, top = next_part(f, nodes, image, aperture, stack, top, shot, scene)
+            if side != 0:
+                light += _triangle_gain(f, nodes, i, j, side, shot, scene)
+        gain[f] = unless_hidden(light, f, scene)
+
+
+@inlined
+def part_sizes(share, bend, scene):
+    """Return the longest edge of a part, and the size up to which bounds on its image hold [m].
+
+    Array twin: none, lengths.
+    `share` is that of the width of the beam; for `bend` see `image_gain`.
+    """
+    depth = -scene.emitter.position.z
+    edge = min(max(_EDGE * depth, 0.005), 0.1)
     height = scene.target.center.z - scene.surface.high[2]
     view = VIEW_SHARE * view_radius(height, scene.target, scene.interface.fov)
-    fine = min(fine, max(view, _FINEST * edge))
     # light along the surface: an image is a triangle, and total reflection ends at a straight
     # line, for small parts alone
     straight = _STRAIGHT / max(bend, 1e-300)
-    fine = min(fine, straight)
-    coarse = min(5.0 * edge, 20.0 * straight)
-    dark = dark_angle(scene.emitter)
-    for f in range(len(scene.surface.faces)):
-        facet = scene.facets[f]
-        large = 2.0 * facet.radius > min(_FEW * edge, 20.0 * straight)
-        if not large:
-            m = crossing.aim_at(facet.x, facet.y, f, shot, scene)
-            if m.ok:
-                widest = max(stretch, 1.5 * _flat_stretch(m, scene))
-                reach = facet.radius * (widest + lever * facet.curvature)
-                if math.hypot(m.at.x, m.at.y) > scene.target.radius + reach:
-                    continue
-            elif not crossing.corner_shines(f, shot, scene):
-                continue
-        n = math.ceil(2.0 * facet.radius / fine)
-        if n <= _FEW:
-            gain[f], steep = _facet_gain(f, n, shot, scene)
-        else:
-            # light into the denser side is nowhere stretched more than at normal incidence
-            size = math.inf if scene.mirrored else coarse
-            image = Image(stretch + lever * facet.curvature, size, dark)
-            gain[f], steep = _large_facet_gain(f, n, image, stack, shot, scene)
-        doubtful[f] = gain[f] > 0.0 and not steep
+    fine = min(edge, share * beam_width(scene.emitter) * depth, max(view, _FINEST * edge), straight)
+    # light into the denser side is nowhere stretched more than at normal incidence
+    return fine, math.inf if scene.mirrored else min(5.0 * edge, 20.0 * straight)
 
 
 @outlined
-def _large_facet_gain(f, n, image, stack, shot, scene):
-    """Sum the parts of a large facet; subdivide only parts with an image on the aperture."""
-    aperture = Region(0.0, 0.0, 0.0, scene.target.radius)
-    gain, steep = 0.0, True
-    nodes, top = whole_facet(n, stack)
-    while top > 0:
-        i, j, side, top = next_part(f, nodes, image, aperture, stack, top, shot, scene)
-        if side != 0:
-            g, s = _triangle_gain(f, nodes, i, j, side, shot, scene)
-            gain, steep = gain + g, steep and s
-    return gain, steep
+def unless_hidden(light, f, scene):
+    """Return the light of a facet; none where waves hide the ways to its centroid.
+
+    Array twin: `EmbreeIntersector.intersect`.
+    """
+    if light == 0.0:
+        return light
+    p = Vec3(scene.facets[f].x, scene.facets[f].y, scene.facets[f].z)
+    slope, below, above = scene.surface.max_slope, scene.emitter.position, scene.target.center
+    for end, is_air in ((below, scene.mirrored), (above, not scene.mirrored)):
+        way = minus(p, end)
+        steep = abs(way.z) > slope * math.hypot(way.x, way.y)
+        if not (steep or (is_air and not scene.interface.follow_second_hit)):
+            if not is_free(end, unit(way), norm(way), scene.surface, scene.locator):
+                return 0.0
+    return light
 
 
 @inlined
@@ -369,17 +371,6 @@ def _is_reflected(p, size, f, scene):
     return math.acos(dot(way, n) / norm(way)) > critical + math.asin(seen) + bend
 
 
-@outlined
-def _facet_gain(f, n, shot, scene):
-    """Sum the parts of a facet cut into n^2 triangles."""
-    gain, steep = 0.0, True
-    for i in range(n):
-        for k in range(2 * (n - i) - 1):
-            g, s = _triangle_gain(f, n, *part_of_row(i, k), shot, scene)
-            gain, steep = gain + g, steep and s
-    return gain, steep
-
-
 @inlined
 def part_of_row(i, k):
     """Return (i, j, side) of part k of row i of a facet: parts of either side in turn."""
@@ -406,7 +397,7 @@ def nodes_of(f, n, i, j, side, surface):
 
 @outlined
 def _triangle_gain(f, n, i, j, side, shot, scene):
-    """Return (gain, steep) of the part with the corners `nodes_of`, inside the field of view.
+    """Return the gain of the part with the corners `nodes_of`, inside the field of view.
 
     A part is cut at the edge of the field of view, a straight line between its corners.
     """
@@ -414,13 +405,13 @@ def _triangle_gain(f, n, i, j, side, shot, scene):
     a, b = _corner(p, f, shot, scene), _corner(q, f, shot, scene)
     c = _corner(r, f, shot, scene)
     if not (a.ok and b.ok and c.ok):
-        return 0.0, True
+        return 0.0
     first, second, third = a.inside >= 0.0, b.inside >= 0.0, c.inside >= 0.0
     seen = ZERO + first + second + third
     if seen == 3:
         return _image_light(a, b, c, f, shot, scene)
     if seen == 0:
-        return 0.0, True
+        return 0.0
     if first == third:
         a, b, c = b, c, a
     elif first == second:
@@ -428,9 +419,8 @@ def _triangle_gain(f, n, i, j, side, shot, scene):
     ab, ac = _at_edge(a, b), _at_edge(a, c)
     if seen == 1:
         return _image_light(a, ab, ac, f, shot, scene)
-    one, steep = _image_light(ab, b, c, f, shot, scene)
-    other, flat = _image_light(ab, c, ac, f, shot, scene)
-    return one + other, steep and flat
+    one = _image_light(ab, b, c, f, shot, scene)
+    return one + _image_light(ab, c, ac, f, shot, scene)
 
 
 @inlined
@@ -454,7 +444,7 @@ def _at_edge(a, b):
 
 @outlined
 def _image_light(a, b, c, f, shot, scene):
-    """Return (gain, steep) of the light of a triangle on facet f that lands on the aperture."""
+    """Return the light of a triangle on facet f that lands on the aperture."""
     ab, ac = minus2(b.at, a.at), minus2(c.at, a.at)
     det = cross2(ab, ac)
     radius = scene.target.radius
@@ -467,14 +457,13 @@ def _image_light(a, b, c, f, shot, scene):
         middle = minus2(center, a.at)
         u, v = cross2(middle, ac) / det, cross2(ab, middle) / det
     if share == 0.0:
-        return 0.0, True
+        return 0.0
     # light that is linear in the image has its mean over the overlap at the centroid
     middle3 = along(along(a.p, minus(b.p, a.p), u), minus(c.p, a.p), v)
     m = crossing.aim_at(middle3.x, middle3.y, f, shot, scene)
     if not m.ok:
-        return 0.0, True
+        return 0.0
     p = Vec3(middle3.x, middle3.y, height_on(middle3.x, middle3.y, f, scene.surface))
-    light, steep = carried(1.0, p, m, scene), is_steep(m, scene)
     source = scene.emitter.position
     omega = solid_angle(minus(a.p, source), minus(b.p, source), minus(c.p, source))
-    return omega * share * light, steep
+    return omega * share * carried(1.0, p, m, scene)

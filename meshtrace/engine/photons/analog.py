@@ -32,6 +32,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map, paced
+from meshtrace.results.tallies import standard_error
 from meshtrace.stored import SHIFTS
 
 _HEADROOM = 6  # bits
@@ -129,10 +130,9 @@ class PhotonSums:
 
     def map_mean(self) -> tuple[Floats, Floats]:
         """Return the mean score of a photon in the cells (x, y, wavelengths), and its error."""
-        n, total, squares = self.photons, self.map.value(), self.map_squared.value()
-        cell = total / n
-        error = np.sqrt(np.maximum(squares / n - cell**2, 0.0) / max(n - 1, 1))
-        return cell / self.map_scale, error / self.map_scale
+        total, n = self.map.value(), self.photons
+        error = standard_error(total, self.map_squared.value(), n)
+        return total / n / self.map_scale, error / self.map_scale
 
     def add(self, photons: int, tallies: Tallies) -> None:
         """Add a finished chunk with the next photons."""
@@ -153,18 +153,22 @@ class PhotonSums:
 
 
 def tinted(
-    sums: PhotonSums, factors: Callable[[Floats], Floats], first: int, arrivals: bool
+    sums: PhotonSums,
+    factors: Callable[[Floats], Floats],
+    scale: Floats,
+    first: int,
+    arrivals: bool,
 ) -> list[PhotonSums]:
     """Return the tallies of the apertures at each wavelength, from arrivals with their sums.
 
-    `factors` (wavelengths, arrivals) follow from these, `first` is the id of the first photon;
-    `arrivals` are kept on demand.
+    `factors` (wavelengths, arrivals) follow from these, times a `scale` (wavelengths,); `first` is
+    the id of the first photon. `arrivals` are kept on demand.
     """
     light = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
     n, found = len(sums.score), []
     place, cell = np.unique((light["photon"] - first) * n + light["receiver"], return_inverse=True)
     aperture = place % n
-    for weight in factors(light["tint"]) * light["weight"]:
+    for weight in factors(light["tint"]) * scale[:, None] * light["weight"]:
         score = np.bincount(cell, weight, len(place))
         total: Floats = np.bincount(aperture, score, n).astype(float)
         square: Floats = np.bincount(aperture, score * score, n).astype(float)

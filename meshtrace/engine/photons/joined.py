@@ -66,6 +66,7 @@ _CLEAR_HIGHEST = 1.5
 _AIMED_HIGHEST = 2.0
 _BENT = 0.3  # fall of the importance with the bend of light over random slopes
 _BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
+_GUIDES = 64  # targets at most to which directions are guided: their densities are sums over all
 _ROOM = 32  # arrivals of a photon at each target, else a block is followed again
 _EVENTS = 10_000_000  # of a photon and its copies
 _OPAQUE = 1e4  # largest optical depth: diffuse photons collide up to its square times (1 - g)
@@ -316,12 +317,9 @@ class JoinedPhotons:
         link = self.link
         water = arrays.angle_table(link.water.phase)
         bubble = arrays.angle_table(link.bubbles.phase_function()) if link.bubbles else water
-        n = surface.vertex_normals
-        mesh_slopes = float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
         rough = 0.5 * (surface.roughness.along**2 + surface.roughness.across**2)
         depth = max(-item.center[2] for _, item in link.items()) / frame.unit
-        nodes = np.linspace(0.0, depth, 257) * frame.unit
-        a, b = (float(np.mean(x)) * frame.unit for x in link.water.profile(nodes))
+        a, b = (frame.unit * x for x in arrays.mean_water(link.water, frame.unit * depth))
         turned = b * (1.0 - link.water.phase.mean_cosine)
         often = 1.0
         if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
@@ -332,7 +330,7 @@ class JoinedPhotons:
             window = Window(
                 True, math.sqrt(a / diffusion), length, _BOUNDARY * diffusion, _HIGHEST, 0.0
             )
-        spread = _SPREAD * math.sqrt(rough + mesh_slopes)
+        spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
         if rough > 0.0 and not window.diffuse and self._is_aimed(sources, run.targets, spread):
             kept = _kept(water, link.water.n / link.n_air, spread)
             kappa = a + b * (1.0 - kept)
@@ -346,14 +344,15 @@ class JoinedPhotons:
             if not target.is_lamp and rough > 0.0:
                 sloped = target.area / (target.area + blur * target.center.z**2)
                 row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
+        guides = rows[:: -(-len(rows) // _GUIDES)].copy()
         still = rough == 0.0
         decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
         lobe = _LOBE if still else 0.0 if window.bent > 0.0 else _ROUGH_LOBE
         cone = 0.0 if window.diffuse else _CONE
         first = min(run.first)
         return Joins(
-            rows, first, self._direct, water, bubble, bins, facets, spread, decay, often * b, often,
-            _START if first == 1 else 0.0, lobe, cone, window,
+            rows, guides, first, self._direct, water, bubble, bins, facets, spread, decay,
+            often * b, often, _START if first == 1 else 0.0, lobe, cone, window,
         )  # fmt: skip
 
     def _is_aimed(self, sources: Sources, targets: list[Target], spread: float) -> bool:

@@ -57,7 +57,7 @@ def guide_start(d, p, source, photon, uv, world):
     light may be too little to be drawn.
     """
     joins, sources = world.joins, world.sources
-    lobe, cone, n = joins.start * joins.lobe, joins.start * joins.cone, len(joins.target)
+    lobe, cone, n = joins.start * joins.lobe, joins.start * joins.cone, len(joins.guide)
     kind = sources.kind[source]
     beam = kind != SourceKind.LED and kind != SourceKind.ISOTROPIC and kind != SourceKind.APERTURE
     if lobe + cone == 0.0 or beam:
@@ -93,7 +93,7 @@ def redirect(q, s, u_phi, world):
     what the targets see. Photon and copies count by the densities of all that is drawn.
     """
     start, before, aimed = place(q), heading(q), q.aimed
-    guide, n = targets.guide_of(q, world), len(world.joins.target)
+    guide, n = targets.guide_of(q, world), len(world.joins.guide)
     q.aimed = 0
     lot, u, u_kind, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE.value)
     if aimed == 0:
@@ -137,8 +137,8 @@ def importance(p, joins):
     """
     window = joins.window
     depth, total = max(-p.z, 0.0), 1e-12
-    for i in range(len(joins.target)):
-        seen = joins.target[i].seen
+    for i in range(len(joins.guide)):
+        seen = joins.guide[i].seen
         dx, dy = p.x - seen[0], p.y - seen[1]
         square = dx * dx + dy * dy
         if window.diffuse:

@@ -47,7 +47,8 @@ from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
 from meshtrace.kernels.scene import FLAT_SEA, Scene, height_on
-from meshtrace.kernels.tints import copy_tint, is_tinted, tint_way
+from meshtrace.kernels.tally import keep_arrival
+from meshtrace.kernels.tints import is_tinted, tint_way
 from meshtrace.kernels.vectors import (
     ORIGIN,
     UP,
@@ -218,13 +219,10 @@ def _score(q, i, light, theta, z, water, air, world):
     else:
         world.order[i, min(q.order, world.order.shape[1] - 1)] += light
     world.score[q.id - world.first, i, part] += light
-    n = world.n_arrivals[0]
-    world.n_arrivals[0] = n + 1
-    if n < len(world.arrivals):
+    n = keep_arrival(world, q.id, i, light, world.tints, q.tint)
+    if n >= 0:
         a = world.arrivals[n]
-        a.photon, a.receiver, a.weight = q.id, i, light
         a.water, a.air, a.part, a.order = q.water + water, air, part, q.order
-        copy_tint(world.tints, q.tint, a.tint)
         tint_way(world.tints, a.tint, q.z, z, water)
         if theta >= 0.0:
             _, _, _, u = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
@@ -246,7 +244,7 @@ def join_crossing(q, facet, length, chance, world):
     for i in range(len(joins.target)):
         if q.reflections + 1 < joins.target[i].first:
             continue
-        scene = targets.scene_to(i, world)
+        scene = targets.scene_to(joins.target[i], world)
         found, goal = True, targets.goal_on(scene.target, u, v)
         if lot < joins.target[i].sloped:
             found, goal = _landing(p, n, d, u, v, scene, world)
@@ -292,7 +290,7 @@ def join_collision(q, at_bottom, world):
     for i in range(len(joins.target)):
         if q.reflections + 1 < joins.target[i].first:
             continue
-        scene = targets.scene_to(i, world)
+        scene = targets.scene_to(joins.target[i], world)
         goal = targets.goal_on(scene.target, q.u, q.v)
         still = targets.still_crossing(start, goal, level, scene)
         if rough:

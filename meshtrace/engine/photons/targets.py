@@ -85,6 +85,7 @@ class Joins(NamedTuple):
     """Ends that photons are joined to."""
 
     target: NDArray[np.void]  # (n,) TARGET
+    guide: NDArray[np.void]  # (m,) TARGET, those to which directions are guided: all, or some
     first: int  # least of the targets' first crossings that are scored
     direct: bool  # score unscattered light, too
     water: AngleTable
@@ -155,9 +156,8 @@ def vector_of(a):
 
 
 @inlined
-def scene_to(i, world):
-    """Return the surface with target i; nothing is read of its emitter."""
-    t = world.joins.target[i]
+def scene_to(t, world):
+    """Return the surface with a target; nothing is read of its emitter."""
     light, center, axis = t.lamp, vector_of(t.center), vector_of(t.axis)
     lamp = Emitter(
         center, vector_of(light.axis), light.kind, light.spread, light.norm, 1.0, 0.0,
@@ -326,15 +326,15 @@ def bend_ahead(p, d, level, world):
     """Return the squared slope that bends a straight path to a target, over its variance.
 
     Array twin: `slope_towards` on still water.
-    The least of all targets, `_MOST_BEND` at most, and for a path that leads down.
+    The least of all guides, `_MOST_BEND` at most, and for a path that leads down.
     """
     joins, medium, bend = world.joins, world.medium, _MOST_BEND
     if d.z <= 0.0:
         return bend
     way = max(level - p.z, 0.0) / d.z
     at = Vec3(p.x + way * d.x, p.y + way * d.y, level)
-    for i in range(len(joins.target)):
-        t = joins.target[i]
+    for i in range(len(joins.guide)):
+        t = joins.guide[i]
         to = minus(vector_of(t.center), at)
         flight = norm(to)
         big = along(scaled(medium.n_water, d), to, -medium.n_air / flight)
@@ -378,8 +378,8 @@ def guide_of(q, world):
         if joins.lobe > 0.0:
             lobe = joins.lobe * collision_chance(max(q.level - start.z, LEAST_DEPTH), joins)
         cone = joins.cone
-        for i in range(len(joins.target)):
-            seen = joins.target[i].seen
+        for i in range(len(joins.guide)):
+            seen = joins.guide[i].seen
             x, y = seen[0] - start.x, seen[1] - start.y
             if x * x + y * y + start.z * start.z < seen[2] * seen[2]:
                 cone = 0.0
@@ -388,8 +388,8 @@ def guide_of(q, world):
 
 @inlined
 def cone_to(i, p, world):
-    """Return (axis, sin^2(theta / 2) of the edge) of the cone from p to the view of target i."""
-    t = world.joins.target[i]
+    """Return (axis, sin^2(theta / 2) of the edge) of the cone from p to the view of guide i."""
+    t = world.joins.guide[i]
     way = Vec3(t.seen[0] - p.x, t.seen[1] - p.y, -p.z)
     distance = norm(way)
     sine = min(t.seen[2] / distance, 1.0)
@@ -400,7 +400,7 @@ def cone_to(i, p, world):
 @inlined
 def cone_density(d, p, world):
     """Return the density of directions uniform over the cones to the views [sr-1]."""
-    n, total = len(world.joins.target), 0.0
+    n, total = len(world.joins.guide), 0.0
     for i in range(n):
         axis, edge = cone_to(i, p, world)
         if 0.5 * (1.0 - dot(d, axis)) <= edge:
@@ -427,7 +427,7 @@ def drawn_density(d, own, guide, q, start, world):
 
     `own` is the phase function, by which the photon itself goes on.
     """
-    n = len(world.joins.target)
+    n = len(world.joins.guide)
     total = own
     for i in range(n):
         if guide.lobe > 0.0:
@@ -440,8 +440,8 @@ def drawn_density(d, own, guide, q, start, world):
 
 @outlined
 def way_to(i, p, level, uv, world):
-    """Return the direction from p to a point of target i through still water."""
-    scene = scene_to(i, world)
+    """Return the direction from p to a point of guide i through still water."""
+    scene = scene_to(world.joins.guide[i], world)
     still = still_crossing(p, goal_on(scene.target, uv.x, uv.y), level, scene)
     way = Vec3(still.x - p.x, still.y - p.y, still.depth)
     return scaled(1.0 / norm(way), way)

@@ -22,7 +22,7 @@ from meshtrace.engine.bvh import Hits, Intersector
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels import interface
 from meshtrace.kernels.medium import SMALLEST_ANGLE, Absorption, AngleTable, DepthMode, Medium
-from meshtrace.kernels.rays import Axis, Grid, is_grid
+from meshtrace.kernels.rays import Axis, Grid
 from meshtrace.kernels.scene import Locator, Target, count_bins, fill_bins
 from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import Apertures
@@ -30,7 +30,9 @@ from meshtrace.link import AirSource, Link, Receiver, Source, WaterSource
 from meshtrace.mesh import FARTHEST, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.phase import PhaseFunction
+from meshtrace.optics.water import Water
 from meshtrace.surfaces.gram_charlier import series_of
+from meshtrace.surfaces.triangulate import grid_faces
 
 # fields of a medium without a raster
 _PER_LENGTH = ("a", "b", "layer_a", "layer_b", "bubble_b", "b_max", "c_max")
@@ -281,13 +283,13 @@ def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
         layer_step=layer_step,
         layer_a=layer_a,
         layer_b=layer_b,
-        layer_a_path=_integral(layer_a, layer_step),
-        layer_b_path=_integral(layer_b, layer_step),
+        layer_a_path=integral(layer_a, layer_step),
+        layer_b_path=integral(layer_b, layer_step),
         depth_mode=mode,
         bubble_start=start,
         bubble_step=step,
         bubble_b=b_bub,
-        bubble_path=_integral(b_bub, step),
+        bubble_path=integral(b_bub, step),
         b_max=b_max,
         c_max=b_max + float(layer_a.max()),
         bottom_z=-math.inf if water.bottom_depth is None else -water.bottom_depth,
@@ -299,9 +301,23 @@ def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
     )
 
 
-def _integral(values: np.ndarray, step: float) -> np.ndarray:
-    """Return the cumulative trapezoidal integral from the first node."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * step * (values[1:] + values[:-1]))])
+def integral(values: Floats, step: float) -> Floats:
+    """Return the cumulative trapezoidal integral from the first node, along the last axis."""
+    found = np.zeros_like(values)
+    found[..., 1:] = np.cumsum(0.5 * step * (values[..., 1:] + values[..., :-1]), axis=-1)
+    return found
+
+
+def mean_water(water: Water, depth: float) -> tuple[float, float]:
+    """Return the means of absorption and scattering from the surface to a depth [m-1]."""
+    a, b = water.profile(np.linspace(0.0, depth, 1 if water.layers is None else 257))
+    return float(np.mean(a)), float(np.mean(b))
+
+
+def mean_square_slope(surface: interface.MeshArrays) -> float:
+    """Return the mean square slope of a mesh, of one component."""
+    n = surface.vertex_normals
+    return float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
 
 
 def empty_locator() -> Locator:
@@ -367,19 +383,27 @@ def angle_table(phase: PhaseFunction) -> AngleTable:
     return AngleTable(log_first, per_log, edge, beta)
 
 
+def grid_shape(mesh: TriangleMesh) -> tuple[int, int] | None:
+    """Return the numbers of vertices (x, y) of a grid by `triangulate`; None for another mesh."""
+    ny = int(mesh.faces[0, 1])
+    nx = len(mesh.vertices) // ny if ny > 1 else 0
+    if nx < 2 or nx * ny != len(mesh.vertices) or not mesh.single_valued:
+        return None
+    return (nx, ny) if np.array_equal(mesh.faces, grid_faces(nx, ny)) else None
+
+
 def grid_arrays(mesh: TriangleMesh) -> Grid:
     """Return the grid of a height field made by `triangulate`, `NO_GRID` for another mesh.
 
     Facets are found with a margin for the single precision of Embree: they are its facets.
     """
-    x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
-    ny = int(np.argmax(x != x[0]))  # vertices of the first line; 0 if there is but one
-    nx = len(x) // ny if ny > 1 else 0
-    if nx < 2 or nx * ny != len(x) or len(mesh.faces) != 2 * (nx - 1) * (ny - 1):
+    shape = grid_shape(mesh)
+    if shape is None:
         return NO_GRID
-    if not mesh.single_valued or not is_grid(mesh.vertices, mesh.faces, nx, ny):
+    x, y = (mesh.vertices[:, k].reshape(shape) for k in (0, 1))
+    lines = x[:, 0].copy(), y[0].copy()
+    if (x != lines[0][:, None]).any() or (y != lines[1]).any():
         return NO_GRID
-    lines = x[::ny].copy(), y[:ny].copy()
     if any((np.diff(line) <= 0.0).any() for line in lines):  # a grid that was turned
         return NO_GRID
     along_x, along_y = (_axis(line) for line in lines)

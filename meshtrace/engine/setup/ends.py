@@ -195,14 +195,8 @@ def _way_of_light(lamp: AirLamp, end: Aperture, a: float) -> float:
     way = np.geomspace(1e-3, 1e3, 2048) * (height + depth + aside)
     angle = np.arctan2(way, height)
     off = np.maximum(angle - math.radians(lamp.tilt_deg), 0.0)
-    kind, spread = arrays.pattern_of(lamp)
-    light = np.log(np.cos(angle)) - 2.0 * np.log(np.hypot(way, height)) + np.log(way)
-    if kind == SourceKind.LED:
-        light += spread * np.log(np.maximum(np.cos(off), 1e-300))
-    elif kind == SourceKind.GAUSSIAN_BEAM:
-        light -= 2.0 * np.square(off / spread)
-    else:
-        light[off > spread] = -math.inf
+    light = np.log(np.maximum(lamp_intensity(lamp, np.cos(off)), 1e-300))
+    light += np.log(np.cos(angle)) - 2.0 * np.log(np.hypot(way, height)) + np.log(way)
     distance = np.hypot(depth, np.maximum(way - aside, 0.0))
     light -= a * distance + 2.0 * np.log(distance)
     seen = np.flatnonzero(light > light.max() + math.log(_NEGLIGIBLE))
@@ -300,6 +294,18 @@ def emitter_of(end: Source | Aperture, frame: arrays.Frame = arrays.IDENTITY) ->
     else:
         norm = 1.0 / (4.0 * math.pi)
     return Emitter(position, Vec3(*end.axis), kind, spread, norm, 1.0, 0.0, *disk)
+
+
+def lamp_intensity(lamp: AirLamp, cosine: Floats) -> Floats:
+    """Return the intensity of a lamp at the cosine of an angle to its axis [sr-1]."""
+    emitter = emitter_of(lamp)
+    cosine = np.clip(cosine, 0.0, 1.0)
+    if emitter.kind == SourceKind.LED:
+        return np.asarray(emitter.norm * cosine**emitter.spread)
+    angle = np.arccos(cosine)
+    if emitter.kind == SourceKind.GAUSSIAN_BEAM:
+        return np.asarray(emitter.norm * np.exp(-2.0 * (angle / emitter.spread) ** 2))
+    return np.where(angle <= emitter.spread, emitter.norm, 0.0)
 
 
 def _placed(end: Source | Aperture, frame: arrays.Frame) -> Vec3:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meshtrace.engine.setup.arrays import Frame, frame_of
+from meshtrace.engine.setup.arrays import Frame, frame_of, integral, mean_water
 from meshtrace.kernels.medium import SMALLEST_ANGLE
 from meshtrace.kernels.tints import ALONE, NO_TINTS, TINTS, Mixture, Tints, common_functions
 from meshtrace.link import Link
@@ -155,9 +155,7 @@ def tinting(
     phase, bubble = (np.broadcast_to(x, (len(x), size)).copy() for x in (phase, bubble))
     step = float(grid[1]) / frame.unit
     c = c * (frame.unit / deep)
-    path = np.zeros_like(c)
-    path[:, 1:] = np.cumsum(0.5 * step * (c[:, 1:] + c[:, :-1]), axis=1)
-    found = Tints(step, c, path, b, phase, extra[:, 0].copy(), bubble,
+    found = Tints(step, c, integral(c, step), b, phase, extra[:, 0].copy(), bubble,
                   math.log(SMALLEST_ANGLE), _PER_LOG)  # fmt: skip
     return Tinting(found._replace(c=c.copy(), b=b.copy()), shares, tuple(bases), density)
 
@@ -268,19 +266,22 @@ def clearest(links: Sequence[Link]) -> Link:
 
 def scattering(link: Link) -> tuple[float, float]:
     """Return the mean scattering coefficient above the deepest end, and less absorption."""
-    uniform = link.water.layers is None and link.bubbles is None
     deepest = max(-item.center[2] for _, item in link.items())
-    depth = np.linspace(0.0, deepest, 1 if uniform else 257)
-    a, b = (float(np.mean(x)) for x in link.water.profile(depth))
+    a, b = mean_water(link.water, deepest)
     if link.bubbles is not None:
-        b += float(np.mean(link.bubbles.b(depth)))
+        b += float(np.mean(link.bubbles.b(np.linspace(0.0, deepest, 257))))
     return b, -a
 
 
-def photon_paths(links: Sequence[Link], waiting: Sequence[int]) -> tuple[int, CommonPaths]:
-    """Return the base of the waiting links that scatters most, and those with its photons."""
+def photon_paths(
+    links: Sequence[Link], waiting: Sequence[int], chains: bool = False
+) -> tuple[int, CommonPaths]:
+    """Return the base of the waiting links that scatters most, and those with its paths.
+
+    Photons sum up few functions, and none of bubbles that differ in number; `chains` all.
+    """
     base = max(waiting, key=lambda i: scattering(links[i]))
     common = common_paths(links, base, waiting)
-    if common.tinting is not None and not common.tinting.follows:
+    if not (chains or common.tinting is None or common.tinting.follows):
         common = common_paths(links, base, [base])
     return base, common

@@ -8,11 +8,12 @@ from mc_statistics import sidak, z_test
 
 import meshtrace as mt
 from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.photons.targets import REFLECTED
+from meshtrace.engine.photons.targets import REFLECTED, SCATTERED
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for, mesh_lines
 from meshtrace.engine.setup.options import resolve
 from meshtrace.errors import Refused
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 pytestmark = [
@@ -309,3 +310,21 @@ def test_simulate_adds_light_reflected_first_of_a_side_looking_link():
     assert "reflected first" in found.summary()
     kept = mt.GainResult.from_dataset(found.to_dataset())
     assert kept.reflected == found.reflected
+
+
+def test_light_to_many_receivers_does_not_depend_on_the_guides():
+    """Of more than 64 receivers some are guides; fewer are guides all."""
+    places = [(float(x), float(y)) for x in range(-4, 5) for y in range(-4, 5)]
+    receivers = [mt.Receiver(height=5.0, position=p, radius=0.1, fov_deg=120.0) for p in places]
+    mesh = JonswapSea(wind_speed=5.0, seed=1).mesh(extent=20.0, spacing=0.5)
+    light = []
+    for some, seed in ((receivers, 1), (receivers[::2], 2)):
+        link = mt.Link(
+            water=mt.Water(a=0.1, b=0.3),
+            transmitter=mt.Led(depth=5.0),
+            receiver=tuple(some),
+        )
+        groups = JoinedPhotons(link, 1024, seed).evaluate(mesh).groups[SCATTERED]
+        light.append(groups[:: 2 if some is receivers else 1].mean(axis=0))
+    means, errors = np.mean(light, axis=1), [error_of_groups(one) for one in light]
+    assert z_test(means[0], math.hypot(*errors), means[1]) > ALPHA
