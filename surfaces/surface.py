@@ -25,10 +25,9 @@ from .waves import (
     WaveGrid,
     angular_frequency,
     elevation_and_slopes,
+    flat_components,
     grid_store,
-    sum_elevation,
-    sum_second_derivatives,
-    sum_slopes,
+    sum_waves,
 )
 
 MOST_VERTICES = 10_000_000
@@ -360,13 +359,14 @@ class WaveSurface(Surface, frozen=True):
         """Return z [m]; see `Surface.elevation`."""
         if self.choppy:
             return self._at(x, y, time).z
-        return sum_elevation(self.components, x, y, TIME.check(time))
+        return sum_waves(self.components, 0, x, y, TIME.check(time))[0]
 
     def slopes(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> tuple[Floats, Floats]:
         """Return dz/dx and dz/dy; see `Surface.slopes`."""
         if self.choppy:
             return self._at(x, y, time).slopes
-        return sum_slopes(self.components, x, y, TIME.check(time))
+        zx, zy = sum_waves(self.components, 1, x, y, TIME.check(time))
+        return zx, zy
 
     def second_derivatives(
         self, x: ArrayLike, y: ArrayLike, time: float = 0.0
@@ -375,7 +375,8 @@ class WaveSurface(Surface, frozen=True):
         if self.choppy:
             x, y = points(x, y)
             return self._sheet.second_derivatives(x, y, TIME.check(time))
-        return sum_second_derivatives(self.components, x, y, TIME.check(time))
+        zxx, zxy, zyy = sum_waves(self.components, 2, x, y, TIME.check(time))
+        return zxx, zxy, zyy
 
     def grid(
         self, x_axis: ArrayLike, y_axis: ArrayLike, time: float = 0.0
@@ -472,7 +473,6 @@ class SinusoidalSea(WaveSurface, frozen=True):
     def components(self) -> WaveComponents:
         """The one wave as arrays of length one."""
         k = 2.0 * math.pi / self.wavelength
-        omega = float(angular_frequency(k, self.depth, self.capillary))
+        omega = angular_frequency(k, self.depth, self.capillary)
         heading = math.radians(self.direction_deg)
-        wave = self.amplitude, omega, k * math.cos(heading), k * math.sin(heading), self.phase
-        return WaveComponents(*(np.array([value]) for value in wave))
+        return flat_components(self.amplitude, omega, k, heading, self.phase)
