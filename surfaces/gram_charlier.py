@@ -25,6 +25,7 @@ _POWERS = (0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (0, 2), (1, 2), (2, 2), (0, 4)
 """Powers of the slopes along and across the wind, in the order of `Series`."""
 
 _NORMS = np.sqrt([[math.factorial(i) * math.factorial(j)] for i, j in _POWERS])
+_COEFFICIENTS = "c03", "c21", "c04", "c22", "c40"  # in the order of `Cumulants`
 _ABOVE = 1.001  # bound over the largest value on the quadrature's points
 
 
@@ -144,11 +145,8 @@ class GramCharlier(Model, frozen=True):
         >>> round(GramCharlier(c03=-0.5).cumulants((0.04, 0.01)).along3, 6)
         -0.004
         """
-        a, c = map(math.sqrt, slope_variance)
-        c21, c03, c40, c22, c04 = self.c21, self.c03, self.c40, self.c22, self.c04
-        scales = a**3, c * c * a, a**4, a * a * c * c, c**4
-        pairs = zip((c03, c21, c04, c22, c40), scales, strict=True)
-        return Cumulants(*(value * scale for value, scale in pairs))
+        pairs = zip(_COEFFICIENTS, _scales(slope_variance), strict=True)
+        return Cumulants(*(getattr(self, name) * scale for name, scale in pairs))
 
     @model_validator(mode="after")
     def _check_distance(self) -> Self:
@@ -271,14 +269,14 @@ def series_of(cumulants: Cumulants, slope_variance: Variances) -> Series:
     """
     if not any(cumulants):
         return GAUSSIAN
-    a, c = map(math.sqrt, slope_variance)
-    if min(a, c) == 0.0:
+    if min(slope_variance) == 0.0:
         found = Described("random slopes without variance along or across the wind")
         raise Refused("slope_law", found, "gaussian, or a mesh that leaves out more slopes")
-    return GramCharlier(
-        c03=cumulants.along3 / a**3,
-        c21=cumulants.along_across2 / (a * c * c),
-        c04=cumulants.along4 / a**4,
-        c22=cumulants.along2_across2 / (a * c) ** 2,
-        c40=cumulants.across4 / c**4,
-    ).series
+    rows = zip(_COEFFICIENTS, cumulants, _scales(slope_variance), strict=True)
+    return GramCharlier(**{name: value / scale for name, value, scale in rows}).series
+
+
+def _scales(slope_variance: Variances) -> tuple[float, ...]:
+    """Return the products of standard deviations that are the units of the cumulants."""
+    a, c = map(math.sqrt, slope_variance)
+    return a**3, a * c * c, a**4, a * a * c * c, c**4

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cached_property
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -211,10 +211,6 @@ class Surface(Family, ABC, frozen=True):
     def to_config(self) -> dict[str, Any]:
         """Return kind and parameters as plain data for JSON or TOML; see `sea_from_config`."""
         return self.model_dump(mode="json", exclude_none=True)
-
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Return a validated copy with some parameters replaced, and nothing cached."""
-        return type(self).model_validate({**self.model_dump(), **(update or {})})
 
     def __eq__(self, other: object) -> bool:
         # cached factors are no part of a sea
