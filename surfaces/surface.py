@@ -348,8 +348,7 @@ class WaveSurface(Surface, frozen=True):
 
     def _at(self, x: ArrayLike, y: ArrayLike, time: float) -> Sheet:
         """Return the choppy sheet at fixed points."""
-        x, y = points(x, y)
-        return self._sheet.at(x, y, TIME.check(time))
+        return self._sheet.at(*points(x, y), TIME.check(time))
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> Floats:
         """Return z [m]; see `Surface.elevation`."""
@@ -369,8 +368,7 @@ class WaveSurface(Surface, frozen=True):
     ) -> tuple[Floats, Floats, Floats]:
         """Return the second derivatives zxx, zxy, zyy [m-1]; arguments as for `elevation`."""
         if self.choppy:
-            x, y = points(x, y)
-            return self._sheet.second_derivatives(x, y, TIME.check(time))
+            return self._sheet.second_derivatives(*points(x, y), TIME.check(time))
         zxx, zxy, zyy = sum_waves(self.components, 2, x, y, TIME.check(time))
         return zxx, zxy, zyy
 

@@ -37,6 +37,13 @@ class Segments(NamedTuple):
     p: Floats
     mass: Floats
 
+    @classmethod
+    def of(cls, s_lo: Floats, s_hi: Floats, p: Floats, at_hi: Floats) -> Segments:
+        """Return the pieces of densities at their upper ends, normalised."""
+        pieces = cls(s_lo, s_hi, p, at_hi)
+        mass = at_hi * s_hi * pieces._integral
+        return pieces._replace(mass=mass / mass.sum())
+
     @property
     def log_ratio(self) -> Floats:
         """Logarithm of s_lo / s_hi."""
@@ -100,9 +107,7 @@ def power_law_segments(s: Floats, value: Floats) -> Segments:
     s_lo, s_hi = np.concatenate([[0.0], s]), np.concatenate([s, [1.0]])
     at_hi = np.concatenate([value, value[-1:] * s[-1] ** -slope[-1]])
     keep = s_lo < s_hi
-    seg = Segments(s_lo[keep], s_hi[keep], p[keep], np.ones(keep.sum()))
-    mass = at_hi[keep] * seg.s_hi * power_integral(seg.p, seg.log_ratio)
-    return seg._replace(mass=mass / mass.sum())
+    return Segments.of(s_lo[keep], s_hi[keep], p[keep], at_hi[keep])
 
 
 def _invert(function: Callable[[Floats], Floats], u: Floats) -> Floats:
