@@ -271,25 +271,16 @@ class Dryden(Model, frozen=True):
             raise Refused("times", times, "rising times")
         noise = np.random.default_rng(seed).standard_normal((3, 2, t.size))
         q = float(steps.mean()) / self.correlation_times
-        gusts = [_first_order(q[0], noise[0, 0])]
-        gusts += [_second_order(q[j], noise[j]) for j in (1, 2)]
-        return self.mean_wind + self.std * np.stack(gusts, axis=-1)
+        x1, x2 = np.transpose([_states(*one) for one in zip(q, noise, strict=True)], (1, 2, 0))
+        gusts = math.sqrt(3.0) * x1 + (1.0 - math.sqrt(3.0)) * x2
+        gusts[:, 0] = math.sqrt(2.0) * x1[:, 0]
+        return self.mean_wind + self.std * gusts
 
 
-def _first_order(q: float, noise: Floats) -> Floats:
-    """Return unit-variance samples, every q tau, of correlation exp(-t/tau); noise (n,)."""
-    from scipy.signal import lfilter
+def _states(q: float, noise: Floats) -> Floats:
+    """Return the states behind 1/(1 + tau p) and 1/(1 + tau p)^2, sampled every q tau, (2, n).
 
-    decay = math.exp(-q)
-    drive = math.sqrt(-math.expm1(-2.0 * q)) * noise
-    drive[0] = noise[0]
-    return np.asarray(lfilter([1.0], [1.0, -decay], drive))
-
-
-def _second_order(q: float, noise: Floats) -> Floats:
-    """Return a unit-variance process behind (1 + sqrt(3) tau p)/(1 + tau p)^2, sampled every q tau.
-
-    States x1' = (w - x1)/tau, x2' = (x1 - x2)/tau, in units of tau^-1/2; noise (2, n).
+    x1' = (w - x1)/tau, x2' = (x1 - x2)/tau, in units of tau^-1/2; noise (2, n).
     """
     from scipy.signal import lfilter
     from scipy.special import gammainc
@@ -306,11 +297,10 @@ def _second_order(q: float, noise: Floats) -> Floats:
     drive_1, drive_2 = drive(q11, q12, q22, noise)
     (drive_1[0],), (drive_2[0],) = drive(0.5, 0.25, 0.25, noise[:, :1])
     decay = math.exp(-q)
-    x1 = np.asarray(lfilter([1.0], [1.0, -decay], drive_1))
+    x1 = lfilter([1.0], [1.0, -decay], drive_1)
     coupling = q * decay if math.isfinite(q) else 0.0
     drive_2[1:] += coupling * x1[:-1]
-    x2 = np.asarray(lfilter([1.0], [1.0, -decay], drive_2))
-    return math.sqrt(3.0) * x1 + (1.0 - math.sqrt(3.0)) * x2
+    return np.stack([x1, lfilter([1.0], [1.0, -decay], drive_2)])
 
 
 def squared_wind_moments(mean: ArrayLike, std: ArrayLike) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Any, Literal, NamedTuple, Self, get_args
 
 import numpy as np
@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, model_validator
 from meshtrace.errors import Refused, is_number
 from meshtrace.models import Model
 
-from .parameters import Floats, Positive, Range
+from .parameters import Floats, Positive, Range, named_or_given
 from .spectra import Jonswap, Spectrum, Spreading, sea_state
 
 PER_OCTAVE = 16
@@ -186,15 +186,12 @@ def paper_waves(spectrum: Spectrum) -> BandName:
     return "paper" if known and spectrum.wind_speed in PAPER_BANDS else "scaled"
 
 
+_read_name = partial(named_or_given, Band, get_args(BandName), "waves")
+
+
 def _read(value: Any, more: str = "") -> Any:
     """Return a band or its name; `more` are the allowed values beside them."""
-    if value is None or isinstance(value, Band):
-        return value
-    if isinstance(value, str) and value in get_args(BandName):
-        return value
-    if isinstance(value, Mapping):
-        return Band.model_validate(value)
-    raise Refused("waves", value, f"mean, paper, scaled{more} or a Band")
+    return value if value is None else _read_name(value, more=more)
 
 
 def _read_of_mesh(value: Any) -> Any:

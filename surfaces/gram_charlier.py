@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from functools import cache, lru_cache
-from typing import Annotated, Any, Literal, NamedTuple, Self, get_args
+from functools import cache, lru_cache, partial
+from typing import Annotated, Literal, NamedTuple, Self, get_args
 
 import numpy as np
+from numpy.polynomial.hermite_e import herme2poly
 from pydantic import BeforeValidator, model_validator
 
 from meshtrace.errors import Described, Refused
@@ -15,12 +15,17 @@ from meshtrace.kernels.interface import GAUSSIAN, WIDE, Series
 from meshtrace.mesh import Cumulants
 from meshtrace.models import Finite, Model
 
-from .parameters import WIND_SPEED, Floats, Mss, Variances
+from .parameters import WIND_SPEED, Floats, Mss, Variances, named_or_given
 
 _REACH, _STEP = 7.0, 0.05  # of the quadrature, in standard deviations
 _FARTHEST = 0.5  # chi-square distance of a density from the Gaussian one
 _TRIALS = 30
 _ACCURACY = 1e-12  # of moments
+_POWERS = (0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (0, 2), (1, 2), (2, 2), (0, 4)
+"""Powers of the slopes along and across the wind, in the order of `Series`."""
+
+_NORMS = np.sqrt([[math.factorial(i) * math.factorial(j)] for i, j in _POWERS])
+_COEFFICIENTS = "c03", "c21", "c04", "c22", "c40"  # in the order of `Cumulants`
 _ABOVE = 1.001  # bound over the largest value on the quadrature's points
 
 
@@ -140,11 +145,8 @@ class GramCharlier(Model, frozen=True):
         >>> round(GramCharlier(c03=-0.5).cumulants((0.04, 0.01)).along3, 6)
         -0.004
         """
-        a, c = map(math.sqrt, slope_variance)
-        c21, c03, c40, c22, c04 = self.c21, self.c03, self.c40, self.c22, self.c04
-        scales = a**3, c * c * a, a**4, a * a * c * c, c**4
-        pairs = zip((c03, c21, c04, c22, c40), scales, strict=True)
-        return Cumulants(*(value * scale for value, scale in pairs))
+        pairs = zip(_COEFFICIENTS, _scales(slope_variance), strict=True)
+        return Cumulants(*(getattr(self, name) * scale for name, scale in pairs))
 
     @model_validator(mode="after")
     def _check_distance(self) -> Self:
@@ -188,24 +190,15 @@ def _quadrature() -> _Quadrature:
     a, c = (v.ravel() for v in np.meshgrid(lines, lines[len(lines) // 2 :], indexing="ij"))
     twice = np.where(c < 0.5 * _STEP, 1.0, 2.0)
     weight = twice * _STEP**2 / (2.0 * math.pi) * np.exp(-0.5 * (a * a + c * c))
-    powers = np.stack([np.ones_like(a), a, a**2, a**3, a**4, c**2, a * c**2, a**2 * c**2, c**4])
+    powers = np.stack([a**i * c**j for i, j in _POWERS])
     return _Quadrature(a, c, weight, _hermite() @ powers)
 
 
 def _hermite() -> Floats:
-    """Return the orthonormal polynomials (9, 9) by powers, in the order of `Series`."""
-    rows = [
-        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [-1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, -3.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [3.0, 0.0, -6.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
-        [-1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
-        [0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
-        [1.0, 0.0, -1.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
-        [3.0, 0.0, 0.0, 0.0, 0.0, -6.0, 0.0, 0.0, 1.0],
-    ]
-    return np.array(rows) / np.sqrt([1.0, 1.0, 2.0, 6.0, 24.0, 2.0, 2.0, 4.0, 24.0])[:, None]
+    """Return the coefficients of the powers in each orthonormal polynomial."""
+    unit = np.eye(5)
+    one = np.array([np.pad(herme2poly(unit[i, : i + 1]), (0, 4 - i)) for i in range(5)])
+    return np.array([[one[i, k] * one[j, m] for k, m in _POWERS] for i, j in _POWERS]) / _NORMS
 
 
 @lru_cache(maxsize=256)
@@ -215,7 +208,7 @@ def _series(c21: float, c03: float, c40: float, c22: float, c04: float) -> Serie
         return GAUSSIAN
     # in the slope along the wind, -eta
     wanted = np.array([1.0, 0.0, 0.0, c03, c04, 0.0, c21, c22, c40])
-    wanted /= np.sqrt([1.0, 1.0, 1.0, 6.0, 24.0, 1.0, 2.0, 4.0, 24.0])
+    wanted /= _NORMS[:, 0]
     distance = float(wanted @ wanted) - 1.0
     if not distance <= _FARTHEST:
         raise _refused(f"slopes at a distance of {distance:.2g} from Gaussian ones")
@@ -242,17 +235,7 @@ def _refused(found: str) -> Refused:
 SlopeLawName = Literal["gaussian", "cox-munk", "breon-henriot"]
 
 
-def _read(value: Any) -> Any:
-    """Return coefficients or their name."""
-    if isinstance(value, GramCharlier) or (
-        isinstance(value, str) and value in get_args(SlopeLawName)
-    ):
-        return value
-    if isinstance(value, Mapping):
-        return GramCharlier.model_validate(value)
-    names = ", ".join(get_args(SlopeLawName))
-    raise Refused("slope_law", value, f"{names} or a GramCharlier")
-
+_read = partial(named_or_given, GramCharlier, get_args(SlopeLawName), "slope_law")
 
 SlopeLaw = Annotated[SlopeLawName | GramCharlier, BeforeValidator(_read)]
 """Field type of the density of slopes: a name, coefficients, or their plain data."""
@@ -286,14 +269,14 @@ def series_of(cumulants: Cumulants, slope_variance: Variances) -> Series:
     """
     if not any(cumulants):
         return GAUSSIAN
-    a, c = map(math.sqrt, slope_variance)
-    if min(a, c) == 0.0:
+    if min(slope_variance) == 0.0:
         found = Described("random slopes without variance along or across the wind")
         raise Refused("slope_law", found, "gaussian, or a mesh that leaves out more slopes")
-    return GramCharlier(
-        c03=cumulants.along3 / a**3,
-        c21=cumulants.along_across2 / (a * c * c),
-        c04=cumulants.along4 / a**4,
-        c22=cumulants.along2_across2 / (a * c) ** 2,
-        c40=cumulants.across4 / c**4,
-    ).series
+    rows = zip(_COEFFICIENTS, cumulants, _scales(slope_variance), strict=True)
+    return GramCharlier(**{name: value / scale for name, value, scale in rows}).series
+
+
+def _scales(slope_variance: Variances) -> tuple[float, ...]:
+    """Return the products of standard deviations that are the units of the cumulants."""
+    a, c = map(math.sqrt, slope_variance)
+    return a**3, a * c * c, a**4, a * a * c * c, c**4

@@ -21,14 +21,7 @@ from numpy.typing import ArrayLike
 from meshtrace.errors import Described, Refused
 
 from .parameters import Floats
-from .waves import (
-    WaveComponents,
-    WaveGrid,
-    elevation_and_slopes,
-    sum_elevation,
-    sum_second_derivatives,
-    sum_slopes,
-)
+from .waves import WaveComponents, WaveGrid, elevation_and_slopes, sum_waves, wave_weights
 
 _TOLERANCE = 1e-12  # [m], of a label
 _ROUNDING = 1e-14  # of a position, relative
@@ -113,20 +106,14 @@ class ChoppyWaves:
         width = waves.amplitude if depth is None else waves.amplitude / np.tanh(k * depth)
         self._waves = waves
         self._potential = waves._replace(amplitude=width / k)
-        self._towards_x = self._potential.amplitude * waves.kx
-        self._towards_y = self._potential.amplitude * waves.ky
         self.rise = 0.5 * float(np.sum(waves.amplitude * width * k))
         rms = math.sqrt(0.5 * float(np.sum(width**2)))
         self.reach = min(_RARE * rms, float(np.sum(np.abs(width))))
 
     def on_grid(self, grid: WaveGrid, x_axis: Floats, y_axis: Floats, time: float) -> Sheet:
         """Return the sheet of the labels of a tensor grid, shapes (nx, ny)."""
-        kx, ky = self._waves.kx, self._waves.ky
-        turn = np.exp(1j * (self._waves.omega * time + self._waves.phase))
-        towards_x, towards_y = self._towards_x * turn, self._towards_y * turn
-        # d/dx cos(phi) = kx sin(phi) = Re(-i kx exp(i phi))
-        moved = -1j * towards_x, -1j * towards_y, -kx * towards_x, -ky * towards_x, -ky * towards_y
-        weights = np.concatenate([elevation_and_slopes(self._waves, time), moved])
+        moved = (wave_weights(self._potential, order, time) for order in (1, 2))
+        weights = np.concatenate([elevation_and_slopes(self._waves, time), *moved])
         z, zx, zy, dx, dy, dxx, dxy, dyy = grid.sum(weights)
         x, y = x_axis[:, None] + dx, y_axis + dy
         return Sheet(x, y, z + self.rise, zx, zy, dxx, dxy, dyy).require_single()
@@ -138,12 +125,10 @@ class ChoppyWaves:
 
     def _over(self, x: Floats, y: Floats, time: float) -> Sheet:
         """Return the sheet of some labels."""
-        dx, dy = sum_slopes(self._potential, x, y, time)
-        z = sum_elevation(self._waves, x, y, time) + self.rise
-        slopes = sum_slopes(self._waves, x, y, time)
-        return Sheet(
-            x + dx, y + dy, z, *slopes, *sum_second_derivatives(self._potential, x, y, time)
-        )
+        dx, dy = sum_waves(self._potential, 1, x, y, time)
+        (z,), slopes = (sum_waves(self._waves, order, x, y, time) for order in (0, 1))
+        bent = sum_waves(self._potential, 2, x, y, time)
+        return Sheet(x + dx, y + dy, z + self.rise, *slopes, *bent)
 
     def second_derivatives(
         self, x: Floats, y: Floats, time: float
@@ -155,10 +140,11 @@ class ChoppyWaves:
         r = self.labels(x, y, time)
         sheet = self._over(*r, time).require_single()
         quarter = self._potential.phase - 0.5 * math.pi  # d/dx cos(phi) = kx cos(phi - pi/2)
-        bent = np.stack(sum_second_derivatives(self._waves, *r, time))
-        for slope, towards in zip(sheet.slopes, (self._towards_x, self._towards_y), strict=True):
+        bent = np.stack(sum_waves(self._waves, 2, *r, time))
+        for slope, k in zip(sheet.slopes, (self._waves.kx, self._waves.ky), strict=True):
+            towards = self._potential.amplitude * k
             part = self._potential._replace(amplitude=towards, phase=quarter)
-            bent = bent - slope * np.stack(sum_second_derivatives(part, *r, time))
+            bent = bent - slope * np.stack(sum_waves(part, 2, *r, time))
         p, q, o = 1.0 + sheet.dyy, 1.0 + sheet.dxx, -sheet.dxy  # of the inverse of M, times J
         xx, xy, yy = bent / sheet.jacobian**2
         return (
@@ -202,11 +188,11 @@ class ChoppyWaves:
         raise Refused("choppy", Described(f"no label of {place}"), allowed)
 
     def _displacement(self, r: Floats, time: float) -> Floats:
-        return np.stack(sum_slopes(self._potential, r[:, 0], r[:, 1], time), axis=1)
+        return np.stack(sum_waves(self._potential, 1, r[:, 0], r[:, 1], time), axis=1)
 
     def _newton_step(self, r: Floats, miss: Floats, time: float) -> Floats:
         """Return (I + grad D)^-1 miss, or the miss itself for a folded sheet."""
-        dxx, dxy, dyy = sum_second_derivatives(self._potential, r[:, 0], r[:, 1], time)
+        dxx, dxy, dyy = sum_waves(self._potential, 2, r[:, 0], r[:, 1], time)
         area = (1.0 + dxx) * (1.0 + dyy) - dxy**2
         upright = (area > 0.0) & (dxx > -1.0)
         newton = np.stack(_adjugate(dxx, dxy, dyy, *miss.T), axis=1)

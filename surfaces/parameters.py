@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +13,7 @@ from pydantic import AfterValidator, Field
 from meshtrace.errors import Described, Refused, require_between, require_range
 from meshtrace.models import Finite as Finite
 from meshtrace.models import Floats as Floats
+from meshtrace.models import Model
 from meshtrace.models import Positive as Positive
 
 
@@ -54,6 +56,17 @@ Mss = Literal["cox-munk", "elfouhaily", "band"]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Variances = tuple[float, float]
 """Slope variances along and across the wind."""
+
+
+def named_or_given(
+    kind: type[Model], names: tuple[str, ...], field: str, value: Any, *, more: str = ""
+) -> Any:
+    """Return a name, a model or that of plain data; `more` are the allowed values beside them."""
+    if isinstance(value, kind) or (isinstance(value, str) and value in names):
+        return value
+    if isinstance(value, Mapping):
+        return kind.model_validate(value)
+    raise Refused(field, value, f"{', '.join(names)}{more} or a {kind.__name__}")
 
 
 def finite_array(name: str, value: ArrayLike, minimum: float = -math.inf) -> Floats:

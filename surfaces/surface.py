@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cached_property
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,10 +25,9 @@ from .waves import (
     WaveGrid,
     angular_frequency,
     elevation_and_slopes,
+    flat_components,
     grid_store,
-    sum_elevation,
-    sum_second_derivatives,
-    sum_slopes,
+    sum_waves,
 )
 
 MOST_VERTICES = 10_000_000
@@ -213,10 +212,6 @@ class Surface(Family, ABC, frozen=True):
         """Return kind and parameters as plain data for JSON or TOML; see `sea_from_config`."""
         return self.model_dump(mode="json", exclude_none=True)
 
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Return a validated copy with some parameters replaced, and nothing cached."""
-        return type(self).model_validate({**self.model_dump(), **(update or {})})
-
     def __eq__(self, other: object) -> bool:
         # cached factors are no part of a sea
         return isinstance(other, Surface) and self.model_dump() == other.model_dump()
@@ -353,29 +348,29 @@ class WaveSurface(Surface, frozen=True):
 
     def _at(self, x: ArrayLike, y: ArrayLike, time: float) -> Sheet:
         """Return the choppy sheet at fixed points."""
-        x, y = points(x, y)
-        return self._sheet.at(x, y, TIME.check(time))
+        return self._sheet.at(*points(x, y), TIME.check(time))
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> Floats:
         """Return z [m]; see `Surface.elevation`."""
         if self.choppy:
             return self._at(x, y, time).z
-        return sum_elevation(self.components, x, y, TIME.check(time))
+        return sum_waves(self.components, 0, x, y, TIME.check(time))[0]
 
     def slopes(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> tuple[Floats, Floats]:
         """Return dz/dx and dz/dy; see `Surface.slopes`."""
         if self.choppy:
             return self._at(x, y, time).slopes
-        return sum_slopes(self.components, x, y, TIME.check(time))
+        zx, zy = sum_waves(self.components, 1, x, y, TIME.check(time))
+        return zx, zy
 
     def second_derivatives(
         self, x: ArrayLike, y: ArrayLike, time: float = 0.0
     ) -> tuple[Floats, Floats, Floats]:
         """Return the second derivatives zxx, zxy, zyy [m-1]; arguments as for `elevation`."""
         if self.choppy:
-            x, y = points(x, y)
-            return self._sheet.second_derivatives(x, y, TIME.check(time))
-        return sum_second_derivatives(self.components, x, y, TIME.check(time))
+            return self._sheet.second_derivatives(*points(x, y), TIME.check(time))
+        zxx, zxy, zyy = sum_waves(self.components, 2, x, y, TIME.check(time))
+        return zxx, zxy, zyy
 
     def grid(
         self, x_axis: ArrayLike, y_axis: ArrayLike, time: float = 0.0
@@ -472,7 +467,6 @@ class SinusoidalSea(WaveSurface, frozen=True):
     def components(self) -> WaveComponents:
         """The one wave as arrays of length one."""
         k = 2.0 * math.pi / self.wavelength
-        omega = float(angular_frequency(k, self.depth, self.capillary))
+        omega = angular_frequency(k, self.depth, self.capillary)
         heading = math.radians(self.direction_deg)
-        wave = self.amplitude, omega, k * math.cos(heading), k * math.sin(heading), self.phase
-        return WaveComponents(*(np.array([value]) for value in wave))
+        return flat_components(self.amplitude, omega, k, heading, self.phase)

@@ -278,22 +278,22 @@ class WaveComponents(NamedTuple):
 
 
 def flat_components(
-    amplitude: Floats,
+    amplitude: Floats | float,
     omega: Floats,
-    k: Floats,
-    heading: Floats,
-    phase: Floats,
+    k: Floats | float,
+    heading: Floats | float,
+    phase: Floats | float,
     current: tuple[float, float] | None = None,
 ) -> WaveComponents:
     """Return tables over frequency and direction as plain arrays.
 
     Parameters
     ----------
-    amplitude, phase : ndarray
+    amplitude, phase : ndarray or float
         Amplitudes [m] and phases [rad].
     omega : ndarray
         Frequencies seen by an observer who moves with the current [rad s-1].
-    k, heading : ndarray
+    k, heading : ndarray or float
         Wavenumbers [rad m-1] and directions of travel from +x [rad].
     current : (float, float), optional
         Velocity (U_x, U_y) [m s-1]; None is still water.
@@ -304,49 +304,46 @@ def flat_components(
     return WaveComponents(*(np.ravel(a).copy() for a in (amplitude, omega, kx, ky, phase)))
 
 
-def sum_elevation(waves: WaveComponents, x: ArrayLike, y: ArrayLike, time: float) -> Floats:
-    """Return the elevation [m] at points x, y [m] (broadcast) and a time [s]."""
-    return _sum(waves, waves.amplitude[:, None], np.cos, x, y, time)[0]
+def _products(waves: WaveComponents, order: int) -> list[Floats]:
+    """Return the factors kx^i ky^j, i + j = order, of the derivatives of each wave, kx first."""
+    return [waves.kx ** (order - j) * waves.ky**j for j in range(order + 1)]
 
 
-def sum_slopes(
-    waves: WaveComponents, x: ArrayLike, y: ArrayLike, time: float
-) -> tuple[Floats, Floats]:
-    """Return the slopes dz/dx and dz/dy, the exact derivatives of `sum_elevation`."""
-    weights = waves.amplitude[:, None] * np.stack([waves.kx, waves.ky], axis=1)
-    zx, zy = _sum(waves, weights, np.sin, x, y, time)
-    return zx, zy
+def wave_weights(waves: WaveComponents, order: int, time: float) -> NDArray[np.complex128]:
+    """Return the weights of the derivatives of z of an order at a time [s] for `WaveGrid.sum`."""
+    turned = waves.amplitude * np.exp(1j * (waves.omega * time + waves.phase))
+    return np.stack([(-1j) ** order * factor * turned for factor in _products(waves, order)])
 
 
 def elevation_and_slopes(waves: WaveComponents, time: float) -> NDArray[np.complex128]:
     """Return the weights of z, dz/dx and dz/dy at a time [s] for `WaveGrid.sum`, shape (3, n)."""
-    turned = waves.amplitude * np.exp(1j * (waves.omega * time + waves.phase))
-    return np.stack([turned, -1j * waves.kx * turned, -1j * waves.ky * turned])
+    return np.concatenate([wave_weights(waves, order, time) for order in (0, 1)])
 
 
-def sum_second_derivatives(
-    waves: WaveComponents, x: ArrayLike, y: ArrayLike, time: float
-) -> tuple[Floats, Floats, Floats]:
-    """Return the second derivatives zxx, zxy, zyy [m-1] of `sum_elevation`."""
-    kx, ky = waves.kx, waves.ky
-    weights = -waves.amplitude[:, None] * np.stack([kx * kx, kx * ky, ky * ky], axis=1)
-    zxx, zxy, zyy = _sum(waves, weights, np.cos, x, y, time)
-    return zxx, zxy, zyy
-
-
-def _sum(
-    waves: WaveComponents,
-    weights: Floats,
-    trigonometric: np.ufunc,
-    x: ArrayLike,
-    y: ArrayLike,
-    time: float,
+def sum_waves(
+    waves: WaveComponents, order: int, x: ArrayLike, y: ArrayLike, time: float
 ) -> list[Floats]:
-    """Sum weighted cosines or sines of the phase at every point, in blocks that fit the cache."""
+    """Return the elevation, or its exact derivatives of an order, at points and a time.
+
+    Parameters
+    ----------
+    waves : WaveComponents
+        The waves.
+    order : {0, 1, 2}
+        z [m]; the slopes dz/dx and dz/dy; or the second derivatives zxx, zxy and zyy [m-1].
+    x, y : array_like
+        Positions [m], broadcast together.
+    time : float
+        Time [s].
+    """
     x, y = points(x, y)
     px, py = x.reshape(-1, 1), y.reshape(-1, 1)
+    trigonometric = np.sin if order == 1 else np.cos
+    amplitude = -waves.amplitude if order == 2 else waves.amplitude
+    weights = amplitude[:, None] * np.stack(_products(waves, order), axis=1)
     at_origin = waves.omega * time + waves.phase
-    sums = np.empty((len(px), weights.shape[1]))
+    sums = np.empty((len(px), order + 1))
+    # blocks that fit the cache
     step = max(1, _BLOCK // max(1, len(at_origin)))
     for start in range(0, len(px), step):
         block = slice(start, start + step)

@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, mo
 from meshtrace.errors import Refused, is_number, require_between, require_range, require_whole
 from meshtrace.models import Family, Floats
 from meshtrace.optics.mie import MieTable, cached_table, population_table
-from meshtrace.optics.phase import HistogramPhase, PhaseFunction
+from meshtrace.optics.phase import HistogramPhase, PhaseFunction, Segments
 
 # Depth of the layer in e-folding depths: `BubblePopulation.profile` ends there.
 LAYER = 12.0
@@ -429,16 +429,10 @@ class HallNovarini(BubblePopulation, frozen=True):
         """
         require_whole(count, 1, _MOST_NODES, "count")
         z = self._checked(depth)
-        r_ref, power = float(_r_ref(z)), 3.0 - float(_kappa(z))
-        low, high = self.r_min / r_ref, self.r_max / r_ref
-        split = min(max(1.0, low), high)
-        edge = max(split, 1.0) ** power
-        small = 1.0 / low - 1.0 / split
-        large = (edge - max(high, 1.0) ** power) / -power
-        area = (np.arange(count) + 0.5) / count * (small + large)
-        below = 1.0 / (1.0 / low - np.minimum(area, small))
-        above = (edge + power * np.maximum(area - small, 0.0)) ** (1.0 / power)
-        return r_ref * np.where(area < small, below, above)
+        r_ref, p = float(_r_ref(z)), np.array([-1.0, 3.0 - float(_kappa(z))])
+        edges = np.clip([self.r_min, r_ref, self.r_max], self.r_min, self.r_max)
+        area = Segments.of(edges[:-1], edges[1:], p, (edges[1:] / r_ref) ** (p - 1.0))
+        return area.quantile((np.arange(count) + 0.5) / count)
 
     def _table(self) -> MieTable:
         return _bubble_phase(self.n_water, self.wavelength_nm, self.r_min, self.r_max)

