@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -140,40 +141,31 @@ def widest_filter_nm(ook: OokLink, found: Radiance, power: float, ber: float) ->
     Notes
     -----
     The averaging window stays that of `ook`. Where light has a spectrum the width also changes the
-    share of the signal, and the widest of the widths is returned; nan for a filter by a table.
+    share of the signal, and the widest of the widths is returned, sought in steps of a tenth; nan
+    for a filter by a table.
     """
     from scipy.optimize import brentq
 
     require_between(ber, 0.0, 0.5, "ber")
-    fixed = ook.replace(window=ook.averaging_window) if ook.averaging_window else ook
-    if ook.spectral or isinstance(ook.sipm.pde, Curve):
-        return _widest_of_spectra(fixed, found, power, ber)
-    per_nm = found.count_rate(ook) / ook.optics.filter_width_nm
-
-    def excess(log_width: float) -> float:
-        rate = ook.background_rate + per_nm * math.exp(log_width)
-        error = float(fixed.replace(background_rate=rate).ber(power))
-        return math.log(max(error, 1e-300) / ber)
-
-    low, high = math.log(_NARROWEST), math.log(2.0 * found.wavelength_nm)
-    if excess(low) > 0.0:
-        return 0.0
-    if excess(high) <= 0.0:
-        return math.inf
-    return math.exp(float(brentq(excess, low, high, xtol=1e-4)))
-
-
-def _widest_of_spectra(ook: OokLink, found: Radiance, power: float, ber: float) -> float:
-    """Return the widest filter, in steps of 3 %, of a signal that depends on it."""
     if isinstance(ook.optics.filter_transmission, Curve):
         return math.nan
     if ook.filter_share == 0.0:
         return 0.0
-    incident = power / ook.filter_share
-    for width in 2.0 * found.wavelength_nm * 0.97 ** np.arange(1, 500):
-        trial = ook.replace("optics.filter_width_nm", float(width))
-        rate = ook.background_rate + found.count_rate(trial)
-        lit = trial.replace(background_rate=rate)
-        if float(lit.ber(incident * trial.filter_share)) <= ber:
-            return math.inf if width > 1.9 * found.wavelength_nm else float(width)
+    fixed = ook.replace(window=ook.averaging_window) if ook.averaging_window else ook
+    incident, widest = power / ook.filter_share, 2.0 * found.wavelength_nm
+
+    def excess(log_width: float) -> float:
+        width = min(math.exp(log_width), widest)
+        trial = fixed.replace("optics.filter_width_nm", width)
+        error = float(with_background(trial, found).ber(incident * trial.filter_share))
+        return math.log(max(error, 1e-300) / ber)
+
+    ends = math.log(widest), math.log(_NARROWEST)
+    proportional = not (ook.spectral or isinstance(ook.sipm.pde, Curve))
+    steps = ends if proportional else np.arange(*ends, math.log(0.9)).tolist()
+    for wider, log_width in pairwise((math.inf, *steps)):
+        if excess(log_width) <= 0.0:
+            if math.isinf(wider):
+                return math.inf
+            return math.exp(float(brentq(excess, log_width, wider, xtol=1e-4)))
     return 0.0
