@@ -211,7 +211,7 @@ class Sample(Restored):
         )  # fmt: skip
         lit = self._seas if turned else min(self._seas, MOST_SEAS)
         self._lights = lru_cache(_CASES * lit)(self._light)
-        self.responses = Responses(self._some_light, Variant(link, None, uav=uav))
+        self.responses = Responses(self.some_light, Variant(link, None, uav=uav))
         self._known = lru_cache(_CANDIDATES)(self._kept)
         self._identity = {
             "realizations": realizations,
@@ -298,7 +298,7 @@ class Sample(Restored):
     def _light(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
         return [one for at in self._links(link, uav, i) for one in self._near.light(at, i)]
 
-    def _some_light(self, at: Variant) -> list[Light]:
+    def some_light(self, at: Variant) -> list[Light]:
         """Return the light of a candidate at all places over some seas, for its response."""
         link, uav = at.link, None if self._flight is None else at.uav
         some, threads = range(min(MOST_SEAS, self._seas)), self._near.campaign.threads

@@ -26,6 +26,7 @@ from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
+from meshtrace.optics.water import Water
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Restored
@@ -142,6 +143,14 @@ def moments(link: Link, light: Light) -> Floats:
     way = light.by_shift(light.water)
     scatterings = light.by_shift(light.order.astype(float))
     return np.array([-link.water.a * way, scatterings - link.water.b * way])
+
+
+def in_water(light: Light, old: Water, new: Water) -> Light:
+    """Return light of uniform water in another one, w' = w (b' / b)^K exp(-(c' - c) L)."""
+    factor = np.exp((old.c - new.c) * light.water)
+    if new.b != old.b:
+        factor *= (new.b / max(old.b, 1e-300)) ** light.order
+    return light._replace(weight=light.weight * factor)
 
 
 def edge_over(near: Neighbours, name: str, i: int) -> Floats:

@@ -49,7 +49,7 @@ from meshtrace.studies.neighbours import (
 )
 from meshtrace.studies.response import MOST_SEAS, Responses
 from meshtrace.tables import text_table
-from meshtrace.uav import Flight, Uav, h_alpha
+from meshtrace.uav import Flight, Uav
 
 _FARTHEST = 0.3  # change of a logarithm that a first-order forecast may reach
 
@@ -465,8 +465,8 @@ class Study:
             return None
         seas = self.near.seas
         tilts = _TILTS if seas > 1 else _TILTS_OF_ONE
-        fov = math.radians(variant.link.receivers[0].fov_deg)
-        return h_alpha(self.campaign.tilts(Flight(variant.uav), (seas, tilts)), fov)
+        fov = variant.link.receivers[0].fov_deg
+        return self.campaign.tilt_factors(Flight(variant.uav), (seas, tilts), fov)
 
     def _light(self, at: Variant) -> list[Light]:
         """Return the light of a variant over some seas.

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, cached_property, partial
-from itertools import chain, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,11 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from meshtrace.comms.background import with_background
+from meshtrace.comms.budget import link_budget
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, Scattered, TypicalSea
-from meshtrace.fading import Estimate
 from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface, TriangleMesh
 from meshtrace.models import Floats
@@ -39,10 +39,10 @@ from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.candidates import Sample
 from meshtrace.studies.designs.page import DAY, LIGHTS, NIGHT, Figures, Line
 from meshtrace.studies.keys import Variant
-from meshtrace.studies.neighbours import DECIBELS, error_of, without_each
+from meshtrace.studies.neighbours import DECIBELS, error_of, in_water, without_each
 from meshtrace.studies.operating_point import Ensemble, FadingSamples, operating_point
 from meshtrace.studies.response import light_response, through_channel
-from meshtrace.uav import Flight, h_alpha
+from meshtrace.uav import Flight
 
 DEFAULT_CHAINS = 512
 """Chains of a design, common to all seas and links."""
@@ -203,6 +203,7 @@ class LinkModel:
         self.assumed = day is None
         self.days = {NIGHT: night, DAY: day or Daylight.clear_sky(30.0, wavelength_nm=nm)}
         self._rays = Lights(self.campaign._replace(progress=None))
+        self.windows: dict[str, tuple[Floats, Floats]] = {}  # shares of a bit over ln(bit rate)
 
     def notes(self) -> tuple[str, ...]:
         """Return remarks about the basis of the page."""
@@ -259,18 +260,10 @@ class LinkModel:
 
     @cache  # noqa: B019
     def response(self, link: Link, water: Water | None = None) -> ChannelResponse | None:
-        """Return the response over the seas of the scans, by chains; None without light.
-
-        Of light in another water by w' = w (b' / b)^K exp(-(c' - c) L), with K scatterings over L.
-        """
-        half, own, lights = math.radians(0.5 * link.only_receiver.fov_deg), link.water, []
-        over_seas = (self.sample.light(link, None, i) for i in range(self.means.seas))
-        for light in chain.from_iterable(over_seas):
-            factor = (light.angle <= half).astype(float)
-            if water is not None:
-                factor *= (water.b / max(own.b, 1e-300)) ** light.order
-                factor *= np.exp(-(water.c - own.c) * light.water)
-            lights.append(light._replace(weight=light.weight * factor))
+        """Return the response over seas of the scans, by chains; None without light."""
+        lights = self.sample.some_light(Variant(link, None))
+        if water is not None:
+            lights = [in_water(light, link.water, water) for light in lights]
         return light_response(link, lights)
 
     def pulse_loss(self, light: str, link: Link, water: Water | None = None) -> float:
@@ -293,7 +286,7 @@ class LinkModel:
         shape = self.fades.h_alpha.shape
         if self.flight is None:
             return np.ones(shape)
-        return h_alpha(self.campaign.tilts(self.flight, shape), math.radians(fov_deg))
+        return self.campaign.tilt_factors(self.flight, shape, fov_deg)
 
     @cache  # noqa: B019 - one study
     def quantile(self, fov_deg: float) -> float:
@@ -431,7 +424,7 @@ class LinkModel:
                 error, 0.5 * DECIBELS * spread
             )  # the need grows as the root, at most
         return Figures(
-            light, described(lit, found), _ends(point.outage), _ends(point.ber),
+            light, described(lit, found), tuple(point.outage), tuple(point.ber),
             point.margin_optical_db.value,
             self.above(self.quantile(self.link.only_receiver.fov_deg), self.dark,
                         self.need(light).exact),
@@ -444,16 +437,13 @@ class LinkModel:
         """Return the lines of the budget, which add up to the reserve."""
         dark, gains, tilt = self.dark, self.fades.series.gain, self.fades.h_alpha
         mean, leaned = float(gains.mean()), float((gains[:, None] * tilt).mean())
-        received = DECIBELS * math.log(float(dark.received_power(leaned)) / 1e-3)
-        lines = [_same("power of the lamp", DECIBELS * math.log(dark.led.power / 1e-3), unit="dBm")]
-        lines += self._water_lines(DECIBELS * math.log(mean))
-        optics = dark.optics
-        shares = (
-            ("tilt of the aircraft", leaned / mean),
-            ("lens on the detector (etendue)", optics.concentration_efficiency(dark.sipm.area)),
-            ("transmission of the filter", dark.filter_share),
+        power, gain, tilt_db, lens, passed, received, *_ = map(
+            float, link_budget(dark, mean, self.limit, leaned / mean)
         )
-        lines += [_same(name, DECIBELS * math.log(share)) for name, share in shares]
+        lines = [_same("power of the lamp", power, unit="dBm"), *self._water_lines(gain)]
+        lines.append(_same("tilt of the aircraft", tilt_db))
+        lines.append(_same("lens on the detector (etendue)", lens))
+        lines.append(_same("transmission of the filter", passed))
         lines.append(_same("received power", received, unit="dBm", total=True))
         needs = [self._needs(light) for light in LIGHTS]
         names = ("power for the limit, every photon counted", "photon detection efficiency",
@@ -553,7 +543,3 @@ def _same(
 ) -> Line:
     """Return a line that is the same by night and by day."""
     return Line(name, unit, value, value, stderr, total)
-
-
-def _ends(one: Estimate) -> tuple[float, float, float]:
-    return one.value, one.low, one.high

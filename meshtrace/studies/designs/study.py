@@ -178,10 +178,6 @@ class Scan(NamedTuple):
 class _Study(LinkModel):
     """Reserves over the values of each key, the best of them, reach and budget."""
 
-    def __init__(self, campaign: Campaign, outage: float, limit: float, seas: int) -> None:
-        super().__init__(campaign, outage, limit, seas)
-        self.windows: dict[str, tuple[Floats, Floats]] = {}  # shares of a bit over ln(bit rate)
-
     def bounds(self, over: Bounds | None) -> dict[str, tuple[float, float]]:
         """Return the bounds of each key that is scanned."""
         name, end = self.link.air_end
