@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import warnings
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.spectra import Curve
 from meshtrace.errors import require_between
+from meshtrace.results.daylight import Background
 
 MOST_BIAS_CURRENT = 10e-3
 """Mean bias current of a SiPM above which background light brings a warning [A]."""
@@ -36,19 +36,6 @@ _NARROWEST = 1e-6  # [nm]
 
 class DaylightWarning(UserWarning):
     """Background light beyond the design of a receiver: narrow filter, large bias current."""
-
-
-class Radiance(Protocol):
-    """Background of a receiver, such as `results.daylight.Background`."""
-
-    @property
-    def wavelength_nm(self) -> float:
-        """Wavelength [nm]."""
-        ...
-
-    def count_rate(self, ook: OokLink) -> float:
-        """Return the primary counts [s-1]."""
-        ...
 
 
 def filter_shift_nm(wavelength_nm: float, angle_deg: float, n_eff: float = 2.0) -> float:
@@ -76,7 +63,7 @@ def filter_shift_nm(wavelength_nm: float, angle_deg: float, n_eff: float = 2.0) 
     return wavelength_nm * (1.0 - math.sqrt(1.0 - sine * sine))
 
 
-def with_background(ook: OokLink, found: Radiance, scale: float = 1.0) -> OokLink:
+def with_background(ook: OokLink, found: Background, scale: float = 1.0) -> OokLink:
     """Return a transmission with the counts of a background added to its own.
 
     Parameters
@@ -98,7 +85,7 @@ def occupancy(ook: OokLink) -> float:
     return rate * ook.sipm.recovery_time / ook.sipm.n_spads
 
 
-def warn_of_background(ook: OokLink, found: Radiance) -> None:
+def warn_of_background(ook: OokLink, found: Background) -> None:
     """Warn of a filter narrower than its shift over the field of view, and of a large current."""
     optics = ook.optics
     shift = filter_shift_nm(found.wavelength_nm, 0.5 * optics.fov_deg)
@@ -119,7 +106,7 @@ def warn_of_background(ook: OokLink, found: Radiance) -> None:
         warnings.warn(text, DaylightWarning, stacklevel=3)
 
 
-def widest_filter_nm(ook: OokLink, found: Radiance, power: float, ber: float) -> float:
+def widest_filter_nm(ook: OokLink, found: Background, power: float, ber: float) -> float:
     """Return the widest filter of a link for a bit error rate under a background.
 
     Parameters

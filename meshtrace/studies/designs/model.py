@@ -21,7 +21,7 @@ from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, Scattered, TypicalSea
 from meshtrace.link import Link
-from meshtrace.mesh import SeededSurface, TriangleMesh
+from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.optics.water import Water
 from meshtrace.parallel import ordered_map
@@ -113,7 +113,9 @@ class MeanGains:
         """Return the logarithms of gains (links, 1 + groups) of links with one lamp."""
         receivers = tuple(link.receivers[0] for link in links)
         whole = links[0].replace("receiver", receivers if len(links) > 1 else receivers[0])
-        meshes = list(ordered_map(partial(self._mesh, whole), range(self.seas), self._options[-1]))
+        surfaces = map(self.steps.surface, range(self.seas))
+        mesh = partial(self.campaign.mesh, [whole])
+        meshes = list(ordered_map(lambda at: mesh(*at), surfaces, self.campaign.threads))
         sea = TypicalSea.of(meshes, MANY_SEAS)
         if self._scattered is None:
             alone = ForcedDetection(self._link, *self._options, sea)
@@ -123,10 +125,6 @@ class MeanGains:
         chains = ForcedDetection(whole, *self._options, sea, scattered=scattered)
         parts = [chains.evaluate(mesh).shifts for mesh in meshes]  # (receivers, shifts) each
         return log_means(np.moveaxis(np.array(parts), 1, 0))
-
-    def _mesh(self, link: Link, i: int) -> TriangleMesh:
-        """Return the mesh of a sea for a link."""
-        return self.campaign.mesh([link], *self.steps.surface(i))
 
 
 def log_means(gains: Floats) -> Floats:
@@ -417,18 +415,12 @@ class LinkModel:
             self.dark, self.link.depth, self.fades, self.limit, 0.95, seed, found
         )
         lit = with_background(self.dark, found)
-        error = DECIBELS * self.quantile_stderr
-        if found.radiance > 0.0:
-            spread = found.radiance_stderr / found.radiance
-            error = math.hypot(
-                error, 0.5 * DECIBELS * spread
-            )  # the need grows as the root, at most
         return Figures(
-            light, described(lit, found), tuple(point.outage), tuple(point.ber),
+            light, described(lit, found), point.outage, point.ber,
             point.margin_optical_db.value,
             self.above(self.quantile(self.link.only_receiver.fov_deg), self.dark,
                         self.need(light).exact),
-            error, point.capacity.hard,
+            _error_db(self.quantile_stderr, found), point.capacity.hard,
         )  # fmt: skip
 
     # ---- budget ----------------------------------------------------------------------------
@@ -437,13 +429,13 @@ class LinkModel:
         """Return the lines of the budget, which add up to the reserve."""
         dark, gains, tilt = self.dark, self.fades.series.gain, self.fades.h_alpha
         mean, leaned = float(gains.mean()), float((gains[:, None] * tilt).mean())
-        power, gain, tilt_db, lens, passed, received, *_ = map(
-            float, link_budget(dark, mean, self.limit, leaned / mean)
-        )
-        lines = [_same("power of the lamp", power, unit="dBm"), *self._water_lines(gain)]
-        lines.append(_same("tilt of the aircraft", tilt_db))
-        lines.append(_same("lens on the detector (etendue)", lens))
-        lines.append(_same("transmission of the filter", passed))
+        parts = link_budget(dark, mean, self.limit, leaned / mean)
+        received = float(parts.received_dbm)
+        lines = [_same("power of the lamp", parts.transmitted_dbm, unit="dBm")]
+        lines += self._water_lines(float(parts.gain_db))
+        lines.append(_same("tilt of the aircraft", float(parts.tilt_db)))
+        lines.append(_same("lens on the detector (etendue)", parts.concentration_db))
+        lines.append(_same("transmission of the filter", parts.filter_db))
         lines.append(_same("received power", received, unit="dBm", total=True))
         needs = [self._needs(light) for light in LIGHTS]
         names = ("power for the limit, every photon counted", "photon detection efficiency",
@@ -528,8 +520,14 @@ class LinkModel:
         if self.spreads:
             dark = dark.replace(response=self.response(link))
         need = with_background(dark, found).required_power(self.limit)
-        spread = 0.5 * found.radiance_stderr / max(found.radiance, 1e-300)
-        return self.above(log, dark, need), DECIBELS * math.hypot(error, spread)
+        return self.above(log, dark, need), _error_db(error, found)
+
+
+def _error_db(log_error: float, found: Background) -> float:
+    """Return the error of a reserve [dB]: of the light, and of the background by its rays."""
+    # the need grows as the root of the background, at most
+    spread = 0.5 * found.radiance_stderr / max(found.radiance, 1e-300)
+    return DECIBELS * math.hypot(log_error, spread)
 
 
 def _name_of(link: Link) -> str:

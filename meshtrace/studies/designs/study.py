@@ -480,8 +480,6 @@ def _around(found: NDArray[np.bool_], i: int) -> tuple[int, int]:
 
 def _through(places: Floats, rows: Floats, at: Floats) -> Floats:
     """Return a smooth curve through finite values at places."""
-    if len(places) == len(at):
-        return rows
     finite = np.isfinite(rows)
     if finite.sum() < 2:
         return np.full(len(at), -math.inf)
