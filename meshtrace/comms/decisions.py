@@ -60,13 +60,27 @@ class ReceiverModel(Family, default="W"):
         B = R_b / 2.
         """
         mean, shot = (np.stack(v, axis=-1) for v in (link.levels(power), link.shot_levels(power)))
-        thermal = link.tia.thermal_noise(link.sipm.gain)
-        noise = 2.0 * link.sipm.excess_noise_factor * shot + thermal
-        return mean, noise * 0.5 * link.bit_rate
+        return mean, noise(link, shot, 0.5 * link.bit_rate)
 
     @abc.abstractmethod
     def decide(self, link: Any, power: Floats) -> Decision:
         """Return bit error rate and threshold [s-1] at powers (n,) on the SiPM, all > 0 [W]."""
+
+
+def noise(link: Any, shot: Floats, bandwidth: float) -> Floats:
+    """Return the variance of shot and thermal noise (2 F r + S) B [s-2].
+
+    Parameters
+    ----------
+    link : OokLink
+        Excess noise factor F and thermal noise S.
+    shot : ndarray
+        Count rates with shot noise r [s-1].
+    bandwidth : float
+        Noise bandwidth B [Hz].
+    """
+    thermal = link.tia.thermal_noise(link.sipm.gain)
+    return (2.0 * link.sipm.excess_noise_factor * shot + thermal) * bandwidth
 
 
 def non_negative(name: str, value: ArrayLike, most: float = math.inf) -> Floats:

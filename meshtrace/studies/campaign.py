@@ -29,7 +29,7 @@ from meshtrace.engine.setup.options import (
     resolve,
 )
 from meshtrace.engine.setup.tinting import clearest
-from meshtrace.errors import Described, Refused, require_function
+from meshtrace.errors import Described, Refused, require_function, require_kind
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface, SurfaceModel, TriangleMesh
@@ -182,6 +182,13 @@ class Campaign(NamedTuple):
         if speed is None:
             raise Refused("flight.wind", None, "a wind, over a sea without wind speed")
         return Dryden(wind_speed=speed, height=self.link.air_end[1].height)
+
+    def flight(self, given: Flight | None) -> Flight | None:
+        """Return the aircraft of a study, by default the one in its scenario, checked."""
+        require_kind(given, Flight | None, "flight")
+        uav = getattr(self.scenario, "uav", None)
+        found = Flight(uav) if given is None and uav is not None else given
+        return found and found.checked()
 
     def tilt_factors(self, flight: Flight, shape: tuple[int, ...], fov_deg: float) -> Floats:
         """Return tilt factors h_alpha of an aircraft in independent gusts, of a shape."""

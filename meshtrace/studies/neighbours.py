@@ -326,12 +326,10 @@ class Quantity:
             return math.log(mean(np.exp(self.law(ook)(logs))))
         if self.of == "capacity":
             return math.log(max(ook.bit_rate * mean(self.information(ook)(logs)), 1e-300))
-        law = self.law(ook, rising=False)
-        goal = math.log(self.limit)
-        spread = 30.0
+        law, spread = self.law(ook, rising=False), 30.0
 
         def excess(shift: float) -> float:
-            return math.log(mean(np.exp(law(logs + shift)))) - goal
+            return math.log(mean(np.exp(law(logs + shift))) / self.limit)
 
         self._require(excess(-spread) > 0.0 > excess(spread))
         return -float(brentq(excess, -spread, spread, xtol=1e-9))
