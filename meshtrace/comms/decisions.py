@@ -390,7 +390,7 @@ def compound_poisson_decision(
     Notes
     -----
     The amplitudes of single counts are rounded to a lattice of 65536 values that spans the
-    sample's range.
+    sample's range; the largest lies on it. Means of more than some 10000 counts are too many.
     """
     share = 1.0 - branching
     top = low + (high - low) * float(filters.mean_step(bit_time * removed.size))
@@ -398,6 +398,8 @@ def compound_poisson_decision(
     below = 8.0 * thermal_std + float(removed.sum())
     reach = top + 12.0 * spread + 30.0 * share * filters.peak + 8.0 * thermal_std
     step = (reach + below) / _POINTS
+    most = share * filters.peak / step  # of a count, in steps
+    step *= most / max(math.floor(most), min(most, 1.0))
     frequency = 2.0 * math.pi * np.fft.rfftfreq(_POINTS, step)
     borel = _borel(branching)
     amplitudes = (np.arange(1, math.ceil(share * filters.peak / step) + 1) - 0.5) * step / share
