@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from itertools import islice
+from itertools import chain, cycle, islice
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -291,8 +291,7 @@ class Sample(Restored):
         Variables that only weigh it are those of the start.
         """
         for name in self._turned:
-            part, key = name.split(".")
-            link = link.replace(name, getattr(getattr(self._start, part), key))
+            link = link.replace(name, Variant(self._start, None).value(name))
         return self._lights(link, uav, i)
 
     def _light(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
@@ -303,13 +302,11 @@ class Sample(Restored):
         link, uav = at.link, None if self._flight is None else at.uav
         some, threads = range(min(MOST_SEAS, self._seas)), self._near.campaign.threads
         over_each = ordered_map(lambda i: self.light(link, uav, i), some, threads)
-        lights = [light for row in over_each for light in row]
-        if self._turned:
-            lights = [
-                light._replace(weight=light.weight * self._factor(link, light)) for light in lights
-            ]
-        pairs = zip(lights, np.tile(self.weights, len(some)), strict=True)
-        return [light._replace(weight=weight * light.weight) for light, weight in pairs]
+        lights = []
+        for light, weight in zip(chain.from_iterable(over_each), cycle(self.weights)):
+            factor = weight * self._factor(link, light) if self._turned else weight
+            lights.append(light._replace(weight=factor * light.weight))
+        return lights
 
     def _links(self, link: Link, uav: Uav | None, i: int) -> list[Link]:
         """Return the links with the ends in the air of a candidate over sea i."""

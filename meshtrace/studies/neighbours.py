@@ -20,11 +20,11 @@ from meshtrace.engine.correlated import FrozenForced
 from meshtrace.engine.forced import MANY_SEAS, TypicalSea
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines, require_cover
+from meshtrace.engine.setup.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines
 from meshtrace.errors import Described, Refused, require_word
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.water import Water
 from meshtrace.stored import SHIFTS
@@ -90,7 +90,7 @@ class Neighbours(Restored):
         self.inputs = campaign.alone, self.seas, self.phases, self.fading, self.kept, self.around
         self._around = self.around or campaign.link
         self._lines: dict[str, Any] = {}
-        if isinstance(campaign.surface, SurfaceModel):
+        if isinstance(campaign.surface, MeshSource):
             inputs = self._around, campaign.surface, campaign.meshing
             spacing = FADING_SPACING if self.fading else GAIN_SPACING
             self._lines = mesh_lines(*inputs, _WIDER * crossing_reach(self._around), spacing)
@@ -117,12 +117,9 @@ class Neighbours(Restored):
             return self._meshes[i]
         campaign = self.campaign
         made: Any = campaign.surface if surface is None else surface
-        if not isinstance(made, TriangleMesh):
-            if self.phases:
-                made = made.with_seed(realization_seed(campaign.run.seed, i))
-            made = made.mesh(campaign.meshing.time, **self._lines)
-        require_cover(self._around, made)
-        return made
+        if self.phases:
+            made = made.with_seed(realization_seed(campaign.run.seed, i))
+        return campaign.mesh([self._around], made, campaign.meshing.time, self._lines)
 
     def light(self, link: Link, i: int, surface: Any = None) -> list[Light]:
         """Return the light that arrives at each receiver over realization i."""

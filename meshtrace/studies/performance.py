@@ -509,13 +509,11 @@ def link_performance(
     def performance(link: Link | Scenario, day: Daylight | None) -> LinkPerformance:
         shallow = _shallowest(link, depths)
         campaign = campaign_of(shallow, surface, "link_performance", fading=True, **run)
-        scenario, device = campaign.scenario, ook
-        wind = getattr(scenario, "wind_speed", campaign.link.wind_speed)
+        wind = getattr(campaign.scenario, "wind_speed", campaign.link.wind_speed)
         if wind is not None:  # one of several in a store
             campaign = campaign.of(campaign.link, f"wind of {wind!r} m/s")
-        if scenario is not None:
-            device = scenario.detector if ook is None else ook
-        base = "physical" if device is None else device
+        own = getattr(campaign.scenario, "detector", None)
+        base = (own or "physical") if ook is None else ook
         ooks = tuple(OokLink.of_link(campaign.link, base, rate) for rate in rates)
         ensemble = Ensemble(campaign, realizations, campaign.flight(flight), common)
         links = _links(ooks[0].channel(campaign.link), depths)
