@@ -133,11 +133,7 @@ class Goal:
         def there(depth: float) -> Variant:
             return at._replace(link=at.link.at_depth(depth))
 
-        def reserve(depth: float) -> float:
-            gains, ook = self._lit(there(depth), sample)
-            return self._rates.log(np.maximum(gains, _DARK), ook, weights=sample.weights)
-
-        depth, _, fall = range_of(reserve, at.link)
+        depth, _, fall = range_of(lambda at: float(self._logs(there(at), sample)[0]), at.link)
         return -depth - self._logs(there(depth), sample) / fall
 
 
