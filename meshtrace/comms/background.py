@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import warnings
-from typing import Protocol
+from itertools import pairwise
 
 import numpy as np
 
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.spectra import Curve
 from meshtrace.errors import require_between
+from meshtrace.results.daylight import Background
 
 MOST_BIAS_CURRENT = 10e-3
 """Mean bias current of a SiPM above which background light brings a warning [A]."""
@@ -35,19 +36,6 @@ _NARROWEST = 1e-6  # [nm]
 
 class DaylightWarning(UserWarning):
     """Background light beyond the design of a receiver: narrow filter, large bias current."""
-
-
-class Radiance(Protocol):
-    """Background of a receiver, such as `results.daylight.Background`."""
-
-    @property
-    def wavelength_nm(self) -> float:
-        """Wavelength [nm]."""
-        ...
-
-    def count_rate(self, ook: OokLink) -> float:
-        """Return the primary counts [s-1]."""
-        ...
 
 
 def filter_shift_nm(wavelength_nm: float, angle_deg: float, n_eff: float = 2.0) -> float:
@@ -75,7 +63,7 @@ def filter_shift_nm(wavelength_nm: float, angle_deg: float, n_eff: float = 2.0) 
     return wavelength_nm * (1.0 - math.sqrt(1.0 - sine * sine))
 
 
-def with_background(ook: OokLink, found: Radiance, scale: float = 1.0) -> OokLink:
+def with_background(ook: OokLink, found: Background, scale: float = 1.0) -> OokLink:
     """Return a transmission with the counts of a background added to its own.
 
     Parameters
@@ -97,7 +85,7 @@ def occupancy(ook: OokLink) -> float:
     return rate * ook.sipm.recovery_time / ook.sipm.n_spads
 
 
-def warn_of_background(ook: OokLink, found: Radiance) -> None:
+def warn_of_background(ook: OokLink, found: Background) -> None:
     """Warn of a filter narrower than its shift over the field of view, and of a large current."""
     optics = ook.optics
     shift = filter_shift_nm(found.wavelength_nm, 0.5 * optics.fov_deg)
@@ -118,7 +106,7 @@ def warn_of_background(ook: OokLink, found: Radiance) -> None:
         warnings.warn(text, DaylightWarning, stacklevel=3)
 
 
-def widest_filter_nm(ook: OokLink, found: Radiance, power: float, ber: float) -> float:
+def widest_filter_nm(ook: OokLink, found: Background, power: float, ber: float) -> float:
     """Return the widest filter of a link for a bit error rate under a background.
 
     Parameters
@@ -140,40 +128,31 @@ def widest_filter_nm(ook: OokLink, found: Radiance, power: float, ber: float) ->
     Notes
     -----
     The averaging window stays that of `ook`. Where light has a spectrum the width also changes the
-    share of the signal, and the widest of the widths is returned; nan for a filter by a table.
+    share of the signal, and the widest of the widths is returned, sought in steps of a tenth; nan
+    for a filter by a table.
     """
     from scipy.optimize import brentq
 
     require_between(ber, 0.0, 0.5, "ber")
-    fixed = ook.replace(window=ook.averaging_window) if ook.averaging_window else ook
-    if ook.spectral or isinstance(ook.sipm.pde, Curve):
-        return _widest_of_spectra(fixed, found, power, ber)
-    per_nm = found.count_rate(ook) / ook.optics.filter_width_nm
-
-    def excess(log_width: float) -> float:
-        rate = ook.background_rate + per_nm * math.exp(log_width)
-        error = float(fixed.replace(background_rate=rate).ber(power))
-        return math.log(max(error, 1e-300) / ber)
-
-    low, high = math.log(_NARROWEST), math.log(2.0 * found.wavelength_nm)
-    if excess(low) > 0.0:
-        return 0.0
-    if excess(high) <= 0.0:
-        return math.inf
-    return math.exp(float(brentq(excess, low, high, xtol=1e-4)))
-
-
-def _widest_of_spectra(ook: OokLink, found: Radiance, power: float, ber: float) -> float:
-    """Return the widest filter, in steps of 3 %, of a signal that depends on it."""
     if isinstance(ook.optics.filter_transmission, Curve):
         return math.nan
     if ook.filter_share == 0.0:
         return 0.0
-    incident = power / ook.filter_share
-    for width in 2.0 * found.wavelength_nm * 0.97 ** np.arange(1, 500):
-        trial = ook.replace("optics.filter_width_nm", float(width))
-        rate = ook.background_rate + found.count_rate(trial)
-        lit = trial.replace(background_rate=rate)
-        if float(lit.ber(incident * trial.filter_share)) <= ber:
-            return math.inf if width > 1.9 * found.wavelength_nm else float(width)
+    fixed = ook.replace(window=ook.averaging_window) if ook.averaging_window else ook
+    incident, widest = power / ook.filter_share, 2.0 * found.wavelength_nm
+
+    def excess(log_width: float) -> float:
+        width = min(math.exp(log_width), widest)
+        trial = fixed.replace("optics.filter_width_nm", width)
+        error = float(with_background(trial, found).ber(incident * trial.filter_share))
+        return math.log(max(error, 1e-300) / ber)
+
+    ends = math.log(widest), math.log(_NARROWEST)
+    proportional = not (ook.spectral or isinstance(ook.sipm.pde, Curve))
+    steps = ends if proportional else np.arange(*ends, math.log(0.9)).tolist()
+    for wider, log_width in pairwise((math.inf, *steps)):
+        if excess(log_width) <= 0.0:
+            if math.isinf(wider):
+                return math.inf
+            return math.exp(float(brentq(excess, log_width, wider, xtol=1e-4)))
     return 0.0

@@ -60,13 +60,27 @@ class ReceiverModel(Family, default="W"):
         B = R_b / 2.
         """
         mean, shot = (np.stack(v, axis=-1) for v in (link.levels(power), link.shot_levels(power)))
-        thermal = link.tia.thermal_noise(link.sipm.gain)
-        noise = 2.0 * link.sipm.excess_noise_factor * shot + thermal
-        return mean, noise * 0.5 * link.bit_rate
+        return mean, noise(link, shot, 0.5 * link.bit_rate)
 
     @abc.abstractmethod
     def decide(self, link: Any, power: Floats) -> Decision:
         """Return bit error rate and threshold [s-1] at powers (n,) on the SiPM, all > 0 [W]."""
+
+
+def noise(link: Any, shot: Floats, bandwidth: float) -> Floats:
+    """Return the variance of shot and thermal noise (2 F r + S) B [s-2].
+
+    Parameters
+    ----------
+    link : OokLink
+        Excess noise factor F and thermal noise S.
+    shot : ndarray
+        Count rates with shot noise r [s-1].
+    bandwidth : float
+        Noise bandwidth B [Hz].
+    """
+    thermal = link.tia.thermal_noise(link.sipm.gain)
+    return (2.0 * link.sipm.excess_noise_factor * shot + thermal) * bandwidth
 
 
 def non_negative(name: str, value: ArrayLike, most: float = math.inf) -> Floats:
@@ -217,14 +231,11 @@ def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float)
     >>> print(f"{float(generalized_poisson_decision(2.0, 20.0, 0.0).ber):.5e}")
     9.37655e-04
     """
-    n0, n1 = np.broadcast_arrays(non_negative("n0", n0), non_negative("n1", n1))
+    n0, n1 = non_negative("n0", n0), non_negative("n1", n1)
     branching = require_real(branching, "branching", _BRANCHING)
     if np.any(n0 > n1) or not 0.0 <= branching < 1.0:
         raise Refused("n0, n1, branching", (n0, n1, branching), f"n0 <= n1, {_BRANCHING}")
-    pairs = zip(n0.flat, n1.flat, strict=True)
-    flat = [_count_decision(float(a), float(b), branching) for a, b in pairs]
-    ber, threshold = np.array(flat).reshape(-1, 2).T
-    return Decision(ber.reshape(n0.shape), threshold.reshape(n0.shape))
+    return Decision(*np.vectorize(_count_decision, [float, float])(n0, n1, branching))
 
 
 def _count_decision(n0: float, n1: float, branching: float) -> tuple[float, float]:
@@ -266,15 +277,31 @@ def soft_information(n0: float, n1: float, branching: float) -> float:
     if _distance(n0, n1, branching) > _CERTAIN:
         return 1.0
     if n0 > _NORMAL:
-        # the logarithm of the likelihood ratio is normal, with mean d^2 / 2 and variance d^2
-        nodes, weights = np.polynomial.hermite_e.hermegauss(64)
-        distance = _distance(n0, n1, branching)
-        lost = np.logaddexp(0.0, -distance * (0.5 * distance + nodes)) / math.log(2.0)
-        return float(np.clip(1.0 - weights @ lost / weights.sum(), 0.0, 1.0))
-    _, log0, log1 = _decision_laws(n0, n1, branching)
-    log_mean = np.logaddexp(log0, log1) - math.log(2.0)
-    terms = [np.exp(law) @ np.maximum(law - log_mean, -1e3) for law in (log0, log1)]
-    return float(np.clip(0.5 * sum(terms) / math.log(2.0), 0.0, 1.0))
+        return _normal_information(np.array([[n0], [n1]]), np.zeros(1), branching)
+    return _information(np.array(_decision_laws(n0, n1, branching)[1:]))
+
+
+def _information(log_law: Floats) -> float:
+    """Return the mutual information of bits and counts by the laws of a zero and a one (2, k)."""
+    log_mean = np.logaddexp(*log_law) - math.log(2.0)
+    terms = np.exp(log_law) * np.maximum(log_law - log_mean, -1e3)
+    return float(np.clip(0.5 * terms.sum() / math.log(2.0), 0.0, 1.0))
+
+
+def _normal_information(means: Floats, log_chance: Floats, branching: float) -> float:
+    """Return it for normal counts of some means (2, states) with probabilities of the states."""
+    from scipy.special import logsumexp
+
+    nodes, weights = np.polynomial.hermite_e.hermegauss(32)
+    std = np.sqrt(np.maximum(means, 1.0) / (1.0 - branching))
+    at = means[..., None] + std[..., None] * nodes
+    z = (at[..., None, None] - means) / std  # of each law (2, states) at each node
+    log_law = logsumexp(log_chance - np.log(std) - 0.5 * z * z, axis=-1)
+    other = np.stack(
+        [log_law[0, ..., 1] - log_law[0, ..., 0], log_law[1, ..., 0] - log_law[1, ..., 1]]
+    )
+    lost = np.logaddexp(0.0, other) @ (weights / weights.sum()) @ np.exp(log_chance)
+    return float(np.clip(1.0 - 0.5 * lost.sum() / math.log(2.0), 0.0, 1.0))
 
 
 _EXACT = 1e3  # mean counts up to which a mixture of their laws is summed
@@ -307,25 +334,14 @@ def mixed_information(
     from scipy.special import logsumexp
 
     means = np.stack([non_negative(name, x) for name, x in (("zero", zero), ("one", one))])
-    share, log_chance = 1.0 - branching, np.log(non_negative("chance", chance))
-    if means.max() < _EXACT:
-        most = float(means.max()) / share
-        k = np.arange(math.ceil(most + 12.0 * math.sqrt(most) / share + 40.0), dtype=float)
-        laws = [[generalized_poisson_logpmf(k, float(n), branching) for n in row] for row in means]
-        log_law = logsumexp(np.array(laws) + log_chance[:, None], axis=1)
-        log_mean = np.logaddexp(*log_law) - math.log(2.0)
-        terms = np.exp(log_law) * np.maximum(log_law - log_mean, -1e3)
-        return float(np.clip(0.5 * terms.sum() / math.log(2.0), 0.0, 1.0))
-    nodes, weights = np.polynomial.hermite_e.hermegauss(32)
-    std = np.sqrt(np.maximum(means, 1.0) / share)
-    at = means[..., None] + std[..., None] * nodes
-    z = (at[..., None, None] - means) / std  # of each law (2, states) at each node
-    log_law = logsumexp(log_chance - np.log(std) - 0.5 * z * z, axis=-1)
-    other = np.stack(
-        [log_law[0, ..., 1] - log_law[0, ..., 0], log_law[1, ..., 0] - log_law[1, ..., 1]]
-    )
-    lost = np.logaddexp(0.0, other) @ (weights / weights.sum()) @ np.exp(log_chance)
-    return float(np.clip(1.0 - 0.5 * lost.sum() / math.log(2.0), 0.0, 1.0))
+    log_chance = np.log(non_negative("chance", chance))
+    if means.max() >= _EXACT:
+        return _normal_information(means, log_chance, branching)
+    share = 1.0 - branching
+    most = float(means.max()) / share
+    k = np.arange(math.ceil(most + 12.0 * math.sqrt(most) / share + 40.0), dtype=float)
+    laws = [[generalized_poisson_logpmf(k, float(n), branching) for n in row] for row in means]
+    return _information(logsumexp(np.array(laws) + log_chance[:, None], axis=1))
 
 
 ComplexArray = NDArray[np.complex128]
@@ -374,7 +390,7 @@ def compound_poisson_decision(
     Notes
     -----
     The amplitudes of single counts are rounded to a lattice of 65536 values that spans the
-    sample's range.
+    sample's range; the largest lies on it. Means of more than some 10000 counts are too many.
     """
     share = 1.0 - branching
     top = low + (high - low) * float(filters.mean_step(bit_time * removed.size))
@@ -382,6 +398,8 @@ def compound_poisson_decision(
     below = 8.0 * thermal_std + float(removed.sum())
     reach = top + 12.0 * spread + 30.0 * share * filters.peak + 8.0 * thermal_std
     step = (reach + below) / _POINTS
+    most = share * filters.peak / step  # of a count, in steps
+    step *= most / max(math.floor(most), min(most, 1.0))
     frequency = 2.0 * math.pi * np.fft.rfftfreq(_POINTS, step)
     borel = _borel(branching)
     amplitudes = (np.arange(1, math.ceil(share * filters.peak / step) + 1) - 0.5) * step / share

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.comms.budget import ber_of_gains, faded_gains
+from meshtrace.comms.budget import ber_of_gains, faded_gains, required_gain
 from meshtrace.comms.capacity import hard_information
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Refused, require_between, require_finite, require_whole
@@ -151,15 +151,14 @@ def fade_margin_db(
     -----
     The interleaver's gain is the margin with `fades` = 1 less that with m.
     """
+    from scipy.optimize import brentq
+
     require_between(rate, 0.0, 1.0, "rate")
     require_between(outage, 0.0, 1.0, "outage")
-    low, high = 1e-12, 0.5
-    for _ in range(60):
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if hard_information(middle) > rate else (low, middle)
+    error_rate = brentq(lambda p: float(hard_information(p)) - rate, 0.0, 0.5, xtol=1e-15)
     relative = faded_gains(gain, h_alpha)
     relative = relative / relative.mean()
-    steady = link.required_power(high) / float(link.received_power(1.0))
+    steady = required_gain(link, max(error_rate, 1e-12))
 
     def missed(margin: float) -> bool:
         scaled = steady * 10.0 ** (0.1 * margin) * relative

@@ -103,19 +103,17 @@ class PulseFilters:
 
     def light_since(self, age: Floats, bits_ago: int, bit_time: float) -> Floats:
         """Return the light [s] of one bit within `age` [s] before the end of the present bit."""
-        from scipy.special import exprel
 
         def energy(t: Floats | float) -> Floats:
             lit = np.maximum(t, 0.0)
-            return lit * (1.0 - exprel(-lit / self.tau_led)) if self.tau_led > 0.0 else lit
+            return self._overlap(0.0, lit, lit)
 
         start, end = (bits_ago + 1) * bit_time, bits_ago * bit_time
         if self.response is None:
             return energy(start) - energy(start - age) - energy(end) + energy(end - age)
         # smooth over the nodes: the pole and the response blur its kink
         at: Floats = np.linspace(min(end - float(age.max()), 0.0), start, _NODES)
-        shares = zip(self.response.share, self._delays, strict=True)
-        lit = np.sum([share * energy(at - delay) for share, delay in shares], axis=0)
+        lit = self._behind_channel(energy, at)
         before, after = (np.interp(edge - age, at, lit) for edge in (start, end))
         return np.interp(start, at, lit) - before - np.interp(end, at, lit) + after
 

@@ -17,6 +17,7 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.models import Floats
 
 _DESIGN_BER = 1e-3
+_MANY = 5000.0  # counts in a sample, above which its law is normal to a skewness of some 1.5 %
 
 
 class IndependentBits(decisions.ReceiverModel):
@@ -51,17 +52,16 @@ class SampledPulses(decisions.ReceiverModel):
     has_pulses: ClassVar[bool] = True
 
     def moments(self, link: OokLink, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
-        """Return the moments of filtered pulses with Campbell shot noise."""
-        pulses, f = _pulses(link, phase), link.sipm.excess_noise_factor
-        thermal = link.tia.thermal_noise(link.sipm.gain)
-        shot = pulses.of_levels(link.shot_levels(power), pulses.energy, pulses.shot)
-        variance = f * shot + 0.5 * thermal * pulses.energy
-        return self.pattern_means(link, power, phase), variance
-
-    def pattern_means(self, link: OokLink, power: ArrayLike, phase: float) -> Floats:
-        """Return the mean of the sample for each bit pattern, behind the equaliser [s-1]."""
+        """Return the moments of filtered pulses, behind the equaliser."""
         pulses = _pulses(link, phase)
-        return pulses.of_levels(link.levels(power), 1.0, pulses.heard)
+        shares, bandwidth = self._noise(link, pulses)
+        shot = pulses.of_levels(link.shot_levels(power), shares)
+        mean = pulses.of_levels(link.levels(power), pulses.heard)
+        return mean, decisions.noise(link, shot, bandwidth)
+
+    def _noise(self, link: OokLink, pulses: _Pulses) -> tuple[Floats, float]:
+        """Return the shares of the bits in the shot noise, by Campbell, and its bandwidth [Hz]."""
+        return pulses.shot, pulses.bandwidth
 
     def decide(self, link: OokLink, power: Floats) -> decisions.Decision:
         """Decide between Gaussian bit patterns."""
@@ -74,14 +74,9 @@ class PatternNoise(SampledPulses):
 
     kind: Literal["PC"] = "PC"  # type: ignore[assignment]
 
-    def moments(self, link: OokLink, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
-        """Return the moments of filtered pulses with noise in a fixed bandwidth."""
-        bandwidth = min(0.5 * link.bit_rate, 0.5 * math.pi * link.sipm.bandwidth)
-        f, thermal = link.sipm.excess_noise_factor, link.tia.thermal_noise(link.sipm.gain)
-        pulses = _pulses(link, phase)
-        shot = pulses.of_levels(link.shot_levels(power), 1.0, pulses.mean)
-        variance = (2.0 * f * shot + thermal) * bandwidth
-        return self.pattern_means(link, power, phase), variance
+    def _noise(self, link: OokLink, pulses: _Pulses) -> tuple[Floats, float]:
+        """Return the shares of the bits in the mean, and a fixed bandwidth [Hz]."""
+        return pulses.mean, min(0.5 * link.bit_rate, 0.5 * math.pi * link.sipm.bandwidth)
 
 
 class AveragedPulses(SampledPulses):
@@ -95,14 +90,21 @@ class AveragedPulses(SampledPulses):
 
 
 class CompoundPoisson(AveragedPulses):
-    """CP: as W, with the exact compound Poisson law in place of the Gaussian one; slower."""
+    """CP: as W, with the exact compound Poisson law in place of the Gaussian one; slower.
+
+    Above some 5000 counts in a sample the Gaussian law stands for it.
+    """
 
     kind: Literal["CP"] = "CP"  # type: ignore[assignment]
     exact_counts: ClassVar[bool] = True
 
     def decide(self, link: OokLink, power: Floats) -> decisions.Decision:
-        """Decide between compound Poisson variables."""
-        return decisions.Decision(*np.array([self._decide_at(link, float(p)) for p in power]).T)
+        """Decide between compound Poisson variables, between normal ones where counts are many."""
+        found = super().decide(link, power)
+        many = link.levels(power)[1] > _MANY * link.filters.peak
+        for i in np.flatnonzero(~many):
+            found.ber[i], found.threshold[i] = self._decide_at(link, float(power[i]))
+        return found
 
     def _decide_at(self, link: OokLink, power: float) -> tuple[float, float]:
         low, high = (float(level) for level in link.levels(power))
@@ -122,12 +124,12 @@ class _Pulses(NamedTuple):
     mean: Floats
     heard: Floats  # the mean behind the equaliser
     shot: Floats
-    energy: float
+    bandwidth: float  # of the shot noise [Hz]
 
-    def of_levels(self, levels: tuple[Floats, Floats], steady: float, shares: Floats) -> Floats:
+    def of_levels(self, levels: tuple[Floats, Floats], shares: Floats) -> Floats:
         """Return a quantity of each pattern from its levels in long zeros and long ones."""
         low, high = (level[..., None] for level in levels)
-        return low * steady + (high - low) * (self.bits @ shares)
+        return low + (high - low) * (self.bits @ shares)
 
 
 @functools.lru_cache(maxsize=128)
@@ -135,9 +137,9 @@ def _pulses(link: OokLink, phase: float) -> _Pulses:
     """Return the quantities common to all powers, for searches over the power."""
     bits, filters = link.patterns(), link.filters
     size = link.bit_time, bits.shape[1], phase
-    mean, shot = filters.mean_cursors(*size), filters.shot_cursors(*size)
+    mean, energy = filters.mean_cursors(*size), filters.noise_energy
     heard = np.where(link.equalized(len(mean)), 0.0, mean)
-    return _Pulses(bits, mean, heard, shot, filters.noise_energy)
+    return _Pulses(bits, mean, heard, filters.shot_cursors(*size) / energy, 0.5 * energy)
 
 
 @functools.lru_cache(maxsize=128)

@@ -127,19 +127,19 @@ class ChannelResponse(Model, frozen=True):
     @property
     def rms_spread(self) -> float:
         """Root of the variance of the delays [s]."""
-        return _spread(np.array(self.delay), np.array(self.share))
+        return spread_of(np.array(self.delay), np.array(self.share))
 
 
 def _nodes(t: Floats, w: Floats, pulses: int) -> Floats:
     """Return the delays of pulses for arrivals at t with weights w."""
-    spread = _spread(t, w)
+    spread = spread_of(t, w)
     if spread == 0.0 or pulses == 1:
         return np.array([float(w @ t) / float(w.sum())])
     scale = np.linspace(0.0, np.log1p(_FINENESS * t.max() / spread), pulses)
     return np.expm1(scale) * spread / _FINENESS
 
 
-def _spread(t: Floats, w: Floats) -> float:
+def spread_of(t: Floats, w: Floats) -> float:
     """Return the root variance of delays by their weights."""
     mean = float(w @ t) / float(w.sum())
     return float(np.sqrt(w @ (t - mean) ** 2 / w.sum()))

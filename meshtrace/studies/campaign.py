@@ -29,7 +29,7 @@ from meshtrace.engine.setup.options import (
     resolve,
 )
 from meshtrace.engine.setup.tinting import clearest
-from meshtrace.errors import Described, Refused, require_function
+from meshtrace.errors import Described, Refused, require_function, require_kind
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface, SurfaceModel, TriangleMesh
@@ -41,7 +41,7 @@ from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.cluster import Cluster
 from meshtrace.studies.store import Store, digest_of
-from meshtrace.uav import Dryden, Flight
+from meshtrace.uav import Dryden, Flight, h_alpha
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -183,10 +183,17 @@ class Campaign(NamedTuple):
             raise Refused("flight.wind", None, "a wind, over a sea without wind speed")
         return Dryden(wind_speed=speed, height=self.link.air_end[1].height)
 
-    def tilts(self, flight: Flight, shape: tuple[int, int]) -> Floats:
-        """Return angles of tilt of an aircraft in independent gusts, of a shape [rad]."""
+    def flight(self, given: Flight | None) -> Flight | None:
+        """Return the aircraft of a study, by default the one in its scenario, checked."""
+        require_kind(given, Flight | None, "flight")
+        uav = getattr(self.scenario, "uav", None)
+        found = Flight(uav) if given is None and uav is not None else given
+        return found and found.checked()
+
+    def tilt_factors(self, flight: Flight, shape: tuple[int, ...], fov_deg: float) -> Floats:
+        """Return tilt factors h_alpha of an aircraft in independent gusts, of a shape."""
         wind = self.wind_of(flight).sample_wind(math.prod(shape), self.run.seed)
-        return flight.uav.tilt(wind).angle.reshape(shape)
+        return h_alpha(flight.uav.tilt(wind).angle.reshape(shape), math.radians(fov_deg))
 
     def of_flight(self, flight: Flight) -> dict[str, Any]:
         """Return the aircraft and its wind as plain data."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from itertools import islice
+from itertools import chain, cycle, islice
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -19,12 +19,11 @@ from meshtrace.link import Led, Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
-from meshtrace.stored import SHIFTS
 from meshtrace.studies.background import Lights
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Restored
 from meshtrace.studies.keys import Variant
-from meshtrace.studies.neighbours import Neighbours, Quantity
+from meshtrace.studies.neighbours import Neighbours, Quantity, range_of, without_each
 from meshtrace.studies.response import MOST_SEAS, Responses
 from meshtrace.studies.store import digest_of
 from meshtrace.uav import Flight, Uav
@@ -67,7 +66,7 @@ class Goal:
                 "objective", objective, f"{', '.join(get_args(Objective))}, or a function"
             )
         self.objective = objective
-        self._quantile, self._lights, self._limit = quantile, lights, limit
+        self._quantile, self._lights = quantile, lights
         self._rates = Quantity("range" if callable(objective) else objective, limit)
 
     @property
@@ -77,40 +76,45 @@ class Goal:
 
     def costs(self, at: Variant, sample: Sample) -> Floats:
         """Return the number to minimise: of all gains, then of the groups of the jackknife."""
-        if self.objective == "range":
-            return self._ranges(at, sample)
-        groups = sample.groups(at)
-        if self.objective != "gain":
-            at = at._replace(detector=self._lights.lit(sample.responses.behind(at)))
-        return np.array([self._cost(at, *group) for group in groups])
+        gains, ook = self._lit(at, sample)
+        if callable(self.objective) or self.objective == "outage":
+            at, weights = at._replace(detector=ook), sample.weights
+            return np.array([self._cost(at, some, weights) for some in without_each(gains)])
+        if self.objective in ("margin", "range") and math.isinf(self._rates.need(ook)):
+            worst = 0.0 if self.objective == "range" else -math.log(_DARK)  # a closed eye
+            return np.array([worst for _ in without_each(gains)])
+        return self._ranges(at, sample) if self.objective == "range" else -self._logs(at, sample)
+
+    def _lit(self, at: Variant, sample: Sample) -> tuple[Floats, OokLink | None]:
+        """Return the gains of a candidate, and its transmission under its background light."""
+        gains = sample.gains(at)
+        if self.objective == "gain":
+            return gains, None
+        return gains, self._lights.lit(sample.responses.behind(at))
 
     def _cost(self, at: Variant, gains: Floats, weights: Floats) -> float:
-        """Return the number to minimise of a candidate under its background light."""
+        """Return the number of a function, or the quantile of -ln(gain / need)."""
+        means = gains.mean(axis=-1)
+        weights = np.tile(weights, len(means)) / len(means)
         if callable(self.objective):
-            return float(self.objective(at, gains, weights))
-        if self.objective == "capacity":
-            assert at.detector is not None
-            powers = np.maximum(at.detector.received_power(gains), _DARK)
-            carried = self._rates.information(at.detector)(np.log(powers))
-            rate = at.detector.bit_rate * float(carried @ weights) / float(weights.sum())
-            return -math.log(max(rate, _DARK))
-        mean = math.log(max(float(gains @ weights) / float(weights.sum()), _DARK))
-        if self.objective == "gain":
-            return -mean
+            return float(self.objective(at, means.ravel(), weights))
         assert at.detector is not None
         need = math.log(min(self._rates.need(at.detector), 1.0 / _DARK))
-        if self.objective == "margin":
-            return need - mean
-        logs = np.log(np.maximum(gains, _DARK))
-        return need - weighted_quantile(logs, weights, self._quantile)
+        logs = np.log(np.maximum(means, _DARK))
+        return need - weighted_quantile(logs.ravel(), weights, self._quantile)
+
+    def _logs(self, at: Variant, sample: Sample) -> Floats:
+        """Return the logarithms of the quantity, see `Quantity.logs`."""
+        gains, ook = self._lit(at, sample)
+        return self._rates.logs(np.maximum(gains, _DARK), ook, weights=sample.weights)
 
     def quantity(self, at: Variant, cost: float, sample: Sample) -> float:
         """Return the quantity of the objective, as in `Optimum.value`."""
         if self.objective == "outage":
-            gains, weights = sample.groups(at)[0]
-            lit = self._lights.lit(sample.responses.behind(at))
-            assert lit is not None
-            return float(weights[gains < self._rates.need(lit)].sum() / weights.sum())
+            gains, ook = self._lit(at, sample)
+            assert ook is not None
+            missed = gains.mean(axis=-1) < self._rates.need(ook)
+            return float((missed @ sample.weights).mean())
         if callable(self.objective):
             return cost
         return -cost if self.objective == "range" else self._rates.value(-cost)
@@ -125,37 +129,12 @@ class Goal:
 
     def _ranges(self, at: Variant, sample: Sample) -> Floats:
         """Return minus the depths of an averaged error rate equal to the limit."""
-        depth = at.link.depth
-        found: list[tuple[float, Floats]] = []
-        for _ in range(8):
-            there = at._replace(link=at.link.at_depth(depth))
-            groups, ook = sample.groups(there), self._lights.lit(sample.responses.behind(there))
-            assert ook is not None
-            excess = np.array([self._excess(ook, *group) for group in groups])
-            found.append((depth, excess))
-            if len(found) == 1:
-                depth += -1.0 if excess[0] < 0.0 else 1.0
-                continue
-            (d0, e0), (d1, e1) = found[-2:]
-            slope = (e1[0] - e0[0]) / (d1 - d0)
-            ends = d1 - e1 / slope
-            if abs(ends[0] - d1) < 0.02:
-                return -ends
-            depth = float(np.clip(ends[0], 0.5 * d1, 2.0 * d1))
-        raise Refused("transmitter.depth", depth, "a link with a range")
 
-    def _excess(self, ook: OokLink, gains: Floats, weights: Floats) -> float:
-        """Return the logarithm of the ratio of the light to the need."""
-        law = self._rates.law(ook, rising=False)
-        logs = np.log(np.maximum(ook.received_power(gains), _DARK))
-        low, high = -20.0, 20.0
-        for _ in range(40):
-            shift = 0.5 * (low + high)
-            if float(np.exp(law(logs + shift)) @ weights) / float(weights.sum()) > self._limit:
-                low = shift
-            else:
-                high = shift
-        return -0.5 * (low + high)
+        def there(depth: float) -> Variant:
+            return at._replace(link=at.link.at_depth(depth))
+
+        depth, _, fall = range_of(lambda at: float(self._logs(there(at), sample)[0]), at.link)
+        return -depth - self._logs(there(depth), sample) / fall
 
 
 _POSITIONS = 12  # of the receiver over each of several seas
@@ -228,7 +207,7 @@ class Sample(Restored):
         )  # fmt: skip
         lit = self._seas if turned else min(self._seas, MOST_SEAS)
         self._lights = lru_cache(_CASES * lit)(self._light)
-        self.responses = Responses(self._some_light, Variant(link, None, uav=uav))
+        self.responses = Responses(self.some_light, Variant(link, None, uav=uav))
         self._known = lru_cache(_CANDIDATES)(self._kept)
         self._identity = {
             "realizations": realizations,
@@ -248,7 +227,7 @@ class Sample(Restored):
         azimuth = 2.0 * math.pi * rng.random() + _GOLDEN * np.arange(m)
         places = radius[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
         self._offsets = places * np.array(hover_std)
-        self.weights = np.tile(edges[:-1] - edges[1:], self._seas) / self._seas
+        self.weights = edges[:-1] - edges[1:]
         if flight is not None:
             wind, seed = campaign.wind_of(flight), realization_seed(self._seed, 0)
             self._winds = wind.sample_wind(self._seas * m, seed).reshape(self._seas, m, 3)
@@ -269,7 +248,7 @@ class Sample(Restored):
         return link.model_copy(update={name: tuple(ends)})
 
     def gains(self, at: Variant) -> Floats:
-        """Return the gains of a candidate, shape (seas * places, shifts).
+        """Return the gains of a candidate, shape (seas, places, shifts).
 
         They are kept, in the store as well: keys of the detector need no new light.
         """
@@ -284,7 +263,7 @@ class Sample(Restored):
             return lambda step: self._over_sea(link, uav, step[1])
 
         name = f"candidates of seed {self._seed}"
-        return np.concatenate(list(self._near.campaign.over(setup, steps, name, self._identity)))
+        return np.array(list(self._near.campaign.over(setup, steps, name, self._identity)))
 
     def _over_sea(self, link: Link, uav: Uav | None, i: int) -> Floats:
         """Return the gains of a candidate over sea i, shape (places, shifts)."""
@@ -308,25 +287,22 @@ class Sample(Restored):
         Variables that only weigh it are those of the start.
         """
         for name in self._turned:
-            part, key = name.split(".")
-            link = link.replace(name, getattr(getattr(self._start, part), key))
+            link = link.replace(name, Variant(self._start, None).value(name))
         return self._lights(link, uav, i)
 
     def _light(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
         return [one for at in self._links(link, uav, i) for one in self._near.light(at, i)]
 
-    def _some_light(self, at: Variant) -> list[Light]:
+    def some_light(self, at: Variant) -> list[Light]:
         """Return the light of a candidate at all places over some seas, for its response."""
         link, uav = at.link, None if self._flight is None else at.uav
         some, threads = range(min(MOST_SEAS, self._seas)), self._near.campaign.threads
         over_each = ordered_map(lambda i: self.light(link, uav, i), some, threads)
-        lights = [light for row in over_each for light in row]
-        if self._turned:
-            lights = [
-                light._replace(weight=light.weight * self._factor(link, light)) for light in lights
-            ]
-        pairs = zip(lights, self.weights[: len(lights)], strict=True)
-        return [light._replace(weight=weight * light.weight) for light, weight in pairs]
+        lights = []
+        for light, weight in zip(chain.from_iterable(over_each), cycle(self.weights)):
+            factor = weight * self._factor(link, light) if self._turned else weight
+            lights.append(light._replace(weight=factor * light.weight))
+        return lights
 
     def _links(self, link: Link, uav: Uav | None, i: int) -> list[Link]:
         """Return the links with the ends in the air of a candidate over sea i."""
@@ -345,16 +321,3 @@ class Sample(Restored):
             lit = np.maximum(light.lamp, 1e-300)
             factor *= (new.order + 1.0) / (old.order + 1.0) * lit ** (new.order - old.order)
         return factor
-
-    def groups(self, at: Variant) -> list[tuple[Floats, Floats]]:
-        """Return mean gains of a candidate, and weights: all, without each shift, each sea."""
-        gains = self.gains(at)
-        found = [(gains.mean(axis=1), self.weights)]
-        found += [(np.delete(gains, i, axis=1).mean(axis=1), self.weights) for i in range(SHIFTS)]
-        if self._seas > 1:
-            sea = np.repeat(np.arange(self._seas), self._places)
-            means = gains.mean(axis=1)
-            for i in range(self._seas):
-                kept = sea != i
-                found.append((means[kept], self.weights[kept] * self._seas / (self._seas - 1)))
-        return found

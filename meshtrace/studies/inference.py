@@ -33,7 +33,14 @@ from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.cluster import Restored
 from meshtrace.studies.keys import Parameter, Variant, parameters
-from meshtrace.studies.neighbours import WATER, Neighbours, Quantity, has_moments, moments
+from meshtrace.studies.neighbours import (
+    WATER,
+    Neighbours,
+    Quantity,
+    has_moments,
+    in_water,
+    moments,
+)
 from meshtrace.studies.response import Responses
 from meshtrace.studies.store import digest_of
 from meshtrace.surfaces import FlatSea
@@ -248,20 +255,13 @@ class Predictor(Restored):
         return gains
 
     def _weighed(self, number: int, x: tuple[float, ...]) -> tuple[Link, Light]:
-        """Return a measured link at a point of the unknowns, and its light.
-
-        w' = w exp(-(a' - a + b' - b) L) (b' / b)^K
-        """
+        """Return a measured link at a point of the unknowns, and its light."""
         quick = [self._quick and p.name in WATER for p in self._unknowns]
         traced = tuple(None if q else step for q, step in zip(quick, x, strict=True))
         link, light = self._at(number, x).link, self._light(number, traced)
         old, new = self._at(number, traced).link.water, link.water
-        if (old.a, old.b) != (new.a, new.b):
-            factor = np.exp((old.a - new.a + old.b - new.b) * light.water)
-            if new.b != old.b:
-                factor *= (new.b / old.b) ** light.order
-            light = light._replace(weight=light.weight * factor)
-        return link, light
+        same = (old.a, old.b) == (new.a, new.b)
+        return link, light if same else in_water(light, old, new)
 
     def _at(self, number: int, x: tuple[float | None, ...]) -> Variant:
         """Return a measured link with the unknowns that have a value."""
@@ -471,7 +471,7 @@ def infer(
     priors = _priors(prior, names, unknowns)
     if not names or len(set(names)) < len(names):
         raise Refused("unknown", names, "one or more names, each once")
-    known = len(data.value) + len(priors.axis)
+    known = len(data.value) + len(priors.target)
     if len(names) > known:
         raise Refused("unknown", names, f"at most {known}: measurements and priors")
     fit = _Fit(data, names, unknowns, priors, Predictor(campaign, variant, data, unknowns))
@@ -480,27 +480,27 @@ def infer(
 
 
 class _Priors(NamedTuple):
-    """Knowledge of unknowns in the coordinates of the fit, arrays of one length."""
+    """Knowledge of unknowns in the coordinates of the fit: slope @ x = target, with error 1."""
 
-    axis: Any
-    mean: Floats
-    std: Floats
+    slope: Floats  # (priors, n)
+    target: Floats  # (priors,)
 
 
 def _priors(prior: Any, names: list[str], unknowns: list[Parameter]) -> _Priors:
     """Return the priors in the coordinates of the fit."""
-    rows, table = [], {} if prior is None else prior
+    table = {} if prior is None else prior
     require_keys(table, names, "prior")
-    for name, pair in table.items():
+    found = _Priors(np.zeros((len(table), len(names))), np.zeros(len(table)))
+    for i, (name, pair) in enumerate(table.items()):
         mean, std = require_pair(pair, f"prior.{name}", "(mean, std), std > 0")
         axis = names.index(name)
         p = unknowns[axis]
         if not std > 0.0 or not (mean > 0.0 or p.absolute):
             raise Refused(f"prior.{name}", pair, "(mean, std), std > 0")
         off = mean - (p.base if p.absolute else p.origin)
-        rows.append((axis, *((off, std) if p.absolute else (math.log(off / p.scale), std / off))))
-    axes, means, stds = np.array(rows, float).reshape(-1, 3).T
-    return _Priors(axes.astype(int), means, stds)
+        mean, std = (off, std) if p.absolute else (math.log(off / p.scale), std / off)
+        found.slope[i, axis], found.target[i] = 1.0 / std, mean / std
+    return found
 
 
 class _Fit(NamedTuple):
@@ -533,18 +533,16 @@ class _Fit(NamedTuple):
 
         sigma = self._sigma(last)
         counted = self.data.counted
-        axes, means, stds = self.priors
+        slope, target = self.priors
 
         def residuals(x: Floats) -> Floats:
             off = self._residuals(self.model.at(x).log, last.log)
-            return np.concatenate([off / sigma, (x[axes] - means) / stds])
+            return np.concatenate([off / sigma, slope @ x - target])
 
         def jacobian(x: Floats) -> Floats:
-            rows = np.zeros((len(axes), len(x)))
-            rows[np.arange(len(axes)), axes] = 1.0 / stds
             found = self.model.at(x)
             growth = np.where(counted, np.exp(found.log - last.log), 1.0)
-            return np.concatenate([found.slope * (growth / sigma)[:, None], rows])
+            return np.concatenate([found.slope * (growth / sigma)[:, None], slope])
 
         far = [100.0 * p.step if p.absolute else _FARTHEST for p in self.unknowns]
         limits = np.where([name == SCALE for name in self.names], _ANY_SCALE, far)
@@ -572,8 +570,7 @@ class _Fit(NamedTuple):
                 break
         covariance, after = self._covariance(last)
         off = self._residuals(last.log, last.log) / self._sigma(last)
-        priors = zip(*self.priors, strict=True)
-        chi2 = float(off @ off) + sum(((x[axis] - mean) / std) ** 2 for axis, mean, std in priors)
+        beside = self.priors.slope @ x - self.priors.target
         absolute = np.array([p.absolute for p in self.unknowns])
         moves = list(zip(self.unknowns, x, strict=True))
         values = [p.moved(step) for p, step in moves]
@@ -588,8 +585,8 @@ class _Fit(NamedTuple):
             free_error=before,
             singular_values=singular,
             weakest=_words(self.names, absolute, singular, rows),
-            chi2=chi2,
-            degrees=len(self.data.value) + len(self.priors.axis) - len(self.names),
+            chi2=float(off @ off + beside @ beside),
+            degrees=len(off) + len(beside) - len(x),
             measured=self.data.value,
             predicted=np.exp(last.log),
             provenance=origin,
@@ -604,10 +601,8 @@ class _Fit(NamedTuple):
         sigma = self._sigma(last)
         whitened = last.slope / sigma[:, None]
         noise = (np.diag(self._variance(last)) + last.covariance) / np.outer(sigma, sigma)
-        information, spread = whitened.T @ whitened, whitened.T @ noise @ whitened
-        for axis, _, std in zip(*self.priors, strict=True):
-            for matrix in (information, spread):
-                matrix[axis, axis] += std**-2
+        known = self.priors.slope.T @ self.priors.slope
+        information, spread = whitened.T @ whitened + known, whitened.T @ noise @ whitened + known
         inverse = np.linalg.pinv(information, rcond=_LEAST**2, hermitian=True)
         alone = _relative(*np.linalg.svd(whitened, full_matrices=False)[1:])
         return inverse @ spread @ inverse, alone

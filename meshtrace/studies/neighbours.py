@@ -20,12 +20,13 @@ from meshtrace.engine.correlated import FrozenForced
 from meshtrace.engine.forced import MANY_SEAS, TypicalSea
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines, require_cover
-from meshtrace.errors import Refused, require_word
+from meshtrace.engine.setup.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines
+from meshtrace.errors import Described, Refused, require_word
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
+from meshtrace.optics.water import Water
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Restored
@@ -47,6 +48,9 @@ WINDOW = 0.5
 _EDGE_STEP = 0.01  # relative, of the field of view, for unscattered light
 _NODES = 60  # of the table of informations
 _POINTS = 200  # of the table of error rates
+_OPEN = 0.4  # error rate about whose power they lie where none reaches the limit
+_NEAR = 0.01  # logarithm of light over need so near to the range that it is linear
+_LEAST_FALL = 1e-3  # of a reserve over the depth [m-1]
 _LEAST_OUTAGES = 30
 _LEAST_SEAS = 8
 _WIDER = 1.2  # reach of meshes over that of a link: its neighbours lie within
@@ -86,7 +90,7 @@ class Neighbours(Restored):
         self.inputs = campaign.alone, self.seas, self.phases, self.fading, self.kept, self.around
         self._around = self.around or campaign.link
         self._lines: dict[str, Any] = {}
-        if isinstance(campaign.surface, SurfaceModel):
+        if isinstance(campaign.surface, MeshSource):
             inputs = self._around, campaign.surface, campaign.meshing
             spacing = FADING_SPACING if self.fading else GAIN_SPACING
             self._lines = mesh_lines(*inputs, _WIDER * crossing_reach(self._around), spacing)
@@ -113,12 +117,9 @@ class Neighbours(Restored):
             return self._meshes[i]
         campaign = self.campaign
         made: Any = campaign.surface if surface is None else surface
-        if not isinstance(made, TriangleMesh):
-            if self.phases:
-                made = made.with_seed(realization_seed(campaign.run.seed, i))
-            made = made.mesh(campaign.meshing.time, **self._lines)
-        require_cover(self._around, made)
-        return made
+        if self.phases:
+            made = made.with_seed(realization_seed(campaign.run.seed, i))
+        return campaign.mesh([self._around], made, campaign.meshing.time, self._lines)
 
     def light(self, link: Link, i: int, surface: Any = None) -> list[Light]:
         """Return the light that arrives at each receiver over realization i."""
@@ -139,6 +140,14 @@ def moments(link: Link, light: Light) -> Floats:
     way = light.by_shift(light.water)
     scatterings = light.by_shift(light.order.astype(float))
     return np.array([-link.water.a * way, scatterings - link.water.b * way])
+
+
+def in_water(light: Light, old: Water, new: Water) -> Light:
+    """Return light of uniform water in another one, w' = w (b' / b)^K exp(-(c' - c) L)."""
+    factor = np.exp((old.c - new.c) * light.water)
+    if new.b != old.b:
+        factor *= (new.b / max(old.b, 1e-300)) ** light.order
+    return light._replace(weight=light.weight * factor)
 
 
 def edge_over(near: Neighbours, name: str, i: int) -> Floats:
@@ -166,10 +175,10 @@ def edge_over(near: Neighbours, name: str, i: int) -> Floats:
 
 
 def without_each(gains: Floats) -> Iterator[Floats]:
-    """Yield the gains (seas, shifts): all, without each shift, and without each of several seas."""
+    """Yield gains (seas, ..., shifts): all, without each shift, without each of several seas."""
     yield gains
     for i in range(SHIFTS):
-        yield np.delete(gains, i, axis=1)
+        yield np.delete(gains, i, axis=-1)
     if len(gains) > 1:
         for i in range(len(gains)):
             yield np.delete(gains, i, axis=0)
@@ -192,6 +201,62 @@ def covariance_of(values: Floats) -> Floats:
             off = groups - groups.mean(axis=1, keepdims=True)
             total += (m - 1) / m * off @ off.T
     return total
+
+
+def closing_depth(
+    reserve: Callable[[float], tuple[float, float]],
+    known: tuple[float, float],
+    depth: float,
+    steps: int = 12,
+    far: float = math.inf,
+) -> tuple[float, float, float]:
+    """Return the depth at which a reserve vanishes, the reserve there and its fall over the depth.
+
+    By the secant method, as the reserve falls about as the depth; nan where no depth is found.
+
+    Parameters
+    ----------
+    reserve : callable
+        Returns the reserve at a depth [m], and the largest one that counts as none.
+    known : (float, float)
+        Another depth [m] and its reserve.
+    depth : float
+        First depth to try [m].
+    steps : int
+        Depths to try, at most.
+    far : float
+        What may be missing at the surface, by the fall found, lest the search ends.
+    """
+    before, above = known
+    for _ in range(steps):
+        (here, near), fall = reserve(depth), _LEAST_FALL
+        if depth != before:
+            fall = max((above - here) / (depth - before), fall)
+        if abs(here) < near:
+            return depth, here, fall
+        if here + fall * depth < -far:
+            break
+        before, above = depth, here
+        depth = float(np.clip(depth + here / fall, 0.3 * depth, 3.0 * depth))
+    return math.nan, math.nan, math.nan
+
+
+def depth_key(link: Link) -> str:
+    """Return the key of the depth of the end in the water."""
+    return "receiver.depth" if link.direction == "down" else "transmitter.depth"
+
+
+def range_of(reserve: Callable[[float], float], link: Link) -> tuple[float, float, float]:
+    """Return a depth near the range of a link [m], and the reserve there with its fall [m-1].
+
+    `reserve` returns the logarithm of the light over the need at a depth.
+    """
+    above = reserve(link.depth)
+    first = link.depth * (1.1 if above > 0.0 else 0.9)
+    found = closing_depth(lambda depth: (reserve(depth), _NEAR), (link.depth, above), first)
+    if math.isnan(found[0]):
+        raise Refused(depth_key(link), Described("no range found"), "a link with a range")
+    return found
 
 
 class Quantity:
@@ -228,42 +293,59 @@ class Quantity:
         """Unit of the quantity."""
         return {"range": "m", "margin": "dB", "capacity": "bit s-1"}.get(self.of, "1")
 
-    def log(self, gains: Floats, ook: OokLink | None, tilt: Floats | None = None) -> float:
-        """Return the logarithm of the quantity for gains (seas, shifts), tilt factors (seas, m)."""
-        means = gains.mean(axis=1)
+    def log(
+        self, gains: Floats, ook: OokLink | None, tilt: Floats | None = None,
+        weights: Floats | None = None,
+    ) -> float:  # fmt: skip
+        """Return the logarithm of the quantity.
+
+        For gains (seas, shifts) with tilt factors (seas, m), or for gains (seas, places, shifts)
+        with the weights of the places.
+        """
+        means = gains.mean(axis=-1)
         if not means.min() > 0.0:
             raise Refused("link", float(means.min()), "a gain > 0 over each sea")
+
+        def mean(values: Floats) -> float:
+            return float(np.average(values, axis=-1, weights=weights).mean())
+
         if self.of == "gain" or ook is None:
-            return math.log(means.mean())
+            return math.log(mean(means))
         if tilt is not None:
-            means = (means[:, None] * tilt).ravel()
-        if self.of == "margin":
-            return math.log(means.mean() / self.need(ook))
-        if self.of == "outage":
-            return self._outage(np.log(means / self.need(ook)))
+            means = means[:, None] * tilt
+        if self.of in ("margin", "outage"):
+            self._require(math.isfinite(self.need(ook)))
+            if self.of == "margin":
+                return math.log(mean(means) / self.need(ook))
+            return self._outage(np.log(means.ravel() / self.need(ook)))
         logs = np.log(ook.received_power(means))
         if self.of == "ber":
-            return math.log(np.exp(self.law(ook)(logs)).mean())
+            return math.log(mean(np.exp(self.law(ook)(logs))))
         if self.of == "capacity":
-            return math.log(max(ook.bit_rate * float(self.information(ook)(logs).mean()), 1e-300))
-        law = self.law(ook, rising=False)
-        goal = math.log(self.limit)
-        spread = 30.0
+            return math.log(max(ook.bit_rate * mean(self.information(ook)(logs)), 1e-300))
+        law, spread = self.law(ook, rising=False), 30.0
 
         def excess(shift: float) -> float:
-            return math.log(np.exp(law(logs + shift)).mean()) - goal
+            return math.log(mean(np.exp(law(logs + shift))) / self.limit)
 
-        if not excess(-spread) > 0.0 > excess(spread):
-            raise Refused("limit", self.limit, "a bit error rate that some power reaches")
+        self._require(excess(-spread) > 0.0 > excess(spread))
         return -float(brentq(excess, -spread, spread, xtol=1e-9))
 
-    def logs(self, gains: Floats, ook: OokLink | None, tilt: Floats | None = None) -> Floats:
+    def _require(self, reached: bool) -> None:
+        """Refuse a limit that no power reaches."""
+        if not reached:
+            raise Refused("limit", self.limit, "a bit error rate that some power reaches")
+
+    def logs(
+        self, gains: Floats, ook: OokLink | None, tilt: Floats | None = None,
+        weights: Floats | None = None,
+    ) -> Floats:  # fmt: skip
         """Return the logarithm for all gains and for the groups of the jackknife."""
         found = []
         for i, group in enumerate(without_each(gains)):
             sea = i - 1 - SHIFTS  # that is left out
             kept = tilt if tilt is None or sea < 0 else np.delete(tilt, sea, axis=0)
-            found.append(self.log(group, ook, kept))
+            found.append(self.log(group, ook, kept, weights))
         return np.array(found)
 
     def value(self, log: float) -> float:
@@ -298,8 +380,11 @@ def _law(limit: float, ook: OokLink, rising: bool = True) -> Callable[[Floats], 
 
     Without `rising` rates of an overloaded receiver stay at their minimum.
     """
-    middle = math.log(ook.required_power(limit))
-    nodes = np.linspace(middle - 9.0, middle + 7.0, _POINTS)
+    known = (ook.required_power(rate) for rate in (limit, _OPEN))
+    middle = next(filter(math.isfinite, known), math.inf)
+    if math.isinf(middle):  # a closed eye
+        return lambda logs: np.full_like(logs, math.log(0.5))
+    nodes = math.log(middle) + np.linspace(-9.0, 7.0, _POINTS)
     rates = np.log(np.maximum(ook.ber(np.exp(nodes)), 1e-300))
     table = PchipInterpolator(nodes, rates if rising else np.minimum.accumulate(rates))
     return lambda logs: table(np.clip(logs, nodes[0], nodes[-1]))

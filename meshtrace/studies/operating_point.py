@@ -34,7 +34,7 @@ from meshtrace.studies.response import (
     over_colours,
 )
 from meshtrace.studies.series import gain_series, in_flight
-from meshtrace.uav import Flight, h_alpha
+from meshtrace.uav import Flight
 
 _TILTS = 50  # of each realization of the sea
 _RESAMPLES = 1000
@@ -160,8 +160,7 @@ class Ensemble(NamedTuple):
         if link.direction == "down":
             raise Refused("coupled", False, "True for an aircraft that tilts a lamp")
         tilts = _TILTS if seas > 1 else _TILTS * self.n
-        fov = math.radians(link.only_receiver.fov_deg)
-        factors = h_alpha(campaign.tilts(flight, (seas, tilts)), fov)
+        factors = campaign.tilt_factors(flight, (seas, tilts), link.only_receiver.fov_deg)
         return FadingSamples(series, factors, float(seas if seas > 1 else tilts))
 
     def response(self, ook: OokLink, link: Link) -> MeanResponse | None:

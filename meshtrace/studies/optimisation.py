@@ -15,7 +15,6 @@ from meshtrace.errors import (
     Described,
     Refused,
     require_between,
-    require_kind,
     require_pair,
     require_whole,
     require_word,
@@ -257,10 +256,7 @@ def optimize(
     campaign = campaign_of(link, surface, "optimize", fading, several=False, **options)
     require_between(quantile, 0.0, 1.0, "quantile")
     require_between(limit, 0.0, 0.5, "limit")
-    require_kind(flight, Flight | None, "flight")
-    if flight is None and isinstance(link, Scenario) and link.uav is not None:
-        flight = Flight(link.uav)
-    flight = flight and flight.checked()
+    flight = campaign.flight(flight)
     if not (isinstance(constraints, list | tuple) and all(map(callable, constraints))):
         raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")
     electronics = electronics_of(campaign, ook, bit_rate)

@@ -23,7 +23,6 @@ from meshtrace.errors import (
     Refused,
     require_between,
     require_finite,
-    require_kind,
     require_whole,
     require_word,
 )
@@ -500,7 +499,6 @@ def link_performance(
     >>> f"{performance.at().margin_optical_db.value:.0f} dB optical"
     '35 dB optical'
     """
-    require_kind(flight, Flight | None, "flight")
     require_between(limit, 0.0, 0.5, "limit")
     require_whole(realizations, 2, 10_000_000, "realizations")
     require_between(confidence, 0.0, 1.0, "confidence")
@@ -511,16 +509,13 @@ def link_performance(
     def performance(link: Link | Scenario, day: Daylight | None) -> LinkPerformance:
         shallow = _shallowest(link, depths)
         campaign = campaign_of(shallow, surface, "link_performance", fading=True, **run)
-        scenario, device, flown = campaign.scenario, ook, flight
-        wind = getattr(scenario, "wind_speed", campaign.link.wind_speed)
+        wind = getattr(campaign.scenario, "wind_speed", campaign.link.wind_speed)
         if wind is not None:  # one of several in a store
             campaign = campaign.of(campaign.link, f"wind of {wind!r} m/s")
-        if scenario is not None:
-            device = scenario.detector if ook is None else ook
-            flown = flight or (Flight(scenario.uav) if scenario.uav else None)
-        base = "physical" if device is None else device
+        own = getattr(campaign.scenario, "detector", None)
+        base = (own or "physical") if ook is None else ook
         ooks = tuple(OokLink.of_link(campaign.link, base, rate) for rate in rates)
-        ensemble = Ensemble(campaign, realizations, flown and flown.checked(), common)
+        ensemble = Ensemble(campaign, realizations, campaign.flight(flight), common)
         links = _links(ooks[0].channel(campaign.link), depths)
         return _over_depths(ensemble, links, ooks, light_of(campaign, day), limit, confidence)
 

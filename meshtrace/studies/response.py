@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from meshtrace.comms.ook import OokLink
-from meshtrace.comms.response import SHORT, ChannelResponse
+from meshtrace.comms.response import SHORT, ChannelResponse, spread_of
 from meshtrace.comms.spectra import Curve, lit_band
 from meshtrace.engine.correlated import SpectralDetection
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
@@ -123,18 +123,14 @@ def gain_spectrum(ook: OokLink, campaign: Campaign, seas: int) -> Curve | None:
 
 def _mean(found: list[ImpulseResponse]) -> MeanResponse:
     """Return the mean of responses; the standard error holds chains and seas."""
-    delay, weight, angle = (
-        np.concatenate([getattr(one, name) for one in found])
-        for name in ("delay", "weight", "angle")
-    )
-    response = ChannelResponse.of(delay, weight, angle)
+    rows = ((one.delay, one.weight, one.angle) for one in found)
+    delay, weight, angle = map(np.concatenate, zip(*rows, strict=True))
     error = float(np.mean([one.rms_delay_spread_stderr for one in found]))
     if len(found) > 1:
         spreads = np.array([one.rms_delay_spread for one in found])
         error = math.hypot(error, float(error_of_groups(spreads)))
-    mean = float(weight @ delay / weight.sum())
-    spread = math.sqrt(float(weight @ (delay - mean) ** 2 / weight.sum()))
-    return MeanResponse(response, spread, error)
+    response = ChannelResponse.of(delay, weight, angle)
+    return MeanResponse(response, spread_of(delay, weight), error)
 
 
 def light_response(

@@ -40,14 +40,16 @@ from meshtrace.studies.neighbours import (
     Of,
     Quantity,
     covariance_of,
+    depth_key,
     edge_over,
     error_of,
     has_moments,
     moments,
+    range_of,
 )
 from meshtrace.studies.response import MOST_SEAS, Responses
 from meshtrace.tables import text_table
-from meshtrace.uav import Flight, Uav, h_alpha
+from meshtrace.uav import Flight, Uav
 
 _FARTHEST = 0.3  # change of a logarithm that a first-order forecast may reach
 
@@ -391,7 +393,7 @@ def sensitivities(
         variant = _at_range(variant, campaign, realizations, quantity)
         names = parameters(variant, [p.name for p in names], step, normals)
     asked = [p.name for p in names]
-    depth = _depth_key(variant.link)
+    depth = depth_key(variant.link)
     if of == "range" and depth not in asked:
         names += parameters(variant, [depth], None, normals)
     study = Study(variant, campaign, realizations, quantity)
@@ -408,27 +410,18 @@ def _first(link: Link) -> str:
     return "receiver.0" if isinstance(link.receiver, tuple) else "receiver"
 
 
-def _depth_key(link: Link) -> str:
-    """Return the key of the depth of the end in the water."""
-    return "receiver.depth" if link.direction == "down" else "transmitter.depth"
-
-
 def _at_range(
     variant: Variant, campaign: Campaign, realizations: int, quantity: Quantity
 ) -> Variant:
     """Return the variant at the depth of an error rate equal to the limit."""
-    for _ in range(12):
-        depth = variant.link.depth
-        study = Study(variant, campaign, realizations, quantity, f" at {depth!r} m")
-        p = parameters(variant, [_depth_key(campaign.link)], None, campaign.meshing.normals)[0]
-        excess = study.log(study.gains("search", variant), variant)
-        rate = study.derivatives(p).rates[0]
-        # ln gain is nearly linear in the depth and its logarithm together
-        new = depth * (1.0 + max(min(-excess / rate, 1.0), -0.5))
-        variant = variant._replace(link=variant.link.at_depth(new))
-        if abs(new - depth) < 1e-3 * depth:
-            return variant
-    raise Refused(_depth_key(campaign.link), Described("no range found"), "a link with a range")
+
+    def reserve(depth: float) -> float:
+        there = variant._replace(link=variant.link.at_depth(depth))
+        study = Study(there, campaign, realizations, quantity, f" at {depth!r} m")
+        return study.log(study.base, there)
+
+    depth, left, fall = range_of(reserve, variant.link)
+    return variant._replace(link=variant.link.at_depth(depth + left / fall))
 
 
 class _Rates(NamedTuple):
@@ -472,8 +465,8 @@ class Study:
             return None
         seas = self.near.seas
         tilts = _TILTS if seas > 1 else _TILTS_OF_ONE
-        fov = math.radians(variant.link.receivers[0].fov_deg)
-        return h_alpha(self.campaign.tilts(Flight(variant.uav), (seas, tilts)), fov)
+        fov = variant.link.receivers[0].fov_deg
+        return self.campaign.tilt_factors(Flight(variant.uav), (seas, tilts), fov)
 
     def _light(self, at: Variant) -> list[Light]:
         """Return the light of a variant over some seas.
@@ -637,7 +630,7 @@ def _result(study: Study, found: list[_Rates], asked: list[str]) -> Sensitivitie
     rates, biases = np.array([one.rates for one in found]), np.array([one.bias for one in found])
     if quantity.of == "range":
         # at a fixed need: dR / R = -(d ln q / d ln p) / (d ln q / d ln d)
-        depth = _depth_key(variant.link)
+        depth = depth_key(variant.link)
         deeper = rates[[one.parameter.name for one in found].index(depth)]
         value = variant.link.depth
         stderr = abs(value * error_of(logs / deeper[0]))
@@ -730,7 +723,7 @@ def swings(
         ends = {name: p.about(change) for name, p in known.items()}
     base, rate = study.logs_of(variant), 0.0
     if s.of == "range":
-        (depth,) = parameters(variant, [_depth_key(variant.link)], None, normals)
+        (depth,) = parameters(variant, [depth_key(variant.link)], None, normals)
         low, high = (study.logs_of(depth.at(variant, depth.shifted(k)))[0] for k in (-1.0, 1.0))
         rate = (high - low) / (2.0 * depth.step * depth.base)
 

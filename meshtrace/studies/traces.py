@@ -211,7 +211,6 @@ def channel_trace(
     require_between(hours, 0.0, math.inf, "hours")
     require_between(rate, 0.0, math.inf, "rate")
     require_between(background_rate, 0.0, rate, "background_rate", "(]")
-    require_kind(flight, Flight | None, "flight")
     require_kind(route, Route | None, "route")
     frames = _frames_in(hours, rate)
     if frames > _MOST_FRAMES:
@@ -219,8 +218,7 @@ def channel_trace(
     campaign = _campaign(link, surface, down, run)
     if campaign.meshing.time != 0.0:
         raise Refused("sea.time", campaign.meshing.time, "0: a trace begins there")
-    uav = getattr(campaign.scenario, "uav", None)
-    flight = flight.checked() if flight else Flight(uav) if uav else None
+    flight = campaign.flight(flight)
     times = np.arange(frames) / rate
     steps = in_flight(campaign, times, flight, route)
     day = light_of(campaign, daylight)

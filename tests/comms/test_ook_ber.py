@@ -188,6 +188,18 @@ def test_gaussian_window_model_is_close_to_the_exact_law(bit_rate):
         assert float(exact.ber(power)) == pytest.approx(target, rel=0.08)
 
 
+@pytest.mark.parametrize("background", [3.6e9, 3e10])
+def test_the_exact_law_of_many_counts_is_the_gaussian_one(background):
+    """Below and above 5000 counts in a sample."""
+    gaussian, exact = (
+        OokLink(model=model, saturation=False, background_rate=background) for model in ("W", "CP")
+    )
+    power = gaussian.required_power(1e-3)
+    assert float(exact.ber(power)) == pytest.approx(1e-3, rel=0.02)
+    assert exact.threshold(power) == pytest.approx(gaussian.threshold(power), rel=2e-3)
+    assert float(exact.ber(1e-6)) < 1e-12
+
+
 def test_exact_law_approaches_counting_without_interference():
     """Fast poles and a window of one bit: model CP becomes model GP."""
     fast = {"led": LedDriver(bandwidth=1e10), "sipm": SiPM(bandwidth=1e10)}

@@ -126,6 +126,16 @@ def test_seas_and_tilts_are_common_and_fresh_ones_are_not():
     assert o.validation.best != o.value
 
 
+@pytest.mark.parametrize("objective", ["margin", "range"])
+def test_a_closed_eye_is_the_worst_candidate(objective):
+    over = {"detector.bit_rate": (5e6, 1e8)}
+    link = mt.Link().replace("transmitter.depth", 50.0)
+    options = {"realizations": 1, "photons": 64, "bit_rate": 1e8}
+    o = mt.optimize(link, FlatSea(), over, objective, **options)
+    assert o.values[0] < 1e7
+    assert max(o.costs) == (0.0 if objective == "range" else -math.log(1e-30))
+
+
 def test_weighted_quantile():
     rng = np.random.default_rng(2)
     values, weights = rng.standard_normal(20_000), rng.random(20_000)

@@ -488,6 +488,8 @@ def test_calls_of_the_design():
         (["water.a"], {"realizations": 4}, "1 over a surface of kind flat"),
         (["water.a"], {"of": "gian"}, "did you mean gain"),
         (["water.a"], {"of": "ber", "ook": None}, "a transmission, for ber"),
+        (["water.a"], {"of": "range", "bit_rate": 1e8}, "limit: .* that some power reaches"),
+        (["water.a"], {"of": "margin", "bit_rate": 1e8}, "limit: .* that some power reaches"),
     ],
 )
 def test_refusals(wrt, options, message):

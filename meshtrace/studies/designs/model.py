@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, cached_property, partial
-from itertools import chain, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,13 +15,13 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from meshtrace.comms.background import with_background
+from meshtrace.comms.budget import link_budget
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, Scattered, TypicalSea
-from meshtrace.fading import Estimate
 from meshtrace.link import Link
-from meshtrace.mesh import SeededSurface, TriangleMesh
+from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.optics.water import Water
 from meshtrace.parallel import ordered_map
@@ -39,10 +39,10 @@ from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.candidates import Sample
 from meshtrace.studies.designs.page import DAY, LIGHTS, NIGHT, Figures, Line
 from meshtrace.studies.keys import Variant
-from meshtrace.studies.neighbours import DECIBELS, error_of, without_each
+from meshtrace.studies.neighbours import DECIBELS, error_of, in_water, without_each
 from meshtrace.studies.operating_point import Ensemble, FadingSamples, operating_point
 from meshtrace.studies.response import light_response, through_channel
-from meshtrace.uav import Flight, h_alpha
+from meshtrace.uav import Flight
 
 DEFAULT_CHAINS = 512
 """Chains of a design, common to all seas and links."""
@@ -113,7 +113,9 @@ class MeanGains:
         """Return the logarithms of gains (links, 1 + groups) of links with one lamp."""
         receivers = tuple(link.receivers[0] for link in links)
         whole = links[0].replace("receiver", receivers if len(links) > 1 else receivers[0])
-        meshes = list(ordered_map(partial(self._mesh, whole), range(self.seas), self._options[-1]))
+        surfaces = map(self.steps.surface, range(self.seas))
+        mesh = partial(self.campaign.mesh, [whole])
+        meshes = list(ordered_map(lambda at: mesh(*at), surfaces, self.campaign.threads))
         sea = TypicalSea.of(meshes, MANY_SEAS)
         if self._scattered is None:
             alone = ForcedDetection(self._link, *self._options, sea)
@@ -123,10 +125,6 @@ class MeanGains:
         chains = ForcedDetection(whole, *self._options, sea, scattered=scattered)
         parts = [chains.evaluate(mesh).shifts for mesh in meshes]  # (receivers, shifts) each
         return log_means(np.moveaxis(np.array(parts), 1, 0))
-
-    def _mesh(self, link: Link, i: int) -> TriangleMesh:
-        """Return the mesh of a sea for a link."""
-        return self.campaign.mesh([link], *self.steps.surface(i))
 
 
 def log_means(gains: Floats) -> Floats:
@@ -203,6 +201,7 @@ class LinkModel:
         self.assumed = day is None
         self.days = {NIGHT: night, DAY: day or Daylight.clear_sky(30.0, wavelength_nm=nm)}
         self._rays = Lights(self.campaign._replace(progress=None))
+        self.windows: dict[str, tuple[Floats, Floats]] = {}  # shares of a bit over ln(bit rate)
 
     def notes(self) -> tuple[str, ...]:
         """Return remarks about the basis of the page."""
@@ -259,18 +258,10 @@ class LinkModel:
 
     @cache  # noqa: B019
     def response(self, link: Link, water: Water | None = None) -> ChannelResponse | None:
-        """Return the response over the seas of the scans, by chains; None without light.
-
-        Of light in another water by w' = w (b' / b)^K exp(-(c' - c) L), with K scatterings over L.
-        """
-        half, own, lights = math.radians(0.5 * link.only_receiver.fov_deg), link.water, []
-        over_seas = (self.sample.light(link, None, i) for i in range(self.means.seas))
-        for light in chain.from_iterable(over_seas):
-            factor = (light.angle <= half).astype(float)
-            if water is not None:
-                factor *= (water.b / max(own.b, 1e-300)) ** light.order
-                factor *= np.exp(-(water.c - own.c) * light.water)
-            lights.append(light._replace(weight=light.weight * factor))
+        """Return the response over seas of the scans, by chains; None without light."""
+        lights = self.sample.some_light(Variant(link, None))
+        if water is not None:
+            lights = [in_water(light, link.water, water) for light in lights]
         return light_response(link, lights)
 
     def pulse_loss(self, light: str, link: Link, water: Water | None = None) -> float:
@@ -293,7 +284,7 @@ class LinkModel:
         shape = self.fades.h_alpha.shape
         if self.flight is None:
             return np.ones(shape)
-        return h_alpha(self.campaign.tilts(self.flight, shape), math.radians(fov_deg))
+        return self.campaign.tilt_factors(self.flight, shape, fov_deg)
 
     @cache  # noqa: B019 - one study
     def quantile(self, fov_deg: float) -> float:
@@ -424,18 +415,12 @@ class LinkModel:
             self.dark, self.link.depth, self.fades, self.limit, 0.95, seed, found
         )
         lit = with_background(self.dark, found)
-        error = DECIBELS * self.quantile_stderr
-        if found.radiance > 0.0:
-            spread = found.radiance_stderr / found.radiance
-            error = math.hypot(
-                error, 0.5 * DECIBELS * spread
-            )  # the need grows as the root, at most
         return Figures(
-            light, described(lit, found), _ends(point.outage), _ends(point.ber),
+            light, described(lit, found), point.outage, point.ber,
             point.margin_optical_db.value,
             self.above(self.quantile(self.link.only_receiver.fov_deg), self.dark,
                         self.need(light).exact),
-            error, point.capacity.hard,
+            _error_db(self.quantile_stderr, found), point.capacity.hard,
         )  # fmt: skip
 
     # ---- budget ----------------------------------------------------------------------------
@@ -444,16 +429,13 @@ class LinkModel:
         """Return the lines of the budget, which add up to the reserve."""
         dark, gains, tilt = self.dark, self.fades.series.gain, self.fades.h_alpha
         mean, leaned = float(gains.mean()), float((gains[:, None] * tilt).mean())
-        received = DECIBELS * math.log(float(dark.received_power(leaned)) / 1e-3)
-        lines = [_same("power of the lamp", DECIBELS * math.log(dark.led.power / 1e-3), unit="dBm")]
-        lines += self._water_lines(DECIBELS * math.log(mean))
-        optics = dark.optics
-        shares = (
-            ("tilt of the aircraft", leaned / mean),
-            ("lens on the detector (etendue)", optics.concentration_efficiency(dark.sipm.area)),
-            ("transmission of the filter", dark.filter_share),
-        )
-        lines += [_same(name, DECIBELS * math.log(share)) for name, share in shares]
+        parts = link_budget(dark, mean, self.limit, leaned / mean)
+        received = float(parts.received_dbm)
+        lines = [_same("power of the lamp", parts.transmitted_dbm, unit="dBm")]
+        lines += self._water_lines(float(parts.gain_db))
+        lines.append(_same("tilt of the aircraft", float(parts.tilt_db)))
+        lines.append(_same("lens on the detector (etendue)", parts.concentration_db))
+        lines.append(_same("transmission of the filter", parts.filter_db))
         lines.append(_same("received power", received, unit="dBm", total=True))
         needs = [self._needs(light) for light in LIGHTS]
         names = ("power for the limit, every photon counted", "photon detection efficiency",
@@ -538,8 +520,14 @@ class LinkModel:
         if self.spreads:
             dark = dark.replace(response=self.response(link))
         need = with_background(dark, found).required_power(self.limit)
-        spread = 0.5 * found.radiance_stderr / max(found.radiance, 1e-300)
-        return self.above(log, dark, need), DECIBELS * math.hypot(error, spread)
+        return self.above(log, dark, need), _error_db(error, found)
+
+
+def _error_db(log_error: float, found: Background) -> float:
+    """Return the error of a reserve [dB]: of the light, and of the background by its rays."""
+    # the need grows as the root of the background, at most
+    spread = 0.5 * found.radiance_stderr / max(found.radiance, 1e-300)
+    return DECIBELS * math.hypot(log_error, spread)
 
 
 def _name_of(link: Link) -> str:
@@ -553,7 +541,3 @@ def _same(
 ) -> Line:
     """Return a line that is the same by night and by day."""
     return Line(name, unit, value, value, stderr, total)
-
-
-def _ends(one: Estimate) -> tuple[float, float, float]:
-    return one.value, one.low, one.high

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
@@ -309,12 +309,7 @@ class Design(Stored):
 
     def _together_lines(self) -> list[str]:
         """Return the table of the best optics and their gain."""
-        rows = [
-            (_named(key, given.unit), f"{given.given:.4g}", *cells)
-            for key, given, cells in _by_key(
-                self.together, lambda one: (f"{one.best:.3g}", _range(one.flat))
-            )
-        ]
+        rows = _by_key(self.together, lambda one: (f"{one.best:.3g}", _range(one.flat)))
         gains = (
             f"by {one.light} {one.gained:+.1f} dB, reserve {self.reserve_together(one.light):+.1f} "
             f"+- {one.gained_stderr:.2f} dB {one.note}"
@@ -332,13 +327,9 @@ class Design(Stored):
             note = "" if r.key.endswith(".depth") else f" {r.note}"
             return (f"{r.side} {r.value:.4g}{note}".rstrip(),)
 
-        rows = [
-            (_named(key, given.unit), f"{given.given:.4g}", *cells)
-            for key, given, cells in _by_key(self.reach, cell)
-        ]
         notes = [f"depth by {r.light}: {r.note}" for r in self.reach
                  if r.key.endswith(".depth") and r.note]  # fmt: skip
-        return [text_table(rows, ("key", "given", *LIGHTS)), *notes]
+        return [text_table(_by_key(self.reach, cell), ("key", "given", *LIGHTS)), *notes]
 
     def _budget_table(self) -> str:
         rows = [
@@ -354,17 +345,17 @@ class Design(Stored):
         return text_table(rows, ("", *LIGHTS, "std. error", "unit"))
 
 
-def _by_key(
-    table: Sequence[Row], cell: Callable[[Row], Sequence[str]]
-) -> Iterator[tuple[str, Row, list[str]]]:
-    """Yield each key of a table with its first row and the cells of all lights, "" without one."""
+def _by_key(table: Sequence[Row], cell: Callable[[Row], Sequence[str]]) -> list[tuple[str, ...]]:
+    """Return rows of text: key, value of the link, and the cells of each light, "" without one."""
+    found = []
     for key in dict.fromkeys(one.key for one in table):
         rows = {one.light: one for one in table if one.key == key}
         first = next(iter(rows.values()))
-        empty = [""] * len(cell(first))
-        cells = [text for light in LIGHTS
-                 for text in (cell(rows[light]) if light in rows else empty)]  # fmt: skip
-        yield key, first, cells
+        row = [_named(key, first.unit), f"{first.given:.4g}"]
+        for light in LIGHTS:
+            row += cell(rows[light]) if light in rows else [""] * len(cell(first))
+        found.append(tuple(row))
+    return found
 
 
 def _choices_table(choices: Sequence[BestValue]) -> str:

@@ -36,7 +36,7 @@ from meshtrace.studies.designs.model import (
 )
 from meshtrace.studies.designs.page import DAY, LIGHTS, BestValue, Design, Reach
 from meshtrace.studies.keys import Bounds, Variant, checked_bounds
-from meshtrace.studies.neighbours import DECIBELS
+from meshtrace.studies.neighbours import DECIBELS, closing_depth
 
 _FLAT_DB = 0.5
 _POINTS = 49  # of a scan
@@ -47,8 +47,7 @@ _COLOURS = 9  # wavelengths with common paths
 _COLOURS_NM = 400.0, 650.0
 OPTICS = LENS, VIEW, WIDTH
 """Keys of which the best values are also sought together."""
-_DEPTHS, _SECANTS = 4, 6  # steps of the search for the greatest depth by runs, and by mean gains
-_LEAST_SLOPE = 1e-3  # of the reserve over the depth [dB m-1]
+_RUNS = 4  # of the search for the greatest depth
 _BIT_RATES = 1e3, 1e9  # of the search for the greatest one
 _NEAR_DB = 0.3  # reserve, or its error, of a depth that counts as the greatest
 _FAR_DB = 3.0  # short at the surface, by chains, where no depth is sought
@@ -178,10 +177,6 @@ class Scan(NamedTuple):
 
 class _Study(LinkModel):
     """Reserves over the values of each key, the best of them, reach and budget."""
-
-    def __init__(self, campaign: Campaign, outage: float, limit: float, seas: int) -> None:
-        super().__init__(campaign, outage, limit, seas)
-        self.windows: dict[str, tuple[Floats, Floats]] = {}  # shares of a bit over ln(bit rate)
 
     def bounds(self, over: Bounds | None) -> dict[str, tuple[float, float]]:
         """Return the bounds of each key that is scanned."""
@@ -430,51 +425,35 @@ class _Study(LinkModel):
         return math.exp(low)
 
     def greatest_depth(self, light: str) -> tuple[float, str]:
-        """Return the greatest depth that closes [m], and the reserve of a run there."""
-        above = self.reserve(light)
-        if math.isinf(above):
-            return math.nan, "no power closes it"
-        try:
-            depth = self._depth_by_means(light)
-        except Refused:  # in the troughs of the waves
-            depth = math.nan
-        if math.isnan(depth):
-            return math.nan, "none below the waves"
-        d0, a0 = self.link.depth, above
-        for _ in range(_DEPTHS):
-            try:
-                log, error = self.apart(self.link.at_depth(depth))
-            except Refused:
-                return math.nan, "none below the waves"
-            above = self._at_depth(light, depth, log)
-            if abs(above) < max(_NEAR_DB, DECIBELS * error):
-                return depth, f"a run there: {above:+.1f} +- {DECIBELS * error:.1f} dB"
-            slope = _LEAST_SLOPE
-            if depth != d0:
-                slope = max((a0 - above) / (depth - d0), slope)
-            d0, a0 = depth, above
-            depth = float(np.clip(depth + above / slope, 0.3 * depth, 3.0 * depth))
-        return math.nan, "no depth found"
+        """Return the greatest depth that closes [m], and the reserve of a run there.
 
-    def _depth_by_means(self, light: str) -> float:
-        """Return the depth that closes if the law of the fading stays [m]; nan for none.
-
-        The secant method in the depth, as the reserve falls about as it.
+        The run begins at the depth that would close if the law of the fading stayed.
         """
         own = self.link.depth, self.reserve(light)
-        (d0, a0), depth = own, own[0] * (0.9 if own[1] >= 0.0 else 0.7)
-        for _ in range(_SECANTS):
-            there = self.link.at_depth(depth)
-            log = self.quantile(self.link.only_receiver.fov_deg) + self.means.ratio(there)[0]
-            above = self._at_depth(light, depth, log)
-            if abs(above) < _NEAR_DB:
-                break
-            slope = max((a0 - above) / (depth - d0), _LEAST_SLOPE)
-            if above + slope * depth < -_FAR_DB:
-                return math.nan
-            d0, a0 = depth, above
-            depth = float(np.clip(depth + above / slope, 0.3 * depth, 3.0 * depth))
-        return depth
+        if math.isinf(own[1]):
+            return math.nan, "no power closes it"
+
+        def by_means(depth: float) -> tuple[float, float]:
+            log = self.quantile(self.link.only_receiver.fov_deg)
+            log += self.means.ratio(self.link.at_depth(depth))[0]
+            return self._at_depth(light, depth, log), _NEAR_DB
+
+        def by_run(depth: float) -> tuple[float, float]:
+            log, error = self.apart(self.link.at_depth(depth))
+            return self._at_depth(light, depth, log), max(_NEAR_DB, DECIBELS * error)
+
+        first = own[0] * (0.9 if own[1] >= 0.0 else 0.7)
+        try:
+            depth, *_ = closing_depth(by_means, own, first, far=_FAR_DB)
+            if math.isnan(depth):
+                return math.nan, "none below the waves"
+            depth, above, _ = closing_depth(by_run, own, depth, _RUNS)
+        except Refused:  # in the troughs of the waves
+            return math.nan, "none below the waves"
+        if math.isnan(depth):
+            return math.nan, "no depth found"
+        error = DECIBELS * self.apart(self.link.at_depth(depth))[1]
+        return depth, f"a run there: {above:+.1f} +- {error:.1f} dB"
 
     def _at_depth(self, light: str, depth: float, log_quantile: float) -> float:
         """Return the reserve at a depth [dB]; a receiver in the water has its light there."""
@@ -501,8 +480,6 @@ def _around(found: NDArray[np.bool_], i: int) -> tuple[int, int]:
 
 def _through(places: Floats, rows: Floats, at: Floats) -> Floats:
     """Return a smooth curve through finite values at places."""
-    if len(places) == len(at):
-        return rows
     finite = np.isfinite(rows)
     if finite.sum() < 2:
         return np.full(len(at), -math.inf)
