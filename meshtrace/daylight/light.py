@@ -70,10 +70,8 @@ def sky(pattern: str, diffuse: float, sun_zenith_deg: float, sun_azimuth_deg: fl
     require_word(pattern, PATTERNS, "pattern")
     zenith = round(float(sun_zenith_deg), 9)
     scale = diffuse / _irradiance(pattern, zenith)
-    p, a, b, *indicatrix = _coefficients(pattern, zenith)
-    f, c, d, e = indicatrix
-    sun = Vec3(*unit_vector(sun_zenith_deg, sun_azimuth_deg))
-    return Sky(sun, scale * p, scale * a, b, f, c, d, e)
+    bare, sun = _bare_sky(pattern, zenith), unit_vector(sun_zenith_deg, sun_azimuth_deg)
+    return bare._replace(sun=Vec3(*sun), p=scale * bare.p, a=scale * bare.a)
 
 
 def sky_radiance(sky: Sky, directions: Floats) -> Floats:
@@ -120,21 +118,20 @@ def hemisphere(sun_zenith_deg: float) -> tuple[Floats, Floats]:
 @lru_cache(maxsize=256)
 def _irradiance(pattern: str, sun_zenith_deg: float) -> float:
     """Return the horizontal irradiance of a pattern before scaling."""
-    p, a, b, f, c, d, e = _coefficients(pattern, sun_zenith_deg)
-    bare = Sky(Vec3(*unit_vector(sun_zenith_deg, 0.0)), p, a, b, f, c, d, e)
     directions, solid = hemisphere(sun_zenith_deg)
-    return float(solid @ (sky_radiance(bare, directions) * directions[:, 2]))
+    light = sky_radiance(_bare_sky(pattern, sun_zenith_deg), directions)
+    return float(solid @ (light * directions[:, 2]))
 
 
-def _coefficients(pattern: str, sun_zenith_deg: float) -> tuple[float, ...]:
-    """Return p, a, b of the gradation and f, c, d, e of the indicatrix."""
+def _bare_sky(pattern: str, sun_zenith_deg: float) -> Sky:
+    """Return the sky of a pattern before scaling, with the sun at azimuth 0."""
+    sun = Vec3(*unit_vector(sun_zenith_deg, 0.0))
     if pattern == "harrison-coombes":
-        cos_sun = math.cos(math.radians(sun_zenith_deg))
-        return 1.0, -1.0, -0.19, 1.63, 53.7, -5.49, 2.04 * cos_sun
+        return Sky(sun, 1.0, -1.0, -0.19, 1.63, 53.7, -5.49, 2.04 * sun.z)
     gradation, indicatrix = _TYPES[int(_ALIASES.get(pattern, pattern)[4:]) - 1]
     a, b = _GRADATION[gradation]
     c, d, e = _INDICATRIX[indicatrix]
-    return 1.0, a, b, 1.0 - c * math.exp(0.5 * math.pi * d), c, d, e
+    return Sky(sun, 1.0, a, b, 1.0 - c * math.exp(0.5 * math.pi * d), c, d, e)
 
 
 _TABLE_NM = 470.0  # of clear_irradiance.csv
@@ -221,7 +218,7 @@ def clear_irradiance(
     Bird and Riordan (1986), J. Clim. Appl. Meteorol. 25, 87.
     """
     nodes, *values = _clear_spectra(
-        sun_zenith_deg, aerosol, ozone, water_vapour, pressure, ground_albedo, day_of_year
+        sun_zenith_deg, aerosol, ozone, water_vapour, pressure, day_of_year, ground_albedo
     )
     at = wavelength_nm + 0.5 * width_nm * (np.linspace(-1.0, 1.0, 101) if width_nm else np.zeros(1))
     direct, diffuse = (float(np.interp(at, nodes, value).mean()) for value in values)
@@ -230,14 +227,9 @@ def clear_irradiance(
 
 @lru_cache(maxsize=64)
 def _clear_spectra(
-    sun_zenith_deg: float,
-    aerosol: float = 0.10,
-    ozone: float = 0.30,
-    water_vapour: float = 2.0,
-    pressure: float = 101325.0,
-    ground_albedo: float = 0.06,
-    day_of_year: int = 80,
-) -> tuple[Floats, Floats, Floats]:
+    sun_zenith_deg: float, aerosol: float, ozone: float, water_vapour: float, pressure: float,
+    day_of_year: int, ground_albedo: float = 0.06,
+) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """Return wavelengths [nm], direct normal and diffuse horizontal irradiance of SPECTRL2."""
     pvlib = _pvlib()
     air_mass = pvlib.atmosphere.get_relative_airmass(sun_zenith_deg, model="kastenyoung1989")
@@ -457,8 +449,9 @@ class Daylight(Model, frozen=True):
         """
         if self.pattern == "uniform":
             return np.ones_like(wavelength_nm)
-        own: dict[str, Any] = {k: v for k, v in self.recipe.items() if k in _ATMOSPHERE}
-        nodes, direct, diffuse = _clear_spectra(self.sun_zenith_deg, **own)
+        own: dict[str, Any] = {**defaults_of("clear"), **self.recipe}
+        air = (own[name] for name in _ATMOSPHERE)
+        nodes, direct, diffuse = _clear_spectra(self.sun_zenith_deg, *air)
         whole = math.cos(math.radians(self.sun_zenith_deg)) * direct + diffuse
         at = np.interp([self.wavelength_nm, *wavelength_nm], nodes, whole)
         return np.asarray(at[1:] / at[0])
