@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple, Self
 
@@ -534,7 +534,7 @@ class Daylight(Model, frozen=True):
         -----
         +x points east, +y north.
         """
-        _require_absent(options, *SUN)
+        _require_absent(options, SUN)
         sun = sun_position(time, latitude, longitude)
         options = {"day_of_year": sun.day_of_year, **options}
         return cls.clear_sky(sun.zenith_deg, sun.azimuth_deg, wavelength_nm, pattern, **options)
@@ -600,7 +600,7 @@ class Daylight(Model, frozen=True):
         is that of the sun. The moon is redder: by the reflectances of Kieffer and Stone (2005),
         Astron. J. 129, 2887, it has 15 % less light at 470 nm at full moon, 18 % at 90 degrees.
         """
-        _require_absent(fields, *SUN)
+        _require_absent(fields, SUN)
 
         def by_moon(checked: Self) -> Irradiance:
             sun = default_irradiance(checked.sun_zenith_deg, checked.wavelength_nm)
@@ -634,7 +634,7 @@ class Daylight(Model, frozen=True):
         **fields: Any,
     ) -> Self:
         """Return the light of a model, whose recipe are the options that differ from defaults."""
-        _require_absent(fields, "direct", "diffuse", "recipe")
+        _require_absent(fields, ("direct", "diffuse", "recipe"))
         fields = {**MODELS[model].fields, **fields}
         found = irradiance(cls(direct=1.0, diffuse=1.0, **fields))._asdict()
         known = defaults_of(model)
@@ -675,17 +675,13 @@ def light_of(model: str, wavelength_nm: float, table: Mapping[str, Any]) -> Any:
     """Return the `Daylight` of a model at a wavelength [nm], with the keys of a link file."""
     table = {"wavelength_nm": wavelength_nm, **table}
     if "direct" in table or "diffuse" in table:
-        for key in MODELS[model].keys:
-            if key in table:
-                raise Refused(key, table[key], "without direct and diffuse")
+        _require_absent(table, MODELS[model].keys, "without direct and diffuse")
         irradiance = {"direct": 0.0, "diffuse": 0.0}
         return Daylight.model_validate({**irradiance, **MODELS[model].fields, **table})
     if model == "uniform":
         raise Refused("diffuse", MISSING, "the irradiance of the uniform sky [W m-2 nm-1]")
     if "time" in table:
-        for key in SUN:
-            if key in table:
-                raise Refused(key, table[key], "without time, which gives the sun")
+        _require_absent(table, SUN, "without time, which gives the sun")
         return Daylight.at(**{"latitude": None, "longitude": None, **table})
     if model == "moon":
         table = {key.removeprefix("sun_"): value for key, value in table.items()}
@@ -705,11 +701,16 @@ def defaults_of(model: str) -> dict[str, Any]:
     return {name: one.default for name, one in parameters.items()}
 
 
-def _require_absent(fields: dict[str, Any], *names: str) -> None:
-    """Refuse fields that follow from the other arguments of a light."""
+_FOLLOWS = "none: it follows from the other arguments"
+
+
+def _require_absent(
+    fields: Mapping[str, Any], names: Iterable[str], allowed: str = _FOLLOWS
+) -> None:
+    """Refuse fields that others of a light leave no room for."""
     for name in names:
         if name in fields:
-            raise Refused(name, fields[name], "none: it follows from the other arguments")
+            raise Refused(name, fields[name], allowed)
 
 
 def moon_phase_factor(phase_deg: float) -> float:

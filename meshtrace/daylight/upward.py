@@ -1,10 +1,11 @@
-"""Daylight that comes up from the sea, in closed form: glint, and light scattered back once."""
+"""Daylight bent by slopes of the sea, and scattered back once by the water, in closed form."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,60 @@ def slopes_of(normals: Floats) -> Floats:
     return -normals[..., :2] / normals[..., 2:]
 
 
+def slopes_to(wanted: Floats, normals: Floats) -> Floats:
+    """Return the slopes (..., 2) of wanted normals of any length, from those of others.
+
+    1e6 where no upward normal is wanted.
+    """
+    upright = wanted[..., 2:] > 1e-6
+    return np.where(upright, slopes_of(np.where(upright, wanted, 1.0)), 1e6) - slopes_of(normals)
+
+
+class Reflection(NamedTuple):
+    """Reflection into the air, at points that all indices have in common."""
+
+    sun: Floats
+    n: tuple[float, ...]
+
+    def normal(self, light: Floats) -> Floats:
+        """Return light + sun."""
+        return light + self.sun
+
+    def strength(self, light: Floats) -> Floats:
+        """Return rho / (4 cos^4 b) at the indices (indices, n)."""
+        mirror = self.normal(light)
+        mirror /= np.linalg.norm(mirror, axis=-1, keepdims=True)
+        cos_i = np.clip(np.einsum("...i,...i", light, mirror), 0.0, 1.0)
+        rho = np.array([fresnel_reflectance(cos_i, 1.0, n) for n in self.n])
+        return rho / (4.0 * mirror[..., 2] ** 4)
+
+
+class Refraction(NamedTuple):
+    """Refraction into the water."""
+
+    sun: Floats
+    n: float
+
+    def normal(self, light: Floats) -> Floats:
+        """Return -n light - sun."""
+        return -self.n * light - self.sun
+
+    def strength(self, light: Floats) -> Floats:
+        """Return (1 - rho) n^2 cos cos / (cos^4 b (n cos - cos)^2), 0 behind the critical angle."""
+        bend = self.normal(light)
+        length = np.linalg.norm(bend, axis=-1)  # n cos(theta_w) - cos(theta_a)
+        bend = bend / length[..., None]
+        cos_a, cos_w = bend @ self.sun, -np.einsum("...i,...i", light, bend)
+        lit = (cos_a > 0.0) & (cos_w > 0.0) & (bend[..., 2] > 0.0)
+        through = 1.0 - fresnel_reflectance(np.clip(cos_a, 0.0, 1.0), 1.0, self.n)
+        slope = np.where(lit, bend[..., 2], 1.0) ** 4
+        return np.where(lit, through * self.n**2 * cos_a * cos_w / (slope * length**2), 0.0)
+
+
+Bending = Reflection | Refraction
+"""Laws by which a slope of the sea bends sunlight."""
+
+
 def connected_glint(
     view: Floats, sun: Floats, normal: Floats, facet_normal: Floats, roughness: Roughness, n: float
 ) -> Floats:
@@ -65,13 +120,20 @@ def connected_glint(
     For s_m = 0 and the slopes of the whole sea this is the law of Cox and Munk (1954),
     L = rho E p / (4 cos(theta_v) cos^4 b).
     """
-    mirror = view + sun
-    mirror = mirror / np.linalg.norm(mirror, axis=-1, keepdims=True)
-    cos_i = np.clip(np.einsum("...i,...i", view, mirror), 0.0, 1.0)
-    density = slope_density(slopes_of(mirror) - slopes_of(normal), roughness)
-    facing = np.einsum("...i,...i", view, facet_normal)
-    area = facet_normal[..., 2] / (4.0 * mirror[..., 2] ** 4 * np.maximum(facing, 1e-12))
-    return np.where(facing > 0.0, fresnel_reflectance(cos_i, 1.0, n) * density * area, 0.0)
+    glint = by_slopes(Reflection(sun, (n,)), view, normal, facet_normal, roughness)[0]
+    return np.where(np.einsum("...i,...i", view, facet_normal) > 0.0, glint, 0.0)
+
+
+def by_slopes(
+    law: Bending, light: Floats, normal: Floats, facet_normal: Floats, roughness: Roughness
+) -> Floats:
+    """Return the radiance of the sun bent into directions by unresolved slopes [sr-1].
+
+    Over its irradiance, at facets as in `connected_glint`.
+    """
+    density = slope_density(slopes_to(law.normal(light), normal), roughness)
+    facing = np.abs(np.einsum("...i,...i", light, facet_normal))
+    return law.strength(light) * density * facet_normal[..., 2] / np.maximum(facing, 1e-12)
 
 
 def glint_radiance(
