@@ -43,8 +43,9 @@ def slopes_to(wanted: Floats, normals: Floats) -> Floats:
 
     1e6 where no upward normal is wanted.
     """
-    upright = wanted[..., 2:] > 1e-6
-    return np.where(upright, slopes_of(np.where(upright, wanted, 1.0)), 1e6) - slopes_of(normals)
+    up = wanted[..., 2:]
+    found = np.where(up > 1e-6, -wanted[..., :2] / np.maximum(up, 1e-6), 1e6)
+    return np.asarray(found - slopes_of(normals))
 
 
 class Reflection(NamedTuple):
@@ -57,13 +58,12 @@ class Reflection(NamedTuple):
         """Return light + sun."""
         return light + self.sun
 
-    def strength(self, light: Floats) -> Floats:
+    def strength(self, light: Floats, normal: Floats) -> Floats:
         """Return rho / (4 cos^4 b) at the indices (indices, n)."""
-        mirror = self.normal(light)
-        mirror /= np.linalg.norm(mirror, axis=-1, keepdims=True)
-        cos_i = np.clip(np.einsum("...i,...i", light, mirror), 0.0, 1.0)
+        length = np.sqrt(np.einsum("...i,...i", normal, normal))
+        cos_i = np.clip(np.einsum("...i,...i", light, normal) / length, 0.0, 1.0)
         rho = np.array([fresnel_reflectance(cos_i, 1.0, n) for n in self.n])
-        return rho / (4.0 * mirror[..., 2] ** 4)
+        return rho / (4.0 * (normal[..., 2] / length) ** 4)
 
 
 class Refraction(NamedTuple):
@@ -76,11 +76,10 @@ class Refraction(NamedTuple):
         """Return -n light - sun."""
         return -self.n * light - self.sun
 
-    def strength(self, light: Floats) -> Floats:
+    def strength(self, light: Floats, normal: Floats) -> Floats:
         """Return (1 - rho) n^2 cos cos / (cos^4 b (n cos - cos)^2), 0 behind the critical angle."""
-        bend = self.normal(light)
-        length = np.linalg.norm(bend, axis=-1)  # n cos(theta_w) - cos(theta_a)
-        bend = bend / length[..., None]
+        length = np.linalg.norm(normal, axis=-1)  # n cos(theta_w) - cos(theta_a)
+        bend = normal / length[..., None]
         cos_a, cos_w = bend @ self.sun, -np.einsum("...i,...i", light, bend)
         lit = (cos_a > 0.0) & (cos_w > 0.0) & (bend[..., 2] > 0.0)
         through = 1.0 - fresnel_reflectance(np.clip(cos_a, 0.0, 1.0), 1.0, self.n)
@@ -120,8 +119,8 @@ def connected_glint(
     For s_m = 0 and the slopes of the whole sea this is the law of Cox and Munk (1954),
     L = rho E p / (4 cos(theta_v) cos^4 b).
     """
-    glint = by_slopes(Reflection(sun, (n,)), view, normal, facet_normal, roughness)[0]
-    return np.where(np.einsum("...i,...i", view, facet_normal) > 0.0, glint, 0.0)
+    found = by_slopes(Reflection(sun, (n,)), view, normal, facet_normal, roughness)
+    return np.asarray(found[0])
 
 
 def by_slopes(
@@ -129,11 +128,13 @@ def by_slopes(
 ) -> Floats:
     """Return the radiance of the sun bent into directions by unresolved slopes [sr-1].
 
-    Over its irradiance, at facets as in `connected_glint`.
+    Over its irradiance, as in `connected_glint`; facets face the side of the light.
     """
-    density = slope_density(slopes_to(law.normal(light), normal), roughness)
-    facing = np.abs(np.einsum("...i,...i", light, facet_normal))
-    return law.strength(light) * density * facet_normal[..., 2] / np.maximum(facing, 1e-12)
+    wanted = law.normal(light)
+    density = slope_density(slopes_to(wanted, normal), roughness)
+    facing = np.einsum("...i,...i", light, facet_normal)
+    area = np.where(facing > 0.0, np.abs(facet_normal[..., 2]) / np.maximum(facing, 1e-12), 0.0)
+    return law.strength(light, wanted) * (density * area)
 
 
 def glint_radiance(

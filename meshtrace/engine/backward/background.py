@@ -143,7 +143,7 @@ def _through_slopes(scene: SeenSea, law: Refraction, view: View, depths: Sequenc
         cos_t = 1.0 - rays.uniforms[:, 2] * off
         towards = cone(axis, 1.0 - cos_t**2, rays.uniforms[:, 3])
         hit, _ = first_hits(scene, rays.origins(), towards, below=True)
-        light = by_slopes(law, -towards, hit.normal, hit.facet_normal, surface.roughness)
+        light = by_slopes(law, -towards, hit.normal, -hit.facet_normal, surface.roughness)
         tau = np.array([depth(hit.point) for depth in depths]) / np.maximum(towards[:, 2], 1e-6)
         seen = light * np.exp(-tau) * rays.accepted(towards) * (towards[:, 2] > 0.0)
         return np.asarray(seen.reshape(len(depths), -1, rays.per_shift).mean(axis=2))

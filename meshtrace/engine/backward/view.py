@@ -312,7 +312,7 @@ def _irradiance(
     light = (point - place) / distance[:, None]
     first = scene.intersector.intersect(np.broadcast_to(point, light.shape), -light).distance
     seen = first > distance * (1.0 - 1e-3)
-    light_in = law.strength(light) * view.accepted(-light) / (distance**2 * det)
+    light_in = law.strength(light, law.normal(light)) * view.accepted(-light) / (distance**2 * det)
     tau = np.array([depth(place) for depth in depths] or [np.zeros(len(place))])
     return np.asarray((light_in * np.exp(-tau / np.abs(light[:, 2])))[:, seen].sum(axis=1))
 
