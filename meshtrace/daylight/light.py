@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple, Self
 
@@ -71,10 +71,8 @@ def sky(pattern: str, diffuse: float, sun_zenith_deg: float, sun_azimuth_deg: fl
     require_word(pattern, PATTERNS, "pattern")
     zenith = round(float(sun_zenith_deg), 9)
     scale = diffuse / _irradiance(pattern, zenith)
-    p, a, b, *indicatrix = _coefficients(pattern, zenith)
-    f, c, d, e = indicatrix
-    sun = Vec3(*unit_vector(sun_zenith_deg, sun_azimuth_deg))
-    return Sky(sun, scale * p, scale * a, b, f, c, d, e)
+    bare, sun = _bare_sky(pattern, zenith), unit_vector(sun_zenith_deg, sun_azimuth_deg)
+    return bare._replace(sun=Vec3(*sun), p=scale * bare.p, a=scale * bare.a)
 
 
 def sky_radiance(sky: Sky, directions: Floats) -> Floats:
@@ -121,21 +119,20 @@ def hemisphere(sun_zenith_deg: float) -> tuple[Floats, Floats]:
 @lru_cache(maxsize=256)
 def _irradiance(pattern: str, sun_zenith_deg: float) -> float:
     """Return the horizontal irradiance of a pattern before scaling."""
-    p, a, b, f, c, d, e = _coefficients(pattern, sun_zenith_deg)
-    bare = Sky(Vec3(*unit_vector(sun_zenith_deg, 0.0)), p, a, b, f, c, d, e)
     directions, solid = hemisphere(sun_zenith_deg)
-    return float(solid @ (sky_radiance(bare, directions) * directions[:, 2]))
+    light = sky_radiance(_bare_sky(pattern, sun_zenith_deg), directions)
+    return float(solid @ (light * directions[:, 2]))
 
 
-def _coefficients(pattern: str, sun_zenith_deg: float) -> tuple[float, ...]:
-    """Return p, a, b of the gradation and f, c, d, e of the indicatrix."""
+def _bare_sky(pattern: str, sun_zenith_deg: float) -> Sky:
+    """Return the sky of a pattern before scaling, with the sun at azimuth 0."""
+    sun = Vec3(*unit_vector(sun_zenith_deg, 0.0))
     if pattern == "harrison-coombes":
-        cos_sun = math.cos(math.radians(sun_zenith_deg))
-        return 1.0, -1.0, -0.19, 1.63, 53.7, -5.49, 2.04 * cos_sun
+        return Sky(sun, 1.0, -1.0, -0.19, 1.63, 53.7, -5.49, 2.04 * sun.z)
     gradation, indicatrix = _TYPES[int(_ALIASES.get(pattern, pattern)[4:]) - 1]
     a, b = _GRADATION[gradation]
     c, d, e = _INDICATRIX[indicatrix]
-    return 1.0, a, b, 1.0 - c * math.exp(0.5 * math.pi * d), c, d, e
+    return Sky(sun, 1.0, a, b, 1.0 - c * math.exp(0.5 * math.pi * d), c, d, e)
 
 
 _TABLE_NM = 470.0  # of clear_irradiance.csv
@@ -219,7 +216,7 @@ def clear_irradiance(
     Bird and Riordan (1986), J. Clim. Appl. Meteorol. 25, 87.
     """
     nodes, *values = _clear_spectra(
-        sun_zenith_deg, aerosol, ozone, water_vapour, pressure, ground_albedo, day_of_year
+        sun_zenith_deg, aerosol, ozone, water_vapour, pressure, day_of_year, ground_albedo
     )
     at = wavelength_nm + 0.5 * width_nm * (np.linspace(-1.0, 1.0, 101) if width_nm else np.zeros(1))
     direct, diffuse = (float(np.interp(at, nodes, value).mean()) for value in values)
@@ -228,14 +225,9 @@ def clear_irradiance(
 
 @lru_cache(maxsize=64)
 def _clear_spectra(
-    sun_zenith_deg: float,
-    aerosol: float = 0.10,
-    ozone: float = 0.30,
-    water_vapour: float = 2.0,
-    pressure: float = 101325.0,
-    ground_albedo: float = 0.06,
-    day_of_year: int = 80,
-) -> tuple[Floats, Floats, Floats]:
+    sun_zenith_deg: float, aerosol: float, ozone: float, water_vapour: float, pressure: float,
+    day_of_year: int, ground_albedo: float = 0.06,
+) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """Return wavelengths [nm], direct normal and diffuse horizontal irradiance of SPECTRL2."""
     pvlib = _pvlib()
     air_mass = pvlib.atmosphere.get_relative_airmass(sun_zenith_deg, model="kastenyoung1989")
@@ -455,8 +447,9 @@ class Daylight(Model, frozen=True):
         """
         if self.pattern == "uniform":
             return np.ones_like(wavelength_nm)
-        own: dict[str, Any] = {k: v for k, v in self.recipe.items() if k in _ATMOSPHERE}
-        nodes, direct, diffuse = _clear_spectra(self.sun_zenith_deg, **own)
+        own: dict[str, Any] = {**defaults_of("clear"), **self.recipe}
+        air = (own[name] for name in _ATMOSPHERE)
+        nodes, direct, diffuse = _clear_spectra(self.sun_zenith_deg, *air)
         whole = math.cos(math.radians(self.sun_zenith_deg)) * direct + diffuse
         at = np.interp([self.wavelength_nm, *wavelength_nm], nodes, whole)
         return np.asarray(at[1:] / at[0])
@@ -539,7 +532,7 @@ class Daylight(Model, frozen=True):
         -----
         +x points east, +y north.
         """
-        _require_absent(options, *SUN)
+        _require_absent(options, SUN)
         sun = sun_position(time, latitude, longitude)
         options = {"day_of_year": sun.day_of_year, **options}
         return cls.clear_sky(sun.zenith_deg, sun.azimuth_deg, wavelength_nm, pattern, **options)
@@ -605,7 +598,7 @@ class Daylight(Model, frozen=True):
         is that of the sun. The moon is redder: by the reflectances of Kieffer and Stone (2005),
         Astron. J. 129, 2887, it has 15 % less light at 470 nm at full moon, 18 % at 90 degrees.
         """
-        _require_absent(fields, *SUN)
+        _require_absent(fields, SUN)
 
         def by_moon(checked: Self) -> Irradiance:
             sun = default_irradiance(checked.sun_zenith_deg, checked.wavelength_nm)
@@ -639,7 +632,7 @@ class Daylight(Model, frozen=True):
         **fields: Any,
     ) -> Self:
         """Return the light of a model, whose recipe are the options that differ from defaults."""
-        _require_absent(fields, "direct", "diffuse", "recipe")
+        _require_absent(fields, ("direct", "diffuse", "recipe"))
         fields = {**MODELS[model].fields, **fields}
         found = irradiance(cls(direct=1.0, diffuse=1.0, **fields))._asdict()
         known = defaults_of(model)
@@ -680,17 +673,13 @@ def light_of(model: str, wavelength_nm: float, table: Mapping[str, Any]) -> Any:
     """Return the `Daylight` of a model at a wavelength [nm], with the keys of a link file."""
     table = {"wavelength_nm": wavelength_nm, **table}
     if "direct" in table or "diffuse" in table:
-        for key in MODELS[model].keys:
-            if key in table:
-                raise Refused(key, table[key], "without direct and diffuse")
+        _require_absent(table, MODELS[model].keys, "without direct and diffuse")
         irradiance = {"direct": 0.0, "diffuse": 0.0}
         return Daylight.model_validate({**irradiance, **MODELS[model].fields, **table})
     if model == "uniform":
         raise Refused("diffuse", MISSING, "the irradiance of the uniform sky [W m-2 nm-1]")
     if "time" in table:
-        for key in SUN:
-            if key in table:
-                raise Refused(key, table[key], "without time, which gives the sun")
+        _require_absent(table, SUN, "without time, which gives the sun")
         return Daylight.at(**{"latitude": None, "longitude": None, **table})
     if model == "moon":
         table = {key.removeprefix("sun_"): value for key, value in table.items()}
@@ -710,11 +699,16 @@ def defaults_of(model: str) -> dict[str, Any]:
     return {name: one.default for name, one in parameters.items()}
 
 
-def _require_absent(fields: dict[str, Any], *names: str) -> None:
-    """Refuse fields that follow from the other arguments of a light."""
+_FOLLOWS = "none: it follows from the other arguments"
+
+
+def _require_absent(
+    fields: Mapping[str, Any], names: Iterable[str], allowed: str = _FOLLOWS
+) -> None:
+    """Refuse fields that others of a light leave no room for."""
     for name in names:
         if name in fields:
-            raise Refused(name, fields[name], "none: it follows from the other arguments")
+            raise Refused(name, fields[name], allowed)
 
 
 def moon_phase_factor(phase_deg: float) -> float:

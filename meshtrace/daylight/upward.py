@@ -1,10 +1,11 @@
-"""Daylight that comes up from the sea, in closed form: glint, and light scattered back once."""
+"""Daylight bent by slopes of the sea, and scattered back once by the water, in closed form."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,59 @@ def slopes_of(normals: Floats) -> Floats:
     return -normals[..., :2] / normals[..., 2:]
 
 
+def slopes_to(wanted: Floats, normals: Floats) -> Floats:
+    """Return the slopes (..., 2) of wanted normals of any length, from those of others.
+
+    1e6 where no upward normal is wanted.
+    """
+    up = wanted[..., 2:]
+    found = np.where(up > 1e-6, -wanted[..., :2] / np.maximum(up, 1e-6), 1e6)
+    return np.asarray(found - slopes_of(normals))
+
+
+class Reflection(NamedTuple):
+    """Reflection into the air, at points that all indices have in common."""
+
+    sun: Floats
+    n: tuple[float, ...]
+
+    def normal(self, light: Floats) -> Floats:
+        """Return light + sun."""
+        return light + self.sun
+
+    def strength(self, light: Floats, normal: Floats) -> Floats:
+        """Return rho / (4 cos^4 b) at the indices (indices, n)."""
+        length = np.sqrt(np.einsum("...i,...i", normal, normal))
+        cos_i = np.clip(np.einsum("...i,...i", light, normal) / length, 0.0, 1.0)
+        rho = np.array([fresnel_reflectance(cos_i, 1.0, n) for n in self.n])
+        return rho / (4.0 * (normal[..., 2] / length) ** 4)
+
+
+class Refraction(NamedTuple):
+    """Refraction into the water."""
+
+    sun: Floats
+    n: float
+
+    def normal(self, light: Floats) -> Floats:
+        """Return -n light - sun."""
+        return -self.n * light - self.sun
+
+    def strength(self, light: Floats, normal: Floats) -> Floats:
+        """Return (1 - rho) n^2 cos cos / (cos^4 b (n cos - cos)^2), 0 behind the critical angle."""
+        length = np.linalg.norm(normal, axis=-1)  # n cos(theta_w) - cos(theta_a)
+        bend = normal / length[..., None]
+        cos_a, cos_w = bend @ self.sun, -np.einsum("...i,...i", light, bend)
+        lit = (cos_a > 0.0) & (cos_w > 0.0) & (bend[..., 2] > 0.0)
+        through = 1.0 - fresnel_reflectance(np.clip(cos_a, 0.0, 1.0), 1.0, self.n)
+        slope = np.where(lit, bend[..., 2], 1.0) ** 4
+        return np.where(lit, through * self.n**2 * cos_a * cos_w / (slope * length**2), 0.0)
+
+
+Bending = Reflection | Refraction
+"""Laws by which a slope of the sea bends sunlight."""
+
+
 def connected_glint(
     view: Floats, sun: Floats, normal: Floats, facet_normal: Floats, roughness: Roughness, n: float
 ) -> Floats:
@@ -65,13 +119,22 @@ def connected_glint(
     For s_m = 0 and the slopes of the whole sea this is the law of Cox and Munk (1954),
     L = rho E p / (4 cos(theta_v) cos^4 b).
     """
-    mirror = view + sun
-    mirror = mirror / np.linalg.norm(mirror, axis=-1, keepdims=True)
-    cos_i = np.clip(np.einsum("...i,...i", view, mirror), 0.0, 1.0)
-    density = slope_density(slopes_of(mirror) - slopes_of(normal), roughness)
-    facing = np.einsum("...i,...i", view, facet_normal)
-    area = facet_normal[..., 2] / (4.0 * mirror[..., 2] ** 4 * np.maximum(facing, 1e-12))
-    return np.where(facing > 0.0, fresnel_reflectance(cos_i, 1.0, n) * density * area, 0.0)
+    found = by_slopes(Reflection(sun, (n,)), view, normal, facet_normal, roughness)
+    return np.asarray(found[0])
+
+
+def by_slopes(
+    law: Bending, light: Floats, normal: Floats, facet_normal: Floats, roughness: Roughness
+) -> Floats:
+    """Return the radiance of the sun bent into directions by unresolved slopes [sr-1].
+
+    Over its irradiance, as in `connected_glint`; facets face the side of the light.
+    """
+    wanted = law.normal(light)
+    density = slope_density(slopes_to(wanted, normal), roughness)
+    facing = np.einsum("...i,...i", light, facet_normal)
+    area = np.where(facing > 0.0, np.abs(facet_normal[..., 2]) / np.maximum(facing, 1e-12), 0.0)
+    return law.strength(light, wanted) * (density * area)
 
 
 def glint_radiance(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.models import Floats
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import Stored, Variable
 
 PARTS = ("sky", "glint", "water", "foam", "sun")
@@ -49,6 +50,13 @@ class Background(Stored):
 
     kind: ClassVar[str] = "background"
     title: ClassVar[str] = "meshtrace background light"
+
+    @classmethod
+    def of_groups(cls, parts: Floats, acceptance: float, wavelength_nm: float) -> Self:
+        """Return the mean of independent parts (n, parts), with their scatter as its error."""
+        total = parts.sum(axis=1)
+        light = float(total.mean()), float(error_of_groups(total))
+        return cls(parts.mean(axis=0), error_of_groups(parts), *light, acceptance, wavelength_nm)
 
     @property
     def parts(self) -> dict[str, float]:

@@ -162,14 +162,14 @@ def background_over_seas(
     if len(found) == 1:
         return found[0]
     parts = np.array([f.part_radiance for f in found])
+    mean = Background.of_groups(parts, found[0].acceptance, found[0].wavelength_nm)
     rays = np.mean([f.part_radiance_stderr for f in found], axis=0)
-    total, rays_in_all = parts.sum(axis=1), float(np.mean([f.radiance_stderr for f in found]))
+    rays_in_all = float(np.mean([f.radiance_stderr for f in found]))
     return replace(
-        found[0],
-        part_radiance=parts.mean(axis=0),
-        part_radiance_stderr=np.hypot(error_of_groups(parts), rays),
-        radiance=float(total.mean()),
-        radiance_stderr=math.hypot(float(error_of_groups(total)), rays_in_all),
+        mean,
+        part_radiance_stderr=np.hypot(mean.part_radiance_stderr, rays),
+        radiance_stderr=math.hypot(mean.radiance_stderr, rays_in_all),
+        provenance=found[0].provenance,
     )
 
 

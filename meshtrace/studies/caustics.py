@@ -4,30 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
 from meshtrace.engine.setup.meshing import GAIN_SPACING
-from meshtrace.engine.setup.options import (
-    Run,
-    resolve,
-)
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_between,
-)
+from meshtrace.engine.setup.options import Run, resolve
+from meshtrace.errors import Described, Refused, require_between
 from meshtrace.link import IsotropicSource, Led, Link, Receiver
 from meshtrace.mesh import WaveSum
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance, refract
 from meshtrace.results.provenance import provenance
-from meshtrace.results.series import (
-    CoverageMap,
-)
-from meshtrace.surfaces import Surface
+from meshtrace.results.series import CoverageMap
+from meshtrace.surfaces import FlatSea, Surface
+from meshtrace.surfaces.waves import WaveComponents
 
 _RAYS = 5.0  # over the edge of a cell: fewer show as lines in the dark
 _ROWS = 2**18  # rays that are refracted at a time
@@ -98,13 +90,16 @@ def light_pattern(
     assert isinstance(sea, Surface)
     extent, step = float(extent), float(step)
     n = math.ceil(extent / step - 1e-9)
-    spacing, slope, reach = _waves(sea, step)
+    sizes = wave_sizes(sea)
+    spacing = sizes.spacing if math.isfinite(sizes.spacing) else step
     beyond, wind = _beyond(link, sea, spacing)
     blur = (link.water.n / link.n_air - 1.0) * receiver.height * np.sqrt(beyond) / step
     margin = math.ceil(4.0 * blur.max()) + 1
     light = np.zeros((2 * (n + margin), 2 * (n + margin)))
     center = np.array(receiver.position)
-    labels = _labels(link, step * (n + margin), spacing, slope, reach)
+    # points of a choppy sea are off their labels
+    off = _SLOPES * sizes.height if getattr(sea, "choppy", False) else 0.0
+    labels = _labels(link, step * (n + margin), spacing, sizes.slope, off)
     for points, normals in _strips(sea.sheet(*labels, time), labels, step / _RAYS):
         place, flux = _landed(link, source, receiver, points, normals)
         _share_out(light, (place - center) / step + (n + margin), flux)
@@ -134,20 +129,27 @@ def pattern_ends(link: Link, surface: Any, extent: float, step: float) -> tuple[
     return source, link.only_receiver
 
 
-def _waves(sea: Surface, step: float) -> tuple[float, float, float]:
-    """Return the distance of the points that represent the surface, its rms slope, and the reach.
+class WaveSizes(NamedTuple):
+    """Waves of a sea that bend its light, and their sizes."""
 
-    The reach is the distance of points from their labels in a choppy sea [m].
-    """
+    waves: WaveComponents | None  # None where the sea is no sum of waves
+    spacing: float  # of points that represent the shortest ones [m]; inf without waves
+    slope: float  # rms
+    height: float  # rms [m]
+
+
+def wave_sizes(sea: Surface, highest: float | None = None) -> WaveSizes:
+    """Return the waves of a sea up to a frequency [rad s-1], and their sizes."""
     if not isinstance(sea, WaveSum):
-        return step, 0.3, 0.0
+        return WaveSizes(None, math.inf, 0.0 if isinstance(sea, FlatSea) else 0.3, 0.0)
     waves = sea.components
-    k = np.hypot(waves.kx, waves.ky)
-    slope = math.sqrt(0.25 * float(np.square(waves.amplitude * k).sum()))
-    shortest = float(k[waves.amplitude > 0.0].max(initial=0.0))
-    choppy = getattr(sea, "choppy", False)
-    reach = _SLOPES * math.sqrt(0.5 * float(np.square(waves.amplitude).sum())) if choppy else 0.0
-    return GAIN_SPACING / shortest if shortest > 0.0 else step, slope, reach
+    kept = waves.amplitude != 0.0
+    if highest is not None:
+        kept &= waves.omega <= highest * (1.0 + 1e-9)
+    waves = WaveComponents(*(a[kept] for a in waves))
+    k, half = np.hypot(waves.kx, waves.ky), 0.5 * np.square(waves.amplitude)
+    spacing = GAIN_SPACING / float(k.max()) if k.any() else math.inf
+    return WaveSizes(waves, spacing, math.sqrt((half * k**2).sum()), math.sqrt(half.sum()))
 
 
 def _beyond(link: Link, sea: Surface, spacing: float) -> tuple[Floats, float]:
@@ -161,7 +163,7 @@ def _beyond(link: Link, sea: Surface, spacing: float) -> tuple[Floats, float]:
 
 
 def _labels(
-    link: Link, half: float, spacing: float, slope: float, reach: float
+    link: Link, half: float, spacing: float, slope: float, off: float
 ) -> tuple[Floats, Floats]:
     """Return the grid lines of the surface whose light may reach |x|, |y| <= half [m]."""
     receiver, source = link.only_receiver, link.transmitters[0]
@@ -169,7 +171,8 @@ def _labels(
     share = getattr(source, "depth", 1.0) / (getattr(source, "depth", 1.0) + n * receiver.height)
     start, end = np.array(source.position), np.array(receiver.position)
     lever = (n - 1.0) * receiver.height * share
-    reach += share * half + _SLOPES * lever * slope + 4.0 * spacing
+    bent = _SLOPES * lever * slope / math.sqrt(2.0)  # along one axis
+    reach = share * half + bent + off + 4.0 * spacing
     lines = np.arange(-reach, reach + spacing, spacing)
     x, y = start + share * (end - start)
     return float(x) + lines, float(y) + lines

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.special import j1
 
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, default_irradiance
-from meshtrace.engine.backward.background import background
-from meshtrace.engine.setup.meshing import GAIN_SPACING
+from meshtrace.engine.backward.background import background, refracted_sun
 from meshtrace.engine.setup.options import IrradianceMap, RunOptions, require_options
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import (
@@ -31,17 +30,15 @@ from meshtrace.fading.spectral import fading_band
 from meshtrace.kernels.sources import land_sunlight
 from meshtrace.link import AirLed, IrradiancePlanes, Link, Sun, WaterReceiver
 from meshtrace.models import Floats
-from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.water import Water
 from meshtrace.results.daylight import PARTS, IrradianceSeries
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.caustics import gaussian, turned, wavenumbers
+from meshtrace.studies.caustics import gaussian, turned, wave_sizes, wavenumbers
 from meshtrace.studies.store import digest_of
 from meshtrace.surfaces import FlatSea, Surface
-from meshtrace.surfaces.surface import WaveSurface
-from meshtrace.surfaces.waves import WaveComponents, WaveGrid, elevation_and_slopes
+from meshtrace.surfaces.waves import WaveGrid, elevation_and_slopes
 
 _SUN_HEIGHT = 1e6  # [m], of a lamp in place of the sun
 _ERROR = 1e-6  # of the sums of waves
@@ -155,7 +152,7 @@ def irradiance_series(
     campaign = campaign_of(Link(water=water), sea, "irradiance_series", **options)
     ray, seed, plans = SunRay.of(daylight, water), campaign.run.seed, []
     for depth, band in zip(depths.tolist(), bands, strict=True):
-        scattered = scattered_light(daylight, water, ray, depth, photons, seed)
+        scattered = scattered_light(ray, depth, photons, seed)
         plans.append(DepthPlan(sea, ray, depth, band, disk, scattered))
     ready = process_time()
     described = {"collector": collector, "below": below, "fineness": fineness, "photons": photons}
@@ -263,43 +260,38 @@ def _frames(plans: list[DepthPlan], times: Floats) -> Callable[[int], Floats]:
 class SunRay(NamedTuple):
     """Unscattered sunlight below still water."""
 
-    sun: tuple[float, float, float]
-    direct: float  # across the sunlight in the air [W m-2 nm-1]
+    day: Daylight
+    water: Water
     n: float  # of the water, relative to the air
-    sine: float  # in the water
-    cosine: float
-    turn: float  # azimuth of the sun [rad]
+    inside: Floats  # unit vector to the sun, in the water
     entering: float  # irradiance that enters the water [W m-2 nm-1]
-    c: float  # attenuation of the water [m-1]
 
     @classmethod
     def of(cls, day: Daylight, water: Water) -> SunRay:
         """Return the sunlight of a day in a water."""
         n = water.n / Link().n_air
-        sine = math.sin(math.radians(day.sun_zenith_deg)) / n
-        cosine = math.sqrt(1.0 - sine**2)
-        entering = day.direct * day.sun[2]
-        entering *= 1.0 - float(fresnel_reflectance(day.sun[2], 1.0, n))
-        turn = math.radians(day.sun_azimuth_deg)
-        return cls(day.sun, day.direct, n, sine, cosine, turn, entering, water.c)
+        inside, across = refracted_sun(day, n)
+        return cls(day, water, n, inside, across * float(inside[2]))
 
     def at(self, depth: float) -> float:
         """Return the downward irradiance at a depth [W m-2 nm-1]."""
-        return self.entering * math.exp(-self.c / self.cosine * depth)
+        return self.entering * math.exp(-self.water.c / self.inside[2] * depth)
 
     def entry(self, depth: float) -> tuple[float, float]:
         """Return the point of the surface from which light comes to a depth below the origin."""
-        away = depth * self.sine / self.cosine
-        return away * math.cos(self.turn), away * math.sin(self.turn)
+        x, y, z = self.inside.tolist()
+        return depth * x / z, depth * y / z
 
     def lever(self, depth: float) -> float:
         """Return the displacement of the light at a depth by a unit of slope [m]."""
-        return depth * (1.0 - self.sun[2] / (self.n * self.cosine)) / self.cosine**2
+        cosine = float(self.inside[2])
+        return depth * (1.0 - self.day.sun[2] / (self.n * cosine)) / cosine**2
 
     def disk(self, depth: float) -> tuple[float, float]:
         """Return the half-axes of the image of the sun at a depth, along and across its light."""
-        across = math.radians(SUN_RADIUS_DEG) * depth / (self.n * self.cosine)
-        return across * self.sun[2] / self.cosine**2, across
+        cosine = float(self.inside[2])
+        across = math.radians(SUN_RADIUS_DEG) * depth / (self.n * cosine)
+        return across * self.day.sun[2] / cosine**2, across
 
 
 class Collector(NamedTuple):
@@ -368,21 +360,21 @@ class DepthPlan:
     ) -> None:  # fmt: skip
         self.sea, self.ray, self.depth, self.collector = sea, ray, depth, collector
         self.scattered, self.still = scattered, ray.at(depth)
-        self._waves, shortest, slope, height = _waves(sea, band)
-        lever = ray.lever(depth)
+        sizes, lever = wave_sizes(sea, band), ray.lever(depth)
         if band is not None:
             tilts = np.sqrt(sea.slopes_beyond(band)) * lever  # type: ignore[attr-defined]
         else:
-            missing = sea.unresolved_slopes(GAIN_SPACING / shortest if shortest else 1.0)
+            fine = sizes.spacing if math.isfinite(sizes.spacing) else 1.0
+            missing = sea.unresolved_slopes(fine)
             tilts = lever * np.sqrt((0.0, 0.0) if missing is None else missing.vertex)
-        trough = 0.0 if collector.floating else _SLOPES * height
+        trough = 0.0 if collector.floating else _SLOPES * sizes.height
         if trough >= depth:
             allowed = f'> {trough:.3g} m, below all troughs, or below = "waves"'
             raise Refused("depths", depth, allowed)
-        finest = GAIN_SPACING / shortest if shortest else math.inf
-        self._place(tilts, finest, _SLOPES * lever * slope + trough * ray.sine / ray.cosine)
+        bent = _SLOPES * lever * min(sizes.slope, 0.4) + math.hypot(*ray.entry(trough))
+        self._place(tilts, sizes.spacing, bent)
         self._blur(tilts)
-        self._grid: WaveGrid | None = None
+        self._waves, self._grid = sizes.waves, None
         if self._waves is not None:
             self._grid = WaveGrid(self._waves.kx, self._waves.ky, self.x, self.y, _ERROR)
 
@@ -419,7 +411,7 @@ class DepthPlan:
         n, cell, spread = self.cells, self.cell, self.scattered.spread
         kx, ky = wavenumbers(n, n, cell)
         disk = _disk(kx, ky, self.collector.radius)
-        along, across = turned(kx, ky, self.ray.turn)
+        along, across = turned(kx, ky, math.radians(self.ray.day.sun_azimuth_deg))
         axes = self.ray.disk(self.depth)
         sun = _disk(axes[0] * along, axes[1] * across, 1.0)
         tilt = gaussian(kx, ky, tilts, math.radians(getattr(self.sea, "_slopes_along_deg", 0.0)))
@@ -471,10 +463,10 @@ class DepthPlan:
         corner, low = (float(self.x[0]), float(self.y[0])), -0.5 * (self.cells + 1) * cell
         # the collector is over the middle of a cell
         land_sunlight(
-            z, zx, zy, corner, self.spacing, ray.sun, ray.n, ray.c, self.depth, (low, low), cell,
-            light,
+            z, zx, zy, corner, self.spacing, ray.day.sun, ray.n, ray.water.c, self.depth,
+            (low, low), cell, light,
         )  # fmt: skip
-        return light * (ray.direct / cell**2)
+        return light * (ray.day.direct / cell**2)
 
     @property
     def spacing(self) -> float:
@@ -482,11 +474,9 @@ class DepthPlan:
         return float(self.x[1] - self.x[0])
 
 
-def scattered_light(
-    day: Daylight, water: Water, ray: SunRay, depth: float, photons: int, seed: int
-) -> _Scattered:
+def scattered_light(ray: SunRay, depth: float, photons: int, seed: int) -> _Scattered:
     """Return the scattered sunlight and the light of the sky at a depth, under still water."""
-    sky = 0.0
+    day, water, sky = ray.day, ray.water, 0.0
     if day.diffuse > 0.0:
         ends = {"transmitter": AirLed(wavelength_nm=day.wavelength_nm),
                 "receiver": WaterReceiver(depth=depth, radius=0.01, fov_deg=180.0)}  # fmt: skip
@@ -522,22 +512,6 @@ def _spread(
     power = np.array(found.irradiance) * step**2
     power[n // 2, n // 2] -= straight
     return np.asarray(np.maximum(power, 0.0) / max(share, 1e-300))
-
-
-def _waves(sea: Surface, band: float | None) -> tuple[WaveComponents | None, float, float, float]:
-    """Return the waves up to a frequency, the largest wavenumber, and rms slope and height."""
-    if not isinstance(sea, WaveSurface):
-        flat = isinstance(sea, FlatSea)
-        return None, 0.0, 0.0 if flat else 0.3, 0.0
-    waves = sea.components
-    kept = waves.amplitude != 0.0
-    if band is not None:
-        kept &= waves.omega <= band * (1.0 + 1e-9)
-    waves = WaveComponents(*(a[kept] for a in waves))
-    k = np.hypot(waves.kx, waves.ky)
-    slope = math.sqrt(0.5 * float(np.square(waves.amplitude * k).sum()))
-    height = math.sqrt(0.5 * float(np.square(waves.amplitude).sum()))
-    return waves, float(k.max(initial=0.0)), min(slope, 0.4), height
 
 
 def _disk(kx: Floats, ky: Floats, radius: float) -> Floats:

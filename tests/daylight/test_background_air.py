@@ -367,6 +367,17 @@ def test_sun_at_the_zenith_and_at_the_horizon(zenith):
         assert made.irradiance > 0.0
 
 
+@pytest.mark.parametrize("place", ["air", "water"])
+def test_blocks_of_rays_change_no_digit(place, monkeypatch):
+    day, sea = mt.Daylight(direct=1.42, diffuse=0.295), JonswapSea(wind_speed=8.0)
+    end = link(40.0) if place == "air" else mt.Link(receiver=mt.WaterAperture(depth=3.0))
+    whole = mt.background(end, sea, day, photons=1024, water="none")
+    monkeypatch.setattr("meshtrace.engine.backward.view._BLOCK", 100)  # three shifts at a time
+    parts = mt.background(end, sea, day, photons=1024, water="none")
+    assert parts.part_radiance.tobytes() == whole.part_radiance.tobytes()
+    assert parts.part_radiance_stderr.tobytes() == whole.part_radiance_stderr.tobytes()
+
+
 def test_threads_and_files_change_no_digit(tmp_path):
     day, sea = mt.Daylight(direct=1.42, diffuse=0.295), JonswapSea(wind_speed=8.0)
     one, two = (mt.background(link(20.0), sea, day, photons=256, threads=t) for t in (1, 2))

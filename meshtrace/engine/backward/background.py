@@ -27,12 +27,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, sky_radiance
-from meshtrace.daylight.upward import connected_glint, slope_density, slopes_of
+from meshtrace.daylight.upward import Refraction, by_slopes, slopes_of
 from meshtrace.engine.backward.view import (
     Depth,
     Hit,
-    Reflection,
-    Refraction,
     SeenSea,
     View,
     bent_sun,
@@ -62,7 +60,6 @@ from meshtrace.parallel import ordered_map
 from meshtrace.results.daylight import PARTS, Background
 from meshtrace.results.provenance import provenance
 from meshtrace.results.series import ByWavelength, checked_wavelengths
-from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import SHIFTS
 
 SKY, GLINT, WATER, FOAM, SUN = range(len(PARTS))
@@ -140,22 +137,19 @@ def _through_slopes(scene: SeenSea, law: Refraction, view: View, depths: Sequenc
     spread = math.hypot(spread, float(slopes_of(surface.vertex_normals).std(axis=0).max()))
     lever = 1.0 - law.sun[2] / (n * axis[2])  # turn of the refracted ray by a turn of the normal
     half = min(_REACH * lever * spread / axis[2], math.radians(80.0))
-    cos_t = 1.0 - view.uniforms[:, 2] * (1.0 - math.cos(half))
-    towards = cone(axis, 1.0 - cos_t**2, view.uniforms[:, 3])
-    origins = view.origins()
-    hit, _ = first_hits(scene, origins, towards, below=True)
-    light = -towards
-    facing = np.abs(np.einsum("ij,ij->i", towards, hit.facet_normal))
-    wanted = law.normal(light)
-    upright = wanted[:, 2] > 1e-6
-    slopes = slopes_of(np.where(upright[:, None], wanted, 1.0)) - slopes_of(hit.normal)
-    radiance = law.strength(light) * slope_density(slopes, surface.roughness)
-    radiance *= hit.facet_normal[:, 2] / np.maximum(facing, 1e-6)
-    tau = np.array([depth(hit.point) for depth in depths]) / np.maximum(towards[:, 2], 1e-6)
-    seen = radiance * np.exp(-tau) * view.accepted(towards) * (upright & (towards[:, 2] > 0.0))
-    solid = 2.0 * math.pi * (1.0 - math.cos(half))
-    by_shift = seen.reshape(len(depths), SHIFTS, -1).mean(axis=2)
-    return solid * by_shift / (math.pi * view.sin2_psi)
+    off = 1.0 - math.cos(half)
+
+    def mean(rays: View) -> Floats:
+        cos_t = 1.0 - rays.uniforms[:, 2] * off
+        towards = cone(axis, 1.0 - cos_t**2, rays.uniforms[:, 3])
+        hit, _ = first_hits(scene, rays.origins(), towards, below=True)
+        light = by_slopes(law, -towards, hit.normal, -hit.facet_normal, surface.roughness)
+        tau = np.array([depth(hit.point) for depth in depths]) / np.maximum(towards[:, 2], 1e-6)
+        seen = light * np.exp(-tau) * rays.accepted(towards) * (towards[:, 2] > 0.0)
+        return np.asarray(seen.reshape(len(depths), -1, rays.per_shift).mean(axis=2))
+
+    means = np.concatenate([mean(rays) for rays in view.blocks()], axis=1)
+    return np.asarray(2.0 * off / view.sin2_psi * means)
 
 
 def walked(
@@ -214,7 +208,7 @@ class _Walk(NamedTuple):
         tinting = common.tinting
         assert tinting is not None
         several = [links[i] for i in tinting.bases] or [common.bases[0]]
-        per_shift = len(self.view.uniforms) // SHIFTS
+        per_shift = self.view.per_shift
         runs = [(base, end) for base in range(len(several)) for end in range(len(common.bases))]
         turn = np.arange(per_shift) * len(runs) // per_shift  # a part of a net is one, too
         numbers = np.bincount(turn, minlength=len(runs)).reshape(len(several), -1)
@@ -359,16 +353,14 @@ def seen_from_air(
 
     At all wavelengths of links that are otherwise alike, (wavelengths, shifts, parts).
     """
-    seed = case.run.seed
-    view, scene = View.of(links[0], photons, seed), scene_of(case, mesh, links, days)
-    parts = follow(scene, view.origins(), view.directions(), view.uniforms[:, 4:], seed)
-    parts = parts.reshape(len(links), SHIFTS, -1, len(PARTS)).mean(axis=2)
+    view, scene = View.of(links[0], photons, case.run.seed), scene_of(case, mesh, links, days)
+    each = [follow(scene, rays, case.run.seed) for rays in view.blocks()]
+    parts = np.concatenate(each, axis=1)
     if scene.direct.any():
         sun = scene.direct[:, None]
         parts[..., SUN] += sun * sun_in_view(scene, view)
         if not scene.rough:
-            law = Reflection(scene.sun, tuple(scene.indices.tolist()))
-            glint = scene.at_wavelengths(bent_sun(scene, law, view))
+            glint = scene.at_wavelengths(bent_sun(scene, scene.mirror, view))
             parts[..., GLINT] += sun * (1.0 - scene.foam) * glint
     if days[0].water == "walk":
         light = walked(case, mesh, links, days, view, in_water=False)
@@ -387,14 +379,14 @@ def sun_in_view(scene: SeenSea, view: View) -> float:
     return 0.0 if blocked else share * cosine / (math.pi * view.sin2_psi)
 
 
-def follow(scene: SeenSea, origin: Floats, direction: Floats, u: Floats, seed: int) -> Floats:
-    """Return the radiance of each part along rays, without the disk of the sun.
+def follow(scene: SeenSea, view: View, seed: int) -> Floats:
+    """Return the mean radiance of each part along the rays of a view, without the sun's disk.
 
-    At the wavelengths, (wavelengths, rays, parts).
+    At the wavelengths, (wavelengths, shifts, parts).
     """
+    origin, direction, u = view.origins(), view.directions(), view.uniforms[:, 4:]
     out = np.zeros((len(scene.days), len(origin), len(PARTS)))
     weight, rays = np.ones((len(scene.days), len(origin))), np.arange(len(origin))
-    rng = np.random.default_rng((seed, 23))
     sky, diffuse = scene.days[0].replace(diffuse=1.0).sky, [[day.diffuse] for day in scene.days]
     glow = np.array([[day.foam_reflectance * day.irradiance / math.pi] for day in scene.days])
     for bounce in range(_BOUNCES + 1):
@@ -406,18 +398,19 @@ def follow(scene: SeenSea, origin: Floats, direction: Floats, u: Floats, seed: i
         if not at_sea.any():
             break
         rays, weight = rays[at_sea], weight[:, at_sea]
-        hit, view = Hit(*(v[at_sea] for v in hit)), -direction[at_sea]
+        hit, light = Hit(*(v[at_sea] for v in hit)), -direction[at_sea]
         if scene.foam > 0.0:
             out[:, rays, FOAM] += weight * scene.foam * glow
             weight = weight * (1.0 - scene.foam)
         if scene.direct.any() and scene.rough:
-            out[:, rays, GLINT] += weight * _glint(scene, hit, view)
-        draws = u[rays] if bounce == 0 else rng.random((len(u), 3))[rays]
-        rho, mirrored, water = _split(scene, direction[at_sea], hit, draws)
+            out[:, rays, GLINT] += weight * _glint(scene, hit, light)
+        if bounce > 0:
+            u = view.later_tilts(bounce, seed)
+        rho, mirrored, water = _split(scene, direction[at_sea], hit, u[rays])
         out[:, rays, WATER] += weight * water
         weight = weight * rho
         origin, direction = hit.point + _OFFSET * hit.facet_normal, mirrored
-    return out
+    return np.asarray(out.reshape(len(out), -1, view.per_shift, len(PARTS)).mean(axis=2))
 
 
 def _split(
@@ -442,9 +435,9 @@ def _glint(scene: SeenSea, hit: Hit, view: Floats) -> Floats:
 
     Shadows by one ray.
     """
-    sun, rough = scene.sun, scene.surface.roughness
+    sun = scene.sun
     glint = scene.at_wavelengths(
-        [connected_glint(view, sun, hit.normal, hit.facet_normal, rough, n) for n in scene.indices]
+        by_slopes(scene.mirror, view, hit.normal, hit.facet_normal, scene.surface.roughness)
     )
     lit = np.flatnonzero((glint[0] > 0.0) & (hit.facet_normal @ sun > 0.0))
     start = hit.point[lit] + _OFFSET * hit.facet_normal[lit]
@@ -557,9 +550,9 @@ def background(  # type: ignore[misc]
         links = [case.link.at_wavelength(nm) for nm in waves.tolist()]
         days = [day.at_wavelength(nm) for nm in waves.tolist()]
     results = list[Background]()
-    for one in backgrounds_over(case, found, links, days, photons):
-        link, day = links[len(results)], days[len(results)]
-        origin = {**provenance(link, config, run), "daylight": day.model_dump(mode="json")}
+    each = backgrounds_over(case, found, links, days, photons)
+    for one, at, light in zip(each, links, days, strict=True):
+        origin = {**provenance(at, config, run), "daylight": light.model_dump(mode="json")}
         results.append(replace(one, provenance=origin))
     return results[0] if wavelengths_nm is None else ByWavelength(waves, tuple(results))
 
@@ -574,17 +567,6 @@ def backgrounds_over(
     aperture = only_aperture(links[0])
     seen = seen_from_air if aperture.center[2] > 0.0 else seen_from_water
     sin2 = math.sin(math.radians(0.5 * aperture.fov_deg)) ** 2
-    found = []
-    for by_shift, day in zip(seen(case, mesh, links, days, photons), days, strict=True):
-        total = by_shift.sum(axis=1)
-        found.append(
-            Background(
-                part_radiance=by_shift.mean(axis=0),
-                part_radiance_stderr=error_of_groups(by_shift),
-                radiance=float(total.mean()),
-                radiance_stderr=float(error_of_groups(total)),
-                acceptance=math.pi**2 * aperture.radius**2 * sin2,
-                wavelength_nm=day.wavelength_nm,
-            )
-        )
-    return found
+    acceptance = math.pi**2 * aperture.radius**2 * sin2
+    each = zip(seen(case, mesh, links, days, photons), days, strict=True)
+    return [Background.of_groups(parts, acceptance, day.wavelength_nm) for parts, day in each]

@@ -14,14 +14,14 @@ takes its own point of the sun, neighbours opposite ones.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight
-from meshtrace.daylight.upward import QuasiSingle, slopes_of
+from meshtrace.daylight.upward import Bending, QuasiSingle, Reflection, slopes_to
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.sets import shifted, shifted_points
 from meshtrace.engine.setup.arrays import frame_of, surface_arrays
@@ -32,8 +32,9 @@ from meshtrace.link import Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.stored import SHIFTS
+
+_BLOCK = 2**17  # rays that are followed at a time, some 300 bytes each
 
 
 class View(NamedTuple):
@@ -44,6 +45,8 @@ class View(NamedTuple):
     radius: float
     sin2_psi: float  # of half the field of view
     uniforms: Floats  # (rays, 7): disk, cone, tilt of the first reflection
+    per_shift: int  # rays
+    first: int = 0  # ray of a block
 
     @classmethod
     def of(cls, link: Link, points: int, seed: int) -> View:
@@ -52,8 +55,20 @@ class View(NamedTuple):
         psi = math.radians(0.5 * aperture.fov_deg)
         axis, center = -np.array(aperture.axis), frame.points(np.array(aperture.center))
         places, shifts = shifted_points(7, points // SHIFTS, (seed, 19))
-        uniforms = shifted(places, shifts)
-        return cls(center, axis, aperture.radius / frame.unit, math.sin(psi) ** 2, uniforms)
+        radius, sin2_psi = aperture.radius / frame.unit, math.sin(psi) ** 2
+        return cls(center, axis, radius, sin2_psi, shifted(places, shifts), len(places))
+
+    def blocks(self) -> Iterator[View]:
+        """Yield the view with the rays of some shifts at a time."""
+        rays = self.per_shift * max(_BLOCK // self.per_shift, 1)
+        for first in range(0, len(self.uniforms), rays):
+            yield self._replace(uniforms=self.uniforms[first : first + rays], first=first)
+
+    def later_tilts(self, reflection: int, seed: int) -> Floats:
+        """Return the uniforms (rays, 3) of a reflection after the first, whatever the blocks."""
+        rng = np.random.PCG64((seed, 23))
+        rng.advance(3 * ((reflection - 1) * SHIFTS * self.per_shift + self.first))
+        return np.random.Generator(rng).random((len(self.uniforms), 3))
 
     def origins(self) -> Floats:
         """Return points on the disk (rays, 3)."""
@@ -139,6 +154,11 @@ class SeenSea(NamedTuple):
         return np.asarray(first + self.share[:, None] * (last - first))
 
     @property
+    def mirror(self) -> Reflection:
+        """Law of reflection at the indices."""
+        return Reflection(self.sun, tuple(self.indices.tolist()))
+
+    @property
     def rough(self) -> bool:
         """Whether the mesh leaves out slopes."""
         return self.surface.roughness.along > 0.0 or self.surface.roughness.across > 0.0
@@ -192,9 +212,7 @@ def first_hits(
     point = origin + distance[:, None] * direction
     normal = facet_normal
     if surface.interpolate:
-        a, b, c = (surface.vertex_normals[surface.faces[facet, i]] for i in range(3))
-        u, v = (np.where(on_mesh, w, 0.0)[:, None] for w in (hits.u, hits.v))
-        normal = (1.0 - u - v) * a + u * b + v * c
+        normal = _blend(np.stack([hits.u, hits.v], 1), surface.vertex_normals[surface.faces[facet]])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     up = np.array([0.0, 0.0, 1.0])
     facet_normal = np.where(on_mesh[:, None], facet_normal, up)
@@ -211,48 +229,6 @@ _SUN_RADIUS = math.radians(SUN_RADIUS_DEG)
 _STEP = 1e-4  # of the derivatives, in barycentrics
 
 
-class Reflection(NamedTuple):
-    """Reflection into the air, at points that all indices have in common."""
-
-    sun: Floats
-    n: tuple[float, ...]
-
-    def normal(self, light: Floats) -> Floats:
-        """Return light + sun."""
-        return light + self.sun
-
-    def strength(self, light: Floats) -> Floats:
-        """Return rho / (4 cos^4 b) at the indices (indices, n)."""
-        mirror = self.normal(light)
-        mirror /= np.linalg.norm(mirror, axis=-1, keepdims=True)
-        cos_i = np.clip(np.einsum("...i,...i", light, mirror), 0.0, 1.0)
-        rho = np.array([fresnel_reflectance(cos_i, 1.0, n) for n in self.n])
-        return rho / (4.0 * mirror[..., 2] ** 4)
-
-
-class Refraction(NamedTuple):
-    """Refraction into the water."""
-
-    sun: Floats
-    n: float
-
-    def normal(self, light: Floats) -> Floats:
-        """Return -n light - sun."""
-        return -self.n * light - self.sun
-
-    def strength(self, light: Floats) -> Floats:
-        """Return (1 - rho) n^2 cos cos / (cos^4 b (n cos - cos)^2), 0 behind the critical angle."""
-        bend = self.normal(light)
-        length = np.linalg.norm(bend, axis=-1)  # n cos(theta_w) - cos(theta_a)
-        bend = bend / length[..., None]
-        cos_a, cos_w = bend @ self.sun, -np.einsum("...i,...i", light, bend)
-        lit = (cos_a > 0.0) & (cos_w > 0.0) & (bend[..., 2] > 0.0)
-        through = 1.0 - fresnel_reflectance(np.clip(cos_a, 0.0, 1.0), 1.0, self.n)
-        slope = np.where(lit, bend[..., 2], 1.0) ** 4
-        return np.where(lit, through * self.n**2 * cos_a * cos_w / (slope * length**2), 0.0)
-
-
-Bending = Reflection | Refraction
 Depth = Callable[[Floats], Floats]
 
 
@@ -262,7 +238,7 @@ def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] =
     At the indices of a reflection, or at the wavelengths with `depths`, vertical optical depths of
     points. Shadows of the sun by other waves are left out, and so is light bent twice.
     """
-    surface, per_shift = scene.surface, len(view.uniforms) // SHIFTS
+    surface, per_shift = scene.surface, view.per_shift
     chosen = (per_shift * np.arange(SHIFTS)[:, None] + np.arange(min(_POINTS, per_shift))).ravel()
     corners = _corners(surface, slice(None))
     nearest = np.linalg.norm(surface.vertices - view.center, axis=1).min()
@@ -284,15 +260,10 @@ def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] =
 
 
 def _gaps(law: Bending, point: Floats, places: Floats, normals: Floats) -> Floats:
-    """Return s_m - s_r (..., 2) at places with normals, for a point of the aperture.
-
-    Where no slope bends the sun into the direction, s_r is 1e6.
-    """
+    """Return s_r - s_m (..., 2) at places with normals, for a point of the aperture."""
     light = point - places
     light /= np.linalg.norm(light, axis=-1, keepdims=True)
-    wanted = law.normal(light)
-    upright = wanted[..., 2:] > 1e-6
-    return slopes_of(normals) - np.where(upright, slopes_of(np.where(upright, wanted, 1.0)), 1e6)
+    return slopes_to(law.normal(light), normals)
 
 
 def _corners(surface: MeshArrays, facets: Any) -> tuple[Floats, Floats]:
@@ -341,7 +312,7 @@ def _irradiance(
     light = (point - place) / distance[:, None]
     first = scene.intersector.intersect(np.broadcast_to(point, light.shape), -light).distance
     seen = first > distance * (1.0 - 1e-3)
-    light_in = law.strength(light) * view.accepted(-light) / (distance**2 * det)
+    light_in = law.strength(light, law.normal(light)) * view.accepted(-light) / (distance**2 * det)
     tau = np.array([depth(place) for depth in depths] or [np.zeros(len(place))])
     return np.asarray((light_in * np.exp(-tau / np.abs(light[:, 2])))[:, seen].sum(axis=1))
 
