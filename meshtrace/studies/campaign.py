@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack
+from typing import Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,9 +42,6 @@ from meshtrace.stored import SHIFTS
 from meshtrace.studies.cluster import Cluster
 from meshtrace.studies.store import Store, digest_of
 from meshtrace.uav import Dryden, Flight
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 Setup = Callable[[], Callable[[Any], Any]]
 """Returns the function that gives the numbers of a step; called in the process that evaluates."""
@@ -327,8 +324,8 @@ class Campaign(NamedTuple):
         identity = {"steps": steps.identity(), "probed": probed}
         return self.over(setup, range(len(steps.labels)), name, identity)
 
-    def gains(self, steps: Steps, probed: int = _PROBED) -> xr.Dataset:
-        """Return the gains over all surfaces.
+    def gains(self, steps: Steps, probed: int = _PROBED) -> Floats:
+        """Return the gains over all surfaces, and their unscattered parts.
 
         Parameters
         ----------
@@ -337,23 +334,15 @@ class Campaign(NamedTuple):
 
         Returns
         -------
-        xarray.Dataset
-            `gain` and `gain_ballistic`, its unscattered part, by link, time or realization,
-            receiver and shift, one of 32 randomizations of the chains: independent estimates, the
-            same ones over all surfaces and for all links. `stderr` gives their standard error.
+        ndarray, shape (2, links, surfaces, receivers, shifts)
+            Shifts are the 32 randomizations of the chains: independent estimates, the same ones
+            over all surfaces and for all links.
         """
-        import xarray as xr
-
         n, receivers = len(steps.labels), len(self.link.receivers)
         found = np.empty((2, len(self.links), n, receivers, SHIFTS))
         for i, numbers in enumerate(self.each(steps, probed)):
             found[:, :, i] = numbers
-        dims = ("link", steps.along, "receiver", "shift")
-        return xr.Dataset(
-            {"gain": (dims, found[0]), "gain_ballistic": (dims, found[1])},
-            {"link": list(self.links), steps.along: steps.labels},
-            {"provenance": {name: self.provenance(link) for name, link in self.links.items()}},
-        )
+        return found
 
 
 def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Callable[[int], Floats]:
@@ -418,19 +407,6 @@ def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
     if any(end.center != ends[0].center for end in ends):
         return None
     return steps.links[int(np.argmax([end.tilt_deg for end in ends]))]
-
-
-def mean(samples: xr.DataArray, over: str) -> xr.DataArray:
-    """Return the mean over a dimension."""
-    return samples.mean(over, skipna=False)
-
-
-def stderr(samples: xr.DataArray, over: str) -> xr.DataArray:
-    """Return the standard error of the mean over a dimension of independent samples.
-
-    Over `shift` it is the Monte Carlo error, over realizations the spread of the sea.
-    """
-    return samples.std(over, ddof=1, skipna=False) / math.sqrt(samples.sizes[over])
 
 
 def campaign_of(
