@@ -361,9 +361,9 @@ def realization(link: Link, sea: Any, chains: int = 608, realizations: int = 64)
     -----
     The search for the band that fading needs, made once for a link and a wind, is not included.
     """
-    work = partial(ensemble, link, surface=sea, photons=chains, threads=1)
-    work(2)  # compiles, too
-    found, seconds = timed(partial(work, realizations))
+    options: Any = {"photons": chains, "threads": 1}
+    ensemble(link, 2, sea, **options)  # compiles, too
+    found, seconds = timed(lambda: ensemble(link, realizations, sea, **options))
     return {
         "cpu_seconds": seconds / realizations,
         "rtol": float(np.sqrt(np.mean((found.gain_stderr / found.gain) ** 2))),
@@ -422,7 +422,7 @@ def coverage_cost(
     """
     options: Any = {"rtol": rtol, "threads": 1}
     coverage_map(link, sea, 2.0 * step, step, **options)  # compiles
-    found, seconds = timed(partial(coverage_map, link, sea, extent, step, **options))
+    found, seconds = timed(lambda: coverage_map(link, sea, extent, step, **options))
     return {
         "cells": found.gain.size,
         "photons": found.provenance["run"]["photons"],
@@ -442,7 +442,7 @@ def first_run() -> dict[str, float]:
     """
     own = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
     with tempfile.TemporaryDirectory() as folder:
-        cache, rows = {**own, "MESHTRACE_CACHE_DIR": folder}, {}
+        cache, rows = {**own, "MESHTRACE_CACHE_DIR": folder}, dict[str, float]()
         for name in ("", "warm_"):
             used, wall = of_command("-m", "meshtrace", "run", env=cache)
             rows |= {f"{name}seconds": wall, f"{name}cpu_seconds": used}
