@@ -86,7 +86,6 @@ class ChannelModel(Stored):
     notes: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
 
-    _attributes: ClassVar[tuple[str, ...]] = ("n", "notes")
 
     def sample(self, n: int, seed: int = 1) -> Floats:
         """Return gains of the model.
@@ -442,7 +441,6 @@ class TransformedGaussian(ChannelModel):
 
     kind: ClassVar[str] = "transformed-gaussian"
     title: ClassVar[str] = "meshtrace transformed Gaussian series"
-    _attributes: ClassVar[tuple[str, ...]] = ("n", "notes", "law")
 
     @classmethod
     def fit(

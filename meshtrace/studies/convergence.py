@@ -105,7 +105,6 @@ class ConvergenceStudy(Stored):
 
     kind: ClassVar[str] = "convergence"
     title: ClassVar[str] = "meshtrace convergence"
-    _attributes: ClassVar[tuple[str, ...]] = ("parameter", "tolerance")
 
     @property
     def step(self) -> Floats:
@@ -601,7 +600,6 @@ class FadingConvergence(Stored):
 
     kind: ClassVar[str] = "fading-convergence"
     title: ClassVar[str] = "meshtrace fading over the band of waves"
-    _attributes: ClassVar[tuple[str, ...]] = ("all_waves", "tolerance", "recommended")
 
     def _headline(self) -> str:
         percent = 100.0 * self.tolerance
