@@ -447,11 +447,7 @@ def campaign_of(
     Refused
         If an option is unknown or out of range, or the surface is no sea.
     """
-    require_options(run, StudyOptions)
-    options: dict[str, Any] = {name: value for name, value in run.items() if value is not None}
-    store, progress = Store(options.pop("store", None), study), options.pop("progress", None)
-    require_function(progress, "progress")
-    workers = options.pop("workers", None)
+    options, loop = split_options(run, study)
     scenario = link if isinstance(link, Scenario) else None
     if scenario is None:
         options = {"photons": chains, **options}
@@ -463,12 +459,22 @@ def campaign_of(
         raise Refused("run.estimator", "analog", allowed)
     if several and not isinstance(case.surface, MeshSource):
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (MeshSource)")
-    cluster = None if workers is None else Cluster(workers).checked()
     links = {"link": case.link}
     if wavelengths_nm is not None:
         at = checked_wavelengths(wavelengths_nm)
         links = {f"{nm!r} nm": case.link.at_wavelength(nm) for nm in at}
     return Campaign(
-        links, case.surface, case.run, case.meshing, scenario, cluster, store, progress,
-        wavelengths_nm is not None,
+        links, case.surface, case.run, case.meshing, scenario, **loop,
+        spectral=wavelengths_nm is not None,
     )  # fmt: skip
+
+
+def split_options(given: Mapping[str, Any], study: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the options of a case, and cluster, store and progress of its campaign, checked."""
+    require_options(given, StudyOptions)
+    options = {name: value for name, value in given.items() if value is not None}
+    workers, progress = options.pop("workers", None), options.pop("progress", None)
+    require_function(progress, "progress")
+    cluster = None if workers is None else Cluster(workers).checked()
+    store = Store(options.pop("store", None), study)
+    return options, {"cluster": cluster, "store": store, "progress": progress}

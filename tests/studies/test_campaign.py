@@ -139,6 +139,11 @@ def test_other_options_are_refused(options, message):
         mt.ensemble(mt.Link(), 2, SEA, **options)
 
 
+def test_progress_of_a_map_is_a_function():
+    with pytest.raises(Refused, match="progress: 5, allowed: a function"):
+        mt.coverage_map(mt.Link(), FlatSea(), photons=1000, progress=5)
+
+
 def test_a_meshing_is_that_of_the_study():
     mesh = mt.Meshing(extent=4.0, spacing=0.2, normals="facet", time=1.5)
     found = mt.ensemble(mt.Link(), 1, SEA, photons=64, mesh=mesh)
