@@ -20,7 +20,7 @@ from functools import partial
 from importlib.util import find_spec
 from itertools import count
 from time import perf_counter, process_time, thread_time
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,16 +41,15 @@ from meshtrace.results.provenance import environment
 from meshtrace.results.series import relative_errors
 from meshtrace.results.tallies import standard_error
 from meshtrace.scenario import Scenario
-from meshtrace.studies.campaign import campaign_of, mean, stderr
 from meshtrace.studies.coverage import coverage_map
 from meshtrace.studies.series import ensemble
 from meshtrace.surfaces import Band, Elfouhaily, SpectralSea
 from meshtrace.tables import text_table
 
 _CHUNK = 8192  # rays
-_MEBIBYTE = 2**20 if sys.platform == "darwin" else 2**10  # in units of the peak memory
 
 Rays = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
+Result = TypeVar("Result")
 
 
 class RayRecorder(EmbreeIntersector):
@@ -95,6 +94,39 @@ def best_of(
     return best
 
 
+def timed(work: Callable[[], Result]) -> tuple[Result, float]:
+    """Return the result of a work, and its CPU seconds."""
+    start = process_time()
+    result = work()
+    return result, process_time() - start
+
+
+def of_command(*arguments: str, env: dict[str, str] | None = None) -> tuple[float, float]:
+    """Return the CPU and the wall seconds of Python with some arguments, and its processes."""
+    before, start = os.times(), perf_counter()
+    elsewhere = tempfile.gettempdir()  # not a checkout, which `-m` would take
+    command = sys.executable, *arguments
+    subprocess.run(command, env=env, cwd=elsewhere, check=True, capture_output=True)
+    after, wall = os.times(), perf_counter() - start
+    user = after.children_user - before.children_user
+    return user + after.children_system - before.children_system, wall
+
+
+def peak_mib() -> float:
+    """Return the peak of resident memory of this process [MiB]."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def to_tolerance(
+    measure: Callable[[int], dict[str, Any]], samples: int, rtol: float, most: int = 2**22
+) -> dict[str, Any]:
+    """Return what is measured with so many samples, doubled until its `rtol` is reached."""
+    while (found := measure(samples))["rtol"] > rtol and samples < most:
+        samples *= 2
+    return found
+
+
 def replay(scene: RayScene, rays: Rays) -> None:
     """Cast recorded chunks of rays."""
     for chunk in rays:
@@ -102,10 +134,7 @@ def replay(scene: RayScene, rays: Rays) -> None:
 
 
 def analog_rate(
-    link: Link,
-    mesh: TriangleMesh,
-    photons: int = 1_500_000,
-    rounds: int = 3,
+    link: Link, mesh: TriangleMesh, photons: int = 1_500_000, rounds: int = 3
 ) -> dict[str, Any]:
     """Return photons per CPU second against raw Embree rays per second on the same mesh.
 
@@ -180,9 +209,8 @@ def figure_of_merit(
     sea = TypicalSea.of([mesh])
     gains, stated, setup = [], [], []
     for seed in range(seeds):
-        start = process_time()
-        forced = ForcedDetection(link, chains, seed, threads=1, sea=sea)
-        setup.append(process_time() - start)
+        forced, seconds = timed(partial(ForcedDetection, link, chains, seed, threads=1, sea=sea))
+        setup.append(seconds)
         parts = forced.evaluate(mesh)
         gains.append(float(parts.gain[0]))
         stated.append(float(parts.stderr[0]))
@@ -240,39 +268,36 @@ def new_sea(link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5) -> dict[s
         `bvh_seconds`, `rtol` reached (largest), `chains`.
     """
     reach, chains = crossing_reach(link), 64
+
+    def gain(seed: int, chains: int) -> dict[str, Any]:
+        phases = sea.with_seed(1000 + seed)
+        (mesh, _), meshed = timed(partial(mesh_for, link, phases, reach=reach))
+        typical = TypicalSea.of([mesh])
+        forced, made = timed(partial(ForcedDetection, link, chains, seed, threads=1, sea=typical))
+        parts, aimed = timed(partial(forced.evaluate, mesh))
+        _, built = timed(EmbreeIntersector(mesh, 1).built)
+        return {
+            "seconds": meshed + made + aimed,
+            "kept_seconds": meshed + aimed,
+            "with_bvh_seconds": meshed + made + aimed + built,
+            "mesh_seconds": meshed,
+            "bvh_seconds": built,
+            "rtol": float(parts.stderr[0] / parts.gain[0]),
+            "chains": parts.counts["chains"],
+            "facets": len(mesh.faces),
+        }
+
     rows = []
     for seed in range(rounds + 1):  # the first warms up
-        start = process_time()
-        mesh, _ = mesh_for(link, sea.with_seed(1000 + seed), reach=reach)
-        typical, meshed = TypicalSea.of([mesh]), process_time()
-        while True:
-            forced = ForcedDetection(link, chains, seed, threads=1, sea=typical)
-            made = process_time()
-            parts = forced.evaluate(mesh)
-            reached = float(parts.stderr[0]) / float(parts.gain[0])
-            if reached <= rtol:
-                break
-            chains *= 2
-        done = process_time()
-        EmbreeIntersector(mesh, 1)
-        built = process_time()
-        kept = done - made + meshed - start
-        rows.append((done - start, kept, built - start, meshed - start, built - done, reached))
-    names = "seconds", "kept_seconds", "with_bvh_seconds", "mesh_seconds", "bvh_seconds", "rtol"
-    return {
-        **dict(zip(names, np.median(rows[1:], axis=0).tolist(), strict=True)),
-        "rtol": max(row[-1] for row in rows[1:]),
-        "chains": parts.counts["chains"],
-        "facets": len(mesh.faces),
-    }
+        rows.append(to_tolerance(partial(gain, seed), chains, rtol))
+        chains = rows[-1]["chains"]
+    names = [name for name in rows[0] if name.endswith("seconds")]
+    median = {name: float(np.median([row[name] for row in rows[1:]])) for name in names}
+    return {**rows[-1], **median, "rtol": max(row["rtol"] for row in rows[1:])}
 
 
 def resolved_sea(
-    link: Link,
-    sea: Any,
-    rtol: float = 0.01,
-    rounds: int = 3,
-    realizations: int = 16,
+    link: Link, sea: Any, rtol: float = 0.01, rounds: int = 3, realizations: int = 16
 ) -> dict[str, Any]:
     """Return the CPU time of one thread for a sea that is resolved down to the waves light feels.
 
@@ -302,16 +327,13 @@ def resolved_sea(
     forced = ForcedDetection(link, chains, 1, threads=1, sea=TypicalSea.of([mesh], MANY_SEAS))
     aimed = forced.over(mesh)
     (direct,) = best_of(3, lambda: aimed.direct_gains(0, 0))
-    campaign = campaign_of(link, sea, photons=chains, threads=1)
-    start = process_time()
-    found = campaign.gains(campaign.realizations(realizations))["gain"]
-    each = (process_time() - start) / realizations
+    each = realization(link, sea, chains, realizations)
     return {
         "gain": gain,
-        "seconds_per_realization": each,
+        "seconds_per_realization": each["cpu_seconds"],
         "direct_seconds": direct,
         "facets": len(mesh.faces),
-        "rtol": float((stderr(found, "shift") / mean(found, "shift")).max()),
+        "rtol": each["rtol"],
     }
 
 
@@ -339,10 +361,9 @@ def realization(link: Link, sea: Any, chains: int = 608, realizations: int = 64)
     -----
     The search for the band that fading needs, made once for a link and a wind, is not included.
     """
-    ensemble(link, realizations, sea, photons=chains, threads=1)  # compiles, too
-    start = process_time()
-    found = ensemble(link, realizations, sea, photons=chains, threads=1)
-    seconds = process_time() - start
+    options: Any = {"photons": chains, "threads": 1}
+    ensemble(link, 2, sea, **options)  # compiles, too
+    found, seconds = timed(lambda: ensemble(link, realizations, sea, **options))
     return {
         "cpu_seconds": seconds / realizations,
         "rtol": float(np.sqrt(np.mean((found.gain_stderr / found.gain) ** 2))),
@@ -368,14 +389,15 @@ def background_light(link: Link, sea: Any, rtol: float = 0.03) -> dict[str, Any]
     dict
         `cpu_seconds`, `rtol` reached, `rays`.
     """
-    day, rays = Daylight.clear_sky(sun_zenith_deg=30.0), 256
-    while True:
+    day = Daylight.clear_sky(sun_zenith_deg=30.0)
+
+    def light(rays: int) -> dict[str, Any]:
         work = partial(background, link, sea, day, photons=rays, threads=1)
         found = work()  # and compiles
         reached = float(found.radiance_stderr / found.radiance)
-        if reached <= rtol or rays >= 2**22:
-            return {"cpu_seconds": best_of(3, work)[0], "rtol": reached, "rays": rays}
-        rays *= 2
+        return {"cpu_seconds": best_of(3, work)[0], "rtol": reached, "rays": rays}
+
+    return to_tolerance(light, 256, rtol)
 
 
 def coverage_cost(
@@ -400,13 +422,13 @@ def coverage_cost(
     """
     options: Any = {"rtol": rtol, "threads": 1}
     coverage_map(link, sea, 2.0 * step, step, **options)  # compiles
-    start = process_time()
-    found = coverage_map(link, sea, extent, step, **options)
-    seconds = process_time() - start
-    reached = float(relative_errors(found.gain, found.gain_stderr).max())
-    photons = found.provenance["run"]["photons"]
-    size = found.gain.size
-    return {"cells": size, "photons": photons, "cpu_seconds": seconds, "rtol": reached}
+    found, seconds = timed(lambda: coverage_map(link, sea, extent, step, **options))
+    return {
+        "cells": found.gain.size,
+        "photons": found.provenance["run"]["photons"],
+        "cpu_seconds": seconds,
+        "rtol": float(relative_errors(found.gain, found.gain_stderr).max()),
+    }
 
 
 def first_run() -> dict[str, float]:
@@ -418,18 +440,12 @@ def first_run() -> dict[str, float]:
         `seconds` of wall time and `cpu_seconds` with an empty cache; `warm_seconds` and
         `warm_cpu_seconds` of the same command after it.
     """
+    own = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
     with tempfile.TemporaryDirectory() as folder:
-        own = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
-        cache = {**own, "MESHTRACE_CACHE_DIR": folder}
-        rows = {}
+        cache, rows = {**own, "MESHTRACE_CACHE_DIR": folder}, dict[str, float]()
         for name in ("", "warm_"):
-            before, start = os.times(), perf_counter()
-            command = sys.executable, "-m", "meshtrace", "run"
-            subprocess.run(command, env=cache, check=True, capture_output=True)
-            after, seconds = os.times(), perf_counter() - start
-            user = after.children_user - before.children_user
-            rows[f"{name}seconds"] = seconds
-            rows[f"{name}cpu_seconds"] = user + after.children_system - before.children_system
+            used, wall = of_command("-m", "meshtrace", "run", env=cache)
+            rows |= {f"{name}seconds": wall, f"{name}cpu_seconds": used}
     return rows
 
 
@@ -479,27 +495,24 @@ def thread_scaling(
     """
     threads = counts_up_to(default_threads(most))
     typical = TypicalSea.of([near])
-    analog = [
-        partial(run_analog, link, EmbreeIntersector(mesh, n), photons=photons, seed=1, threads=n)
-        for n in threads
-    ]
     seeds = count(1)  # kept chains would not be made
+
+    def trace(n: int) -> None:
+        run_analog(link, EmbreeIntersector(mesh, n), photons=photons, seed=1, threads=n)
 
     def make_and_evaluate(n: int) -> None:
         ForcedDetection(link, chains, next(seeds), threads=n, sea=typical).evaluate(near)
 
-    jobs: list[Callable[[], Any]] = [*analog, *(partial(make_and_evaluate, n) for n in threads)]
-    times = best_of(rounds, *jobs, clock=perf_counter)
-    analog_times, forced_times = times[: len(threads)], times[len(threads) :]
-    return {
-        "threads": threads,
-        "photons_per_s": [photons / t for t in analog_times],
-        "chains_per_s": [chains / t for t in forced_times],
-        "analog_speedup": [analog_times[0] / t for t in analog_times],
-        "forced_speedup": [forced_times[0] / t for t in forced_times],
-        "analog_by_jobs": speedup_by_jobs(analog[0]),
-        "forced_by_jobs": speedup_by_jobs(partial(make_and_evaluate, 1)),
-    }
+    found: dict[str, Any] = {"threads": threads}
+    works = ("analog", "photons", photons, trace), ("forced", "chains", chains, make_and_evaluate)
+    for name, unit, size, work in works:
+        times = best_of(rounds, *(partial(work, n) for n in threads), clock=perf_counter)
+        found |= {
+            f"{unit}_per_s": [size / t for t in times],
+            f"{name}_speedup": [times[0] / t for t in times],
+            f"{name}_by_jobs": speedup_by_jobs(partial(work, 1)),
+        }
+    return found
 
 
 def speedup_by_jobs(work: Callable[[], Any], threads: tuple[int, ...] = (2, 16)) -> dict[str, Any]:
@@ -653,7 +666,7 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
         "coverage": _if_followed(lambda: coverage_cost(link, sea, extent=5.0 / scale)),
         "first_run": first_run() if cold else None,
         "downlink": _if_followed(lambda: new_sea(down or link.mirrored(), sea)),
-        "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MEBIBYTE,
+        "peak_memory_mib": peak_mib(),
         "thread_scaling": thread_scaling(link, mesh, near, photons, 20 * chains),
         "worker_scaling": worker_scaling(scenario, 128 // scale) if dask else None,
     }
@@ -673,12 +686,7 @@ def _resolved(sea: Any) -> SpectralSea:
     band = Band(
         omega_min=0.6 * spectrum.omega_p, omega_max=24.0, d_omega=0.3, d_theta=math.pi / 18.0
     )
-    return SpectralSea(
-        spectrum=spectrum,
-        spreading="elfouhaily",
-        mss="elfouhaily",
-        waves=band,
-    )
+    return SpectralSea(spectrum=spectrum, spreading="elfouhaily", mss="elfouhaily", waves=band)
 
 
 _ROWS = (

@@ -13,9 +13,10 @@ import json
 import mmap
 import struct
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from functools import reduce
+from dataclasses import fields
+from functools import cache, reduce
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
@@ -72,6 +73,8 @@ _HOMES = {
     "fading-convergence": "meshtrace.studies.convergence",
 }
 """Modules of the results by kind, imported when a file asks for them."""
+
+_hints: Callable[..., dict[str, Any]] = cache(get_type_hints)  # which takes milliseconds
 
 Variables = dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]]
 
@@ -140,7 +143,7 @@ class Rows(NamedTuple):
 
 def _paths(kind: Any) -> Iterator[tuple[str, ...]]:
     """Yield the names that lead to each number or text of a row."""
-    for name, hint in get_type_hints(kind).items():
+    for name, hint in _hints(kind).items():
         inner = _paths(hint) if hasattr(hint, "_fields") else [()]
         yield from ((name, *path) for path in inner)
 
@@ -148,10 +151,16 @@ def _paths(kind: Any) -> Iterator[tuple[str, ...]]:
 def _row(kind: Any, values: Iterator[Any]) -> Any:
     """Return a row of the next values, in the order of `_paths`."""
     found = []
-    for hint in get_type_hints(kind).values():
+    for hint in _hints(kind).values():
         value = _row(hint, values) if hasattr(hint, "_fields") else next(values)
         found.append(bool(value) if hint is bool else value)
     return kind(*found)
+
+
+class Attribute(NamedTuple):
+    """Name in files of a field that is an attribute; none if the field is not, or elsewhere."""
+
+    name: str = ""
 
 
 class WithArrays:
@@ -163,9 +172,9 @@ class WithArrays:
 
     @classmethod
     def _described(cls, kind: Any = Variable) -> Iterator[tuple[str, Any, Any]]:
-        """Yield attribute, type and description of each array, or of each table of rows."""
-        hints = get_type_hints(cls)
-        for attribute, hint in get_type_hints(cls, include_extras=True).items():
+        """Yield attribute, type and description of each array, or of another kind."""
+        hints = _hints(cls)
+        for attribute, hint in _hints(cls, include_extras=True).items():
             for about in getattr(hint, "__metadata__", ()):
                 if isinstance(about, kind):
                     yield attribute, hints[attribute], about
@@ -173,7 +182,7 @@ class WithArrays:
     @classmethod
     def _parts(cls) -> Iterator[tuple[str, Any]]:
         """Yield attribute and class of each field that holds further arrays."""
-        for attribute, hint in get_type_hints(cls).items():
+        for attribute, hint in _hints(cls).items():
             for kind in get_args(hint):
                 if isinstance(kind, type) and issubclass(kind, WithArrays):
                     yield attribute, kind
@@ -222,15 +231,14 @@ class Stored(WithArrays, ABC):
     """Result with a text, a notebook table, a Dataset and a file.
 
     Subclasses are frozen dataclasses (`repr=False`) with a `kind` and a `title`. Fields described
-    by a `Variable` become variables of the dataset, fields in `_attributes` its attributes:
-    "field", or "field=name" for another name in files.
+    by a `Variable` or `Rows` become variables of the dataset, all others but the provenance its
+    attributes, of the same name or that of an `Attribute`.
     """
 
     kind: ClassVar[str] = ""
     title: ClassVar[str] = ""
     provenance: Any
 
-    _attributes: ClassVar[Collection[str]] = ()
     _classes: ClassVar[dict[str, type[Stored]]] = {}
 
     def __init_subclass__(cls) -> None:
@@ -263,8 +271,12 @@ class Stored(WithArrays, ABC):
     @classmethod
     def _named(cls) -> list[tuple[str, str]]:
         """Return fields and names of the attributes of the dataset."""
-        parts = (one.partition("=") for one in cls._attributes)
-        return [(field, name or field) for field, _, name in parts]
+        arrays = {one[0] for one in (*cls._described((Variable, Rows)), *cls._parts())}
+        own: Any = cls  # a dataclass
+        names = {field.name: field.name for field in fields(own) if field.name not in arrays}
+        names.pop("provenance", None)
+        names |= {name: about.name for name, _, about in cls._described(Attribute)}
+        return [(field, name) for field, name in names.items() if name]
 
     @classmethod
     def _restored(cls, data: xr.Dataset, provenance: Any, **more: Any) -> Self:
@@ -272,11 +284,11 @@ class Stored(WithArrays, ABC):
 
         `more` are the fields that are neither in its variables nor in its attributes.
         """
-        fields, hints = cls.arrays(data), get_type_hints(cls)
+        found, hints = cls.arrays(data), _hints(cls)
         for field, name in cls._named():
             if name in data.attrs:
-                fields[field] = _typed(data.attrs[name], hints[field])
-        return cls(**{**fields, **more, "provenance": provenance})
+                found[field] = _typed(data.attrs[name], hints[field])
+        return cls(**{**found, **more, "provenance": provenance})
 
     def _origin_lines(self) -> list[str]:
         """Return the texts that come from the provenance; a file is refused without them."""

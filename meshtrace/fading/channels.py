@@ -86,8 +86,6 @@ class ChannelModel(Stored):
     notes: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
 
-    _attributes: ClassVar[tuple[str, ...]] = ("n", "notes")
-
     def sample(self, n: int, seed: int = 1) -> Floats:
         """Return gains of the model.
 
@@ -442,7 +440,6 @@ class TransformedGaussian(ChannelModel):
 
     kind: ClassVar[str] = "transformed-gaussian"
     title: ClassVar[str] = "meshtrace transformed Gaussian series"
-    _attributes: ClassVar[tuple[str, ...]] = ("n", "notes", "law")
 
     @classmethod
     def fit(
@@ -544,12 +541,12 @@ def _quantiles(g: Floats, law: GeneratedLaw) -> Floats:
 
 def _hermite_powers(quantile: Floats) -> Floats:
     """Return c_k^2 over their sum, k = 1, 2, ..., of a function of the scores."""
-    last, now = np.zeros_like(_SCORES), np.ones_like(_SCORES)
-    power = []
-    for k in range(_HERMITE):
-        last, now = now, (_SCORES * now - math.sqrt(k) * last) / math.sqrt(k + 1.0)
-        power.append(float(_WEIGHTS @ (quantile * now)) ** 2)
-    return np.array(power) / math.fsum(power)
+    from scipy import special
+
+    orders = np.arange(1, _HERMITE + 1)
+    he = np.polynomial.hermite_e.hermevander(_SCORES, _HERMITE)[:, 1:]
+    power = (quantile * _WEIGHTS @ he) ** 2 / special.factorial(orders)
+    return power / power.sum()
 
 
 def _transformed(rho: Floats, power: Floats) -> Floats:

@@ -42,7 +42,7 @@ from meshtrace.fading.series import (
 )
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import Rows, Stored, Variable, Variables
+from meshtrace.stored import Attribute, Rows, Stored, Variable, Variables
 
 if TYPE_CHECKING:
     import xarray
@@ -96,7 +96,7 @@ class FadingStatistics(Stored):
 
     n: int
     n_effective: float
-    block: int
+    block: Annotated[int, Attribute("block_length")]
     confidence: float
     mean: Annotated[float, Variable("", name="gain_mean")]
     mean_stderr: Annotated[float, Variable("", name="gain_mean_stderr")]
@@ -104,10 +104,10 @@ class FadingStatistics(Stored):
     scintillation_index: Annotated[Estimate, Rows(Estimate, prefix="scintillation_index_")]
     noise_share: Annotated[float, Variable("")]
     thresholds: Annotated[tuple[float, ...], Variable("threshold", name="threshold")]
-    relative_to: Reference
+    relative_to: Annotated[Reference, Attribute("threshold_relative_to")]
     outage: Annotated[tuple[Estimate, ...], Rows(Estimate, "threshold", "outage_")]
-    pdf: Histogram
-    cdf: Distribution
+    pdf: Annotated[Histogram, Attribute()]
+    cdf: Annotated[Distribution, Attribute()]
     fits: tuple[DistributionFit, ...]
     goodness: tuple[GoodnessOfFit, ...]
     notes: tuple[str, ...]
@@ -124,10 +124,6 @@ class FadingStatistics(Stored):
 
     kind: ClassVar[str] = "fading"
     title: ClassVar[str] = "meshtrace fading statistics"
-    _attributes: ClassVar[tuple[str, ...]] = (
-        *("n", "n_effective", "block=block_length", "confidence", "notes", "fits", "goodness"),
-        "relative_to=threshold_relative_to",
-    )
 
     def _headline(self) -> str:
         index = _text(self.scintillation_index)

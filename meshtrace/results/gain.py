@@ -17,7 +17,7 @@ from meshtrace.kernels.tally import Fate
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
 from meshtrace.results.tallies import ArrivalTally, MapTally, Planes, merged, merged_mean
-from meshtrace.stored import Stored, Variable
+from meshtrace.stored import Attribute, Stored, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -131,7 +131,7 @@ class GainResult(Stored):
     gain: Annotated[Values, _MEAN]
     gain_stderr: Annotated[Values, _EACH]
     photons: int
-    fates: dict[str, FateTally]
+    fates: Annotated[dict[str, FateTally], Attribute()]
     provenance: dict[str, Any]
     gain_ballistic: Annotated[Values | None, _EACH] = None
     gain_scattered: Annotated[Values | None, _EACH] = None
@@ -150,10 +150,6 @@ class GainResult(Stored):
 
     kind: ClassVar[str] = "gain"
     title: ClassVar[str] = "meshtrace channel gain"
-
-    _attributes: ClassVar[tuple[str, ...]] = (
-        "photons", "misses", "chains", "scattered", "reflected",
-    )  # fmt: skip
 
     @property
     def gains(self) -> Floats:

@@ -67,7 +67,6 @@ class GainSeries(Stored):
 
     kind: ClassVar[str] = "series"
     title: ClassVar[str] = "meshtrace gain series"
-    _attributes: ClassVar[tuple[str, ...]] = ("along", "mean_stderr")
 
     @property
     def gains(self) -> Floats:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack
+from typing import Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,9 +42,6 @@ from meshtrace.stored import SHIFTS
 from meshtrace.studies.cluster import Cluster
 from meshtrace.studies.store import Store, digest_of
 from meshtrace.uav import Dryden, Flight, h_alpha
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 Setup = Callable[[], Callable[[Any], Any]]
 """Returns the function that gives the numbers of a step; called in the process that evaluates."""
@@ -334,8 +331,8 @@ class Campaign(NamedTuple):
         identity = {"steps": steps.identity(), "probed": probed}
         return self.over(setup, range(len(steps.labels)), name, identity)
 
-    def gains(self, steps: Steps, probed: int = _PROBED) -> xr.Dataset:
-        """Return the gains over all surfaces.
+    def gains(self, steps: Steps, probed: int = _PROBED) -> Floats:
+        """Return the gains over all surfaces, and their unscattered parts.
 
         Parameters
         ----------
@@ -344,23 +341,15 @@ class Campaign(NamedTuple):
 
         Returns
         -------
-        xarray.Dataset
-            `gain` and `gain_ballistic`, its unscattered part, by link, time or realization,
-            receiver and shift, one of 32 randomizations of the chains: independent estimates, the
-            same ones over all surfaces and for all links. `stderr` gives their standard error.
+        ndarray, shape (2, links, surfaces, receivers, shifts)
+            Shifts are the 32 randomizations of the chains: independent estimates, the same ones
+            over all surfaces and for all links.
         """
-        import xarray as xr
-
         n, receivers = len(steps.labels), len(self.link.receivers)
         found = np.empty((2, len(self.links), n, receivers, SHIFTS))
         for i, numbers in enumerate(self.each(steps, probed)):
             found[:, :, i] = numbers
-        dims = ("link", steps.along, "receiver", "shift")
-        return xr.Dataset(
-            {"gain": (dims, found[0]), "gain_ballistic": (dims, found[1])},
-            {"link": list(self.links), steps.along: steps.labels},
-            {"provenance": {name: self.provenance(link) for name, link in self.links.items()}},
-        )
+        return found
 
 
 def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Callable[[int], Floats]:
@@ -427,19 +416,6 @@ def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
     return steps.links[int(np.argmax([end.tilt_deg for end in ends]))]
 
 
-def mean(samples: xr.DataArray, over: str) -> xr.DataArray:
-    """Return the mean over a dimension."""
-    return samples.mean(over, skipna=False)
-
-
-def stderr(samples: xr.DataArray, over: str) -> xr.DataArray:
-    """Return the standard error of the mean over a dimension of independent samples.
-
-    Over `shift` it is the Monte Carlo error, over realizations the spread of the sea.
-    """
-    return samples.std(over, ddof=1, skipna=False) / math.sqrt(samples.sizes[over])
-
-
 def campaign_of(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
@@ -478,11 +454,7 @@ def campaign_of(
     Refused
         If an option is unknown or out of range, or the surface is no sea.
     """
-    require_options(run, StudyOptions)
-    options: dict[str, Any] = {name: value for name, value in run.items() if value is not None}
-    store, progress = Store(options.pop("store", None), study), options.pop("progress", None)
-    require_function(progress, "progress")
-    workers = options.pop("workers", None)
+    options, loop = split_options(run, study)
     scenario = link if isinstance(link, Scenario) else None
     if scenario is None:
         options = {"photons": chains, **options}
@@ -494,12 +466,22 @@ def campaign_of(
         raise Refused("run.estimator", "analog", allowed)
     if several and not isinstance(case.surface, MeshSource):
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (MeshSource)")
-    cluster = None if workers is None else Cluster(workers).checked()
     links = {"link": case.link}
     if wavelengths_nm is not None:
         at = checked_wavelengths(wavelengths_nm)
         links = {f"{nm!r} nm": case.link.at_wavelength(nm) for nm in at}
     return Campaign(
-        links, case.surface, case.run, case.meshing, scenario, cluster, store, progress,
-        wavelengths_nm is not None,
+        links, case.surface, case.run, case.meshing, scenario, **loop,
+        spectral=wavelengths_nm is not None,
     )  # fmt: skip
+
+
+def split_options(given: Mapping[str, Any], study: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the options of a case, and cluster, store and progress of its campaign, checked."""
+    require_options(given, StudyOptions)
+    options = {name: value for name, value in given.items() if value is not None}
+    workers, progress = options.pop("workers", None), options.pop("progress", None)
+    require_function(progress, "progress")
+    cluster = None if workers is None else Cluster(workers).checked()
+    store = Store(options.pop("store", None), study)
+    return options, {"cluster": cluster, "store": store, "progress": progress}

@@ -35,7 +35,7 @@ from meshtrace.studies.background import (
     light_of,
     transmission_of,
 )
-from meshtrace.studies.campaign import Campaign, campaign_of, mean
+from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.response import through_channel
 from meshtrace.studies.series import gain_series
 from meshtrace.tables import text_table
@@ -271,9 +271,8 @@ def _samples(each: dict[str, Campaign], realizations: int) -> Floats:
         still = one.in_time(np.array([one.meshing.time]))
         steps = one.realizations(realizations) if realizations > 1 else still
         tick = one.progress and partial(_of_each, one.progress, len(one.links))
-        gain = one._replace(progress=tick).gains(steps)["gain"].isel(receiver=0)
-        samples = mean(gain, "shift") if realizations > 1 else gain.isel(time=0)
-        rows.append(samples.to_numpy())
+        gain = one._replace(progress=tick).gains(steps)[0, :, :, 0]
+        rows.append(gain.mean(axis=-1) if realizations > 1 else gain[:, 0])
     return np.concatenate(rows)
 
 
@@ -440,7 +439,7 @@ def duplex(
         require_whole(realizations, 1, 10_000_000, "realizations")
         steps = campaign.realizations(int(realizations or 0))
     gains = campaign.gains(steps, probed=1)
-    return Duplex(*(gain_series(campaign, gains, name) for name in campaign.links))
+    return Duplex(*(gain_series(campaign, steps, gains, name) for name in campaign.links))
 
 
 def both_directions(up: Campaign, down: Campaign) -> Campaign:

@@ -24,6 +24,7 @@ import numpy as np
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Meshing, StudyOptions
 from meshtrace.errors import Described, Refused, require_between, require_whole
+from meshtrace.fading.distribution import scintillation_index
 from meshtrace.fading.spectral import WITHIN, fading_band, scintillation_of_spectrum
 from meshtrace.fields import attrs
 from meshtrace.kernels.random import realization_seed
@@ -105,7 +106,6 @@ class ConvergenceStudy(Stored):
 
     kind: ClassVar[str] = "convergence"
     title: ClassVar[str] = "meshtrace convergence"
-    _attributes: ClassVar[tuple[str, ...]] = ("parameter", "tolerance")
 
     @property
     def step(self) -> Floats:
@@ -565,6 +565,7 @@ DEFAULT_BANDS = (4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 64.0, 128.0)
 """Highest frequencies of a study [rad s-1]."""
 
 _BOOTSTRAPS = 400
+_WITHIN_ONE = math.erf(math.sqrt(0.5))  # of normal errors within one standard error
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -601,7 +602,6 @@ class FadingConvergence(Stored):
 
     kind: ClassVar[str] = "fading-convergence"
     title: ClassVar[str] = "meshtrace fading over the band of waves"
-    _attributes: ClassVar[tuple[str, ...]] = ("all_waves", "tolerance", "recommended")
 
     def _headline(self) -> str:
         percent = 100.0 * self.tolerance
@@ -697,7 +697,6 @@ def _measured(campaign: Campaign, omega_max: float, realizations: int) -> tuple[
     campaign = campaign.of(campaign.link, f"up to {omega_max!r} rad/s")
     campaign = campaign._replace(surface=sea.model_copy(update={"omega_max": omega_max}))
     gain = over_realizations(campaign, realizations).gain_ballistic
-    rng = np.random.default_rng(campaign.run.seed)
-    drawn = rng.integers(0, realizations, (_BOOTSTRAPS, realizations))
-    indices = [sample.var(ddof=1) / sample.mean() ** 2 for sample in (gain, *gain[drawn])]
-    return indices[0], float(np.std(indices[1:]))
+    options: Any = {"confidence": _WITHIN_ONE, "resamples": _BOOTSTRAPS, "seed": campaign.run.seed}
+    found = scintillation_index(gain, **options)
+    return found.value, 0.5 * (found.high - found.low)

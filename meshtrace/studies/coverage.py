@@ -29,7 +29,6 @@ from meshtrace.engine.setup.options import (
     Analog,
     IrradianceMap,
     RunOptions,
-    require_options,
     resolve,
 )
 from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, photon_paths, scattering
@@ -53,9 +52,8 @@ from meshtrace.results.series import (
     spectral,
 )
 from meshtrace.scenario import Scenario
-from meshtrace.studies.campaign import Campaign
-from meshtrace.studies.cluster import Cluster, Restored
-from meshtrace.studies.store import Store
+from meshtrace.studies.campaign import Campaign, split_options
+from meshtrace.studies.cluster import Restored
 
 _FIRST_PHOTONS = 2**20  # at most, before the first comparison with `rtol`
 _MOST_AT_ONCE = 16.0  # times the photons: an error of few hits is uncertain itself
@@ -158,10 +156,7 @@ def coverage_map(
     in the median cell of more than 1 % of the highest gain has photons of its own, unless those of
     the base are few, too.
     """
-    require_options(run, RunOptions)
-    options: dict[str, Any] = {name: value for name, value in run.items() if value is not None}
-    store, progress = options.pop("store", None), options.pop("progress", None)
-    cluster = None if workers is None else Cluster(workers).checked()
+    options, loop = split_options({"workers": workers, **run}, "coverage_map")
     case = resolve(link, surface, **options)
     kinds = (Receiver, WaterReceiver)
     receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)
@@ -177,10 +172,8 @@ def coverage_map(
     exact = rtol is not None and not isinstance(case.run.estimator, Analog)
     waves = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     links = [case.link.at_wavelength(nm) for nm in waves] or [case.link]
-    kept, found = Store(store, "coverage_map"), dict[int, CoverageMap]()
-    campaign = Campaign(
-        {}, case.surface, case.run, case.meshing, cluster=cluster, store=kept, progress=progress
-    )
+    campaign = Campaign({}, case.surface, case.run, case.meshing, **loop)
+    found = dict[int, CoverageMap]()
     with campaign.workers():
         while waiting := [i for i in range(len(links)) if i not in found]:
             base, common = photon_paths(links, waiting)

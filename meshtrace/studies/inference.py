@@ -315,7 +315,6 @@ class Inference(Stored):
 
     kind: ClassVar[str] = "inference"
     title: ClassVar[str] = "meshtrace inference"
-    _attributes: ClassVar[tuple[str, ...]] = ("weakest", "chi2", "degrees")
 
     @property
     def value(self) -> dict[str, float]:

@@ -97,7 +97,7 @@ class SharedGains(NamedTuple):
     """
 
     wavelengths_nm: tuple[float, ...]
-    kept: dict[str, tuple[Campaign, Any]]
+    kept: dict[str, tuple[Campaign, Steps, Floats]]
     responses: dict[str, list[MeanResponse | None]]
 
     def series(self, campaign: Campaign, steps: Callable[[Campaign], Steps]) -> GainSeries:
@@ -105,7 +105,8 @@ class SharedGains(NamedTuple):
         ((name, link),) = campaign.links.items()
         if name not in self.kept:
             whole = self._whole(campaign)
-            self.kept[name] = whole, whole.gains(steps(whole))
+            over = steps(whole)
+            self.kept[name] = whole, over, whole.gains(over)
         return gain_series(*self.kept[name], f"{link.transmitters[0].wavelength_nm!r} nm")
 
     def response(self, campaign: Campaign, seas: int) -> MeanResponse | None:
@@ -173,7 +174,8 @@ class Ensemble(NamedTuple):
     def _series(self, campaign: Campaign, steps: Callable[[Campaign], Steps]) -> GainSeries:
         """Return the gains of a link over the surfaces."""
         if self.common is None:
-            return gain_series(campaign, campaign.gains(steps(campaign)))
+            over = steps(campaign)
+            return gain_series(campaign, over, campaign.gains(over))
         return self.common.series(campaign, steps)
 
 

@@ -102,7 +102,6 @@ class Optimum(Stored):
 
     kind: ClassVar[str] = "optimum"
     title: ClassVar[str] = "meshtrace optimum"
-    _attributes: ClassVar[tuple[str, ...]] = ("objective", "cost", "validation", "notes")
 
     @property
     def history(self) -> Floats:

@@ -35,7 +35,7 @@ from meshtrace.results.daylight import Background
 from meshtrace.results.provenance import water_of
 from meshtrace.results.series import ByWavelength, checked_wavelengths, spectral
 from meshtrace.scenario import Scenario
-from meshtrace.stored import Rows, Stacked, Stored, Variable
+from meshtrace.stored import Attribute, Rows, Stacked, Stored, Variable
 from meshtrace.studies.background import background_over_seas, described, light_of
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.operating_point import (
@@ -82,19 +82,18 @@ class LinkPerformance(Stored):
     """
 
     depths: Annotated[tuple[float, ...], Variable("depth", name="depth")]
-    ooks: tuple[OokLink, ...]
+    ooks: Annotated[tuple[OokLink, ...], Attribute()]
     figures: Annotated[tuple[OperatingPoint, ...], Rows(OperatingPoint, "depth bit_rate")]
-    fades: tuple[FadingSamples, ...]
-    limit: float
+    fades: Annotated[tuple[FadingSamples, ...], Attribute()]
+    limit: Annotated[float, Attribute("ber_limit")]
     confidence: float
     status: str
     provenance: dict[str, Any] = field(default_factory=dict)
     light: str = DARK
-    responses: tuple[ChannelResponse | None, ...] = ()
+    responses: Annotated[tuple[ChannelResponse | None, ...], Attribute()] = ()
 
     kind: ClassVar[str] = "performance"
     title: ClassVar[str] = "meshtrace link performance"
-    _attributes: ClassVar[tuple[str, ...]] = ("limit=ber_limit", "confidence", "status", "light")
 
     def _headline(self) -> str:
         first, count = self.figures[0], len(self.figures)

@@ -471,11 +471,5 @@ def _least_squares(h: Floats, y: Floats, sigma: Floats) -> tuple[Floats, Floats,
 
 def largest_step(step: Floats, error: Floats, limit: float) -> float:
     """Return the largest step with all errors from there on below a limit, or nan."""
-    worst = np.maximum(np.maximum.accumulate(error[::-1])[::-1], 1e-300)
-    if not worst[-1] <= limit:
-        return math.nan
-    if worst[0] <= limit:
-        return float(step[0])
-    j = int(np.argmax(worst <= limit))
-    share = math.log(limit / worst[j]) / math.log(worst[j - 1] / worst[j])
-    return float(step[j] * (step[j - 1] / step[j]) ** share)
+    worst = np.log(np.maximum(np.maximum.accumulate(error[::-1]), 1e-300))
+    return float(np.exp(np.interp(math.log(limit), worst, np.log(step[::-1]), left=math.nan)))

@@ -114,7 +114,7 @@ def gain_spectrum(ook: OokLink, campaign: Campaign, seas: int) -> Curve | None:
     if np.ptp(thickness) < _CLEAR:
         return None
     whole = campaign.alone._replace(links=links, spectral=True)
-    gains = whole.gains(campaign.surfaces(min(seas, MOST_SEAS)))["gain"].values
+    gains = whole.gains(campaign.surfaces(min(seas, MOST_SEAS)))[0]
     logs = np.log(np.maximum(gains.reshape(len(known), -1).mean(axis=1), 1e-300))
     fine = np.union1d(np.linspace(low, high, 16 * _COLOURS), here)
     value = np.exp(PchipInterpolator(known, logs)(np.clip(fine, known[0], known[-1])))

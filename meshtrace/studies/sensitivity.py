@@ -165,7 +165,6 @@ class Sensitivities(Stored):
 
     kind: ClassVar[str] = "sensitivity"
     title: ClassVar[str] = "meshtrace sensitivities"
-    _attributes: ClassVar[tuple[str, ...]] = ("of", "unit", "light")
 
     def _headline(self) -> str:
         largest = max(self.table, key=lambda row: abs(np.nan_to_num(row.elasticity)))

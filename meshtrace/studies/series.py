@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,12 +16,10 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.results.series import ByWavelength, GainSeries, spectral
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
-from meshtrace.studies.campaign import Campaign, Steps, campaign_of, mean, stderr
+from meshtrace.studies.campaign import Campaign, Steps, campaign_of
 from meshtrace.uav import Flight, Route
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 _STATISTICS = 50  # gains, the least for a comparison with the closed form
 
@@ -110,7 +108,7 @@ def time_series(
     origin = campaign.of_flight(flight) if flight else {}
     if route is not None:
         origin["route"] = route.model_dump(mode="json")
-    series = gain_series(campaign, campaign.gains(steps), **origin)
+    series = gain_series(campaign, steps, campaign.gains(steps), **origin)
     return series if flight or route else _beside_closed_form(campaign, series)
 
 
@@ -164,12 +162,14 @@ def by_wavelength(campaign: Campaign, steps: Steps) -> ByWavelength[GainSeries]:
     """Return the gains at each wavelength of a spectral campaign over its surfaces."""
     gains = campaign.gains(steps)
     at = np.array([link.transmitters[0].wavelength_nm for link in campaign.links.values()])
-    return ByWavelength(at, tuple(gain_series(campaign, gains, name) for name in campaign.links))
+    results = [gain_series(campaign, steps, gains, name) for name in campaign.links]
+    return ByWavelength(at, tuple(results))
 
 
 def over_realizations(campaign: Campaign, n: int) -> GainSeries:
     """Return the gains over n random phases of a campaign, see `ensemble`."""
-    return gain_series(campaign, campaign.gains(campaign.realizations(n)))
+    steps = campaign.realizations(n)
+    return gain_series(campaign, steps, campaign.gains(steps))
 
 
 def closed_form(link: Link, surface: Any, n: int, level: int = 3) -> dict[str, Any]:
@@ -222,19 +222,23 @@ def moved(link: Link, changes: dict[str, Floats]) -> list[Link]:
 
 
 def gain_series(
-    campaign: Campaign, gains: xr.Dataset, name: str | None = None, **origin: Any
+    campaign: Campaign, steps: Steps, gains: Floats, name: str | None = None, **origin: Any
 ) -> GainSeries:
-    """Return the series of a link of a campaign, the first; `origin` is further provenance."""
-    name = name or next(iter(campaign.links))
-    along: Any = gains["gain"].dims[1]
-    several = isinstance(campaign.links[name].receiver, tuple)
-    one = gains.sel(link=name).isel(receiver=slice(None) if several else 0)
+    """Return the series of a link of a campaign, the first, from `Campaign.gains` over the steps.
+
+    `origin` is further provenance.
+    """
+    names = list(campaign.links)
+    name = name or names[0]
+    link = campaign.links[name]
+    mine = slice(None) if isinstance(link.receiver, tuple) else 0
+    gain, direct = gains[:, names.index(name), :, mine]
     return GainSeries(
-        along,
-        one[along].to_numpy(),
-        mean(one["gain"], "shift").to_numpy(),
-        stderr(one["gain"], "shift").to_numpy(),
-        mean(one["gain_ballistic"], "shift").to_numpy(),
-        stderr(mean(one["gain"], along), "shift").to_numpy()[()],
-        gains.attrs["provenance"][name] | origin,
+        steps.along,
+        steps.labels,
+        gain.mean(axis=-1),
+        error_of_groups(gain, -1),
+        direct.mean(axis=-1),
+        error_of_groups(gain.mean(axis=0), -1)[()],
+        campaign.provenance(link) | origin,
     )

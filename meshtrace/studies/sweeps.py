@@ -15,7 +15,7 @@ import time
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -256,13 +256,10 @@ class Sweep:
 
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies this sweep, as plain data."""
+        given = asdict(self)
+        del given["base"], given["modules"]
         return {
-            "realizations": self.realizations,
-            "seed": self.seed,
-            "rtol": self.rtol,
-            "photons": self.photons,
-            "parameters": self.parameters,
-            "wavelengths_nm": list(self.wavelengths_nm),
+            **given,
             "link": tomllib.loads(self.base),
             "measured": list(self.measured),
             "receivers": self.receivers,

@@ -17,8 +17,9 @@ import tempfile
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from time import perf_counter, process_time
 from typing import Any
+
+from meshtrace.bench import of_command, peak_mib, timed
 
 ROOT = Path(__file__).parents[2]
 PARAMETERS = (
@@ -32,17 +33,7 @@ def cpu(work: Callable[[], Any], *earlier: Callable[[], Any]) -> float:
     """Return the CPU seconds of a work, after others."""
     for one in earlier:
         one()
-    start = process_time()
-    work()
-    return process_time() - start
-
-
-def peak_mib() -> float:
-    """Return the peak of resident memory of this process [MiB]."""
-    import resource
-
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+    return timed(work)[1]
 
 
 def in_child(file: str, *args: Any) -> Any:
@@ -51,23 +42,13 @@ def in_child(file: str, *args: Any) -> Any:
     return json.loads(subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout)
 
 
-def of_command(command: Sequence[str], env: dict[str, str]) -> tuple[float, float]:
-    """Return the CPU and the wall seconds of a command and its processes."""
-    before, start = os.times(), perf_counter()
-    elsewhere = tempfile.gettempdir()  # not a checkout, which `-m` would take
-    subprocess.run(command, env=env, cwd=elsewhere, check=True, capture_output=True)
-    after, wall = os.times(), perf_counter() - start
-    user = after.children_user - before.children_user
-    return user + after.children_system - before.children_system, wall
-
-
 def _environment() -> dict[str, str]:
     """Return the environment, in which Python keeps the bytecode of modules, as users have it."""
     return {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
 
 
 def _run(**env: str) -> tuple[float, float]:
-    return of_command([sys.executable, "-m", "meshtrace", "run"], {**_environment(), **env})
+    return of_command("-m", "meshtrace", "run", env={**_environment(), **env})
 
 
 def start() -> dict[str, Any]:
@@ -75,8 +56,7 @@ def start() -> dict[str, Any]:
     _run()
     found, imports = {"CPU s": _run()[0]}, "numpy, numba"
     for name in ("Python, numpy, numba", "all libraries"):
-        command = [sys.executable, "-c", f"import {imports}"]
-        found[name] = of_command(command, _environment())[0]
+        found[name] = of_command("-c", f"import {imports}", env=_environment())[0]
         imports += ", numpy.ma, pydantic, typer, rich.progress, yaml"
     return found
 

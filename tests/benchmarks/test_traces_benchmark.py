@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 import meshtrace as mt
+from meshtrace.bench import timed
 from meshtrace.surfaces import sea_in_wind
 
 DAY = mt.Daylight.clear_sky(30.0)
@@ -32,10 +33,8 @@ PARTS = {"sums of waves": "execute", "unscattered light": "direct_gains", "chain
 
 def seconds_of(frames: int, options: dict[str, Any]) -> float:
     """Return the CPU seconds of a trace."""
-    start = process_time()
-    hours = frames / RATE / 3600.0
-    mt.channel_trace(mt.Link(), sea_in_wind(5.0), hours=hours, rate=RATE, threads=1, **options)
-    return process_time() - start
+    given = {"hours": frames / RATE / 3600.0, "rate": RATE, "threads": 1, **options}
+    return timed(lambda: mt.channel_trace(mt.Link(), sea_in_wind(5.0), **given))[1]
 
 
 def per_frame(options: dict[str, Any]) -> float:

@@ -5,12 +5,11 @@ Run with `pytest tests/benchmarks --benchmark-only` on a quiet machine.
 
 from __future__ import annotations
 
-from time import process_time
-
 import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.bench import best_of
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Case, Run
 from meshtrace.surfaces import WaveComponents, resolved_sea
@@ -34,16 +33,6 @@ def product(waves, x, y, time):
     return np.stack([((left * w) @ right).real for w in elevation_and_slopes(waves, time)])
 
 
-def seconds(work, rounds=3):
-    """Return the least CPU seconds of some rounds."""
-    found = []
-    for _ in range(rounds):
-        start = process_time()
-        work()
-        found.append(process_time() - start)
-    return min(found)
-
-
 CASES = {
     "2900 waves, 321 x 321": (2900, 4.0, GridLines(20.0, 0.125).axis(), 10.0),
     "92000 waves, 201 x 201": (92_000, 4.0, GridLines(20.0, 0.2).axis(), 30.0),
@@ -58,8 +47,8 @@ def test_a_grid(benchmark, name):
     grid = WaveGrid(waves.kx, waves.ky, x, x)
     got = benchmark.pedantic(lambda: grid.sum(elevation_and_slopes(waves, 1.0)), rounds=3)
     np.testing.assert_allclose(got, product(waves, x, x, 1.0), atol=1e-10 * np.abs(got).max())
-    one = seconds(lambda: grid.sum(elevation_and_slopes(waves, 1.0)))
-    other = seconds(lambda: product(waves, x, x, 1.0), rounds=1)
+    (one,) = best_of(3, lambda: grid.sum(elevation_and_slopes(waves, 1.0)))
+    (other,) = best_of(1, lambda: product(waves, x, x, 1.0))
     benchmark.extra_info.update(cpu_seconds=one, product_cpu_seconds=other, ratio=other / one)
     assert other / one > least
 
@@ -70,7 +59,7 @@ def test_a_mesh_of_a_resolved_sea(benchmark, wind):
     case = Case(mt.Link(), sea, Run(), mt.Meshing(waves="fading")).with_waves()
     seas = iter([case.surface.with_seed(seed) for seed in range(12)])
     meshes = [mesh_for(case.link, next(seas), case.meshing)[0] for _ in range(2)]  # plans
-    one = seconds(lambda: mesh_for(case.link, next(seas), case.meshing), rounds=5)
+    (one,) = best_of(5, lambda: mesh_for(case.link, next(seas), case.meshing))
     benchmark.pedantic(lambda: mesh_for(case.link, next(seas), case.meshing), rounds=1)
     size = {"waves": len(case.surface.components.omega), "vertices": len(meshes[0].vertices)}
     benchmark.extra_info.update(cpu_seconds=one, **size)

@@ -6,7 +6,6 @@ machine slows both alike.
 
 from __future__ import annotations
 
-import resource
 import subprocess
 import sys
 from typing import Any
@@ -15,7 +14,7 @@ from plain_loop import plain_loop
 from plain_tracer import plain_gain
 
 import meshtrace as mt
-from meshtrace.bench import best_of
+from meshtrace.bench import best_of, peak_mib
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.surfaces import FlatSea, JonswapSea
@@ -75,8 +74,7 @@ def peak_memory(photons: int, estimator: str = "analog") -> int:
 
 def _follow(photons: int, estimator: str) -> int:
     mt.simulate(mt.Link(), FlatSea(), estimator=estimator, photons=photons, seed=1)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak * (1 if sys.platform == "darwin" else 1024)
+    return round(peak_mib() * 2**20)
 
 
 if __name__ == "__main__":

@@ -4,14 +4,15 @@ import inspect
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import meshtrace as mt
 from meshtrace.cli.made import sentences
 from meshtrace.engine.setup.options import RunOptions, StudyOptions
 from meshtrace.errors import Refused
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.studies import campaign as module
-from meshtrace.studies.campaign import campaign_of, mean, stderr
+from meshtrace.studies.campaign import campaign_of
+from meshtrace.studies.series import gain_series
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 
 SEA = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
@@ -20,20 +21,22 @@ FEW = {"photons": 64, "seed": 5, "mesh": mt.Meshing(extent=4.0, spacing=0.2), "t
 LINKS = {"a": mt.Link(), "b": mt.Link().replace("water.b", 0.1)}
 
 
-def test_gains_are_labelled():
+def test_gains_are_by_link_surface_receiver_and_shift():
     campaign = campaign_of(mt.Link(), SEA, **FEW)._replace(links=LINKS)
     steps = campaign.realizations(3)
     found = campaign.gains(steps)
-    assert dict(found.sizes) == {"link": 2, "realization": 3, "receiver": 1, "shift": 32}
-    assert found.link.values.tolist() == ["a", "b"]
-    np.testing.assert_array_equal(found.realization, steps.labels)
+    assert found.shape == (2, 2, 3, 1, 32)
     alone = mt.ensemble(LINKS["a"], 3, SEA, **FEW)
-    gain = found.gain.sel(link="a").isel(receiver=0)
-    np.testing.assert_array_equal(mean(gain, "shift"), alone.gain)
-    np.testing.assert_array_equal(stderr(gain, "shift"), alone.gain_stderr)
-    assert stderr(mean(gain, "realization"), "shift") == alone.mean_stderr
-    assert found.attrs["provenance"]["a"] == alone.provenance
-    assert found.attrs["provenance"]["b"]["link"]["water"]["b"] == 0.1
+    gain = found[0, 0, :, 0]
+    np.testing.assert_array_equal(gain.mean(axis=-1), alone.gain)
+    np.testing.assert_array_equal(error_of_groups(gain, -1), alone.gain_stderr)
+    assert error_of_groups(gain.mean(axis=0)) == alone.mean_stderr
+    first, second = (gain_series(campaign, steps, found, name) for name in LINKS)
+    assert first.along == alone.along == "realization"
+    np.testing.assert_array_equal(first.coordinate, steps.labels)
+    np.testing.assert_array_equal(first.gain_ballistic, alone.gain_ballistic)
+    assert first.provenance == alone.provenance
+    assert second.provenance["link"]["water"]["b"] == 0.1
 
 
 def test_links_have_one_mesh_for_each_surface(monkeypatch):
@@ -79,16 +82,15 @@ def test_a_link_that_moves_is_alone_over_its_surface():
     links = [mt.Link(), mt.Link().replace("receiver.tilt_deg", 10.0)]
     found = campaign.gains(campaign.in_time(times, [(link,) for link in links]))
     still = campaign.gains(campaign.in_time(times))
-    assert found.gain_ballistic[0, 0].mean() == still.gain_ballistic[0, 0].mean()
+    assert found[1, 0, 0].mean() == still[1, 0, 0].mean()
     tilted = mt.simulate(links[1], WAVE, time=0.5, photons=64, extent=4.0, spacing=0.2)
-    assert found.gain_ballistic[0, 1].mean() == pytest.approx(tilted.gain_ballistic, rel=1e-12)
+    assert found[1, 0, 1].mean() == pytest.approx(tilted.gain_ballistic, rel=1e-12)
 
 
 def test_errors_are_those_of_independent_samples():
     samples = np.random.default_rng(1).standard_normal((4, 32))
-    array = xr.DataArray(samples, dims=("realization", "shift"))
     expected = samples.std(axis=1, ddof=1) / np.sqrt(32.0)
-    np.testing.assert_array_equal(stderr(array, "shift"), expected)
+    np.testing.assert_array_equal(error_of_groups(samples, -1), expected)
 
 
 # ---- options of a run ------------------------------------------------------------------------
@@ -135,6 +137,11 @@ def test_every_option_of_a_run_is_documented():
 def test_other_options_are_refused(options, message):
     with pytest.raises(Refused, match=message):
         mt.ensemble(mt.Link(), 2, SEA, **options)
+
+
+def test_progress_of_a_map_is_a_function():
+    with pytest.raises(Refused, match="progress: 5, allowed: a function"):
+        mt.coverage_map(mt.Link(), FlatSea(), photons=1000, progress=5)
 
 
 def test_a_meshing_is_that_of_the_study():

@@ -242,7 +242,7 @@ class LinkModel:
         """Return `ratio` of links at several wavelengths with common paths, over one of them."""
         named = {f"{i}": link for i, link in enumerate(links)}
         campaign = self.means.campaign._replace(links=named, spectral=True)
-        logs = log_means(campaign.gains(self.means.steps).gain.values[:, :, 0])
+        logs = log_means(campaign.gains(self.means.steps)[0, :, :, 0])
         logs -= logs[own]
         return logs[:, 0], np.array([error_of(row) for row in logs])
 
@@ -499,7 +499,7 @@ class LinkModel:
         whole = link.replace("receiver", ends if len(ends) > 1 else ends[0])
         campaign = self.campaign.of(whole, f"link and {_name_of(link)}")._replace(progress=None)
         steps = campaign.surfaces(max(min(self.seas, _RUN_SEAS), 2))
-        gains = campaign.gains(steps).gain.values[0, :, -1]  # (seas, shifts)
+        gains = campaign.gains(steps)[0, 0, :, -1]  # (seas, shifts)
         means, total = gains.mean(axis=1), float(gains.mean())
         if not total > 0.0:
             return -math.inf, math.nan

@@ -183,9 +183,6 @@ class Design(Stored):
 
     kind: ClassVar[str] = "design"
     title: ClassVar[str] = "meshtrace design"
-    _attributes: ClassVar[tuple[str, ...]] = (
-        "outage", "limit", "figures", "choices", "together", "reach", "budget", "notes", "status",
-    )  # fmt: skip
 
     def at(self, light: str) -> Figures:
         """Return the figures by "night" or by "day"."""
