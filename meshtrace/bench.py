@@ -120,11 +120,11 @@ def peak_mib() -> float:
 
 def to_tolerance(
     measure: Callable[[int], dict[str, Any]], samples: int, rtol: float, most: int = 2**22
-) -> dict[str, Any]:
-    """Return what is measured with so many samples, doubled until its `rtol` is reached."""
+) -> tuple[int, dict[str, Any]]:
+    """Return the samples, doubled until the `rtol` is reached, and what is measured with them."""
     while (found := measure(samples))["rtol"] > rtol and samples < most:
         samples *= 2
-    return found
+    return samples, found
 
 
 def replay(scene: RayScene, rays: Rays) -> None:
@@ -289,8 +289,8 @@ def new_sea(link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5) -> dict[s
 
     rows = []
     for seed in range(rounds + 1):  # the first warms up
-        rows.append(to_tolerance(partial(gain, seed), chains, rtol))
-        chains = rows[-1]["chains"]
+        chains, row = to_tolerance(partial(gain, seed), chains, rtol)
+        rows.append(row)
     names = [name for name in rows[0] if name.endswith("seconds")]
     median = {name: float(np.median([row[name] for row in rows[1:]])) for name in names}
     return {**rows[-1], **median, "rtol": max(row["rtol"] for row in rows[1:])}
@@ -397,7 +397,7 @@ def background_light(link: Link, sea: Any, rtol: float = 0.03) -> dict[str, Any]
         reached = float(found.radiance_stderr / found.radiance)
         return {"cpu_seconds": best_of(3, work)[0], "rtol": reached, "rays": rays}
 
-    return to_tolerance(light, 256, rtol)
+    return to_tolerance(light, 256, rtol)[1]
 
 
 def coverage_cost(

@@ -26,6 +26,7 @@ from meshtrace.bench import (
     resolved_sea,
     speedup_by_jobs,
     thread_scaling,
+    to_tolerance,
     worker_scaling,
 )
 from meshtrace.engine.setup.ends import crossing_reach
@@ -119,6 +120,12 @@ def test_speedup_by_jobs_follows_from_their_times(threads):
     for kind in ("analog_by_jobs", "forced_by_jobs"):
         assert threads[kind]["threads"] == [2, 16]
         assert threads[kind]["jobs"] > 0
+
+
+def test_samples_double_until_the_tolerance_is_reached():
+    samples, found = to_tolerance(lambda n: {"rtol": n**-0.5, "drawn": n + 7}, 64, 0.05)
+    assert (samples, found["drawn"]) == (512, 519)
+    assert to_tolerance(lambda n: {"rtol": 1.0}, 64, 0.05, most=100)[0] == 128
 
 
 @pytest.mark.slow
