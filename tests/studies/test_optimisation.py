@@ -127,6 +127,7 @@ def test_seas_and_tilts_are_common_and_fresh_ones_are_not():
 
 
 @pytest.mark.parametrize("objective", ["margin", "range"])
+@pytest.mark.slow_but("margin")
 def test_a_closed_eye_is_the_worst_candidate(objective):
     over = {"detector.bit_rate": (5e6, 1e8)}
     link = mt.Link().replace("transmitter.depth", 50.0)
