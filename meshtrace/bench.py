@@ -121,7 +121,7 @@ def peak_mib() -> float:
 def to_tolerance(
     measure: Callable[[int], dict[str, Any]], samples: int, rtol: float, most: int = 2**22
 ) -> tuple[int, dict[str, Any]]:
-    """Return the samples, doubled until the `rtol` is reached, and what is measured with them."""
+    """Return the number of samples for a relative error, by doubling, and its measurement."""
     while (found := measure(samples))["rtol"] > rtol and samples < most:
         samples *= 2
     return samples, found

@@ -416,7 +416,7 @@ class Family(Model, frozen=True):
 
     @classmethod
     def read_several(cls, value: Any) -> Self | tuple[Self, ...]:
-        """Return the model that plain data describe, or those of a list as a tuple."""
+        """Return the model of plain data, or a tuple of models for a list."""
         if not isinstance(value, list | tuple):
             return cls.read(value)
         parts = []

@@ -39,7 +39,7 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(items, config):
-    """Mark slow and thorough cases and tests that use statistics; put the folders that take longest first."""
+    """Mark cases by cost and tests that use statistics; put the folders that take longest first."""
     named, found = set(), set()
     for item in items:
         for cost in ("slow", "thorough"):

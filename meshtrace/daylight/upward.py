@@ -39,9 +39,9 @@ def slopes_of(normals: Floats) -> Floats:
 
 
 def slopes_to(wanted: Floats, normals: Floats) -> Floats:
-    """Return the slopes (..., 2) of wanted normals of any length, from those of others.
+    """Return the differences (..., 2) between the slopes of required and given normals.
 
-    1e6 where no upward normal is wanted.
+    Normals are of any length; 1e6 where the required one does not point upwards.
     """
     up = wanted[..., 2:]
     found = np.where(up > 1e-6, -wanted[..., :2] / np.maximum(up, 1e-6), 1e6)

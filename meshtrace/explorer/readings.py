@@ -340,7 +340,7 @@ def _best_alone(choice: BestValue, scale: float) -> str:
 
 
 def _closing(row: Reach, scale: float) -> str:
-    """Return where a link closes; a whole scan says nothing beyond its end."""
+    """Return the bound up to which a link closes, as far as the scan reaches."""
     if math.isnan(row.value):
         return "none"
     whole = row.note == "end of the scan"

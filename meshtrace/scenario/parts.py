@@ -285,7 +285,7 @@ def _gives(model: str, options: Table, day: Daylight) -> bool:
 
 
 def _needed(model: str, options: Table, keys: Iterable[str], day: Daylight) -> Table:
-    """Return options without those of some keys that a light does not need."""
+    """Return the options with the redundant ones among some keys removed."""
     for key in keys:
         rest = {k: v for k, v in options.items() if k != key}
         options = rest if _gives(model, rest, day) else options

@@ -99,6 +99,12 @@ def test_the_estimate_does_not_depend_on_the_unit_of_length():
     np.testing.assert_allclose(returned_gain(small), returned_gain(link), rtol=1e-12)
 
 
+def test_water_between_layers_is_interpolated():
+    link, sloped = link_of(a=0.15, b=0.75), ((0.0, 0.1, 0.5), (10.0, 0.2, 1.0))
+    layered = link.replace(water=mt.Water(layers=sloped, phase=link.water.phase))
+    np.testing.assert_allclose(returned_gain(layered), returned_gain(link), rtol=1e-12)
+
+
 def test_layers_of_one_water_are_that_water():
     link = link_of()
     rows = tuple((z, 0.1, 0.5) for z in (0.0, 2.0, 20.0))

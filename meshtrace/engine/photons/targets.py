@@ -53,7 +53,7 @@ _TYPES: Any = {float: (float,), int: (np.int64,), bool: (bool,), Vec3: (float, (
 
 
 def _fields_of(kind: type) -> list[tuple[Any, ...]]:
-    """Return the fields of a NamedTuple of numbers as those of a record."""
+    """Return the record fields for a NamedTuple of numbers."""
     return [(name, *_TYPES[of]) for name, of in get_type_hints(kind).items() if of in _TYPES]
 
 
