@@ -13,17 +13,30 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from importlib.machinery import PathFinder
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NoReturn, Self, get_args
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Generic,
+    Literal,
+    NoReturn,
+    Self,
+    TypeVar,
+    dataclass_transform,
+    get_args,
+    overload,
+)
 
 import numpy as np
 import pydantic
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import BeforeValidator, Field, PrivateAttr, SerializeAsAny
 
 from meshtrace.errors import (
     MISSING,
@@ -40,6 +53,76 @@ if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass as _ModelMetaclass
 else:
     _ModelMetaclass = type(pydantic.BaseModel)
+
+Stored = TypeVar("Stored")
+Accepted = TypeVar("Accepted")
+Member = TypeVar("Member")
+
+if TYPE_CHECKING:
+
+    class Converted(Generic[Stored, Accepted]):
+        """Field whose constructor accepts other types than it holds, for type checkers alone.
+
+        The constructors that `dataclass_transform` describes take the type of the `__set__` of a
+        descriptor. At run time such a field is an `Annotated` type with a pydantic validator.
+        """
+
+        @overload
+        def __get__(self, instance: None, owner: Any) -> Self: ...
+        @overload
+        def __get__(self, instance: object, owner: Any) -> Stored: ...
+        def __get__(self, instance: Any, owner: Any) -> Any: ...
+        def __set__(self, instance: Any, value: Accepted) -> None: ...
+
+    FamilyField = Converted[Member, Member | str | Mapping[str, Any]]
+    # mypy gives the attribute of a subclass the type of `__set__`: anything, so that it can be read
+    InheritedFamilyField = Converted[Member, Member | Any]
+    FamilyFields = Converted[
+        Member | tuple[Member, ...],
+        Member | str | Mapping[str, Any] | Sequence[Member | str | Mapping[str, Any]],
+    ]
+    FamilyTuple = Converted[tuple[Member, ...], Sequence[Member | str | Mapping[str, Any]]]
+    Numbers = Converted[tuple[float, ...], Sequence[float] | NDArray[Any]]
+    NumberRows = Converted[tuple[tuple[float, ...], ...], Sequence[Sequence[float]] | NDArray[Any]]
+else:
+
+    class FamilyField:
+        """Field that holds a member of a family: `FamilyField[Lens]`, `FamilyField[Lens | None]`.
+
+        Its values are members, plain data with their `kind`, or a bare kind.
+        """
+
+        def __class_getitem__(cls, union: Any) -> Any:
+            family, *none = get_args(union) or (union,)
+            field = Annotated[SerializeAsAny[family], BeforeValidator(family.read)]
+            return field | None if none else field
+
+    InheritedFamilyField = FamilyField
+
+    class FamilyFields:
+        """Field that holds one member of a family or a tuple of them, as `FamilyField`."""
+
+        def __class_getitem__(cls, family: Any) -> Any:
+            member = SerializeAsAny[family]
+            return Annotated[member | tuple[member, ...], BeforeValidator(family.read_several)]
+
+    class FamilyTuple:
+        """Field that holds a tuple of members of a family, as `FamilyField`."""
+
+        def __class_getitem__(cls, family: Any) -> Any:
+            return tuple[FamilyField[family], ...]
+
+    Numbers = Annotated[
+        tuple[pydantic.FiniteFloat, ...],
+        BeforeValidator(lambda value: value.tolist() if isinstance(value, np.ndarray) else value),
+    ]
+    NumberRows = tuple[tuple[pydantic.FiniteFloat, ...], ...]
+
+
+def converted(*, default: Any) -> Any:
+    """Return a field with a default that type checkers accept for a `Converted` type."""
+    return Field(default=default)
+
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -63,6 +146,10 @@ _WORDS = {
 }
 
 
+# pydantic's own metaclass has this mark, which type checkers do not inherit
+@dataclass_transform(
+    kw_only_default=True, frozen_default=True, field_specifiers=(Field, PrivateAttr, converted)
+)
 class _Documented(_ModelMetaclass):
     """Metaclass that keeps the internals of pydantic out of `help` and completion."""
 
@@ -80,11 +167,13 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         If a field is unknown or a value is out of range.
     """
 
-    def __init__(self, /, **data: Any) -> None:
-        with _refusals(type(self)):
-            super().__init__(**data)
+    if not TYPE_CHECKING:  # editors and type checkers see the fields as keywords
 
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+        def __init__(self, /, **data: Any) -> None:
+            with _refusals(type(self)):
+                super().__init__(**data)
+
+        __init__.__pydantic_base_init__ = True
 
     @classmethod
     def __pydantic_init_subclass__(cls, **options: Any) -> None:

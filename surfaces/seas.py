@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, SerializeAsAny, model_
 
 from meshtrace.errors import MISSING, Described, Refused, require_real
 from meshtrace.mesh import Cumulants, UnresolvedSlopes
-from meshtrace.models import NonNegative
+from meshtrace.models import FamilyField, InheritedFamilyField, NonNegative, converted
 
 from .bands import PAPER_FETCH, Band, OwnWaves, direction_grid, drawn_places, named_band
 from .gram_charlier import SlopeLaw, real_cumulants, require_random
@@ -35,14 +35,13 @@ from .parameters import (
 from .sequence import MeshSequence
 from .spectra import (
     ALPHA_COEFFICIENT,
-    AnySpectrum,
-    AnySpreading,
     Elfouhaily,
     ElfouhailySpreading,
     IttcSpreading,
     Jonswap,
     PiersonMoskowitz,
     Spectrum,
+    Spreading,
     Tma,
 )
 from .statistics import (
@@ -153,7 +152,8 @@ class RandomSea(WaveSurface, frozen=True):
         True
         """
         other = self.model_copy(update={"seed": seed})
-        other._grids, other._common = self._grids, self._common
+        other._grids = self._grids  # type: ignore[misc]  # private: not frozen
+        other._common = self._common  # type: ignore[misc]
         return other
 
     @property
@@ -218,7 +218,7 @@ class _BandedSea(RandomSea, frozen=True):
 
     omega_max: Positive | None = None
     waves: OwnWaves = None
-    spreading: AnySpreading = IttcSpreading()
+    spreading: InheritedFamilyField[Spreading] = converted(default=IttcSpreading())
     wind_direction_deg: Finite = 0.0
     depth: Depth | None = None
     capillary: bool = False
@@ -455,7 +455,7 @@ class SpectralSea(_BandedSea, frozen=True):
     """
 
     kind: Literal["spectral"] = "spectral"
-    spectrum: AnySpectrum
+    spectrum: FamilyField[Spectrum]
     capillary: bool = True
 
     @model_validator(mode="after")

@@ -388,8 +388,8 @@ class MeshSequence(Model, frozen=True):
 
     def model_post_init(self, context: Any) -> None:
         """List the frames and their times."""
-        self._frames = open_frames(self.source)
-        self._mesh_of = lru_cache(maxsize=_KEPT)(self._read)
+        self._frames = open_frames(self.source)  # type: ignore[misc]  # private: not frozen
+        self._mesh_of = lru_cache(maxsize=_KEPT)(self._read)  # type: ignore[misc]
         at, n = self._frames.times, len(self)
         if self.times is not None:
             at = np.array(self.times)
@@ -403,7 +403,7 @@ class MeshSequence(Model, frozen=True):
             raise Refused("times", Described(f"{len(at)} times for {n} frames"), "one a frame")
         if not np.isfinite(at).all() or not (np.diff(at) > 0.0).all():
             raise Refused("times", Described("not increasing"), "increasing times [s], all finite")
-        self._at = at
+        self._at = at  # type: ignore[misc]
 
     def __len__(self) -> int:
         return len(self._frames.names)

@@ -14,11 +14,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from os import PathLike
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, SerializeAsAny, model_validator
+from pydantic import model_validator
 
 from meshtrace.errors import MISSING, Described, Refused
 from meshtrace.models import Family, NonNegative
@@ -376,10 +376,6 @@ def _peak_integral(tail: float, *enhancement: float) -> float:
              epsabs=0.0, epsrel=1e-12)[0]
         for limits in ((0.1, 1.0), (1.0, 2.0), (2.0, math.inf))
     )  # fmt: skip
-
-
-AnySpectrum = Annotated[SerializeAsAny[Spectrum], BeforeValidator(Spectrum.read)]
-"""Field type of any spectrum: an instance, a kind such as "tma", or a table with `kind`."""
 
 
 def kitaigorodskii(omega: ArrayLike, depth: float) -> Floats:
@@ -845,10 +841,6 @@ class ElfouhailySpreading(Spreading, frozen=True):
         delta = elfouhaily_delta(wavenumber(omega, capillary=True), wind_speed, omega_p)
         folded = (1.0 + delta * np.cos(2.0 * theta)) / math.pi
         return np.where(np.abs(theta) <= self.half_range, folded, 0.0)
-
-
-AnySpreading = Annotated[SerializeAsAny[Spreading], BeforeValidator(Spreading.read)]
-"""Field type of any spreading: an instance, a kind such as "cos2s", or a table with `kind`."""
 
 
 def _cos_2s(theta: ArrayLike, s: ArrayLike) -> Floats:

@@ -87,7 +87,7 @@ class SceneStyle(Model, frozen=True):
     color_limit: Positive | None = None
     path_color: PathColor = "fate"
     edges: bool = False
-    opacity: float = Field(0.88, ge=0.0, le=1.0)
+    opacity: float = Field(default=0.88, ge=0.0, le=1.0)
     footprint: bool = True
     bubbles: bool = True
     uav: bool = True

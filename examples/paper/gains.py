@@ -390,7 +390,7 @@ def gain_offset(setting: Setting, **effort: int) -> FigureOutput:
 
 
 RATES = (1e6, 5e6, 1e7)
-PRESETS = ("physical", "paper-ranges")
+PRESETS: tuple[Literal["physical", "paper-ranges"], ...] = ("physical", "paper-ranges")
 LIMIT = 1e-3
 """Bit error rate of the published ranges."""
 

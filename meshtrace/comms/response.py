@@ -110,6 +110,7 @@ class ChannelResponse(Model, frozen=True):
         else:
             require_whole(pulses, 1, 4096, "pulses")
             nodes = _nodes(t, w, int(pulses))  # type: ignore[arg-type]
+        arrivals = [] if angle is None else _angles(require_array(angle, "angle", "angles"), w)
         at = np.interp(t, nodes, np.arange(len(nodes)))
         left = at.astype(int)
         light = np.bincount(left, w * (left + 1 - at), len(nodes) + 1)
@@ -120,7 +121,7 @@ class ChannelResponse(Model, frozen=True):
         return cls(
             delay=nodes[lit].tolist(),
             share=(light[lit] / light[lit].sum()).tolist(),
-            angle_deg=() if angle is None else _angles(require_array(angle, "angle", "angles"), w),
+            angle_deg=tuple(arrivals),
             clock=float(np.interp(0.5 * end[-1], end, t[order])),
         )
 

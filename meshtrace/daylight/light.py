@@ -383,12 +383,12 @@ class Daylight(Model, frozen=True):
 
     direct: NonNegative
     diffuse: NonNegative
-    sun_zenith_deg: float = Field(30.0, allow_inf_nan=False)
+    sun_zenith_deg: float = Field(default=30.0, allow_inf_nan=False)
     sun_azimuth_deg: Finite = 0.0
-    wavelength_nm: float = Field(470.0, ge=300.0, le=1100.0, allow_inf_nan=False)
+    wavelength_nm: float = Field(default=470.0, ge=300.0, le=1100.0, allow_inf_nan=False)
     pattern: str = "cie-12"
     water: WaterLight = "quasi-single"
-    foam_reflectance: float = Field(0.22, ge=0.0, le=1.0, allow_inf_nan=False)
+    foam_reflectance: float = Field(default=0.22, ge=0.0, le=1.0, allow_inf_nan=False)
     light: str = "daylight"
     recipe: dict[str, int | float] = Field(default_factory=dict)
 

@@ -28,6 +28,7 @@ from meshtrace.engine.setup.options import (
     Record,
     Run,
     Shortcuts,
+    SimulateOptions,
     read_records,
     resolve,
 )
@@ -50,7 +51,7 @@ def simulate(
     estimator: Estimator | Literal["forced", "analog"] | None = None,
     *,
     wavelengths_nm: None = None,
-    **options: Any,
+    **options: Unpack[SimulateOptions],
 ) -> GainResult: ...
 
 
@@ -61,11 +62,11 @@ def simulate(
     estimator: Estimator | Literal["forced", "analog"] | None = None,
     *,
     wavelengths_nm: ArrayLike,
-    **options: Any,
+    **options: Unpack[SimulateOptions],
 ) -> ByWavelength[GainResult]: ...
 
 
-def simulate(  # type: ignore[misc]
+def simulate(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
     estimator: Estimator | Literal["forced", "analog"] | None = None,

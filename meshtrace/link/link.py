@@ -10,10 +10,10 @@ from pydantic import Field, field_validator, model_validator
 
 from meshtrace.errors import Described, Refused, require_real
 from meshtrace.link.physics import Physics, Whitecaps
-from meshtrace.link.receivers import Aperture, Apertures, IrradiancePlanes, Receiver, WaterReceiver
-from meshtrace.link.sources import ABOVE, AirLamp, Led, Source, Sources, WaterSource
-from meshtrace.models import Floats, Model, Position
-from meshtrace.optics.bubbles import AnyBubbles, HallNovarini
+from meshtrace.link.receivers import Aperture, IrradiancePlanes, Receiver, WaterReceiver
+from meshtrace.link.sources import ABOVE, AirLamp, Led, Source, WaterSource
+from meshtrace.models import FamilyField, FamilyFields, Floats, Model, Position, converted
+from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
 from meshtrace.optics.water import Water
 
 _TYPICAL = 16.0  # [m], depth plus height of links that keep the metre
@@ -72,12 +72,12 @@ class Link(Model, frozen=True):
     """
 
     water: Water = Water()
-    bubbles: AnyBubbles | None = None
-    transmitter: Sources = Led()
-    receiver: Apertures = Receiver()
+    bubbles: FamilyField[BubblePopulation | None] = converted(default=None)
+    transmitter: FamilyFields[Source] = converted(default=Led())
+    receiver: FamilyFields[Aperture] = converted(default=Receiver())
     whitecaps: Whitecaps | None = None
     planes: IrradiancePlanes | None = None
-    n_air: float = Field(1.0, ge=1.0, le=2.0, allow_inf_nan=False)
+    n_air: float = Field(default=1.0, ge=1.0, le=2.0, allow_inf_nan=False)
     physics: Physics = Physics()
 
     @field_validator("physics", mode="before")

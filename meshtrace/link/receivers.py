@@ -6,7 +6,7 @@ from abc import abstractmethod
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator
+from pydantic import Field, field_validator
 
 from meshtrace.errors import Refused
 from meshtrace.link.sources import Placed
@@ -39,7 +39,7 @@ class Aperture(
     """
 
     radius: Positive = 0.05
-    fov_deg: float = Field(180.0, gt=0.0, le=180.0, allow_inf_nan=False)
+    fov_deg: float = Field(default=180.0, gt=0.0, le=180.0, allow_inf_nan=False)
 
     @property
     @abstractmethod
@@ -75,8 +75,8 @@ class Receiver(Aperture, frozen=True):
 
     kind: Literal["receiver"] = "receiver"
     height: Positive = 5.0
-    fov_deg: float = Field(60.0, gt=0.0, le=180.0, allow_inf_nan=False)
-    tilt_deg: float = Field(0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
+    fov_deg: float = Field(default=60.0, gt=0.0, le=180.0, allow_inf_nan=False)
+    tilt_deg: float = Field(default=0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
     tilt_azimuth_deg: Finite = 0.0
 
     @property
@@ -103,7 +103,7 @@ class WaterAperture(Aperture, frozen=True):
 
     kind: Literal["water-aperture"] = "water-aperture"
     depth: Positive = 1.0
-    zenith_deg: float = Field(0.0, ge=0.0, le=180.0, allow_inf_nan=False)
+    zenith_deg: float = Field(default=0.0, ge=0.0, le=180.0, allow_inf_nan=False)
     azimuth_deg: Finite = 0.0
 
     @property
@@ -135,9 +135,9 @@ class WaterReceiver(Aperture, frozen=True):
     """
 
     kind: Literal["water-receiver"] = "water-receiver"
-    depth: float = Field(10.0, gt=0.0, le=12_000.0, allow_inf_nan=False)
-    fov_deg: float = Field(60.0, gt=0.0, le=180.0, allow_inf_nan=False)
-    tilt_deg: float = Field(0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
+    depth: float = Field(default=10.0, gt=0.0, le=12_000.0, allow_inf_nan=False)
+    fov_deg: float = Field(default=60.0, gt=0.0, le=180.0, allow_inf_nan=False)
+    tilt_deg: float = Field(default=0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
     tilt_azimuth_deg: Finite = 0.0
 
     @property
@@ -145,11 +145,6 @@ class WaterReceiver(Aperture, frozen=True):
         """Direction of light at normal incidence: opposite to the line of sight."""
         x, y, z = unit_vector(self.tilt_deg, self.tilt_azimuth_deg)
         return -x, -y, -z
-
-
-AnyAperture = SerializeAsAny[Aperture]
-Apertures = Annotated[AnyAperture | tuple[AnyAperture, ...], BeforeValidator(Aperture.read_several)]
-"""One aperture or several, or plain data with their `kind`."""
 
 
 class IrradiancePlanes(Model, frozen=True):
@@ -165,8 +160,8 @@ class IrradiancePlanes(Model, frozen=True):
     """
 
     depths: tuple[Annotated[float, Field(gt=0.0, allow_inf_nan=False)], ...]
-    n_cosines: int = Field(0, ge=0, le=1000)
-    n_azimuths: int = Field(1, ge=1, le=1000)
+    n_cosines: int = Field(default=0, ge=0, le=1000)
+    n_azimuths: int = Field(default=1, ge=1, le=1000)
 
     @field_validator("depths")
     @classmethod

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, SerializeAsAny
+from pydantic import Field
 
 from meshtrace.models import Family, Finite, Model, NonNegative, Position, Positive
 from meshtrace.optics.fresnel import unit_vector
@@ -60,7 +60,7 @@ class Source(
     """
 
     power_mw: Positive = 100.0
-    wavelength_nm: float = Field(470.0, ge=200.0, le=1200.0, allow_inf_nan=False)
+    wavelength_nm: float = Field(default=470.0, ge=200.0, le=1200.0, allow_inf_nan=False)
 
     @property
     def axis(self) -> tuple[float, float, float]:
@@ -81,7 +81,7 @@ class Source(
 class _Lambertian(Model, frozen=True):
     """Pattern of an LED."""
 
-    half_angle_deg: float = Field(10.0, ge=1e-3, lt=90.0, allow_inf_nan=False)
+    half_angle_deg: float = Field(default=10.0, ge=1e-3, lt=90.0, allow_inf_nan=False)
 
     pattern: ClassVar[str] = "led"
 
@@ -99,7 +99,7 @@ class _Lambertian(Model, frozen=True):
 class _Gaussian(Model, frozen=True):
     """Pattern of a beam, Gaussian in position and in angle."""
 
-    divergence_deg: float = Field(1.0, ge=0.0, lt=60.0, allow_inf_nan=False)
+    divergence_deg: float = Field(default=1.0, ge=0.0, lt=60.0, allow_inf_nan=False)
     waist: NonNegative = 0.0
 
     pattern: ClassVar[str] = "gaussian-beam"
@@ -118,7 +118,7 @@ class _Gaussian(Model, frozen=True):
 class _TopHat(Model, frozen=True):
     """Pattern of a beam, uniform over a disk and over a cone."""
 
-    divergence_deg: float = Field(1.0, ge=0.0, le=90.0, allow_inf_nan=False)
+    divergence_deg: float = Field(default=1.0, ge=0.0, le=90.0, allow_inf_nan=False)
     radius: NonNegative = 0.0
 
     pattern: ClassVar[str] = "top-hat-beam"
@@ -145,8 +145,8 @@ class WaterSource(Source, frozen=True):
         Zenith angle of the axis, 0 for straight up, and its azimuth from +x [deg].
     """
 
-    depth: float = Field(10.0, gt=0.0, le=12_000.0, allow_inf_nan=False)
-    zenith_deg: float = Field(0.0, ge=0.0, le=180.0, allow_inf_nan=False)
+    depth: float = Field(default=10.0, gt=0.0, le=12_000.0, allow_inf_nan=False)
+    zenith_deg: float = Field(default=0.0, ge=0.0, le=180.0, allow_inf_nan=False)
     azimuth_deg: Finite = 0.0
 
     @property
@@ -238,7 +238,7 @@ class AirLamp(Source, frozen=True):
     """
 
     height: Positive = 5.0
-    tilt_deg: float = Field(0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
+    tilt_deg: float = Field(default=0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
     tilt_azimuth_deg: Finite = 0.0
 
     @property
@@ -352,7 +352,7 @@ class Sun(AirSource, frozen=True):
     """
 
     kind: Literal["sun"] = "sun"
-    zenith_deg: float = Field(0.0, ge=0.0, lt=89.0, allow_inf_nan=False)
+    zenith_deg: float = Field(default=0.0, ge=0.0, lt=89.0, allow_inf_nan=False)
     azimuth_deg: Finite = 0.0
 
     @property
@@ -378,10 +378,6 @@ class CardioidalSky(AirSource, frozen=True):
 
     kind: Literal["cardioidal-sky"] = "cardioidal-sky"
 
-
-AnySource = SerializeAsAny[Source]
-Sources = Annotated[AnySource | tuple[AnySource, ...], BeforeValidator(Source.read_several)]
-"""One source or several, or plain data with their `kind`."""
 
 ABOVE: dict[type[Source], type[AirLamp]] = {
     Led: AirLed,

@@ -6,11 +6,11 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from meshtrace.errors import Refused, is_number, require_between, require_range, require_whole
 from meshtrace.models import Family, Floats
@@ -135,10 +135,6 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         return depth, self.b(depth), np.concatenate(([0.0], np.cumsum(steps)))
 
 
-AnyBubbles = Annotated[SerializeAsAny[BubblePopulation], BeforeValidator(BubblePopulation.read)]
-"""A bubble population, or plain data with its `kind`."""
-
-
 def integrate(
     function: Callable[[Floats], Floats], lower: Floats, upper: Floats, nodes: int
 ) -> Floats:
@@ -236,10 +232,10 @@ class HallNovarini(BubblePopulation, frozen=True):
 
     kind: Literal["hall-novarini"] = "hall-novarini"
     wind_speed: float = Field(gt=0.0, le=60.0, allow_inf_nan=False)
-    r_min: float = Field(10e-6, ge=1e-7, le=1e-2, allow_inf_nan=False)
-    r_max: float = Field(1e-3, ge=1e-7, le=1e-2, allow_inf_nan=False)
-    wavelength_nm: float = Field(470.0, ge=200.0, le=2500.0, allow_inf_nan=False)
-    n_water: float = Field(1.33, gt=1.0, le=2.0, allow_inf_nan=False)
+    r_min: float = Field(default=10e-6, ge=1e-7, le=1e-2, allow_inf_nan=False)
+    r_max: float = Field(default=1e-3, ge=1e-7, le=1e-2, allow_inf_nan=False)
+    wavelength_nm: float = Field(default=470.0, ge=200.0, le=2500.0, allow_inf_nan=False)
+    n_water: float = Field(default=1.33, gt=1.0, le=2.0, allow_inf_nan=False)
     psi: Literal["exact", "paper"] = "exact"
     q: Literal["mie"] | float = "mie"
 

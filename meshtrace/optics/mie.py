@@ -80,7 +80,7 @@ class MieTable:
     @cached_property
     def phase(self) -> HistogramPhase:
         """Phase function of the population."""
-        return HistogramPhase(theta_edges=self.theta_edges, cdf_edges=self.cdf)
+        return HistogramPhase(theta_edges=self.theta_edges, cdf=self.cdf)
 
 
 @lru_cache(maxsize=1)

@@ -12,16 +12,16 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field, SerializeAsAny
+from pydantic import Field
 
 from meshtrace.errors import Described, Refused, require_range
 from meshtrace.kernels.medium import PhaseTables
-from meshtrace.models import Family, Floats
+from meshtrace.models import Family, FamilyTuple, Floats, Numbers
 from meshtrace.optics.pure_water import read_table
 from meshtrace.tables import read_columns
 
@@ -314,21 +314,10 @@ def _tables(phase: PhaseFunction) -> PhaseTables:
         intervals *= _FINER
 
 
-AnyPhase = Annotated[SerializeAsAny[PhaseFunction], BeforeValidator(PhaseFunction.read)]
-"""A phase function, or plain data with its `kind`."""
-
-
 def s_of(theta: ArrayLike) -> Floats:
     """Return sin^2(theta / 2) of checked angles."""
     checked = require_range(theta, 0.0, np.pi, "theta", allowed="0 <= theta <= pi rad")
     return np.sin(0.5 * checked) ** 2
-
-
-def _as_list(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else value
-
-
-Numbers = Annotated[tuple[pydantic.FiniteFloat, ...], pydantic.BeforeValidator(_as_list)]
 
 
 class TabulatedPhase(BuiltInPhase, frozen=True):
@@ -677,7 +666,7 @@ class MixturePhase(ClosedPhase, frozen=True):
     """
 
     kind: Literal["mixture"] = "mixture"
-    components: tuple[AnyPhase, ...] = Field(min_length=1)
+    components: FamilyTuple[PhaseFunction] = Field(min_length=1)
     weights: Numbers
 
     @pydantic.model_validator(mode="after")

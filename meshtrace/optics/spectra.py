@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, SerializeAsAny, field_validator
+from pydantic import BeforeValidator, field_validator
 
 from meshtrace.errors import Described, Refused, did_you_mean, require_array, require_range
-from meshtrace.models import Family, Floats
+from meshtrace.models import Family, Floats, NumberRows
 from meshtrace.optics.phase import FournierForand, Petzold, PhaseFunction, Rayleigh
 from meshtrace.optics.pure_water import (
     interpolate,
@@ -71,10 +71,6 @@ class WaterSpectrum(Family, frozen=True, default="type", closed=_CLOSED):
         Refused
             If the spectrum has no values at the wavelength.
         """
-
-
-AnySpectrum = Annotated[SerializeAsAny[WaterSpectrum], BeforeValidator(WaterSpectrum.read)]
-"""A spectrum of a water, or plain data with its `kind`."""
 
 
 def _water_type(name: Any) -> str:
@@ -162,7 +158,7 @@ class SpectralTable(WaterSpectrum, frozen=True):
     """
 
     kind: Literal["table"] = "table"
-    table: tuple[tuple[float, float, float, float], ...]
+    table: NumberRows
 
     @field_validator("table", mode="before")
     @classmethod

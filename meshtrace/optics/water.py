@@ -13,9 +13,9 @@ from pydantic import Field
 
 from meshtrace.errors import MISSING, Described, Refused, require_array
 from meshtrace.fields import attrs
-from meshtrace.models import Floats, Model, NonNegative
-from meshtrace.optics.phase import AnyPhase, FournierForand
-from meshtrace.optics.spectra import PETZOLD, PETZOLD_NM, AnySpectrum, WaterSpectrum, WaterType
+from meshtrace.models import FamilyField, Floats, Model, NonNegative, converted
+from meshtrace.optics.phase import FournierForand, PhaseFunction
+from meshtrace.optics.spectra import PETZOLD, PETZOLD_NM, WaterSpectrum, WaterType
 from meshtrace.optics.water_files import read_spectrum
 
 if TYPE_CHECKING:
@@ -72,11 +72,11 @@ class Water(Model, frozen=True):
     a: NonNegative = 0.114
     b: NonNegative = 0.037
     n: float = Field(default=1.33, gt=1.0, le=2.0, allow_inf_nan=False)
-    phase: AnyPhase = FournierForand()
+    phase: FamilyField[PhaseFunction] = converted(default=FournierForand())
     bottom_depth: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
     bottom_albedo: float = Field(default=0.0, ge=0.0, le=1.0, allow_inf_nan=False)
     layers: tuple[tuple[float, float, float], ...] | None = None
-    spectrum: AnySpectrum | None = None
+    spectrum: FamilyField[WaterSpectrum | None] = converted(default=None)
     wavelength_nm: float | None = Field(default=None, ge=200.0, le=1200.0, allow_inf_nan=False)
 
     @pydantic.model_validator(mode="before")

@@ -167,8 +167,13 @@ def coverage_map(
         require_between(rtol, 0.0, math.inf, "rtol", "()", "a finite number > 0")
     given_times = case.meshing.time if times is None else times
     at = require_finite(given_times, "times", "one or more times [s]").tolist()
-    view = {"axis": receiver.axis, "fov_deg": receiver.fov_deg}
-    grid = IrradianceMap(height=receiver.center[2], extent=extent, step=step, **view)
+    grid = IrradianceMap(
+        height=receiver.center[2],
+        extent=extent,
+        step=step,
+        axis=receiver.axis,
+        fov_deg=receiver.fov_deg,
+    )
     exact = rtol is not None and not isinstance(case.run.estimator, Analog)
     waves = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     links = [case.link.at_wavelength(nm) for nm in waves] or [case.link]

@@ -478,9 +478,12 @@ def scattered_light(ray: SunRay, depth: float, photons: int, seed: int) -> _Scat
     """Return the scattered sunlight and the light of the sky at a depth, under still water."""
     day, water, sky = ray.day, ray.water, 0.0
     if day.diffuse > 0.0:
-        ends = {"transmitter": AirLed(wavelength_nm=day.wavelength_nm),
-                "receiver": WaterReceiver(depth=depth, radius=0.01, fov_deg=180.0)}  # fmt: skip
-        link, count = Link(water=water, **ends), 32 * max(1, photons // 32)
+        link = Link(
+            water=water,
+            transmitter=AirLed(wavelength_nm=day.wavelength_nm),
+            receiver=WaterReceiver(depth=depth, radius=0.01, fov_deg=180.0),
+        )
+        count = 32 * max(1, photons // 32)
         seen = background(link, FlatSea(), day, photons=count, seed=seed, threads=1)
         sky = math.pi * float(seen.part_radiance[PARTS.index("sky")])
     if water.b == 0.0:

@@ -395,6 +395,15 @@ SWEEP_DEPTHS = tuple(float(d) for d in range(20, 95, 5))
 """Depths of `depth_sweep` [m]."""
 
 
+class PerformanceOptions(StudyOptions, total=False):
+    """Options of `link_performance` that `depth_sweep` passes on."""
+
+    ook: OokLink | Preset | None
+    daylight: Daylight | None
+    limit: float
+    confidence: float
+
+
 @spectral
 def link_performance(
     link: Link | Scenario,
@@ -614,7 +623,7 @@ def depth_sweep(
     wind_speeds: Sequence[float] = (0.0, 5.0, 13.0),
     realizations: int = 50,
     flight: Flight | None = None,
-    **options: Any,
+    **options: Unpack[PerformanceOptions],
 ) -> DepthSweep:
     """Return the curves of the bit error rate over depth, each with its confidence band.
 

@@ -43,7 +43,15 @@ from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import chunk_tallies, setup_of
 from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import Analog, Case, HasCase, Meshing, Shortcuts, resolve
+from meshtrace.engine.setup.options import (
+    Analog,
+    BackgroundOptions,
+    Case,
+    HasCase,
+    Meshing,
+    Shortcuts,
+    resolve,
+)
 from meshtrace.engine.setup.tinting import CommonPaths, photon_paths
 from meshtrace.errors import Refused, require_kind, require_whole, require_word
 from meshtrace.kernels.interface import split_rays
@@ -454,7 +462,7 @@ def background(
     daylight: Daylight | None = None,
     *,
     wavelengths_nm: None = None,
-    **options: Any,
+    **options: Unpack[BackgroundOptions],
 ) -> Background: ...
 
 
@@ -465,11 +473,11 @@ def background(
     daylight: Daylight | None = None,
     *,
     wavelengths_nm: ArrayLike,
-    **options: Any,
+    **options: Unpack[BackgroundOptions],
 ) -> ByWavelength[Background]: ...
 
 
-def background(  # type: ignore[misc]
+def background(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
     daylight: Daylight | None = None,

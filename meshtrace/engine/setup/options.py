@@ -23,13 +23,13 @@ from typing import (
 )
 
 import numpy as np
-from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
+from pydantic import Field, model_validator
 
 from meshtrace.errors import Described, Refused, require_keys, require_kind
 from meshtrace.fading.spectral import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh, require_surface
-from meshtrace.models import Family, Finite, Floats, Model
+from meshtrace.models import Family, FamilyField, Finite, Floats, Model, converted
 from meshtrace.parallel import default_threads
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces.bands import Band, MeshWaves
@@ -74,8 +74,8 @@ class Meshing(Model, frozen=True):
     """
 
     time: Finite = 0.0
-    extent: float | None = Field(None, gt=0.0, allow_inf_nan=False)
-    spacing: float | None = Field(None, gt=0.0, allow_inf_nan=False)
+    extent: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
+    spacing: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
     normals: Literal["vertex", "facet"] = "vertex"
     waves: MeshWaves = None
 
@@ -123,11 +123,11 @@ class Analog(Estimator, frozen=True):
     """
 
     kind: Literal["analog"] = "analog"
-    batch_size: int = Field(2**17, ge=BLOCK, le=2**18, multiple_of=BLOCK)
+    batch_size: int = Field(default=2**17, ge=BLOCK, le=2**18, multiple_of=BLOCK)
     first_photon: _Count = 0
-    max_surface_events: int = Field(10, ge=1, le=2**31)
-    max_events: int = Field(100_000, ge=1, le=2**31)
-    roulette: float | None = Field(None, ge=0.0, le=1.0, allow_inf_nan=False)
+    max_surface_events: int = Field(default=10, ge=1, le=2**31)
+    max_events: int = Field(default=100_000, ge=1, le=2**31)
+    roulette: float | None = Field(default=None, ge=0.0, le=1.0, allow_inf_nan=False)
 
     default_photons: ClassVar[int] = 1_000_000
     most_photons: ClassVar[int] = 10**9
@@ -165,7 +165,7 @@ class IrradianceMap(Record, frozen=True):
     extent: float = Field(gt=0.0, allow_inf_nan=False)
     step: float = Field(gt=0.0, allow_inf_nan=False)
     axis: tuple[Finite, Finite, Finite] = (0.0, 0.0, 1.0)
-    fov_deg: float = Field(180.0, gt=0.0, le=180.0, allow_inf_nan=False)
+    fov_deg: float = Field(default=180.0, gt=0.0, le=180.0, allow_inf_nan=False)
 
     @model_validator(mode="after")
     def _some_cells(self) -> Self:
@@ -200,6 +200,28 @@ class Shortcuts(TypedDict, total=False):
     max_surface_events: int
     max_events: int
     roulette: float | None
+
+
+class BackgroundOptions(Shortcuts, total=False):
+    """Options of `background`, for type checkers."""
+
+    photons: int
+    seed: int
+    water: str | None
+    mesh: Meshing | None
+    threads: int | None
+
+
+class SimulateOptions(Shortcuts, total=False):
+    """Options of `simulate`, for type checkers."""
+
+    photons: int | None
+    rtol: float | None
+    seed: int | None
+    mesh: Meshing | None
+    threads: int | None
+    record: Iterable[Record]
+    progress: Callable[[int], None] | None
 
 
 class RunOptions(TypedDict, total=False):
@@ -263,11 +285,11 @@ class Run(Model, frozen=True):
     As plain data the options of the estimator stand beside the others, as in [run].
     """
 
-    estimator: Annotated[SerializeAsAny[Estimator], BeforeValidator(Estimator.read)] = Forced()
-    photons: int = Field(None, ge=1, le=2**53)  # type: ignore[assignment]
-    rtol: float | None = Field(None, ge=1e-6, le=1.0, allow_inf_nan=False)
-    seed: int = Field(1, ge=0, lt=2**64)
-    threads: int | None = Field(None, ge=1, le=1024)
+    estimator: FamilyField[Estimator] = converted(default=Forced())
+    photons: int = Field(default=None, ge=1, le=2**53)  # type: ignore[assignment]
+    rtol: float | None = Field(default=None, ge=1e-6, le=1.0, allow_inf_nan=False)
+    seed: int = Field(default=1, ge=0, lt=2**64)
+    threads: int | None = Field(default=None, ge=1, le=1024)
 
     @model_validator(mode="before")
     @classmethod
