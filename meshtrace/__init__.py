@@ -6,9 +6,9 @@
 from importlib import import_module
 from typing import Any
 
-import lazy_loader
+from meshtrace.lazy import attach
 
-_attribute, _, _ = lazy_loader.attach_stub(__name__, __file__)
+_attribute, _, _ = attach(__name__, __file__)
 
 __all__ = [  # noqa: RUF022, by subject
     # one link, many surfaces, many places

@@ -8,12 +8,12 @@ from importlib.util import find_spec
 from inspect import isfunction
 from typing import Any
 
-import lazy_loader
+from meshtrace.lazy import attach
 
 if not all(find_spec(name) for name in ("matplotlib", "pyvista", "trame_vtk", "imageio")):
     raise ImportError('viz needs extra packages: pip install "meshtrace[viz]"')
 
-_attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_attribute, __dir__, __all__ = attach(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:

@@ -1,5 +1,5 @@
 """Daylight: spectra, position of the sun, patterns of the sky, glint, light out of the water."""
 
-import lazy_loader
+from meshtrace.lazy import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

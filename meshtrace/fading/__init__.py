@@ -6,6 +6,6 @@ An error common to all gains (common random numbers) neither adds to their sprea
 their mean: leave `gain_stderr` out, and pass it to `fading_statistics` as `common_stderr`.
 """
 
-import lazy_loader
+from meshtrace.lazy import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,5 +1,5 @@
 """Description of an optical link: water, bubbles, sources, receivers and physics."""
 
-import lazy_loader
+from meshtrace.lazy import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -4,6 +4,6 @@ A scenario is everything that one run depends on. This is the only package that 
 with `meshtrace.surfaces`, by late imports.
 """
 
-import lazy_loader
+from meshtrace.lazy import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)
