@@ -66,14 +66,9 @@ def converge(study: StudyRow, asked: Asked, *, what: str = "gain", of: console.L
     what : WORD
         gain, or fading over the band of waves.
     """
-    from meshtrace.studies.refinement import is_wave_sum
-
     require_word(what, ("gain", "fading"), "--what")
     scenario, function = of.opened(), _chosen(study, asked, what)
     values = defaults(function) | asked
-    if "reference" in values:
-        exact = is_wave_sum(scenario.case().surface) and values["unresolved"] != "tilt"
-        asked["reference"] = "analytic" if exact else None
     of.write(study.run(function, scenario, _surfaces(values), asked))
 
 

@@ -43,6 +43,7 @@ from meshtrace.studies.refinement import (
     Unresolved,
     descending,
     fit_law,
+    is_wave_sum,
     largest_step,
     multiple_of,
     nested_mesh,
@@ -310,7 +311,7 @@ def convergence_study(
     normals: Sequence[Normals] = ("vertex", "facet"),
     *,
     placements: int = PLACEMENTS,
-    reference: Literal["analytic"] | None = "analytic",
+    reference: Literal["auto", "analytic"] | None = "auto",
     tolerance: float = 1e-3,
     receiver: int = 0,
     unresolved: Unresolved = "none",
@@ -331,8 +332,9 @@ def convergence_study(
     placements : int
         Meshes of each spacing, moved against the sea by parts of a cell. 1 keeps one mesh, whose
         lines go through the origin.
-    reference : "analytic" or None
-        Whether to find the gain over the exact sum of waves too.
+    reference : {"auto", "analytic"}, optional
+        "analytic" also finds the gain over the exact sum of waves; "auto" does so where the sea is
+        one and `unresolved` is "none".
     tolerance : float
         Relative error of one surface with the recommended step.
     receiver : int
@@ -374,11 +376,13 @@ def convergence_study(
     values = descending("spacings", spacings)
     require_between(tolerance, 0.0, math.inf, "tolerance")
     require_whole(placements, 1, 100_000, "placements")
-    if reference not in ("analytic", None):
-        raise Refused("reference", reference, "'analytic' or None")
-    if unresolved == "tilt" and reference:
-        raise Refused("reference", reference, "None beside random slopes")
+    if reference not in ("auto", "analytic", None):
+        raise Refused("reference", reference, "'auto', 'analytic' or None")
+    if unresolved == "tilt" and reference == "analytic":
+        raise Refused("reference", reference, "'auto' or None beside random slopes")
     campaign = campaign_of(link, surface, "convergence_study", **run)
+    if reference == "auto" and (unresolved == "tilt" or not is_wave_sum(campaign.sea)):
+        reference = None
     exact = wave_sum(campaign.sea) if reference else None
     chains = CommonChains(campaign, normals, receiver, unresolved)
     link, sea, at = campaign.link, campaign.sea, campaign.meshing.time

@@ -14,7 +14,7 @@ from scipy.special import j1
 
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, default_irradiance
 from meshtrace.engine.backward.background import background, refracted_sun
-from meshtrace.engine.setup.options import IrradianceMap, RunOptions, require_options
+from meshtrace.engine.setup.options import IrradianceMap, Meshing, RunOptions, require_options
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import (
     Described,
@@ -144,9 +144,10 @@ def irradiance_series(
     times = require_finite(times, "times", "at least one time [s]")
     disk = _collector(collector, below, patch, fineness)
     require_whole(photons, 1000, 100_000_000, "photons")
-    if run.get("mesh") is not None:
-        raise Refused("mesh", run["mesh"], "none: the points follow from the waves")
     require_options(run, RunOptions)
+    for name in ("mesh", *Meshing.model_fields):
+        if (value := dict(run).get(name)) is not None:
+            raise Refused(name, value, "none: the points follow from the waves")
     sea, bands = _resolved(sea, depths, disk, water)
     options: dict[str, Any] = {**of_run, "photons": photons, "workers": workers, **run}
     campaign = campaign_of(Link(water=water), sea, "irradiance_series", **options)

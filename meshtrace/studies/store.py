@@ -120,7 +120,8 @@ class Store:
             If another process uses the store, it is none, cannot be written or holds other items.
         """
         if self.path is None:
-            yield Kept({})
+            with _brief_interruption("no store= was given, with which the same call would resume"):
+                yield Kept({})
             return
         # other code may give other digits
         code = {"meshtrace": version("meshtrace"), "kernels": sources().hex()}
@@ -129,7 +130,10 @@ class Store:
         with self._held():
             with self._turn:
                 file = self._opened(name, here)
-            with file:
+            with (
+                file,
+                _brief_interruption(f"finished steps are in {self.path}: the same call resumes"),
+            ):
                 yield Kept(self._items.setdefault(of, {}), of, file, self._turn)
                 with self._turn:
                     os.fsync(file.fileno())
@@ -339,3 +343,15 @@ def _lives_elsewhere(owner: dict[str, Any]) -> bool:
     except (psutil.Error, KeyError, ValueError, TypeError):
         return False
     return began <= float(owner.get("since", 0.0))  # else another process has its number
+
+
+@contextmanager
+def _brief_interruption(text: str) -> Iterator[None]:
+    """Raise an interruption of a block anew, with a text and without the frames of the block.
+
+    A step that is interrupted is some forty lines of frames deep, which tell a user nothing.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(text) from None

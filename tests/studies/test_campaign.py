@@ -128,7 +128,8 @@ def test_every_option_of_a_run_is_documented():
     ("options", "message"),
     [
         ({"fotons": 64}, "fotons: 64, no such key, did you mean photons"),
-        ({"spacing": 0.5}, r"spacing: 0\.5, allowed: mesh=Meshing\(spacing=\.\.\.\)"),
+        ({"spacing": -0.5}, r"spacing: -0\.5, allowed: > 0"),
+        ({"wave": "mean"}, "wave: 'mean', no such key, did you mean waves"),
         ({"mesh": 0.5}, "mesh: "),
         ({"progress": 3, "rtol": 0.1}, "rtol: "),
         ({"progress": False}, "progress: [Ff]alse, allowed: a function"),
@@ -142,6 +143,15 @@ def test_other_options_are_refused(options, message):
 def test_progress_of_a_map_is_a_function():
     with pytest.raises(Refused, match="progress: 5, allowed: a function"):
         mt.coverage_map(mt.Link(), FlatSea(), photons=1000, progress=5)
+
+
+def test_fields_of_the_meshing_are_options_as_in_simulate():
+    sea, options = JonswapSea(wind_speed=5.0, seed=1), {"photons": 64, "threads": 1}
+    short = mt.time_series(mt.Link(), sea, [0.0], waves="mean", normals="facet", **options)
+    meshing = mt.Meshing(waves="mean", normals="facet")
+    long = mt.time_series(mt.Link(), sea, [0.0], mesh=meshing, **options)
+    assert short.gain == long.gain
+    assert short.gain != mt.time_series(mt.Link(), sea, [0.0], **options).gain
 
 
 def test_a_meshing_is_that_of_the_study():

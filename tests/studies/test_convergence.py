@@ -338,7 +338,7 @@ def test_wider_bands_add_to_the_same_waves():
         ({"receiver": 1}, "receiver: 1, allowed"),
         ({"photons": 0}, "photons: 0, allowed"),
         ({"unresolved": "some"}, "unresolved: 'some', allowed: tilt, none"),
-        ({"unresolved": "tilt"}, "reference: 'analytic', allowed: None"),
+        ({"unresolved": "tilt", "reference": "analytic"}, "reference: .*allowed: 'auto' or None"),
     ],
 )
 def test_wrong_options_are_named(options, message):
@@ -348,7 +348,15 @@ def test_wrong_options_are_named(options, message):
 
 def test_only_waves_have_an_exact_surface():
     with pytest.raises(ValueError, match="reference: 'analytic for FlatSea', allowed: None"):
-        convergence_study(LINK, FlatSea())
+        convergence_study(LINK, FlatSea(), reference="analytic")
+
+
+def test_a_surface_that_is_no_sum_of_waves_needs_no_option():
+    study = convergence_study(
+        LINK, FlatSea(), (1.0, 0.7, 0.5, 0.35), ("vertex",), photons=64, placements=1
+    )
+    assert study.reference is None
+    assert study.gain.mean() == pytest.approx(6e-5, rel=0.1)
 
 
 def test_steps_must_nest():

@@ -348,6 +348,33 @@ def test_lock_without_a_holder_belongs_to_a_process_that_may_live(tmp_path, owne
             pass
 
 
+@pytest.mark.parametrize("store", [None, "interrupted.store"])
+def test_an_interruption_says_how_to_go_on(store, tmp_path):
+    path = store and tmp_path / store
+    with pytest.raises(KeyboardInterrupt) as raised:
+        mt.time_series(LINK, WAVE, TIMES, **FEW, store=path, progress=stop_after_two())
+    assert raised.value.__suppress_context__
+    assert str(raised.value) == (
+        f"finished steps are in {path}: the same call resumes"
+        if path
+        else "no store= was given, with which the same call would resume"
+    )
+    # neither a frame of the step nor one of its callback is shown
+    names = {frame.name for frame in raised.traceback}
+    assert "advance" not in names
+
+
+def stop_after_two():
+    done = []
+
+    def advance(n):
+        done.append(n)
+        if len(done) == 2:
+            raise KeyboardInterrupt
+
+    return advance
+
+
 def test_lock_is_freed_after_an_error(tmp_path):
     store = tmp_path / "depths.store"
     with pytest.raises(ZeroDivisionError), locked(store):

@@ -229,6 +229,9 @@ class RunOptions(TypedDict, total=False):
 
     seed: int | None
     mesh: Meshing | None
+    time: float
+    spacing: float | None
+    waves: str | float | Band | None
     threads: int | None
     store: str | Path | None
     progress: Callable[[int], None] | None
@@ -248,6 +251,8 @@ class StudyOptions(RunOptions, total=False):
         `numpy.random.SeedSequence([seed, i])`.
     mesh : Meshing, optional
         Time, resolution and waves of the surface.
+    time, spacing, waves
+        Fields of `Meshing`, as every other field of it that is no parameter of the study.
     threads : int, optional
         Threads, all cores by default; the result does not depend on them.
     store : path, optional
@@ -335,9 +340,7 @@ class Run(Model, frozen=True):
 
 def require_options(given: Mapping[str, Any], kind: type[RunOptions]) -> None:
     """Refuse options that a kind of study does not have."""
-    for name in Meshing.model_fields.keys() & given.keys():
-        raise Refused(name, given[name], f"mesh=Meshing({name}=...)")
-    require_keys(given, kind.__annotations__)
+    require_keys(given, [*kind.__annotations__, *Meshing.model_fields])
 
 
 def run_keys() -> list[str]:
