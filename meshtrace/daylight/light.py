@@ -669,6 +669,28 @@ class Daylight(Model, frozen=True):
         return light_of(model, wavelength_nm, table)
 
 
+class UnavailableDaylight:
+    """Daylight whose model needs a package that is not installed, refused where it is used.
+
+    A gain needs no daylight: a link file with a table [daylight] runs without the package.
+
+    Parameters
+    ----------
+    table : dict
+        The table [daylight] of the link file.
+    refusal : Refused
+        The error that names the package.
+    """
+
+    def __init__(self, table: dict[str, Any], refusal: Refused) -> None:
+        self.table, self.refusal = table, refusal
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # copy, pickle and pydantic look for methods of theirs
+            raise AttributeError(name)
+        raise self.refusal
+
+
 def light_of(model: str, wavelength_nm: float, table: Mapping[str, Any]) -> Any:
     """Return the `Daylight` of a model at a wavelength [nm], with the keys of a link file."""
     table = {"wavelength_nm": wavelength_nm, **table}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 from numpy.typing import ArrayLike
-from pydantic import ValidationInfo, field_validator
+from pydantic import ValidationInfo, WrapValidator, field_validator
 
 from meshtrace.comms.ook import OokLink
-from meshtrace.daylight.light import Daylight
+from meshtrace.daylight.light import Daylight, UnavailableDaylight
 from meshtrace.engine.setup.ends import resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Case, Estimator, Meshing, Run, run_keys
@@ -25,6 +25,10 @@ from meshtrace.scenario import files, parts, seas
 from meshtrace.scenario.files import Table
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.uav import Uav
+
+
+def _or_unavailable(value: Any, validated: Callable[[Any], Any]) -> Any:
+    return value if isinstance(value, UnavailableDaylight) else validated(value)
 
 
 class Scenario(Model, frozen=True):
@@ -71,7 +75,8 @@ class Scenario(Model, frozen=True):
     run: Run = Run()
     detector: OokLink | None = None
     uav: Uav | None = None
-    daylight: Daylight | None = None
+    # for a type checker that of a file whose package is missing is like any other: it refuses
+    daylight: Annotated[Daylight | None, WrapValidator(_or_unavailable)] = None
 
     @field_validator("surface")
     @classmethod
@@ -198,7 +203,7 @@ class Scenario(Model, frozen=True):
                 run=files.validated(Run, run, "run", run_keys()),
                 detector=parts.read_detector(config.get("detector")),
                 uav=parts.read_uav(config.get("uav")),
-                daylight=parts.read_daylight(config.get("daylight", "none"), link),
+                daylight=parts.read_daylight(config.get("daylight", "none"), link),  # type: ignore[arg-type]
             )
             if scenario.detector is not None:
                 parts.require_of_link(config["detector"], scenario.detector)

@@ -11,7 +11,14 @@ from collections.abc import Iterable, Mapping
 from typing import Any, get_args
 
 from meshtrace.comms.ook import OokLink, Preset
-from meshtrace.daylight.light import MODELS, SUN, Daylight, defaults_of, light_of
+from meshtrace.daylight.light import (
+    MODELS,
+    SUN,
+    Daylight,
+    UnavailableDaylight,
+    defaults_of,
+    light_of,
+)
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.errors import Described, Refused, require_between, require_keys, require_word, within
 from meshtrace.link import Link, Physics, Whitecaps
@@ -243,7 +250,7 @@ _IRRADIANCES = ("direct", "diffuse")
 _LIT = ("model", *_IRRADIANCES, "pattern", "water", "foam_reflectance", "light", *SUN)
 
 
-def read_daylight(value: Any, link: Link) -> Daylight | None:
+def read_daylight(value: Any, link: Link) -> Daylight | UnavailableDaylight | None:
     """Return the light of [daylight] at the wavelength of the transmitter; None for "none".
 
     With `direct` and `diffuse` [W m-2 nm-1] no spectral model is evaluated.
@@ -259,14 +266,19 @@ def read_daylight(value: Any, link: Link) -> Daylight | None:
     try:
         return light_of(model, link.transmitters[0].wavelength_nm, table)
     except Refused as error:
-        raise error.inside("daylight") if error.field != "daylight" else error from None
+        refusal = error.inside("daylight") if error.field != "daylight" else error
+        if isinstance(error.__cause__, ImportError):
+            return UnavailableDaylight({"model": model, **table}, refusal)
+        raise refusal from None
 
 
-def daylight_config(day: Daylight) -> Table:
+def daylight_config(day: Daylight | UnavailableDaylight) -> Table:
     """Return the table of a light without its wavelength, which follows the transmitter.
 
     Irradiances, pattern and name that follow from the model and its options are left out.
     """
+    if isinstance(day, UnavailableDaylight):
+        return day.table
     table = day.model_dump(mode="json", exclude={"wavelength_nm", "recipe"})
     models = (name for name, one in MODELS.items() if one.fields["light"] == day.light)
     model = next(models, "clear")

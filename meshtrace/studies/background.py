@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from meshtrace.comms.background import DARK, occupancy, with_background
 from meshtrace.comms.ook import OokLink, Preset
-from meshtrace.daylight.light import Daylight
+from meshtrace.daylight.light import Daylight, UnavailableDaylight
 from meshtrace.engine.backward.background import background, backgrounds_over
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import Case, RunOptions, require_options
@@ -115,6 +115,8 @@ def light_of(campaign: Campaign, day: Daylight | None) -> Daylight | None:
 
 def checked_daylight(day: Daylight | None, link: Link) -> Daylight | None:
     """Return daylight, if any; refuse a wavelength other than the link's."""
+    if isinstance(day, UnavailableDaylight):
+        raise day.refusal
     require_kind(day, Daylight | None, "daylight")
     wavelength = link.transmitters[0].wavelength_nm
     if day is not None and day.wavelength_nm != wavelength:

@@ -261,3 +261,15 @@ def test_without_pvlib_everything_works_but_the_clear_sky():
     assert mt.Daylight.overcast().diffuse > 0.0
     assert mt.Daylight.night().diffuse > 0.0
     assert mt.Daylight(direct=1.42, diffuse=0.295).irradiance > 1.5
+
+
+@pytest.mark.usefixtures("without_pvlib")
+def test_a_gain_needs_no_package_of_daylight():
+    text = 'wind_speed = 0.0\n[daylight]\nmodel = "clear"\nsun_zenith_deg = 37.0\n'
+    scenario = mt.Scenario.from_toml(text)
+    result = mt.simulate(scenario, photons=64)
+    assert result.gain == mt.simulate(mt.Scenario.from_toml("wind_speed = 0.0"), photons=64).gain
+    assert scenario.to_config()["daylight"] == {"model": "clear", "sun_zenith_deg": 37.0}
+    for study in (mt.background_series, mt.link_performance, mt.design):
+        with pytest.raises(Refused, match=r"daylight: pvlib is not installed.*\[daylight\]"):
+            study(scenario)
