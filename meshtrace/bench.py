@@ -283,7 +283,7 @@ def new_sea(link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5) -> dict[s
             "mesh_seconds": meshed,
             "bvh_seconds": built,
             "rtol": float(parts.stderr[0] / parts.gain[0]),
-            "chains": parts.counts["chains"],
+            "chains": parts.counts.drawn,
             "facets": len(mesh.faces),
         }
 

@@ -5,7 +5,7 @@ scikit-commpy), and an interleaver that sends the bits of a packet in random ord
 Beside it the outage of an ideal code of that rate, without interleaver and for independent fades.
 """
 
-import sys
+import argparse
 import warnings
 
 import numpy as np
@@ -22,7 +22,10 @@ BITS, PACKETS, DEPTHS = 128, 100, {0.0: 1, 1.0: 17}  # depth [s]: independent fa
 
 link, rng = OokLink(), np.random.default_rng(1)
 code = Trellis(np.array([2]), np.array([[5, 7]]))
-with xr.open_dataset(sys.argv[1], engine="h5netcdf") as trace:
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("trace", help="trace, a file of `meshtrace traces`")
+arguments = parser.parse_args()
+with xr.open_dataset(arguments.trace, engine="h5netcdf") as trace:
     time, gain = trace["time"].values, trace["gain"].values
 needed = link.required_power(0.11) / float(link.received_power(1.0))  # capacity 1/2 at BER 0.11
 

@@ -8,7 +8,7 @@ https://github.com/signetlabdei/DESERT_Underwater, DESERT_Framework/DESERT/physi
     $phy(1) setMCLink [$mac(0) addr] $link
 """
 
-import sys
+import argparse
 
 import numpy as np
 import xarray as xr
@@ -17,7 +17,10 @@ from meshtrace.comms import OokLink
 from meshtrace.comms.budget import ber_of_gains
 from meshtrace.fading import MarkovChannel
 
-with xr.open_dataset(sys.argv[1], engine="h5netcdf") as trace:
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("trace", help="trace, a file of `meshtrace traces`")
+arguments = parser.parse_args()
+with xr.open_dataset(arguments.trace, engine="h5netcdf") as trace:
     time, gain = trace["time"].values, trace["gain"].values
 model = MarkovChannel.fit(gain, time[1] - time[0], (0.7,))
 states = model.states(gain)

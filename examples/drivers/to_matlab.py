@@ -4,12 +4,15 @@
 Format: version 5 by https://docs.scipy.org/doc/scipy/reference/generated/scipy.io.savemat.html
 """
 
-import sys
+import argparse
 
 import xarray as xr
 from scipy.io import savemat
 
-source, target = sys.argv[1:]
-with xr.open_dataset(source, engine="h5netcdf") as trace:
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("source", help="trace, a file of `meshtrace traces`")
+parser.add_argument("target", help="file to write")
+arguments = parser.parse_args()
+with xr.open_dataset(arguments.source, engine="h5netcdf") as trace:
     columns = {name: one.values for name, one in trace.variables.items() if one.dims == ("time",)}
-savemat(target, columns, oned_as="column")
+savemat(arguments.target, columns, oned_as="column")

@@ -6,7 +6,7 @@ num_time_steps] and delays tau [num_rx, num_tx, num_paths]
 emitted power, so that a is the gain itself, real and not its root.
 """
 
-import sys
+import argparse
 
 import torch
 import xarray as xr
@@ -14,7 +14,10 @@ from sionna.phy.channel import CIRDataset
 
 STEPS, BATCH = 50, 4
 
-with xr.open_dataset(sys.argv[1], engine="h5netcdf") as trace:
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("trace", help="trace, a file of `meshtrace traces`")
+arguments = parser.parse_args()
+with xr.open_dataset(arguments.trace, engine="h5netcdf") as trace:
     gain, time = torch.from_numpy(trace["gain"].values), trace["time"].values
 
 

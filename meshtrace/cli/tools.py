@@ -108,9 +108,9 @@ def _plain(result: GainResult, wall_time: float) -> dict[str, Any]:
         "photons_per_second": result.photons / wall_time,
         "wall_time": wall_time,
         "fates": {name: tally._asdict() for name, tally in result.fates.items()},
-        "chains": result.chains,
+        "chains": result.chains and result.chains._asdict(),
         "scattered": [row._asdict() for row in result.scattered],
-        "misses": {"cast_again": result.misses[0], "given_up": result.misses[1]},
+        "misses": {"cast_again": result.rays_recast, "given_up": result.rays_lost},
         "provenance": result.provenance,
     }
 

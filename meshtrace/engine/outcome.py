@@ -91,7 +91,8 @@ def analog_result(
             for fate in Fate
         },
         provenance=origin,
-        misses=(int(sums.misses[0]), int(sums.misses[1])),
+        rays_recast=int(sums.misses[0]),
+        rays_lost=int(sums.misses[1]),
         arrivals=_arrivals(sums) if "arrivals" in records else None,
         planes=_planes(link, sums, mean[n_rx:], stderr[n_rx:]),
         map=irradiance_map(grid, sums) if isinstance(grid, options.IrradianceMap) else None,
@@ -345,9 +346,9 @@ def warn_of_lost(result: GainResult) -> None:
             f"{100.0 * left:.2g} % of the launched weight left the meshed surface sideways (limit "
             f"{100.0 * LEFT_DOMAIN_WARNING:g} %): enlarge extent",
         )
-    if result.misses[1]:
+    if result.rays_lost:
         _warn(
-            f"{result.misses[1]} photons missed the surface inside the mesh twice: the mesh may "
+            f"{result.rays_lost} photons missed the surface inside the mesh twice: the mesh may "
             "have holes",
         )
 

@@ -18,7 +18,7 @@ from meshtrace.engine.setup.ends import ForcedLink
 from meshtrace.kernels.tints import NO_TINTS, Tints
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.models import Floats
-from meshtrace.results.gain import ScatteredSamples
+from meshtrace.results.gain import ChainCounts, ScatteredSamples
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import SHIFTS
 
@@ -35,7 +35,7 @@ class Parts:
         Scattered gain of each shift of the points.
     orders : ndarray, shape (receivers, orders)
         Scattered gain by the number of scatterings, from 1 on.
-    counts : dict of str to int
+    counts : ChainCounts
         Numbers of chains, and of their outcomes.
     method : list of {"chains", "joined"}
         Estimator of the scattered gain of each receiver.
@@ -48,7 +48,7 @@ class Parts:
     direct: Floats
     scattered: Floats
     orders: Floats
-    counts: dict[str, int]
+    counts: ChainCounts
     method: list[Method]
     samples: list[ScatteredSamples]
     photons: JoinedParts | None = None
@@ -144,9 +144,8 @@ class ChainSums:
         Light reflected first counts if `reflects`.
         `counters` are the outcomes of the search for crossings.
         """
-        counts = {"chains": self.chains} | {c.name.lower(): int(counters[c]) for c in Counter}
-        if self._sampled:
-            counts["sampled"] = len(self._sampled)  # pairs
+        outcomes = {c.name.lower(): int(counters[c]) for c in Counter}
+        counts = ChainCounts(drawn=self.chains, sampled=len(self._sampled), **outcomes)
         scattered, orders = self._scattered[i].sum(axis=1), self._scattered[i].mean(axis=2)
         effective = scattered.mean(axis=1) ** 2 / np.maximum(self._squares[i], 1e-300)
         columns = self._samples[i], self._scored[i], effective

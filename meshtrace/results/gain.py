@@ -17,7 +17,7 @@ from meshtrace.kernels.tally import Fate
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
 from meshtrace.results.tallies import ArrivalTally, MapTally, Planes, merged, merged_mean
-from meshtrace.stored import Attribute, Stored, Variable
+from meshtrace.stored import Attribute, Rows, Stored, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -68,15 +68,35 @@ class ScatteredSamples(NamedTuple):
     effective: float
 
 
-CHAIN_MEANING = {
-    "chains": "scattering chains drawn",
-    "solved": "aimed at the aperture",
-    "no_flat": "without a crossing of the flat sea",
-    "enumerated": "searched over all facets",
-    "extra_roots": "further crossings found",
-    "blocked": "blocked by a wave",
-    "sampled": "pairs of source and receiver with sampled unscattered light",
-}
+class ChainCounts(NamedTuple):
+    """Numbers of scattering chains by outcome; `fields.toml` has their meanings.
+
+    Attributes
+    ----------
+    drawn : int
+        Scattering chains drawn.
+    solved : int
+        Aimed at the aperture through a crossing of the surface.
+    no_flat : int
+        Without a crossing of still water.
+    enumerated : int
+        Whose crossings were searched over all facets.
+    extra_roots : int
+        Further crossings of one chain.
+    blocked : int
+        Blocked by a wave.
+    sampled : int
+        Pairs of source and receiver whose unscattered light was sampled.
+    """
+
+    drawn: int = 0
+    solved: int = 0
+    no_flat: int = 0
+    enumerated: int = 0
+    extra_roots: int = 0
+    blocked: int = 0
+    sampled: int = 0
+
 
 _MATTERS = 0.5  # error of the mesh over the standard error: the two together are 12 % larger
 _EACH, _MEAN = Variable("receiver"), Variable("receiver", merged_mean)
@@ -112,10 +132,11 @@ class GainResult(Stored):
         Forced only: gain by the number of scatterings, from 1.
     provenance : dict
         Versions, commit, seed, and the whole configuration, which loads back.
-    misses : tuple of int
-        Rays cast again, rays lost.
-    chains : dict of str to int
-        Forced only: numbers of chains by outcome (`CHAIN_MEANING`).
+    rays_recast, rays_lost : int
+        Analog only: rays that missed the surface inside the mesh and were cast again, and those
+        that missed it twice.
+    chains : ChainCounts, optional
+        Forced only: numbers of chains by outcome.
     scattered : list of ScatteredSamples
         Forced only: estimator and samples of the scattered gain of each receiver.
     reflected : list of ScatteredSamples
@@ -135,10 +156,15 @@ class GainResult(Stored):
     provenance: dict[str, Any]
     gain_ballistic: Annotated[Values | None, _EACH] = None
     gain_scattered: Annotated[Values | None, _EACH] = None
-    misses: tuple[int, int] = (0, 0)
-    chains: dict[str, int] = field(default_factory=dict)
-    scattered: list[ScatteredSamples] = field(default_factory=list)
-    reflected: list[ScatteredSamples] = field(default_factory=list)
+    rays_recast: int = 0
+    rays_lost: int = 0
+    chains: Annotated[ChainCounts | None, Rows(ChainCounts, prefix="chains_")] = None
+    scattered: Annotated[
+        list[ScatteredSamples], Rows(ScatteredSamples, "receiver", "scattered_")
+    ] = field(default_factory=list)
+    reflected: Annotated[
+        list[ScatteredSamples], Rows(ScatteredSamples, "receiver", "reflected_")
+    ] = field(default_factory=list)
     gain_bound: Annotated[Values | None, _EACH] = None
     gain_reflected: Annotated[Values | None, _EACH] = None
     gain_reflected_stderr: Annotated[Values | None, _EACH] = None
@@ -211,19 +237,20 @@ class GainResult(Stored):
         if wall_time is not None:
             count += f" in {wall_time:.2f} s"
         lines = [*self._gain_lines(verbose), *self._origin_lines(), _line("samples", count)]
-        cast, lost = self.misses
-        if self.fates and (verbose or lost):
-            lines.append(_line("misses", f"{cast:,} rays cast again, {lost:,} lost"))
+        if self.fates and (verbose or self.rays_lost):
+            text = f"{self.rays_recast:,} rays cast again, {self.rays_lost:,} lost"
+            lines.append(_line("misses", text))
         if self.fates:
             lines += ["", f"{'fate':<12}{'photons':>15}{'weight %':>12}  meaning"]
         for name, (photons, weight) in self.fates.items():
             if photons or weight or verbose:
                 meaning = FATE_MEANING[Fate[name.upper()]]
                 lines.append(f"{name:<12}{photons:>15,}{100.0 * weight:>12.4g}  {meaning}")
-        if verbose and self.chains.get("chains"):
+        if verbose and self.chains is not None and self.chains.drawn:
             lines += ["", f"{'chains':<12}{'number':>15}  meaning"]
-            for name, number in self.chains.items():
-                lines.append(f"{name:<12}{number:>15,}  {CHAIN_MEANING.get(name, name)}")
+            for name, number in self.chains._asdict().items():
+                meaning = attrs(f"chains_{name}")["long_name"].removeprefix("number of ")
+                lines.append(f"{name:<12}{number:>15,}  {meaning}")
         return "\n".join(lines)
 
     def _gain_lines(self, verbose: bool) -> list[str]:
@@ -364,7 +391,8 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         photons=total,
         fates=fates,
         provenance={**first.provenance, "run": {**first.provenance["run"], **run}},
-        misses=(sum(r.misses[0] for r in results), sum(r.misses[1] for r in results)),
+        rays_recast=sum(r.rays_recast for r in results),
+        rays_lost=sum(r.rays_lost for r in results),
         **means,
     )
 

@@ -141,7 +141,7 @@ def test_light_that_no_facet_finds_is_sampled(monkeypatch):
             found = mt.simulate(
                 LINKS["led 10"], still_water(100, tilts), photons=256, seed=1, record=["arrivals"]
             )
-        assert found.chains["sampled"] == 1
+        assert found.chains.sampled == 1
         assert found.arrivals.weight.sum() == pytest.approx(found.gain, rel=1e-12)
         if tilts is None:
             assert found.gain_ballistic == pytest.approx(usual.gain_ballistic, rel=1e-3)

@@ -280,7 +280,7 @@ def test_default_link():
     assert r.gain_stderr / r.gain < 0.01
     assert abs(r.gain - 5.9731e-5) < 3.0 * r.gain_stderr
     assert r.gain > BALLISTIC - 3.0 * r.gain_stderr
-    assert r.misses == (0, 0)
+    assert (r.rays_recast, r.rays_lost) == (0, 0)
 
 
 @pytest.mark.slow

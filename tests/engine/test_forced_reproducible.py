@@ -121,9 +121,9 @@ def test_chain_counts_add_up(mesh):
     for normals, link in itertools.product(("vertex", "facet"), (mt.Link(),)):
         r = run(link, mesh, normals=normals)
         c = r.chains
-        assert c["chains"] >= 2000
-        assert 0 <= c["no_flat"] < c["chains"]
-        assert c["solved"] <= c["chains"] - c["no_flat"] + c["extra_roots"]
+        assert c.drawn >= 2000
+        assert 0 <= c.no_flat < c.drawn
+        assert c.solved <= c.drawn - c.no_flat + c.extra_roots
         parts = r.gain_ballistic + r.gain_scattered
         assert parts == pytest.approx(r.gain, rel=1e-12)
         assert r.gain_order.sum() == pytest.approx(r.gain_scattered, rel=1e-9)

@@ -111,7 +111,7 @@ def test_ledger_and_gain(leaning, normals):
     assert r.provenance["run"]["max_surface_events"] == 100
     assert sum(f.weight for f in r.fates.values()) == pytest.approx(1.0, abs=1e-12)
     assert sum(f.photons for f in r.fates.values()) == r.photons
-    assert r.misses == (0, 0)
+    assert (r.rays_recast, r.rays_lost) == (0, 0)
     assert r.fates["leaked"] == (0, 0.0)
     assert z_test(r.gain, math.hypot(r.gain_stderr, 0.0003), 0.03211) > sidak(ALPHA, 2)
 

@@ -63,7 +63,7 @@ def test_estimators_agree_over_a_steep_choppy_sea_without_leaks():
     assert error < 0.04 * forced.gain
     assert forced.gain == pytest.approx(analog.gain, abs=4.0 * error)
     assert analog.fates["leaked"] == (0, 0.0)
-    assert analog.misses == (0, 0)
+    assert (analog.rays_recast, analog.rays_lost) == (0, 0)
 
 
 @pytest.mark.parametrize("graded", [None, 1.0])
@@ -77,7 +77,7 @@ def test_light_from_beside_a_choppy_mesh_is_no_leak(graded):
     with pytest.warns(mt.DomainWarning):
         result = mt.simulate(link, mesh, "analog", photons=40_000, seed=1)
     assert result.fates["leaked"] == (0, 0.0)
-    assert result.misses == (0, 0)
+    assert (result.rays_recast, result.rays_lost) == (0, 0)
     assert result.fates["left_domain"].weight > 0.01
 
 

@@ -96,7 +96,7 @@ def test_light_is_shared_between_sky_and_water_at_the_second_hit(two_hits):
     r = mt.simulate(
         link_of(two_hits), valley(), estimator="analog", photons=n, seed=2, normals="facet"
     )
-    assert r.misses == (0, 0)
+    assert (r.rays_recast, r.rays_lost) == (0, 0)
     arrives = math.exp(-0.05 * 4.5 / in_water[2]) * out
     landed = r.fates["landed"].weight
     # one photon in 1 / (out back) lands with the weight it arrived with, at most

@@ -124,3 +124,13 @@ def test_modem(trace, run):
     # no code of 128 bits is better than an ideal one, within four errors of 100 packets
     error = np.sqrt(np.maximum(rows[:, 2] * (1.0 - rows[:, 2]), 0.01) / 100.0)
     assert (rows[:, 1] > rows[:, 2] - 4.0 * error).all()
+
+
+@pytest.mark.parametrize("name", sorted(p.name for p in DRIVERS.glob("*.py")))
+def test_a_driver_without_files_says_what_it_needs(name, monkeypatch, capsys):
+    if name == "to_sionna.py":
+        pytest.importorskip("sionna")
+    monkeypatch.setattr(sys, "argv", [name])
+    with pytest.raises(SystemExit):
+        runpy.run_path(str(DRIVERS / name), run_name="__main__")
+    assert "the following arguments are required" in capsys.readouterr().err

@@ -36,7 +36,15 @@ def assert_same(a, b):
     np.testing.assert_array_equal(a.gain, b.gain)
     assert type(a.gain) is type(b.gain)
     np.testing.assert_array_equal(a.gain_stderr, b.gain_stderr)
-    for name in ("photons", "fates", "provenance", "misses", "gain_ballistic", "gain_scattered"):
+    for name in (
+        "photons",
+        "fates",
+        "provenance",
+        "rays_recast",
+        "rays_lost",
+        "gain_ballistic",
+        "gain_scattered",
+    ):
         assert getattr(a, name) == getattr(b, name), name
     for name in ("arrivals", "planes", "map"):
         assert (getattr(a, name) is None) == (getattr(b, name) is None)

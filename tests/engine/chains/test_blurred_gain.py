@@ -163,7 +163,7 @@ def test_narrow_tilts_are_sampled(link, variance):
     rough = UnresolvedSlopes(variance, variance, 20.0)
     mesh = mt.TriangleMesh(made.vertices, made.faces, made.vertex_normals, rough)
     result = mt.simulate(link, mesh, photons=4096, seed=1)
-    assert result.chains["sampled"] == 1
+    assert result.chains.sampled == 1
     assert "sampled unscattered light" in result.summary(verbose=True)
     whole = mt.simulate(link, sea.replace(mss="cox-munk"), photons=256, seed=1)
     if link.physics.snell == "physical" and link.receiver.radius < 1.0:
