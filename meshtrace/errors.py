@@ -114,7 +114,7 @@ def within(*path: int | str) -> Iterator[None]:
 def extra(
     name: str,
     field: str,
-    value: object = Described("extra packages are missing"),
+    value: object = None,
     allowed: str = "{}",
 ) -> Iterator[None]:
     """Refuse with the way to install an extra if packages are missing in a block.
@@ -124,13 +124,16 @@ def extra(
     name : str
         The extra of meshtrace.
     field, value, allowed : str
-        As in `Refused`; {} in `allowed` stands for the command that installs the extra.
+        As in `Refused`; by default the value names the missing package. {} in `allowed` stands for
+        the command that installs the extra.
     """
     try:
         yield
     except ImportError as error:
         command = f'pip install "meshtrace[{name}]"'
-        raise Refused(field, value, allowed.format(command)) from error
+        missing = Described(f"{error.name or 'an extra package'} is not installed")
+        shown = missing if value is None else value
+        raise Refused(field, shown, allowed.format(command)) from error
 
 
 def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:

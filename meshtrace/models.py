@@ -427,6 +427,7 @@ class Family(Model, frozen=True):
             """Name of the class in plain data."""
 
     registered: ClassVar[dict[str, type[Any]]] = {}
+    synonyms: ClassVar[Mapping[str, str]] = {}  # other words for a kind, named by refusals
     _default: ClassVar[str] = ""
     _closed: ClassVar[str] = ""
 
@@ -478,7 +479,9 @@ class Family(Model, frozen=True):
                 raise Refused(key, kind, f"{allowed} ({error})") from error
         if inspect.isclass(found) and issubclass(found, cls):
             return found
-        raise Refused(key, kind, allowed, did_you_mean(kind, cls.registered))
+        synonym = cls.synonyms.get(kind.lower()) if isinstance(kind, str) else None
+        hint = f"did you mean {synonym}?" if synonym else did_you_mean(kind, cls.registered)
+        raise Refused(key, kind, allowed, hint)
 
     @classmethod
     def read(cls, value: Any) -> Self:

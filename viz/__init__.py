@@ -10,8 +10,11 @@ from typing import Any
 
 from meshtrace.lazy import attach
 
-if not all(find_spec(name) for name in ("matplotlib", "pyvista", "trame_vtk", "imageio")):
-    raise ImportError('viz needs extra packages: pip install "meshtrace[viz]"')
+for _package in ("matplotlib", "pyvista", "trame_vtk", "imageio"):
+    if not find_spec(_package):
+        raise ImportError(
+            f'viz: {_package} is not installed: pip install "meshtrace[viz]"', name=_package
+        )
 
 _attribute, __dir__, __all__ = attach(__name__, __file__)
 

@@ -38,6 +38,10 @@ Side = Literal["left", "center", "right"]
 Z = np.array([0.0, 0.0, 1.0])
 
 
+SEA_EXTENT = 20.0
+"""Half-width [m] of a scene of a sea without a link."""
+
+
 class Stage(NamedTuple):
     """The box that a scene shows [m]: centre, half-width, lowest and highest z."""
 
@@ -76,12 +80,14 @@ class Stage(NamedTuple):
 def stage_of(link: Link | None, surface: MeshSource | TriangleMesh, extent: float | None) -> Stage:
     """Return a box around sources, receivers and the surface between them.
 
-    Without a link it is that of the mesh. `extent` [m] replaces its half-width, and makes a
+    Without a link it is that of the mesh, or `SEA_EXTENT` of a sea. `extent` [m] replaces its half-width, and makes a
     close-up of the surface where it is smaller than depth or height.
     """
     if link is None:
         if not isinstance(surface, TriangleMesh):
-            raise Refused("link", None, "a link, or a mesh")
+            half = extent or SEA_EXTENT
+            # the highest crests of a sea of 13 m/s, 3 m, and of a close-up of its short waves
+            return Stage((0.0, 0.0), half, -0.2 * half, 0.2 * half)
         (x0, y0, low), (x1, y1, high) = surface.bounds.tolist()
         half = 0.5 * max(x1 - x0, y1 - y0)
         center = (0.5 * (x0 + x1), 0.5 * (y0 + y1))

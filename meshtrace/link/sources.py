@@ -59,6 +59,13 @@ class Source(
         Wavelength in vacuum [nm], 200 ... 1200.
     """
 
+    synonyms: ClassVar[dict[str, str]] = {
+        "laser": "gaussian-beam",
+        "beam": "gaussian-beam",
+        "lambertian": "led",
+        "lamp": "led",
+    }
+
     power_mw: Positive = 100.0
     wavelength_nm: float = Field(default=470.0, ge=200.0, le=1200.0, allow_inf_nan=False)
 

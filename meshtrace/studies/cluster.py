@@ -21,7 +21,7 @@ from queue import SimpleQueue
 from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, Any
 
-from meshtrace.errors import Described, Refused, one_line, require_between, require_whole
+from meshtrace.errors import Described, Refused, extra, one_line, require_between, require_whole
 
 if TYPE_CHECKING:
     import distributed
@@ -63,8 +63,8 @@ class Cluster:
         if not isinstance(self.workers, str | None):
             require_whole(self.workers, 1, 1024, "workers")
         if self.workers != 1 and find_spec("distributed") is None:
-            missing = 'workers: distributed is missing, pip install "meshtrace[batch]"'
-            raise ModuleNotFoundError(missing, name="distributed")
+            with extra("batch", "workers"):
+                raise ModuleNotFoundError(name="distributed")
         require_between(self.timeout, 0.0, math.inf, "timeout", "[)")
         return self
 

@@ -167,3 +167,8 @@ def test_a_link_at_another_wavelength():
     assert windy.at_wavelength(520.0).bubbles == windy.bubbles
     with pytest.raises(Refused, match=r"^water: a 0.114, b 0.037 m-1 of one wavelength"):
         mt.Link().at_wavelength(520.0)
+
+
+def test_other_words_for_a_lamp_name_the_kind():
+    with pytest.raises(Refused, match="kind: 'laser', did you mean gaussian-beam"):
+        mt.Link(transmitter={"kind": "laser"})

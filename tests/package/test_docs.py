@@ -131,20 +131,39 @@ def test_link_files_load(page, tmp_path, monkeypatch):
 
 
 def command_lines(page):
-    """Yield the words of each line that calls meshtrace."""
-    for language in ("sh", "bash"):
-        for line in "".join(blocks(page, language)).splitlines():
-            if line.removeprefix(".venv/bin/").startswith("meshtrace "):
-                yield shlex.split(line, comments=True)
+    """Yield the words of each call of meshtrace: in blocks, after && too, and in running text."""
+    text = page.read_text("utf-8")
+    calls = re.split(r"\n|&&|\|", "\n".join(blocks(page, "sh") + blocks(page, "bash")))
+    calls += re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```$", "", text, flags=re.M | re.S))
+    for call in calls:
+        program, _, arguments = call.strip().partition(" ")
+        if program.removeprefix(".venv/bin/") == "meshtrace" and arguments:
+            yield shlex.split(arguments, comments=True)
 
 
-@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
+CHECKED = [*sorted(DOCS.rglob("*.md")), *sorted(DOCS.parent.glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", CHECKED, ids=lambda page: page.stem)
 def test_commands_exist(page):
-    for _, name, *arguments in command_lines(page):
-        context = Context(COMMANDS[name])
-        options = {option for p in COMMANDS[name].get_params(context) for option in p.opts}
-        used = {word for word in arguments if word.startswith("-")}
+    program = get_command(cli.app)
+    for name, *arguments in command_lines(page):
+        command = program if name.startswith("-") else COMMANDS[name]
+        parameters = command.get_params(Context(command))
+        options = {option for p in parameters for option in (*p.opts, *p.secondary_opts)}
+        used = {word.partition("=")[0] for word in (name, *arguments) if word.startswith("-")}
         assert used <= options, f"{name}: {used - options}"
+
+
+def test_the_readme_has_the_commands_that_exist():
+    text = (DOCS.parent / "README.md").read_text("utf-8")
+    rows = re.findall(r"^\| (`.*?`) \|", text[text.index("| command |") :], re.MULTILINE)
+    named = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
+    assert sorted(named) == sorted(COMMANDS)
+    extras = tomllib.loads((DOCS.parent / "pyproject.toml").read_text("utf-8"))["project"]
+    (line,) = re.findall(r"^Extras: (.*?)\n\n", text, re.MULTILINE | re.DOTALL)
+    words = set(re.findall(r"`(?:pip install \"\.\[)?(\w+)(?:\]\")?`", line))
+    assert words == set(extras["optional-dependencies"]) - {"test", "docs", "lint"}
 
 
 def test_quickstart_lists_all_commands():

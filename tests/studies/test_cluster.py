@@ -118,7 +118,7 @@ def test_the_end_of_a_loop_ends_other_processes():
 def test_one_worker_needs_no_dask(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert list(Cluster(1).checked().map(lambda: abs, [-2])) == [(0, 2)]
-    with pytest.raises(ModuleNotFoundError, match=r'pip install "meshtrace\[batch\]"'):
+    with pytest.raises(Refused, match=r"workers: distributed is not installed.*meshtrace\[batch\]"):
         Cluster(2).checked()
 
 

@@ -273,7 +273,7 @@ def test_progress_counts_finished_and_kept_points(address, tmp_path):
 
 def test_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ModuleNotFoundError, match=r'pip install "meshtrace\[batch\]"'):
+    with pytest.raises(Refused, match=r"workers: distributed is not installed.*meshtrace\[batch\]"):
         sweep(mt.Link(), {"water.b": [0.1]})
 
 
