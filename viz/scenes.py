@@ -269,6 +269,10 @@ def texels_for(window_size: tuple[int, int]) -> int:
     return int(np.clip(2 ** round(math.log2(max(window_size[0], 1) / 1.5)), 64, 1024))
 
 
+NOISIEST = 0.1
+"""Largest relative standard error of a gain that a caption states."""
+
+
 def caption(link: Link | None, surface: Any, time: float, gain: GainResult | None) -> str:
     """Return the caption of a scene: link, sea with wind and seed, time, gain."""
     texts = []
@@ -285,7 +289,9 @@ def caption(link: Link | None, surface: Any, time: float, gain: GainResult | Non
     texts.append(", ".join(words))
     if gain is not None:
         value, error = (np.ravel(v)[0] for v in (gain.gain, gain.gain_stderr))
-        texts.append(f"gain {value:.2e} ± {error:.0e}")
+        # a number in a picture is taken for the result: one that is mostly noise is left out
+        if value > 0.0 and error <= NOISIEST * value:
+            texts.append(f"gain {value:.2e} ± {error:.0e}")
     return "; ".join(texts)
 
 

@@ -426,7 +426,7 @@ def view(
     movie: str | Path | None = None,
     light: str | Path | None = None,
     export: str | Path | None = None,
-    gain: GainSeries | None = None,
+    gain: GainSeries | GainResult | None = None,
     frames: int = 300,
     frame_rate: float | None = None,
     title: str = "meshtrace",
@@ -449,8 +449,9 @@ def view(
         Picture or movie of the light pattern to write, by `save_light`: .png, .mp4 or .gif.
     export : path, optional
         Folder for the surface, paths and map as VTK files.
-    gain : GainSeries, optional
-        Gain over the times of the movie; computed if not given.
+    gain : GainSeries or GainResult, optional
+        Gain over the times of the movie, or that in the caption of a picture; by default that of
+        `simulate` with its default options.
     frames : int
         Frames of the movie, unless a gain is given: 10 s by default.
     frame_rate : float, optional
@@ -481,14 +482,18 @@ def view(
         raise Refused("view", Described("no display"), "screenshot, html, movie or export")
     if movie and (link is None or isinstance(surface, TriangleMesh)):
         raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
+    series = gain if isinstance(gain, GainSeries) else None
     files: list[Path] = []
     style, paths = shown.get("style", SceneStyle()), shown.get("paths")
     if window or screenshot or html or export:
         traced = (500 if paths is None else paths or None) if link is not None else None
-        found = _gain_of(link, surface, time, shown.get("seed", 1))
+        if isinstance(gain, GainResult):
+            of_picture: GainResult | None = gain
+        else:
+            of_picture = _gain_of(link, surface, time, shown.get("seed", 1))
         off = style.replace(off_screen=not window)
         still: Shown = {**shown, "paths": traced, "style": off}
-        plotter = scene(link, surface, time=time, gain=found, **still)
+        plotter = scene(link, surface, time=time, gain=of_picture, **still)
         if screenshot:
             with atomic(screenshot) as temporary:
                 plotter.screenshot(temporary)
@@ -502,11 +507,11 @@ def view(
         plotter.close()
     film: Any = {"progress": progress}
     if movie or light:
-        times, film["frame_rate"] = _frames(gain, time, frames, frame_rate)
+        times, film["frame_rate"] = _frames(series, time, frames, frame_rate)
     if movie and isinstance(link, Link) and isinstance(surface, MeshSource):
         received = shown.get("received") or RECEIVED_SHOWN
         moving: Shown = {**shown, "paths": paths or None, "received": received}
-        files.append(save_movie(link, surface, times, movie, gain=gain, **film, **moving))
+        files.append(save_movie(link, surface, times, movie, gain=series, **film, **moving))
     if light:
         if link is None or not isinstance(surface, SurfaceModel):
             raise Refused("light", Described("of a mesh"), "a link over a sea")
@@ -517,12 +522,12 @@ def view(
 def _gain_of(
     link: Link | None, surface: MeshSource | TriangleMesh, time: float, seed: int
 ) -> GainResult | None:
-    """Return the gain for the caption, None for a link that is refused."""
+    """Return the gain of `simulate` for the caption, None for a link that is refused."""
     if link is None:
         return None
     mesh = None if isinstance(surface, TriangleMesh) else Meshing(time=time)
     try:
-        return simulate(link, surface, mesh=mesh, photons=2048, seed=seed)
+        return simulate(link, surface, mesh=mesh, seed=seed)
     except Refused:
         return None
 

@@ -80,8 +80,8 @@ class Stage(NamedTuple):
 def stage_of(link: Link | None, surface: MeshSource | TriangleMesh, extent: float | None) -> Stage:
     """Return a box around sources, receivers and the surface between them.
 
-    Without a link it is that of the mesh, or `SEA_EXTENT` of a sea. `extent` [m] replaces its half-width, and makes a
-    close-up of the surface where it is smaller than depth or height.
+    Without a link it is that of the mesh, or `SEA_EXTENT` of a sea. `extent` [m] replaces its
+    half-width, and makes a close-up of the surface where it is smaller than depth or height.
     """
     if link is None:
         if not isinstance(surface, TriangleMesh):

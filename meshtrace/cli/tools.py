@@ -6,6 +6,7 @@ import json
 import math
 import time
 import warnings
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -518,6 +519,8 @@ def view(
     """
     if options.frame_rate is not None:  # a view without a movie does not check it
         require_between(options.frame_rate, 0.0, math.inf, "--frame-rate", allowed="numbers > 0")
+    from meshtrace.results.series import GainSeries
+
     with extra("viz", "viz"):
         from meshtrace.viz import SceneStyle
         from meshtrace.viz import view as show
@@ -525,13 +528,19 @@ def view(
     if photons := given.pop("map_", None):
         given["coverage"] = photons
     subject = {**_subject(file, changes), **given}
-    gain = subject.get("gain")
-    steps = options.frames if gain is None else len(gain.coordinate)
+    scenario, gain = subject.pop("scenario", None), subject.get("gain")
+    steps = len(gain.coordinate) if isinstance(gain, GainSeries) else options.frames
+    still = any((options.screenshot, options.html, options.export)) or not (
+        options.movie or options.light
+    )
     kernels = () if subject["link"] is None else ("forced",)
     with (
         console.progress(steps, False, "drawing frames", *kernels) as (_, advance),
         extra("viz", "viz"),
     ):
+        if still and gain is None and scenario is not None:
+            with suppress(Refused):  # the picture has no gain then
+                subject["gain"] = scenario.simulate()
         written = show(
             **subject,
             title="meshtrace" if file is None else file.name,
@@ -571,12 +580,13 @@ def _of_scenario(scenario: Scenario) -> Inputs:
     still = isinstance(scenario.surface, MeshFile)
     surface = scenario.mesh() if still else scenario.case().surface
     at = {"time": scenario.meshing.time, "daylight": scenario.daylight}
-    return {"link": scenario.link, "surface": surface, **at}
+    return {"link": scenario.link, "surface": surface, "scenario": scenario, **at}
 
 
 def _of_result(file: Path) -> Inputs:
     """Return the inputs of a result file, with its map or its gain over time."""
     from meshtrace.results import load
+    from meshtrace.results.gain import GainResult
     from meshtrace.results.series import CoverageMap, GainSeries
     from meshtrace.scenario import Scenario
 
@@ -593,6 +603,8 @@ def _of_result(file: Path) -> Inputs:
             return {**subject, "coverage": result, "time": float(times.flat[0])}
     except Refused as error:
         raise error.of(str(file)) from None
+    if isinstance(result, GainResult):
+        return {**subject, "gain": result, "scenario": None}
     if isinstance(result, GainSeries) and result.along == "time":
         return {**subject, "gain": result, "time": float(result.time[0])}
     return subject

@@ -38,6 +38,31 @@ def test_view_of_a_mesh(tmp_path):
         viz.view(None, mesh, movie=tmp_path / "a.gif")
 
 
+def test_view_of_a_sea_without_a_link(tmp_path):
+    style = viz.SceneStyle(off_screen=True, spacing=0.5, window_size=(320, 200))
+    plotter = viz.scene(None, SEA, style=style)
+    assert plotter.caption == "JONSWAP sea, wind 5 m/s, seed 7, t = 0.00 s"
+    assert plotter.stage.half == 20.0
+    # the waves lie on the stage
+    heights = SEA.mesh(extent=20.0, spacing=0.5).vertices[:, 2]
+    assert plotter.stage.bottom < heights.min() < heights.max() < plotter.stage.top
+
+
+def test_the_caption_has_the_gain_of_run(tmp_path, monkeypatch):
+    from typer.testing import CliRunner
+
+    from meshtrace.cli import app
+
+    texts = []
+    monkeypatch.setattr("meshtrace.viz.scenes.add_caption", lambda _, text: texts.append(text))
+    link = tmp_path / "link.toml"
+    link.write_text("[run]\nphotons = 640\nseed = 5\n[sea]\nspacing = 0.5\n")
+    picture = ["--screenshot", str(tmp_path / "a.png"), "--paths", "10"]
+    CliRunner().invoke(app, ["view", str(link), *picture], catch_exceptions=False)
+    expected = mt.Scenario.load(link).simulate()
+    assert texts[0].endswith(f"gain {expected.gain:.2e} ± {expected.gain_stderr:.0e}")
+
+
 def test_view_needs_a_display_for_a_window(monkeypatch):
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)

@@ -2,6 +2,7 @@
 
 import inspect
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -212,6 +213,11 @@ def test_captions_state_link_sea_and_gain():
         "LED at depth 10 m to receiver at height 5 m; JONSWAP sea, wind 13 m/s, seed 7, "
         f"t = 2.50 s; gain {gain.gain:.2e} ± {gain.gain_stderr:.0e}"
     )
+    # mostly noise: a reader would take it for the gain
+    noisy = replace(gain, gain_stderr=0.2 * gain.gain)
+    dark = replace(gain, gain=0.0, gain_stderr=0.0)
+    assert "gain" not in caption(mt.Link(), SEA, 2.5, noisy)
+    assert "gain" not in caption(mt.Link(), SEA, 2.5, dark)
     down = caption(mt.Link().mirrored(), FlatSea(), 0.0, None)
     assert down.endswith("at depth 10 m; flat sea")
     assert "at height 5 m" in down
