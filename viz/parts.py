@@ -10,7 +10,6 @@ from typing import Any, Literal
 import numpy as np
 import pyvista as pv
 from matplotlib.colors import to_rgb
-from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from meshtrace.link import Link, Receiver
@@ -212,7 +211,8 @@ def _add_points(scene: ScenePlotter, mesh: TriangleMesh, bubbles: BubblePopulati
     """Draw random bubbles, as many per depth as they scatter, in three sizes."""
     stage, rng = scene.stage, np.random.default_rng(1)
     depth = np.linspace(0.0, -stage.bottom, 2001)
-    through = cumulative_trapezoid(bubbles.b(depth), depth, initial=0.0)
+    b = bubbles.b(depth)  # the trapezoidal rule: scipy.integrate takes seconds to import
+    through = np.append(0.0, np.cumsum(0.5 * (b[1:] + b[:-1]) * np.diff(depth)))
     n = int(min(_BUBBLES_SHOWN * through[-1] / _THICK, 2.0 * _BUBBLES_SHOWN))
     x, y = (c + stage.half * rng.uniform(-1.0, 1.0, n) for c in stage.center)
     z = surface_sampler(mesh)(np.column_stack([x, y]))

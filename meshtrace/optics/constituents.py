@@ -187,8 +187,9 @@ class Constituents(WaterSpectrum, frozen=True):
 
 
 def _exponent(chlorophyll: Floats) -> Floats:
-    """Return v, the spectral exponent of scattering by particles."""
-    return 0.5 * (np.log10(np.clip(chlorophyll, 0.02, 2.0)) - 0.3)
+    """Return v, the spectral exponent of scattering by particles (eq. 14): 0 above 2 mg m-3."""
+    v = 0.5 * (np.log10(np.maximum(chlorophyll, 0.02)) - 0.3)
+    return np.where(np.asarray(chlorophyll) < 2.0, v, 0.0)
 
 
 def _backscatter_ratio(chlorophyll: Floats, wavelength_nm: float) -> Floats:

@@ -4,6 +4,6 @@
 estimators against each other, are tests: they need more photons than a command should take.
 """
 
-from meshtrace.validation.closed_forms import LIMIT, SUITE, Check, format_table, validate
+from meshtrace.lazy import attach
 
-__all__ = ["LIMIT", "SUITE", "Check", "format_table", "validate"]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)
