@@ -19,7 +19,7 @@ bench:
 	.venv/bin/meshtrace bench
 
 figures:
-	$(python) docs/redraw.py
+	$(python) docs/scripts/redraw.py
 
 dist:
 	.ci/dist

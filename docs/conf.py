@@ -16,7 +16,7 @@ from docutils.utils.math import latex2mathml
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
-sys.path.insert(0, str(Path(__file__).parent))  # references, saved_pictures
+sys.path.insert(0, str(Path(__file__).parent / "scripts"))  # references, saved_pictures
 from references import linked
 
 project = "meshtrace"
@@ -32,7 +32,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "*_table.md", "gallery", "examples/*.ipynb", "joss"]
+exclude_patterns = ["_build", "_generated", "gallery", "examples/*.ipynb", "joss"]
 templates_path = ["_templates"]
 default_role = "code"
 nitpicky = False

@@ -1,34 +1,36 @@
-"""Kept pictures are those of today's drawing code: `python docs/redraw.py` redraws the others."""
+"""Kept pictures are those of today's drawing code: `python docs/scripts/redraw.py` redraws the others."""
 
 import sys
 from pathlib import Path
 
 import pytest
 
-DOCS = Path(__file__).parents[2] / "docs"
+SCRIPTS = Path(__file__).parents[2] / "docs" / "scripts"
 
 
 @pytest.fixture(scope="module")
 def room():
-    sys.path.insert(0, str(DOCS))
+    sys.path.insert(0, str(SCRIPTS))
     import redraw
 
     yield redraw
-    sys.path.remove(str(DOCS))
+    sys.path.remove(str(SCRIPTS))
     sys.modules.pop("redraw")
 
 
 def test_no_picture_is_stale(room):
     manifest = room.read()
     found = {job.name: room.stale(job, manifest) for job in room.jobs()}
-    assert not {name: why for name, why in found.items() if why}, "run python docs/redraw.py"
+    assert not {name: why for name, why in found.items() if why}, (
+        "run python docs/scripts/redraw.py"
+    )
 
 
 def test_every_kept_picture_is_drawn_by_a_job(room):
     listed = {name for entry in room.read().values() for name in entry["files"]}
     listed |= {p.relative_to(room.ROOT).as_posix() for job in room.jobs() for p in job.outputs(())}
-    kept = (p for p in DOCS.rglob("*") if p.suffix in (".png", ".mp4", ".gif", ".svg"))
-    built = DOCS / "_build", DOCS / "examples"
+    kept = (p for p in SCRIPTS.parent.rglob("*") if p.suffix in (".png", ".mp4", ".gif", ".svg"))
+    built = SCRIPTS.parent / "_build", SCRIPTS.parent / "examples"
     kept = {
         p.relative_to(room.ROOT).as_posix()
         for p in kept

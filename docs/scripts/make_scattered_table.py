@@ -1,6 +1,7 @@
 """Measure the fading of unscattered, scattered and all light over resolved seas, for fading.md.
 
-`python docs/make_scattered_table.py [realizations] [series]` replaces the table of fading.md.
+`python docs/scripts/make_scattered_table.py [realizations] [series]` replaces the
+table of fading.md.
 """
 
 from __future__ import annotations
@@ -8,17 +9,17 @@ from __future__ import annotations
 import math
 import re
 import sys
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from places import DOCS
 from scipy import stats
 
 import meshtrace as mt
 from meshtrace import fading
 from meshtrace.surfaces import Band, Elfouhaily, SpectralSea
 
-PAGE = Path(__file__).with_name("fading.md")
+PAGE = DOCS / "fading.md"
 # wind [m s-1], first and last frequency, their distance [rad s-1]
 SEAS = [
     (3.0, 1.2, 28.0, 0.35),

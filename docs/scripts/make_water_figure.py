@@ -1,12 +1,13 @@
 """Draw absorption and scattering over wavelength: constituents, and types of water.
 
-python docs/make_water_figure.py
+python docs/scripts/make_water_figure.py
 """
 
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from places import STATIC
 
 import meshtrace as mt
 from meshtrace import viz
@@ -40,4 +41,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(__file__).parent / "_static")
+    main(STATIC)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from importlib.metadata import version
-from pathlib import Path
+
+from places import GENERATED
 
 from meshtrace.validation import Check, validate
 
-PAGE = Path(__file__).with_name("validation_table.md")
+PAGE = GENERATED / "validation_table.md"
 
 
 def row(check: Check) -> str:
@@ -32,7 +33,7 @@ def main() -> None:
     worst = max(abs(check.z) for check in checks)
     lines = [
         "<!-- table -->",
-        f"Measured with version {version('meshtrace')} by `docs/make_validation_table.py`: "
+        f"Measured with version {version('meshtrace')} by `docs/scripts/make_validation_table.py`: "
         f"{len(checks)} checks, the largest |z| is {worst:.2f}.",
         "",
         "| quantity | source | expected | got | standard error | tolerance | z |",

@@ -1,7 +1,7 @@
 """Write the tables of traces.md: closed forms, models against records that they have not seen.
 
-python docs/make_traces_table.py FOLDER keeps its traces in a folder: an hour of processor time,
-most of it for the records; a stopped run goes on there.
+python docs/scripts/make_traces_table.py FOLDER keeps its traces in a folder: an hour of processor
+time, most of it for the records; a stopped run goes on there.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from places import DOCS
 
 import meshtrace as mt
 from meshtrace import fading
@@ -20,7 +21,7 @@ from meshtrace.comms.budget import ber_of_gains
 from meshtrace.comms.capacity import hard_information
 from meshtrace.surfaces import sea_in_wind
 
-PAGE = Path(__file__).with_name("traces.md")
+PAGE = DOCS / "traces.md"
 FITTED, HELD_OUT = (21,), (22,)  # seeds of the seas of records
 MINUTES, STEP, SAMPLES, RATE, MARGIN_DB = 60.0, 0.05, 400_000, 0.8, 3.0
 DEPTHS = (0.05, 0.2, 0.5, 1.0)

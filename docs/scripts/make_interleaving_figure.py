@@ -1,6 +1,6 @@
 """Draw the fading of a resolved sea at 5 m/s, and its effect on bit errors, for fading.md.
 
-python docs/make_interleaving_figure.py [gains.nc]   # without gains 10 000 seas, 13 CPU minutes
+python docs/scripts/make_interleaving_figure.py [gains.nc]   # without gains 13 CPU minutes
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from places import STATIC
 from scipy import stats
 from scipy.interpolate import PchipInterpolator
 
@@ -24,7 +25,6 @@ from meshtrace.comms.interleaving import fade_margin_db, interleaved_outage
 from meshtrace.results import load
 from meshtrace.surfaces import resolved_sea
 
-STATIC = Path(__file__).with_name("_static")
 SEAS = 10_000
 OOK = OokLink(bit_rate=1e6)
 RATE, LIMIT = 0.8, 1e-3

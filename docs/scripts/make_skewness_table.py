@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from places import DOCS
 
 import meshtrace as mt
 from meshtrace.mesh import UnresolvedSlopes
@@ -15,7 +15,7 @@ from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.surfaces.gram_charlier import GramCharlier
 from meshtrace.surfaces.statistics import cox_munk
 
-PAGE = Path(__file__).with_name("slopes.md")
+PAGE = DOCS / "slopes.md"
 WINDS = 5.0, 10.0
 LAWS = {
     "cox-munk": GramCharlier.cox_munk,

@@ -1,6 +1,6 @@
 """Write the table and the figure of daylight.md: range against filter, field of view and light.
 
-python docs/make_daylight_table.py [SEAS]
+python docs/scripts/make_daylight_table.py [SEAS]
 
 Gains are those of an ensemble of seas at each depth and field of view; the background is that of
 the same seas. Ranges are those at which the mean bit error rate reaches 1e-3; their intervals are
@@ -11,16 +11,15 @@ from __future__ import annotations
 
 import math
 import sys
-from pathlib import Path
 
 import numpy as np
+from places import GENERATED, STATIC
 
 import meshtrace as mt
 from meshtrace.comms.background import with_background
 from meshtrace.comms.budget import depth_at
 from meshtrace.surfaces import JonswapSea
 
-HERE = Path(__file__).parent
 DEPTHS = tuple(float(d) for d in (5, 8, 12, 17, 22, 27, 32, 37, 42, 47, 52, 58))
 FIELDS = (60.0, 20.0, 6.0)
 RATES = (1e6, 5e6, 1e7)
@@ -107,7 +106,7 @@ def write_table(fades, lights):
             value, error = background.radiance, background.radiance_stderr
             radiance = f"{value:.2e} ± {100.0 * error / value:.0f} %"
             rows.append(f"| {width:g} nm, {fov:g}° | {name} | {radiance} | {' | '.join(cells)} |")
-    (HERE / "daylight_table.md").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    (GENERATED / "daylight_table.md").write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
 def draw(fades, lights):
@@ -133,7 +132,7 @@ def draw(fades, lights):
         axis.xaxis.set_major_formatter("{x:g}")
     axes[0].set(ylabel="range at 1 Mbit/s and a BER of 1e-3 [m]", ylim=(0.0, 1.1 * DEPTHS[-1]))
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
-    viz.save_picture(figure, HERE / "_static" / "daylight_ranges.png")
+    viz.save_picture(figure, STATIC / "daylight_ranges.png")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Write the table and draw the figure of guides/which_colour.md: best wavelength against depth.
 
-python docs/make_which_colour_figure.py       # some two CPU minutes
+python docs/scripts/make_which_colour_figure.py       # some two CPU minutes
 
 Gains are means over seas, each with chains of its own; all wavelengths have common paths. Standard
 errors are those of a jackknife over the seas. The background light is that of a sea whose slopes
@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
+from places import GENERATED, STATIC
 from scipy.interpolate import PchipInterpolator
 
 import meshtrace as mt
@@ -25,7 +26,6 @@ from meshtrace.comms.budget import required_gain
 from meshtrace.optics import Constituents
 from meshtrace.surfaces import JonswapSea
 
-HERE = Path(__file__).parent
 WATERS = {
     "clear ocean, C = 0.03": Constituents(chlorophyll=0.03),
     "ocean, C = 0.3": Constituents(chlorophyll=0.3),
@@ -168,7 +168,7 @@ def main(folder: Path) -> None:
             for d in ROWS if d in drawn[name] for light, found in drawn[name][d].items()
             if light in DRAWN or d == WIDER
         ]  # fmt: skip
-    (HERE / "which_colour_table.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (GENERATED / "which_colour_table.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     draw(drawn, folder)
 
 
@@ -196,4 +196,4 @@ def draw(drawn: dict[str, dict[float, dict[str, Margins]]], folder: Path) -> Non
 
 
 if __name__ == "__main__":
-    main(HERE / "_static")
+    main(STATIC)

@@ -1,7 +1,7 @@
 """Write the tables of measured.md and draw its figures: measured points over computed bands.
 
-python docs/make_measured_table.py [TABLE.nc]   # of meshtrace validate --suite measured
-python docs/make_measured_table.py shares       # of a laser by phase function
+python docs/scripts/make_measured_table.py [TABLE.nc]   # of meshtrace validate --suite measured
+python docs/scripts/make_measured_table.py shares       # of a laser by phase function
 
 The suite takes some three CPU minutes, the shares five more.
 """
@@ -12,18 +12,17 @@ import math
 import sys
 import textwrap
 from importlib.metadata import version
-from pathlib import Path
 from urllib.parse import quote
 
 import matplotlib
 import numpy as np
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from places import GENERATED, STATIC
 
 from meshtrace import viz
 from meshtrace.validation import measured
 from meshtrace.validation.measured import beams
 
-HERE = Path(__file__).parent
 PHASES = ("clear", "coastal", "harbour", "average", "ff 0.005", "ff 0.01", "ff 0.0183", "ff 0.03")
 LENGTHS, CHUNKS = (4.0, 20.0), 128
 UNDER_SURFACE = ("average", "ff 0.01")
@@ -56,7 +55,9 @@ def write_shares() -> None:
                 shown = [f"{value:.5f} ± {error:.5f}" for value, error in cells]
                 rows.append([name, share, surface, f"{length:g}", *shown])
         print(*rows[-2:], sep="\n", flush=True)
-    (HERE / "measured_shares_table.md").write_text(table_of(heads, rows) + "\n", encoding="utf-8")
+    (GENERATED / "measured_shares_table.md").write_text(
+        table_of(heads, rows) + "\n", encoding="utf-8"
+    )
 
 
 def draw(experiment, table) -> None:
@@ -80,7 +81,7 @@ def draw(experiment, table) -> None:
         ax.set(xlabel=experiment.abscissa, ylabel=experiment.ordinate, ylim=(0.0, None))
         ax.legend(frameon=False, fontsize=8)
     name = experiment.name.replace("-", "_")
-    figure.savefig(HERE / "_static" / f"measured_{name}.png", dpi=200, bbox_inches="tight")
+    figure.savefig(STATIC / f"measured_{name}.png", dpi=200, bbox_inches="tight")
     plt.close(figure)
 
 
@@ -182,10 +183,11 @@ def main() -> None:
         [f"[{name}](#{name})", *(cell.replace("|", "/") for cell in cells)]
         for name, *cells in table.rows()
     ]
-    about = f"Version {version('meshtrace')}, `docs/make_measured_table.py`; {table._headline()}."
+    script = "docs/scripts/make_measured_table.py"
+    about = f"Version {version('meshtrace')}, `{script}`; {table._headline()}."
     known = measured.experiments().values()
     parts = [about, table_of(measured.HEADINGS, rows), *map(section, known)]
-    (HERE / "measured_table.md").write_text("\n\n".join(parts), encoding="utf-8")
+    (GENERATED / "measured_table.md").write_text("\n\n".join(parts), encoding="utf-8")
     for experiment in known:
         draw(experiment, table)
 

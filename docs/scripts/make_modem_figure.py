@@ -1,16 +1,15 @@
 """Draw the packet error rates of the table "A modem from end to end" in traces.md.
 
-python docs/make_modem_figure.py; `examples/drivers/modem.py` gives the numbers of the table.
+`examples/drivers/modem.py` gives the numbers of the table.
 """
 
 import re
-from pathlib import Path
 
 import numpy as np
+from places import DOCS, STATIC
 
 from meshtrace import viz
 
-DOCS = Path(__file__).parent
 NUMBER = re.compile(r"[0-9.]+(?:e-?\d+)?")
 PACKETS = 100
 
@@ -36,7 +35,7 @@ def main() -> None:
     axes.set(yscale="log", ylim=(3e-3, 1.5), xlabel="mean optical margin [dB]")
     axes.set_ylabel("packet error rate, outage")
     axes.legend()
-    viz.save_picture(axes.figure, DOCS / "_static" / "modem.png")
+    viz.save_picture(axes.figure, STATIC / "modem.png")
 
 
 if __name__ == "__main__":

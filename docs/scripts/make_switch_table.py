@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 import warnings
-from pathlib import Path
 
 import numpy as np
+from places import DOCS
 
 import meshtrace as mt
 from meshtrace.surfaces import JonswapSea
 
-PAGE = Path(__file__).with_name("paper.md")
+PAGE = DOCS / "paper.md"
 WIND = 13.0
 
 

@@ -8,18 +8,18 @@ height, gives that mean without any sea.
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from places import DOCS
 
 import meshtrace as mt
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.surfaces.statistics import components_hs, cox_munk
 
-PAGE = Path(__file__).with_name("slopes.md")
+PAGE = DOCS / "slopes.md"
 BATCHES = 16
 """Sets of seas, each with chains of its own: their scatter is the standard error."""
 CHAINS = 1024

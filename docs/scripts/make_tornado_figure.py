@@ -3,13 +3,12 @@
 The default link at 40 m over still water; the need is the gain at 40 m.
 """
 
-from pathlib import Path
-
 import matplotlib as mpl
 
 mpl.use("agg")
 
 import matplotlib.pyplot as plt
+from places import STATIC
 
 import meshtrace as mt
 from meshtrace.surfaces import FlatSea
@@ -28,7 +27,7 @@ def main():
     print(s.summary())
     figure, ax = plt.subplots(figsize=(6.4, 4.0))
     plot_tornado(s, change=0.1, ax=ax)
-    figure.savefig(Path(__file__).with_name("_static") / "tornado.png", dpi=110)
+    figure.savefig(STATIC / "tornado.png", dpi=110)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Fading of nonlinear seas: scintillation indices with the phases of a linear sea.
 
-    python docs/make_nonlinear_table.py
+    python docs/scripts/make_nonlinear_table.py
 
 Paraxial light of the default link lands at X = P + beta s(P). Slopes beyond the band blur it by a
 Gaussian, the aperture by its disk. The index is the variance over a patch of receivers.

@@ -8,16 +8,16 @@ from __future__ import annotations
 import html
 import json
 import sys
-from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
+from places import DOCS, GENERATED, ROOT
+
+sys.path.insert(0, str(ROOT / "examples"))
 
 from paper import FIGURES
 from paper.runner import number_text
 
-HERE = Path(__file__).parent
-FOLDER = HERE / "extra" / "figures"
-TABLE = HERE / "figures_table.md"
+FOLDER = DOCS / "extra" / "figures"
+TABLE = GENERATED / "figures_table.md"
 
 
 def table() -> str:

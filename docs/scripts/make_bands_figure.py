@@ -1,12 +1,13 @@
 """Draw the scintillation index against the shortest waves of the sea: closed form and meshes.
 
-python docs/make_bands_figure.py       # some five CPU minutes
+python docs/scripts/make_bands_figure.py       # some five CPU minutes
 """
 
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from places import STATIC
 
 import meshtrace as mt
 from meshtrace import viz
@@ -77,4 +78,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(__file__).parent / "_static")
+    main(STATIC)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
+from places import DOCS
 
 import meshtrace as mt
 from meshtrace.surfaces import Band, JonswapSea
 
-PAGE = Path(__file__).with_name("fading.md")
+PAGE = DOCS / "fading.md"
 # wind [m s-1], highest frequency [rad s-1] (None: the paper's band), what lies beyond the band,
 # spacing [m], realizations
 CASES = [

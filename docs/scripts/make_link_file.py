@@ -7,8 +7,9 @@ import json
 import re
 import tomllib
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
+
+from places import DOCS
 
 import meshtrace as mt
 from meshtrace.comms import ReceiverModel
@@ -35,7 +36,7 @@ from meshtrace.surfaces import (
 )
 from meshtrace.surfaces.gram_charlier import GramCharlier
 
-PAGE = Path(__file__).with_name("link_file.md")
+PAGE = DOCS / "link_file.md"
 
 INTRODUCTION = """\
 # Keys of a link file
@@ -48,7 +49,7 @@ transmitters, receivers or parts of a sea are written as `[[transmitter]]`, `[[r
 
 A study file of `meshtrace sweep` also has the tables `[sweep]` and `[sweep.parameters]`.
 
-This page is written from the models by `docs/make_link_file.py`.
+This page is written from the models by `docs/scripts/make_link_file.py`.
 """
 
 TOP = {

@@ -8,9 +8,9 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
+from places import DOCS
 
 import meshtrace as mt
 from meshtrace.comms.budget import required_gain
@@ -18,7 +18,7 @@ from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea
 from meshtrace.uav import h_alpha
 
-PAGE = Path(__file__).with_name("paper.md")
+PAGE = DOCS / "paper.md"
 RATES = (1e6, 5e6, 1e7)
 DEPTHS = tuple(range(25, 65, 5))
 PRINTED = {0.0: ("-", "43", "36"), 5.0: ("-", "39", "31"), 13.0: ("47", "36.5", "28.5")}

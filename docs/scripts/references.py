@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from places import DOCS
 from sphinx.application import Sphinx
 
-DOCS = Path(__file__).parent
 _PYTHON, _NUMPY = "https://docs.python.org/3/library/", "https://numpy.org/doc/stable/reference/"
 ELSEWHERE = {
     "Path": f"{_PYTHON}pathlib.html#pathlib.Path",

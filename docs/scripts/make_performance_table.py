@@ -1,16 +1,16 @@
 """Measure the speed of the engine and write the report into performance_table.md.
 
-Run it on a quiet machine: `python docs/make_performance_table.py`.
+Run it on a quiet machine: `python docs/scripts/make_performance_table.py`.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
+from places import GENERATED
 
 from meshtrace.bench import bench, report
 from meshtrace.scenario import Scenario
 
-PAGE = Path(__file__).with_name("performance_table.md")
+PAGE = GENERATED / "performance_table.md"
 
 
 def main() -> None:

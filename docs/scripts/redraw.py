@@ -1,6 +1,6 @@
 """Redraw all kept pictures that are older than the code that draws them.
 
-python docs/redraw.py [--all] [NAME ...]     # names of scripts, or of figures of the paper
+python docs/scripts/redraw.py [--all] [NAME ...]     # names of scripts, or of figures of the paper
 
 A picture is stale if the digest of its inputs is another than the one in pictures.json, or if the
 file is not the one that was drawn. Inputs are the drawing script, the functions, classes and
@@ -27,10 +27,11 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-DOCS = Path(__file__).parent
-ROOT = DOCS.parent
-MANIFEST = DOCS / "pictures.json"
-STATIC, KEPT, PAPER = DOCS / "_static", DOCS / "gallery" / "pictures", DOCS / "extra" / "figures"
+from places import DOCS, GENERATED, ROOT, STATIC
+
+SCRIPTS = Path(__file__).parent
+MANIFEST = GENERATED / "pictures.json"
+KEPT, PAPER = DOCS / "gallery" / "pictures", DOCS / "extra" / "figures"
 _MEASURED = ROOT / "meshtrace" / "validation" / "measured" / "data"
 FIXED = {
     "make_bands_figure": ("fading_bands",),
@@ -113,7 +114,7 @@ def jobs() -> list[Job]:
     """Return the jobs of all kept pictures."""
     python = sys.executable
     scripts = [(path, KEPT) for path in sorted((DOCS / "gallery").glob("*.py"))]
-    scripts += [(DOCS / f"{name}.py", STATIC) for name in FIXED]
+    scripts += [(SCRIPTS / f"{name}.py", STATIC) for name in FIXED]
     found = [Job(p.stem, (python, str(p)), folder, _sources(p)) for p, folder in scripts]
     figures = (python, str(_PAPER), "-o", str(PAPER), "--only")
     for name, row in _ROWS.items():
@@ -279,7 +280,7 @@ def main(arguments: list[str]) -> None:
             start = sum(os.times()[2:4])
             redraw(job)
             print(f"{job.name}: {sum(os.times()[2:4]) - start:.0f} CPU s", flush=True)
-    subprocess.run([sys.executable, str(DOCS / "make_figures_table.py")], check=True)
+    subprocess.run([sys.executable, str(SCRIPTS / "make_figures_table.py")], check=True)
 
 
 if __name__ == "__main__":

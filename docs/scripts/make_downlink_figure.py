@@ -1,12 +1,13 @@
 """Draw both directions over the same seas, and the flicker of a downlink against its height.
 
-python docs/make_downlink_figure.py       # some two CPU minutes
+python docs/scripts/make_downlink_figure.py       # some two CPU minutes
 """
 
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from places import STATIC
 
 import meshtrace as mt
 from meshtrace import viz
@@ -58,4 +59,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(__file__).parent / "_static")
+    main(STATIC)

@@ -1,6 +1,6 @@
 """Photograph the explorer for explorer.md, in headless Chromium: all pictures, or some by name.
 
-python docs/make_explorer_pictures.py [explorer_phone ...]
+python docs/scripts/make_explorer_pictures.py [explorer_phone ...]
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from PIL import Image
+from places import ROOT, STATIC
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(ROOT / "tests"))
 
 from browser import chromium, until
 
-STATIC = Path(__file__).with_name("_static")
 DOWNLINK = """[transmitter]
 kind = "air-led"
 height = 5.0

@@ -1,7 +1,7 @@
 """Measure the estimators of the scattered light on the 24 links of `estimator_links`.
 
-`python docs/measure_estimators.py` measures what is missing in `estimators.json` and writes the
-tables of estimators.md; `--links` and `--estimators` take parts of names, `--again` repeats what is
+`python docs/scripts/measure_estimators.py` measures what is missing in `estimators.json` and writes
+the tables of estimators.md; `--links` and `--estimators` take parts of names, `--again` repeats what is
 there, `--jobs 2` runs two links at a time. All runs are of one thread, compiled before; times are
 CPU seconds of their process.
 """
@@ -17,11 +17,11 @@ import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from estimator_links import LINKS, Case, mesh_of
+from places import DOCS, GENERATED
 
 import meshtrace as mt
 from meshtrace.engine.choice import chain_pilot
@@ -30,8 +30,8 @@ from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.errors import Refused
 from meshtrace.stored import SHIFTS
 
-KEPT = Path(__file__).with_name("estimators.json")
-PAGE = Path(__file__).with_name("estimators.md")
+KEPT = GENERATED / "estimators.json"
+PAGE = DOCS / "estimators.md"
 KILL = mt.Physics(reflected="kill")
 UNSCATTERED_CHAINS, WIDE_SEEDS, ANALOG_SHARE = 16_384, 8, 32
 LEAST, MOST = 256, 2**20
