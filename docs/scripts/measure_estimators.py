@@ -1,9 +1,9 @@
 """Measure the estimators of the scattered light on the 24 links of `estimator_links`.
 
-`python docs/scripts/measure_estimators.py` measures what is missing in `estimators.json` and writes
-the tables of estimators.md; `--links` and `--estimators` take parts of names, `--again` repeats what
-is there, `--jobs 2` runs two links at a time. All runs are of one thread, compiled before; times are
-CPU seconds of their process.
+`python docs/scripts/measure_estimators.py` measures what is missing in `estimators.json` and
+writes the tables of estimators.md; `--links` and `--estimators` take parts of names, `--again`
+repeats what is there, `--jobs 2` runs two links at a time. All runs are of one thread, compiled
+before; times are CPU seconds of their process.
 """
 
 from __future__ import annotations

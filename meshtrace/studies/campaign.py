@@ -11,9 +11,11 @@ from typing import Any, Literal, NamedTuple, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.correlated import FrozenForced, SpectralDetection
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
-from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace.engine.photons.analog import run_analog
+from meshtrace.engine.setup.ends import resolved_reach
 from meshtrace.engine.setup.meshing import (
     FADING_SPACING,
     mesh_lines,
@@ -21,7 +23,7 @@ from meshtrace.engine.setup.meshing import (
     surface_config,
 )
 from meshtrace.engine.setup.options import (
-    Forced,
+    Analog,
     Meshing,
     Run,
     StudyOptions,
@@ -29,7 +31,7 @@ from meshtrace.engine.setup.options import (
     resolve,
 )
 from meshtrace.engine.setup.tinting import clearest
-from meshtrace.errors import Described, Refused, require_function, require_kind
+from meshtrace.errors import Described, Refused, require_function, require_kind, require_whole
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface, SurfaceModel, TriangleMesh
@@ -159,15 +161,19 @@ class Campaign(NamedTuple):
             "links": {name: link.model_dump(mode="json") for name, link in self.links.items()},
             "spectral": self.spectral,
             "surface": surface_config(self.surface),
-            "photons": self.run.photons,
-            "seed": self.run.seed,
+            **self._estimate(),
             "meshing": self.meshing.model_dump(mode="json"),
         }
 
+    def _estimate(self) -> dict[str, Any]:
+        """Return estimator, photons and seed as plain data; threads do not matter."""
+        options = self.run.estimator.model_dump(mode="json")
+        kind = options.pop("kind")
+        return {"estimator": kind, "photons": self.run.photons, "seed": self.run.seed, **options}
+
     def provenance(self, link: Link | None = None, **more: Any) -> dict[str, Any]:
         """Return the provenance of a link, by default the first."""
-        run = {"estimator": "forced", "photons": self.run.photons, "seed": self.run.seed}
-        run |= self.meshing.model_dump()
+        run = self._estimate() | self.meshing.model_dump()
         return provenance(link or self.link, surface_config(self.surface), run | more)
 
     def wind_of(self, flight: Flight) -> Dryden:
@@ -233,7 +239,10 @@ class Campaign(NamedTuple):
                 "receiver": tuple(receiver for one in links for receiver in one.receivers),
             }
             joint = min(links, key=lambda link: link.water.a).replace(**ends)
-        reach = max(crossing_reach(link) + math.dist(link.origin, joint.origin) for link in links)
+        estimator = self.run.estimator
+        reach = max(
+            resolved_reach(link, estimator) + math.dist(link.origin, joint.origin) for link in links
+        )
         return mesh_lines(joint, surface, self.meshing, reach, FADING_SPACING, self.lit)
 
     def mesh(
@@ -368,6 +377,8 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     def mesh(i: int) -> TriangleMesh:
         return campaign.mesh(over(i), *steps.surface(i), lines)
 
+    if isinstance(run.estimator, Analog):
+        return lambda i: _analog_gains(campaign, over(i), mesh(i))
     first = {i: mesh(i) for i in range(min(1 if steps.links else probed, n))}
     typical = TypicalSea.of(first.values(), MANY_SEAS)
 
@@ -401,6 +412,31 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     return evaluate
 
 
+def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh) -> Floats:
+    """Return the gains over a mesh by individual photons; unscattered parts are not known.
+
+    A shift is a range of photon ids, the same over all surfaces: common random numbers, as those
+    of the chains.
+    """
+    run, intersector = campaign.run, EmbreeIntersector(mesh)
+    assert isinstance(run.estimator, Analog)
+    photons = run.photons // SHIFTS
+    gains = np.empty((len(links), len(links[0].receivers), SHIFTS))
+    for i, link in enumerate(links):
+        for shift in range(SHIFTS):
+            first = run.estimator.first_photon + shift * photons
+            sums = run_analog(
+                link,
+                intersector,
+                run.estimator.replace(first_photon=first),
+                photons=photons,
+                seed=run.seed,
+                normals=campaign.meshing.normals,
+            )
+            gains[i, :, shift] = sums.score[: len(link.receivers)] / photons
+    return np.array([gains, np.full_like(gains, np.nan)])
+
+
 def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
     """Return the links with the widest mesh, one for all times; None if each surface has its own.
 
@@ -423,6 +459,7 @@ def campaign_of(
     fading: bool = False,
     *,
     several: bool = True,
+    analog: bool = False,
     chains: int = DEFAULT_CHAINS,
     wavelengths_nm: ArrayLike | None = None,
     **run: Unpack[StudyOptions],
@@ -442,6 +479,8 @@ def campaign_of(
         say otherwise, the sea has all waves that make the light of the link fade.
     several : bool
         Whether the study needs a sea, and a single mesh is refused.
+    analog : bool
+        Whether the gains of the study may be those of individual photons.
     chains : int
         Chains of a link that are not given.
     wavelengths_nm : array_like, optional
@@ -461,9 +500,12 @@ def campaign_of(
     elif several and surface is None and isinstance(scenario.surface, MeshFile):
         raise Refused("sea.mesh", scenario.surface.file, "a sea model")
     case = resolve(link, surface, fading, **options)
-    if not isinstance(case.run.estimator, Forced):
-        allowed = f"forced{', over many seas' if several else ''}"
-        raise Refused("run.estimator", "analog", allowed)
+    if isinstance(case.run.estimator, Analog):
+        if not analog or wavelengths_nm is not None:
+            raise Refused(
+                "run.estimator", "analog", f"forced{', over many seas' if several else ''}"
+            )
+        require_whole(case.run.photons, SHIFTS, 2**53, "run.photons")
     if several and not isinstance(case.surface, MeshSource):
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (MeshSource)")
     links = {"link": case.link}

@@ -516,7 +516,9 @@ def link_performance(
 
     def performance(link: Link | Scenario, day: Daylight | None) -> LinkPerformance:
         shallow = _shallowest(link, depths)
-        campaign = campaign_of(shallow, surface, "link_performance", fading=True, **run)
+        campaign = campaign_of(
+            shallow, surface, "link_performance", fading=True, analog=True, **run
+        )
         wind = getattr(campaign.scenario, "wind_speed", campaign.link.wind_speed)
         if wind is not None:  # one of several in a store
             campaign = campaign.of(campaign.link, f"wind of {wind!r} m/s")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -14,12 +15,16 @@ from meshtrace.comms.response import SHORT, ChannelResponse, spread_of
 from meshtrace.comms.spectra import Curve, lit_band
 from meshtrace.engine.correlated import SpectralDetection
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
+from meshtrace.engine.outcome import FewSamplesWarning
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.meshing import surface_config
+from meshtrace.engine.setup.options import Analog, Arrivals
+from meshtrace.engine.simulate import simulate
 from meshtrace.link import Link
+from meshtrace.mesh import TriangleMesh
 from meshtrace.parallel import ordered_map
 from meshtrace.results.impulse import SPEED_OF_LIGHT, ImpulseResponse, response_of
-from meshtrace.results.tallies import error_of_groups
+from meshtrace.results.tallies import ArrivalTally, error_of_groups
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.keys import Variant
@@ -58,24 +63,50 @@ def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
 
     Each with the gain of its own wavelength.
     """
-    links, run = list(campaign.links.values()), campaign.run
+    links = list(campaign.links.values())
     steps = campaign.surfaces(min(seas, MOST_SEAS))
     over, threads = range(len(steps.labels)), campaign.threads
     meshes = list(ordered_map(lambda i: campaign.mesh(links, *steps.surface(i)), over, threads))
-    sea = TypicalSea.of(meshes, MANY_SEAS)
-    options = run.photons, run.seed, campaign.meshing.normals, threads, sea
-    paths: ForcedDetection | SpectralDetection
-    if campaign.spectral:
-        paths = SpectralDetection(links, *options)
-    else:
-        paths = ForcedDetection(links[0], *options)
     found = []
-    by_sea = ordered_map(paths.arrivals_at_wavelengths, meshes, threads)
+    by_sea = ordered_map(_arrivals_over(campaign, meshes), meshes, threads)
     for link, tallies in zip(links, zip(*by_sea, strict=True), strict=True):
         lit = [tally for tally in tallies if tally.weight.any()]
         responses = [response_of(tally, link.water.n, link.n_air) for tally in lit]
         found.append(_mean(responses) if responses else None)
     return found
+
+
+def _arrivals_over(
+    campaign: Campaign, meshes: list[TriangleMesh]
+) -> Callable[[TriangleMesh], Sequence[ArrivalTally]]:
+    """Return the function that gives the arrivals over a mesh at each wavelength of a campaign."""
+    links, run, normals = list(campaign.links.values()), campaign.run, campaign.meshing.normals
+    if isinstance(run.estimator, Analog):
+        options: dict[str, Any] = {
+            "estimator": run.estimator,
+            "photons": run.photons,
+            "seed": run.seed,
+        }
+
+        def arrivals(mesh: TriangleMesh) -> Sequence[ArrivalTally]:
+            with warnings.catch_warnings(action="ignore", category=FewSamplesWarning):
+                result = simulate(
+                    links[0], mesh, normals=normals, threads=1, record=[Arrivals()], **options
+                )
+            assert result.arrivals is not None
+            return [result.arrivals]
+
+        return arrivals
+    kind = SpectralDetection if campaign.spectral else ForcedDetection
+    paths: ForcedDetection | SpectralDetection = kind(
+        links if campaign.spectral else links[0],  # type: ignore[arg-type]
+        run.photons,
+        run.seed,
+        normals,
+        campaign.threads,
+        TypicalSea.of(meshes, MANY_SEAS),
+    )
+    return paths.arrivals_at_wavelengths
 
 
 def over_colours(

@@ -94,7 +94,7 @@ def time_series(
     if times is None and not isinstance(surface, MeshSource):
         surface, times = None, surface
     campaign = campaign_of(
-        link, surface, "time_series", fading=True, wavelengths_nm=wavelengths_nm, **run
+        link, surface, "time_series", fading=True, analog=True, wavelengths_nm=wavelengths_nm, **run
     )
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
     require_kind(flight, Flight | None, "flight")
@@ -121,7 +121,7 @@ def ensemble(
     wavelengths_nm: ArrayLike | None = None,
     **run: Unpack[StudyOptions],
 ) -> GainSeries | ByWavelength[GainSeries]:
-    """Return the gains over independent realizations of a sea, by forced detection.
+    """Return the gains over independent realizations of a sea.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def ensemble(
     """
     require_whole(realizations, 1, 10_000_000, "realizations")
     campaign = campaign_of(
-        link, surface, "ensemble", fading=True, wavelengths_nm=wavelengths_nm, **run
+        link, surface, "ensemble", fading=True, analog=True, wavelengths_nm=wavelengths_nm, **run
     )
     if campaign.spectral:
         return by_wavelength(campaign, campaign.realizations(realizations))

@@ -4,13 +4,14 @@ import inspect
 
 import numpy as np
 import pytest
+from mc_statistics import sidak, z_test
 
 import meshtrace as mt
 from meshtrace.cli.made import sentences
+from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.options import RunOptions, StudyOptions
 from meshtrace.errors import Refused
 from meshtrace.results.tallies import error_of_groups
-from meshtrace.studies import campaign as module
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.series import gain_series
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
@@ -70,7 +71,7 @@ def test_common_mesh_covers_links_apart():
     for link in (mt.Link(), far):
         own = FlatSea().mesh(0.0, **campaign.lines([link], FlatSea()))
         x = np.array(link.origin)[0]
-        reach = module.crossing_reach(link)
+        reach = crossing_reach(link)
         assert mesh.bounds[0, 0] <= x - reach
         assert mesh.bounds[1, 0] >= x + reach
         assert own.bounds[1, 0] >= x + reach
@@ -164,3 +165,30 @@ def test_a_meshing_is_that_of_the_study():
         "facet",
         1.5,
     ]
+
+
+@pytest.mark.thorough
+def test_individual_photons_give_the_gains_of_chains_over_each_sea():
+    link = mt.Link(receiver=mt.Receiver(height=5.0, radius=1.0, fov_deg=180.0))
+    sea, seas = JonswapSea(wind_speed=5.0, waves="mean"), 3
+    run = mt.options.Run(estimator="analog", photons=65_536)
+    scenario = mt.Scenario(wind_speed=5.0, link=link, surface=sea, run=run)
+    analog, chains = mt.ensemble(scenario, seas), mt.ensemble(link, seas, sea, photons=2048)
+    for i in range(seas):
+        mine, other = (float(s.gain_stderr[i]) for s in (analog, chains))
+        p = z_test(float(analog.gain[i]), mine, float(chains.gain[i]), other)
+        assert p > sidak(1e-4, seas)
+    assert analog.provenance["run"]["estimator"] == "analog"
+    assert np.isnan(analog.gain_ballistic).all()
+    assert mt.ensemble(scenario, seas, threads=1).gain.tolist() == analog.gain.tolist()
+
+
+def test_the_printed_forms_have_an_error_rate():
+    text = "physics = 'paper'\nwind_speed = 5.0\n[run]\nphotons = 65536\n"
+    scenario = mt.Scenario.from_toml(text)
+    found = mt.link_performance(scenario, realizations=2)
+    assert found.provenance["run"]["estimator"] == "analog"
+    # 100 mW at a gain of 1e-4 are far above what the receiver needs at 10 m
+    assert found.at().margin_optical_db.value > 20.0
+    with pytest.raises(Refused, match=r"run\.estimator: .analog., allowed: forced"):
+        mt.optimize(scenario, over={"receiver.fov_deg": (10.0, 90.0)})
