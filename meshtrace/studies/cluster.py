@@ -22,6 +22,7 @@ from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, Any
 
 from meshtrace.errors import Described, Refused, one_line, require_between, require_whole
+from meshtrace.parallel import cores, safe_processes
 
 if TYPE_CHECKING:
     import distributed
@@ -100,7 +101,7 @@ class Cluster:
             if waiting:
                 yield from self._elsewhere(setup, waiting, len(waiting), Event())
             return
-        others = (self.workers or os.cpu_count() or 1) - 1
+        others = (self.workers or cores()) - 1
         alone = min(others, len(waiting) - 1) < 1
         yield from _evaluated(setup, waiting) if alone else self._shared(setup, waiting, others)
 
@@ -380,9 +381,10 @@ def _client(workers: int | str | None, timeout: float) -> Iterator[distributed.C
     if not isinstance(workers, str):
         # one thread each: a task fills one core, and dask keeps BLAS to one thread as well
         with (
+            safe_processes(),
             tempfile.TemporaryDirectory(prefix="meshtrace-", ignore_cleanup_errors=True) as scratch,
             distributed.LocalCluster(
-                n_workers=(workers or os.cpu_count() or 1) - 1,
+                n_workers=(workers or cores()) - 1,
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",
