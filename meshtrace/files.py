@@ -116,9 +116,9 @@ def cache_directory() -> Path:
 
 def make_private(folder: Path) -> None:
     """Create a folder and its missing parents, which their owner alone can enter."""
-    if not folder.is_dir():
+    if not folder.parent.exists():
         make_private(folder.parent)
-        folder.mkdir(0o700, exist_ok=True)
+    folder.mkdir(0o700, exist_ok=True)
 
 
 def foreign_hand(path: Path) -> str:

@@ -332,6 +332,8 @@ class KernelCache(FunctionCache):
             _make_folder(path.parent)
             if foreign_hand(path.parent):
                 return
+            if path.is_file() and foreign_hand(path):
+                path.unlink()  # else its permissions are kept
             with atomic(path, 0o600) as temporary:
                 temporary.write_bytes(hashlib.sha256(payload).digest() + payload)
         except OSError as error:
