@@ -108,7 +108,7 @@ class Page:
 
         Raises
         ------
-        TimeoutError
+        RuntimeError
             If the server fails, or does not start in time: further visits wait for this one.
         """
         self._loop = asyncio.get_running_loop()
@@ -121,9 +121,11 @@ class Page:
         ready = self.server.ready
         first = asyncio.FIRST_COMPLETED
         await asyncio.wait({task, ready}, timeout=_LONGEST_START, return_when=first)
-        if not ready.done() or ready.exception() is not None:
+        error = next((one.exception() for one in (ready, task) if one.done()), None)
+        if error is not None or not ready.done():
             task.cancel()
-            raise TimeoutError(f"no page within {_LONGEST_START:.0f} s")
+            reason = f": {one_line(error)}" if error else f" within {_LONGEST_START:.0f} s"
+            raise RuntimeError(f"no page{reason}") from error
         self.session.answer_now()
         return task
 

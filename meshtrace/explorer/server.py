@@ -109,7 +109,7 @@ class Explorer:
             page = Page(self._scenario, self._title, self.url)
             try:
                 self._tasks[page] = await page.start(self._host)
-            except TimeoutError as error:
+            except RuntimeError as error:
                 raise web.HTTPServiceUnavailable(text=f"{error}\n") from error
         raise web.HTTPFound(page.url(request.url))
 

@@ -498,7 +498,7 @@ outlined = _below()
 """Decorator of functions that few photons reach: kept out of the hot code."""
 
 
-def record(fields: list[tuple[Any, ...]]) -> np.dtype[np.void]:
+def record_type(fields: list[tuple[Any, ...]]) -> np.dtype[np.void]:
     """Return the type of a record whose fields are attributes, as kernels read them.
 
     Elements of numpy's arrays have such attributes as `numpy.record` alone, whose arrays numba
