@@ -220,6 +220,7 @@ def prepared(setup: bytes) -> Any:
     """Return the function of the jobs of a loop, or `Restored`, set up once in this process."""
     import cloudpickle
 
+    # from the client, by the connection whose tasks are code in any case
     return cloudpickle.loads(setup)()
 
 
@@ -394,6 +395,8 @@ def _client(workers: int | str | None, timeout: float) -> Iterator[distributed.C
     import distributed
 
     if not isinstance(workers, str):
+        # like all of dask these processes unpickle, and so run, what reaches their ports; on
+        # 127.0.0.1 that is what users of this machine send (docs/guides/sweep.md)
         # one thread each: a task fills one core, and dask keeps BLAS to one thread as well
         with (
             safe_processes(),
