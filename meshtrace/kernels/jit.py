@@ -213,7 +213,7 @@ _ANY_PROCESSOR = "generic", ""
 _KEPT_DIGESTS = 8
 """Number of cache folders kept; an edit of a kernel makes a new one."""
 
-_SILENT_WAIT = 3.0  # [s] for another process, as long as most kernels take, before a word about it
+_SILENT_WAIT = 5.0  # [s] for another process, as long as a kernel of chains takes, before a word
 _LONGEST_WAIT = 30.0  # [s] in all: twice the CPU time of the slowest kernel, that of photons
 
 
