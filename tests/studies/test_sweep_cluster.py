@@ -26,9 +26,9 @@ FLAT = {"spectrum": "flat"}
 FEW = {"rtol": None, "photons": 64, "surface": FLAT}
 
 
-def slow_jobs():
-    """Return the setup of jobs of a tenth of a second, which is sent by value."""
-    return lambda: lambda i: (time.sleep(0.1), os.getpid())[1]
+def slow_jobs(until=os.devnull):
+    """Return the setup of jobs, sent by value: half a second each until there is a file."""
+    return lambda: lambda i: (time.sleep(0.01 if os.path.exists(until) else 0.5), os.getpid())[1]
 
 
 @pytest.fixture
@@ -150,17 +150,17 @@ def test_a_stopped_scheduler_ends_the_study(scheduler, worker_of, monkeypatch):
 
 
 @pytest.mark.thorough
-def test_jobs_of_a_stopped_worker_are_done_by_others():
+def test_jobs_of_a_stopped_worker_are_done_by_others(tmp_path):
     """Within the time after which dask gives up a worker without a sign of life."""
-    jobs, done, stopped = range(300), {}, None
+    file, done = tmp_path / "stopped", {}
     with dask.config.set({"distributed.scheduler.worker-ttl": "2s"}):
-        for i, pid in Cluster(3).map(slow_jobs(), jobs):
+        for i, pid in Cluster(3).map(slow_jobs(file), range(300)):
             done[i] = pid
-            if stopped is None and pid != os.getpid():
-                stopped = pid
-                os.kill(stopped, signal.SIGSTOP)
-    assert sorted(done) == list(jobs)
-    assert stopped is not None
+            if pid != os.getpid() and not file.exists():
+                os.kill(pid, signal.SIGSTOP)
+                file.touch()
+    assert sorted(done) == list(range(300))
+    assert file.exists()
 
 
 @pytest.mark.slow
