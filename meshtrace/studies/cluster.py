@@ -259,6 +259,8 @@ def _finished(
     without_worker = 0.0
     answered = time.monotonic()
     while not (completed.is_empty() or ended.is_set()):
+        if time.monotonic() - answered > _SILENCE:
+            return
         if completed.has_ready():
             future = next(completed)
             try:
@@ -266,6 +268,8 @@ def _finished(
                 found = future.exception(_ANSWER) if failed else future.result(_ANSWER)
             except TimeoutError:
                 completed.add(future)
+                if _has_workers(client) is not None:
+                    answered = time.monotonic()
                 continue
             except Exception as error:
                 found = error
@@ -277,8 +281,7 @@ def _finished(
         without_worker = without_worker + _POLL if has_workers is False else 0.0
         if has_workers is not None:
             answered = time.monotonic()
-        silent = time.monotonic() - answered > _SILENCE
-        if client.status != "running" or without_worker > timeout or silent:
+        if client.status != "running" or without_worker > timeout:
             return
 
 
