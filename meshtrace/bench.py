@@ -36,7 +36,7 @@ from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_for
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
-from meshtrace.parallel import default_threads, job_times
+from meshtrace.parallel import cores, default_threads, job_times, python_start
 from meshtrace.results.provenance import environment
 from meshtrace.results.series import relative_errors
 from meshtrace.results.tallies import standard_error
@@ -101,12 +101,16 @@ def timed(work: Callable[[], Result]) -> tuple[Result, float]:
     return result, process_time() - start
 
 
+_LONGEST_COMMAND = 1800.0  # [s]: twenty first runs, which compile all kernels for 40 to 90 s
+
+
 def of_command(*arguments: str, env: dict[str, str] | None = None) -> tuple[float, float]:
     """Return the CPU and the wall seconds of Python with some arguments, and its processes."""
+    command = python_start(*arguments, env=env)
     before, start = os.times(), perf_counter()
-    elsewhere = tempfile.gettempdir()  # not a checkout, which `-m` would take
-    command = sys.executable, *arguments
-    subprocess.run(command, env=env, cwd=elsewhere, check=True, capture_output=True)
+    subprocess.run(
+        command.args, env=command.env, check=True, capture_output=True, timeout=_LONGEST_COMMAND
+    )
     after, wall = os.times(), perf_counter() - start
     user = after.children_user - before.children_user
     return user + after.children_system - before.children_system, wall
@@ -654,7 +658,7 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
     dask = find_spec("distributed")
     return {
         "environment": environment(),
-        "cores": os.cpu_count(),
+        "cores": cores(),
         "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         "analog": analog_rate(bare, mesh, photons),
         "analog_tilted": analog_rate(link, mesh, photons),

@@ -172,7 +172,7 @@ def require_kind(value: Any, kind: type | UnionType, path: str) -> None:
 def require_function(value: Any, path: str) -> None:
     """Refuse all but None and what can be called."""
     if value is not None and not callable(value):
-        raise Refused(path, value, "a function of the number done")
+        raise Refused(path, value, "a callable f(n_done)")
 
 
 def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> NDArray[Any]:

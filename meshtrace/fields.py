@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import difflib
 import inspect
 import re
+import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -97,6 +100,36 @@ _SECTION = re.compile(r"^Parameters\n-+\n(.*?)(?=^[^\n]+\n-+$|\Z)", re.M | re.S)
 _ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : (.*))?\n((?: .*\n|\n)+)", re.M)
 
 
+def docstring(owner: Any) -> str:
+    """Return the docstring of a function or class, also where Python has dropped it (-OO).
+
+    It is then read from the source; empty without one.
+    """
+    text = owner.__doc__ or ""
+    if sys.flags.optimize >= 2:  # dataclasses have one of their own then, their signature
+        module = sys.modules.get(owner.__module__)
+        text = _written(getattr(module, "__file__", None) or "").get(owner.__qualname__, "")
+    return inspect.cleandoc(text)
+
+
+@cache
+def _written(file: str) -> dict[str, str]:
+    """Return the docstrings of the functions and classes of a source file by qualified name."""
+
+    def named(node: ast.AST, scope: str) -> Iterator[tuple[str, str]]:
+        for part in ast.iter_child_nodes(node):
+            if isinstance(part, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+                name = f"{scope}{part.name}"
+                yield name, ast.get_docstring(part) or ""
+                inner = ".<locals>." if not isinstance(part, ast.ClassDef) else "."
+                yield from named(part, f"{name}{inner}")
+
+    try:
+        return dict(named(ast.parse(Path(file).read_bytes()), ""))
+    except (OSError, SyntaxError, ValueError):  # no source beside the byte code
+        return {}
+
+
 def entries(owner: Any) -> dict[str, tuple[str, str]]:
     """Return type and text of each parameter of a function, or of a class and its bases.
 
@@ -104,7 +137,7 @@ def entries(owner: Any) -> dict[str, tuple[str, str]]:
     """
     found: dict[str, tuple[str, str]] = {}
     for one in reversed(getattr(owner, "__mro__", (owner,))):
-        section = _SECTION.search(f"{inspect.cleandoc(one.__doc__ or '')}\n")
+        section = _SECTION.search(f"{docstring(one)}\n")
         for names, kind, text in _ENTRY.findall(section[1] if section else ""):
             text = " ".join(text.split())
             refers = not kind or text.startswith("See ")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 
 @contextmanager
-def atomic(path: str | Path) -> Iterator[Path]:
+def atomic(path: str | Path, mode: int = 0o666) -> Iterator[Path]:
     """Yield a temporary file that replaces `path` when the block ends without an error.
 
     The temporary file lies in the folder of the target and has its suffix, so that writers which
@@ -26,6 +26,8 @@ def atomic(path: str | Path) -> Iterator[Path]:
     ----------
     path : path
         Target, new or a regular file.
+    mode : int
+        Permissions of a new file, less those of the umask.
 
     Raises
     ------
@@ -46,7 +48,7 @@ def atomic(path: str | Path) -> Iterator[Path]:
     temporary = target.with_name(f"{_prefix()}{os.getpid()}-{secrets.token_hex(6)}{target.suffix}")
     try:
         # created here, with the permissions that a new file gets; a writer may replace it
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
         mode = stat.S_IMODE((target if target.exists() else temporary).stat().st_mode)
         yield temporary
         temporary.chmod(mode)
@@ -110,3 +112,24 @@ def cache_directory() -> Path:
     except RuntimeError:  # platformdirs 4.4 and later
         folder = Path()
     return folder if folder.is_absolute() else Path(os.devnull, "meshtrace")
+
+
+def make_private(folder: Path) -> None:
+    """Create a folder and its missing parents, which their owner alone can enter."""
+    if not folder.parent.exists():
+        make_private(folder.parent)
+    folder.mkdir(0o700, exist_ok=True)
+
+
+def foreign_hand(path: Path) -> str:
+    """Return how another user may have written a file or folder, "" if none can have done so.
+
+    That of the superuser is trusted, who can write everywhere. On Windows, whose folders of a user
+    are closed to others, all are.
+    """
+    if os.name != "posix":
+        return ""
+    status = path.stat()
+    if status.st_uid not in (os.geteuid(), 0):
+        return f"owned by user {status.st_uid}"
+    return "writable by other users" if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) else ""

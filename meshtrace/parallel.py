@@ -1,4 +1,4 @@
-"""Ordered maps over threads with a bounded number of pending results, their pace, free memory."""
+"""Threads and processes: cores, ordered maps, their pace, free memory, other Pythons."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ import os
 import sys
 import warnings
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from math import ceil
+from pathlib import Path
 from time import monotonic, thread_time
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from meshtrace.errors import require_whole
 
@@ -19,12 +21,83 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
+_QUOTA = Path("/sys/fs/cgroup/cpu.max")
+"""Microseconds of processor time that a container of Linux may use in a period, and the period."""
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use: of its affinity and its container."""
+    if hasattr(os, "sched_getaffinity"):
+        allowed = len(os.sched_getaffinity(0))
+    else:
+        allowed = os.cpu_count() or 1
+    with suppress(OSError, ValueError, ZeroDivisionError):  # no such file; "max": no quota
+        quota, period = map(int, _QUOTA.read_text(encoding="ascii").split())
+        allowed = min(allowed, ceil(quota / period))
+    return max(allowed, 1)
+
+
 def default_threads(threads: int | None = None) -> int:
-    """Return the number of threads, 1 to 1024, all cores by default."""
+    """Return the number of threads, 1 to 1024, by default all cores that the process may use."""
     if threads is None:
-        return os.cpu_count() or 1
+        return cores()
     require_whole(threads, 1, 1024, "threads")
     return threads
+
+
+class Start(NamedTuple):
+    """Command line and environment of a process."""
+
+    args: list[str]
+    env: dict[str, str]
+
+
+_SAFE = {"PYTHONSAFEPATH": "1"}
+"""With it a Python imports nothing from its working directory, nor from the folder of a script."""
+
+
+def python_start(*arguments: str, env: Mapping[str, str] | None = None) -> Start:
+    """Return command line and environment of another Python.
+
+    All processes of Python are started by it, or within `safe_processes`: modules in the working
+    directory, which may be the folder of a stranger, are not run unasked. `import_modules` finds
+    those that a link file names and the user trusts.
+
+    Parameters
+    ----------
+    *arguments : str
+        Arguments of Python.
+    env : mapping, optional
+        Environment, by default that of this process.
+    """
+    # the option, too: it holds where variables are ignored
+    return Start([sys.executable, "-P", *arguments], {**(env or os.environ), **_SAFE})
+
+
+def import_path() -> str:
+    """Return the folders that this process imports from, for PYTHONPATH of another one.
+
+    That from which it was started is left out, unless this package lies there.
+    """
+    here = os.path.realpath(os.getcwd())
+    folders = [os.path.realpath(folder) for folder in sys.path if folder]
+    package = os.path.realpath(Path(__file__).parents[1])
+    return os.pathsep.join(f for f in folders if f != here or f == package)
+
+
+@contextmanager
+def safe_processes() -> Iterator[None]:
+    """Start all Pythons of the block as `python_start` does, those of other packages, too."""
+    before = {name: os.environ.get(name) for name in _SAFE}
+    os.environ.update(_SAFE)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 def trim_memory() -> None:
@@ -92,6 +165,7 @@ def _in_threads(
             for job in jobs:
                 pending.append(pool.submit(function, job))
                 if len(pending) >= ahead * threads:
+                    # no bound: work of this process, which only its own end can stop
                     yield pending.popleft().result()
             while pending:
                 yield pending.popleft().result()

@@ -506,7 +506,7 @@ def jobs_of(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
 
 def main() -> None:
     """Measure, and write the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--links", nargs="+", help="parts of the names of links")
     parser.add_argument("--estimators", nargs="+", choices=RUNS)
     parser.add_argument("--seeds", type=int, default=64)

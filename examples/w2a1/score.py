@@ -93,7 +93,7 @@ def score(rows):
 def main():
     """Print the score of a file."""
     if len(sys.argv) != 2:
-        raise SystemExit(__doc__)
+        raise SystemExit(__doc__ or "usage: score.py RESULTS.CSV")
     try:
         with open(sys.argv[1], newline="", encoding="utf-8") as file:
             found = score(csv.DictReader(file))

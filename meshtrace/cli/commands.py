@@ -395,7 +395,10 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(invoke_without_command=True)
+_ABOUT = "Monte Carlo ray tracing of light that crosses a wavy sea."  # -OO drops docstrings
+
+
+@app.callback(invoke_without_command=True, help=_ABOUT)
 def _options(
     context: typer.Context,
     version: Annotated[
@@ -403,6 +406,5 @@ def _options(
         typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version."),
     ] = False,
 ) -> None:
-    """Monte Carlo ray tracing of light that crosses a wavy sea."""
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import subprocess
-import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -85,6 +84,7 @@ def kernels_are_compiled(estimator: str) -> bool:
     return any(jit.is_compiled(kernel) for kernel in slowest[estimator])
 
 
+_LAST_WAIT = 5.0  # [s] for the end of a process that has been killed
 _AHEAD = "import sys; from meshtrace.cli.console import compile_ahead as f; f(*sys.argv[1:])"
 
 
@@ -97,15 +97,17 @@ def compiling_ahead(scenario: Scenario) -> Iterator[None]:
     what the other has saved.
     """
     from meshtrace.models import modules_of
-    from meshtrace.parallel import default_threads
+    from meshtrace.parallel import default_threads, python_start
 
     process = None
     if scenario.run.estimator.kind == "forced" and default_threads() > 1:
         silent = subprocess.DEVNULL
         with suppress(OSError):
             text = scenario.to_toml()
+            start = python_start("-c", _AHEAD, text, *modules_of(text))
             process = subprocess.Popen(
-                [sys.executable, "-c", _AHEAD, text, *modules_of(text)],
+                start.args,
+                env=start.env,
                 stdin=silent,
                 stdout=silent,
                 stderr=silent,
@@ -116,7 +118,8 @@ def compiling_ahead(scenario: Scenario) -> Iterator[None]:
     finally:
         if process is not None:
             process.kill()
-            process.wait()
+            with suppress(subprocess.TimeoutExpired):  # one that a dead file system holds
+                process.wait(_LAST_WAIT)
 
 
 def compile_ahead(toml: str, *modules: str) -> None:
@@ -239,7 +242,7 @@ def check_output(output: Path | None, *inputs: Path | None, option: str = "--out
     named = (file for link in inputs if link is not None for file in _named_files(link))
     require_writable(output, [*inputs, *named], option)
     if output.suffix.lower() == ".toml":
-        raise Refused(option, str(output), "no name of a link file")
+        raise Refused(option, str(output), "a path not ending in .toml")
 
 
 def _named_files(link: Path) -> Iterator[Path]:

@@ -18,7 +18,7 @@ from typer.core import TyperCommand
 
 from meshtrace.cli.console import progress
 from meshtrace.errors import MISSING, Refused, require_word
-from meshtrace.fields import entries
+from meshtrace.fields import docstring, entries
 
 
 class Reader(NamedTuple):
@@ -237,7 +237,7 @@ def described(command: Callable[..., None], **groups: Group) -> Callable[..., No
             raise Refused(option, found, error.allowed, error.hint) from error
 
     call.__name__ = command.__name__
-    call.__doc__ = (inspect.getdoc(command) or "").partition("\n\nParameters\n")[0]
+    call.__doc__ = docstring(command).partition("\n\nParameters\n")[0]
     call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return call
 
@@ -261,7 +261,8 @@ def _declared(owner: Any, p: inspect.Parameter) -> inspect.Parameter:
     if about and not isinstance(about[0], Span):
         return p.replace(kind=_KEYWORD)
     low, high = about[0] if about else (None, None)
-    metavar, text = entries(owner)[p.name]
+    # without docstrings and source the names of options speak for themselves
+    metavar, text = entries(owner).get(p.name, ("", None))
     told: dict[str, Any] = {"metavar": metavar or None, "help": text, "min": low, "max": high}
     word = p.name.rstrip("_").replace("_", "-")
     names = [f"--{word}/--no-{word}" if p.default is True else f"--{word}", *_SHORT.get(p.name, ())]
@@ -283,7 +284,7 @@ def _option(study: StudyRow, name: str) -> tuple[Reader, inspect.Parameter]:
     annotation = parameters_of(functions[0])[name].annotation
     reader, choices = reader_of(annotation, functions[0].__globals__)
     names, metavar, default = _words(study, name)
-    text = sentences(functions[0])[name].rstrip(".")
+    text = sentences(functions[0]).get(name, "").rstrip(".")
     if default is not None:  # in place of that of the function
         text = re.sub(r"[,;] (\S+ by default|by default .*)$", "", text)
     options = {key: _words(study, key)[0][-1] for key in study.options}

@@ -321,6 +321,7 @@ def _content(file: Path) -> object:
 
 
 @app.command()
+@described
 def warm() -> None:
     """Compile the kernels of both estimators and of coverage maps, and keep them for later runs."""
     from meshtrace.engine.simulate import simulate

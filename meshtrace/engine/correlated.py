@@ -352,7 +352,7 @@ class FrozenForced:
                     del self._drawn[next(iter(self._drawn))]
                 drawn = self._drawn[key] = Future()
         if known is not None:
-            return known.result()
+            return known.result()  # no bound: work of another thread, which always sets it
         try:
             drawn.set_result(self._draw(arrays, aimed))
         except BaseException as error:  # of the threads that wait, too

@@ -38,7 +38,7 @@ from meshtrace.kernels.interface import (
     tilted,
     transmit,
 )
-from meshtrace.kernels.jit import NO, YES, inlined, outlined
+from meshtrace.kernels.jit import NO, YES, inlined, outlined, record_type
 from meshtrace.kernels.scene import FLAT_SEA, bins_near, height_on, is_first_bin, locate
 from meshtrace.kernels.sources import intensity
 from meshtrace.kernels.vectors import (
@@ -61,7 +61,7 @@ _ITERATIONS = 12
 
 _STRETCHES = ("low", "high", "lever", "lift", "level")
 _MOVES = ("m11", "m12", "m21", "m22", "h1", "h2", "c11", "c12", "c21", "c22")
-FLAT = np.dtype([(name, float) for name in ("x", "y", "branch", *_STRETCHES, *_MOVES)])
+FLAT = record_type([(name, float) for name in ("x", "y", "branch", *_STRETCHES, *_MOVES)])
 """A crossing of a flat sea, and its displacement by slopes and heights.
 
 Branch 0, see `Shot`: no crossing. `low` and `high` are the smallest and the largest stretch of
@@ -320,7 +320,7 @@ def newton(x, y, facet, fixed, longest, shot, scene):
 
 MARGIN = 1.3  # on first-order bounds, for the higher orders
 
-ROOT = np.dtype(
+ROOT = record_type(
     [
         ("x", float),
         ("y", float),

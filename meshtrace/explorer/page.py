@@ -41,6 +41,7 @@ _FRAME_PERIOD = 0.1  # of the running sea [s]
 _PATIENCE = 2.0  # longest wait for the browser to draw it [s]
 _REST = 0.5  # time without a move after which controls rest [s]
 _FIXED_ZOOM = re.compile(r",\s*maximum-scale=1,minimum-scale=1")  # readers may enlarge the page
+_LONGEST_START = 30.0  # of a server, which takes a tenth of a second [s]
 _IDLE = 600  # time without a browser after which a session ends [s]
 
 _POLICY = (
@@ -103,7 +104,13 @@ class Page:
         self.server.controller.on_exception.add(self._tell)
 
     async def start(self, host: str) -> asyncio.Task[Any]:
-        """Start to serve on a free port; return the task that ends with the session."""
+        """Start to serve on a free port; return the task that ends with the session.
+
+        Raises
+        ------
+        RuntimeError
+            If the server fails, or does not start in time: further visits wait for this one.
+        """
         self._loop = asyncio.get_running_loop()
         self.server.cli.set_defaults(authKey=self._token)
         self.server.controller.on_server_bind.add(functools.partial(self._bind, host))
@@ -111,7 +118,14 @@ class Page:
         quiet: Any = {"show_connection_info": False, "open_browser": False, "thread": True}
         task = asyncio.create_task(self.server.start(**options, **quiet, disable_logging=True))
         task.add_done_callback(self._end)
-        await self.server.ready
+        ready = self.server.ready
+        first = asyncio.FIRST_COMPLETED
+        await asyncio.wait({task, ready}, timeout=_LONGEST_START, return_when=first)
+        error = next((one.exception() for one in (ready, task) if one.done()), None)
+        if error is not None or not ready.done():
+            task.cancel()
+            reason = f": {one_line(error)}" if error else f" within {_LONGEST_START:.0f} s"
+            raise RuntimeError(f"no page{reason}") from error
         self.session.answer_now()
         return task
 
@@ -208,7 +222,7 @@ class Page:
             shown = readings.design_reading(work.result())
         except asyncio.CancelledError:
             work.cancel()
-            await asyncio.wait({work})
+            await asyncio.wait({work})  # its process is killed
         except Refused as error:
             shown = {"problem": str(error)}
         except Exception as error:

@@ -9,6 +9,7 @@ import signal
 import sys
 import webbrowser
 from contextlib import suppress
+from threading import Thread
 from typing import Any
 
 from aiohttp import web
@@ -17,6 +18,8 @@ from yarl import URL
 from meshtrace.errors import Described, Refused, one_line, require_whole
 from meshtrace.explorer.page import Page, guard, new_token
 from meshtrace.scenario import Scenario
+
+_LONGEST_END = 20.0  # of the sessions, for whose connections aiohttp waits [s]
 
 MOST_SESSIONS = 16
 """Open sessions beyond which new browsers are turned away."""
@@ -85,12 +88,14 @@ class Explorer:
 
     async def stop(self) -> None:
         """Stop to listen and end all sessions."""
-        for page in self.pages:
-            await page.server.stop()
-        if self._tasks:
-            await asyncio.gather(*self._tasks.values(), return_exceptions=True)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_LONGEST_END):  # browsers that do not close
+                for page in self.pages:
+                    await page.server.stop()
+                await asyncio.gather(*self._tasks.values(), return_exceptions=True)
         for page in self._tasks:
             page.session.close()
+            # no bound: Python joins its threads in any case, and a step is a simulation of seconds
             await asyncio.to_thread(page.session.join)
         if self._runner is not None:
             await self._runner.cleanup()
@@ -102,7 +107,10 @@ class Explorer:
             if len(self._tasks) >= MOST_SESSIONS:
                 raise web.HTTPServiceUnavailable(text=f"{MOST_SESSIONS} sessions are open")
             page = Page(self._scenario, self._title, self.url)
-            self._tasks[page] = await page.start(self._host)
+            try:
+                self._tasks[page] = await page.start(self._host)
+            except RuntimeError as error:
+                raise web.HTTPServiceUnavailable(text=f"{error}\n") from error
         raise web.HTTPFound(page.url(request.url))
 
 
@@ -121,9 +129,10 @@ async def serve(explorer: Explorer, open_browser: bool) -> None:
     await explorer.start()
     print(f"explorer at {explorer.url} (Ctrl-C ends it)", flush=True)
     if open_browser:
-        webbrowser.open(explorer.url)
+        # some browsers, those of a terminal or of BROWSER, return when they are closed
+        Thread(target=webbrowser.open, args=(explorer.url,), daemon=True).start()
     try:
-        await terminated.wait()
+        await terminated.wait()  # no bound: a server
     finally:
         await explorer.stop()
     print("explorer ended: terminated", file=sys.stderr, flush=True)

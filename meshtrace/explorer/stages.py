@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import math
 import os
-import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -45,6 +44,7 @@ from meshtrace.fading import (
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
+from meshtrace.parallel import import_path, python_start
 from meshtrace.results.daylight import Background
 from meshtrace.results.gain import GainResult
 from meshtrace.results.impulse import impulse_response
@@ -291,17 +291,19 @@ async def design_of(scenario: Scenario) -> Design:
     with TemporaryDirectory(prefix="meshtrace-") as folder:
         link, made = Path(folder, "link.toml"), Path(folder, "design.nc")
         link.write_text(scenario.to_toml(), encoding="utf-8")
+        own = {**os.environ, "PYTHONPATH": import_path()}
+        start = python_start(*_DESIGN, str(link), "-o", str(made), env=own)
         process = await asyncio.create_subprocess_exec(
-            sys.executable, *_DESIGN, str(link), "-o", str(made),
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            *start.args, env=start.env,
             stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
         )  # fmt: skip
         try:
+            # no bound: the page counts the seconds, and its button cancels this task
             _, said = await process.communicate()
         finally:
             if process.returncode is None:
                 process.kill()
-                await process.wait()
+                await process.wait()  # ends with the signal, also of a stopped process
         if process.returncode:
             lines = said.decode(errors="replace").strip().splitlines() or ["ended without a word"]
             said_last = Described(lines[-1].removeprefix("error: "))

@@ -9,8 +9,9 @@ which saves a third of the compile time.
 
 Compiled kernels are kept in NUMBA_CACHE_DIR, MESHTRACE_CACHE_DIR or the user's cache folder, under
 the digest of all kernels: an edit of any of them, which numba's own cache would miss, starts a new
-folder. A platform wheel (`.ci/wheel`) holds such a folder, compiled for every processor of its
-architecture, which is read where the user's folder has no kernel.
+folder. They are pickles, which run what their author likes: files and folders that another user
+owns or can write to are not read. A platform wheel (`.ci/wheel`) holds such a folder, compiled for
+every processor of its architecture, which is read where the user's folder has no kernel.
 
 numba optimises every function together with all that it calls and emits machine code for each,
 of which only that of the entry points is ever called. Here functions below an entry point stay as
@@ -26,6 +27,8 @@ import inspect
 import pickle
 import platform
 import shutil
+import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -45,7 +48,7 @@ from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
-from meshtrace.files import atomic, cache_directory
+from meshtrace.files import atomic, cache_directory, foreign_hand, make_private
 
 _ENVIRONMENT = "_ZN08NumbaEnv"
 
@@ -210,6 +213,9 @@ _ANY_PROCESSOR = "generic", ""
 _KEPT_DIGESTS = 8
 """Number of cache folders kept; an edit of a kernel makes a new one."""
 
+_SILENT_WAIT = 5.0  # [s] for another process, as long as a kernel of chains takes, before a word
+_LONGEST_WAIT = 30.0  # [s] in all: twice the CPU time of the slowest kernel, that of photons
+
 
 def kernel_files() -> list[Path]:
     """Return the files that hold kernels: this folder, and files of the engine that import it."""
@@ -243,7 +249,8 @@ class KernelCache(FunctionCache):
     numba's cache refuses to import where no folder can be written, and executes files as it
     finds them. Here a folder that cannot be written costs one warning, and a damaged file is
     removed, so that its kernel is compiled and saved again. Files are replaced atomically, and of
-    processes that share the folder one compiles a kernel while the others wait for its file.
+    processes that share the folder one compiles a kernel while the others wait for its file, for
+    a time: the process may be stopped.
     """
 
     def __init__(self, py_func: Callable[..., Any]) -> None:
@@ -252,6 +259,7 @@ class KernelCache(FunctionCache):
         self._source = file.read_bytes() if file.is_file() else b""
         name = f"{py_func.__module__}.{py_func.__qualname__}"
         self._prefix = name.replace("<", "").replace(">", "") + "-"
+        self._thread_turn = threading.Lock()
         self.enable()
 
     @property
@@ -265,23 +273,26 @@ class KernelCache(FunctionCache):
         for place in (folder(), shipped()):
             with contextlib.suppress(OSError):
                 found += place.glob(f"{self._prefix}*{_SUFFIX}")
-        return found
+        return [path for path in found if _is_trusted(path)]
 
     @contextlib.contextmanager
     def turn(self, sig: Any, target_context: Any) -> Iterator[None]:
-        """Wait while another process compiles the overload of a signature that is not saved."""
+        """Wait while another process compiles the overload of a signature that is not saved.
+
+        A process that ends in any way frees its lock. One that is stopped holds it: after
+        `_LONGEST_WAIT` both compile, and the file of the last one stays.
+        """
         with contextlib.ExitStack() as stack:
+            # threads of this process wait for its own work, which ends
+            stack.enter_context(self._thread_turn)
             if self._enabled and not self._place(sig, target_context)[1].is_file():
                 path = self._path(self._index_key(sig, target_context.codegen()))
-                with contextlib.suppress(OSError, ImportError):  # read-only; Windows
-                    import fcntl
-
+                # read-only folders; network file systems without locks
+                with contextlib.suppress(OSError, NotImplementedError):
                     _make_folder(path.parent)
-                    lock = stack.enter_context(path.with_suffix(".lock").open("w"))
-                    fcntl.flock(lock, fcntl.LOCK_EX)
-                    # closing does not do: a forked process holds the file, too
-                    stack.callback(fcntl.flock, lock, fcntl.LOCK_UN)
-                    stack.callback(Path(lock.name).unlink, missing_ok=True)
+                    if not foreign_hand(path.parent):
+                        lock = _locked(path.with_suffix(".lock"), self._prefix[:-1])
+                        stack.enter_context(lock)
             yield
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -319,7 +330,11 @@ class KernelCache(FunctionCache):
         path = self._path(key)
         try:
             _make_folder(path.parent)
-            with atomic(path) as temporary:
+            if foreign_hand(path.parent):
+                return
+            if path.is_file() and foreign_hand(path):
+                path.unlink()  # else its permissions are kept
+            with atomic(path, 0o600) as temporary:
                 temporary.write_bytes(hashlib.sha256(payload).digest() + payload)
         except OSError as error:
             _warn_unsaved(path.parent, error.strerror or str(error))
@@ -333,7 +348,7 @@ class KernelCache(FunctionCache):
         """Return key and file of the saved overload, or of the shipped one."""
         key = self._index_key(sig, target_context.codegen())
         path = self._path(key)
-        if path.is_file():
+        if path.is_file() and _is_trusted(path):
             return key, path
         key = key[0], (key[1][0], *_ANY_PROCESSOR), key[2]
         return key, shipped() / self._path(key).name
@@ -343,11 +358,71 @@ class KernelCache(FunctionCache):
         return folder() / f"{self._prefix}{digest[:16]}{_SUFFIX}"
 
 
+@contextlib.contextmanager
+def _locked(path: Path, kernel: str) -> Iterator[None]:
+    """Hold a lock file if it is free within `_LONGEST_WAIT`; say once what is waited for."""
+    from filelock import FileLock, Timeout  # not for saved kernels
+
+    lock = FileLock(path, thread_local=False)
+    try:
+        try:
+            lock.acquire(timeout=_SILENT_WAIT)
+        except Timeout:
+            _tell_waiting(path, kernel)
+            lock.acquire(timeout=_LONGEST_WAIT - _SILENT_WAIT)
+    except Timeout:
+        yield
+        return
+    try:
+        yield
+    finally:
+        # before the release: a process that waits for the removed file makes a new one
+        with contextlib.suppress(OSError):  # Windows removes no open file
+            path.unlink()
+        lock.release()
+
+
+@cache
+def _tell_waiting(path: Path, kernel: str) -> None:
+    """Print, once for a lock, what this process waits for: not a warning, which may be an error."""
+    longest = f"for {_LONGEST_WAIT:.0f} s at most"
+    told = f"waiting {longest} for another process that compiles {kernel} and holds {path}"
+    print(told, file=sys.stderr, flush=True)
+
+
+def _is_trusted(path: Path) -> bool:
+    """Return whether a saved kernel is one of this user; warn once of a folder that is not.
+
+    The folder inside the package is as trusted as the package.
+    """
+    if path.parent == shipped():
+        return True
+    for place in (path.parent, path):
+        try:
+            reason = foreign_hand(place)
+        except OSError:  # removed meanwhile
+            return False
+        if reason:
+            _warn_untrusted(place, reason)
+            return False
+    return True
+
+
+@cache
+def _warn_untrusted(path: Path, reason: str) -> None:
+    """Warn, once per process, of a folder or file of kernels that may be those of a stranger."""
+    warnings.warn(
+        f"{path}: {reason}, its compiled kernels are not read; MESHTRACE_CACHE_DIR sets another "
+        "folder",
+        stacklevel=2,
+    )
+
+
 def _make_folder(path: Path) -> None:
     """Create a cache folder, and remove the oldest sibling folders."""
     if path.is_dir():
         return
-    path.mkdir(parents=True, exist_ok=True)
+    make_private(path)
     with contextlib.suppress(OSError):  # another process may be at it
         by_age = sorted(path.parent.iterdir(), key=lambda p: p.stat().st_mtime, reverse=True)
         for old in by_age[_KEPT_DIGESTS:]:
@@ -421,6 +496,15 @@ inlined = _below(forceinline=True)
 
 outlined = _below()
 """Decorator of functions that few photons reach: kept out of the hot code."""
+
+
+def record_type(fields: list[tuple[Any, ...]]) -> np.dtype[np.void]:
+    """Return the type of a record whose fields are attributes, as kernels read them.
+
+    Elements of numpy's arrays have such attributes as `numpy.record` alone, whose arrays numba
+    takes twice as long to recognise in a call: they are for plain Python, under NUMBA_DISABLE_JIT.
+    """
+    return np.dtype((np.record, fields) if config.DISABLE_JIT else fields)
 
 
 def is_compiled(compiled: Any) -> bool:

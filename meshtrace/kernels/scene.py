@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.kernels.interface import Interface, MeshArrays, corners, inside_facet
-from meshtrace.kernels.jit import entry, inlined
+from meshtrace.kernels.jit import entry, inlined, record_type
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.vectors import ORIGIN, Vec2, Vec3, cross, minus, norm, row
 
 FLAT_SEA = np.int64(-1)
 """Facet that stands for a flat sea; of the type of all facets, so that kernels compile once."""
 
-FACET = np.dtype(
+FACET = record_type(
     [
         ("radius", float),  # [m], from the centroid
         ("curvature", float),  # largest change of slope along an edge [m-1]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.kernels.interface import FieldOfView
-from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.jit import inlined, outlined, record_type
 from meshtrace.kernels.medium import Absorption, absorption_path
 from meshtrace.kernels.tints import (
     ALONE,
@@ -64,7 +64,7 @@ class PlaneScore(IntEnum):
 
 N_PLANE_SCORES = len(PlaneScore)
 
-ARRIVAL = np.dtype(
+ARRIVAL = record_type(
     [
         ("photon", np.int64),
         ("receiver", np.int64),

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.errors import Refused, require_range
-from meshtrace.files import atomic, cache_directory
+from meshtrace.files import atomic, cache_directory, make_private
 from meshtrace.models import Floats
 from meshtrace.optics.phase import HistogramPhase
 
@@ -343,7 +343,7 @@ def cached_table(
     _LOG.info("computing the Mie table %s (about 10 s, once)", name)
     table = compute()
     try:
-        kept.parent.mkdir(parents=True, exist_ok=True)
+        make_private(kept.parent)
         with atomic(kept) as temporary, temporary.open("wb") as stream:
             np.savez(stream, inputs=np.array(text), **asdict(table))
     except OSError as why:
@@ -352,6 +352,7 @@ def cached_table(
 
 
 def _read(stream: IO[bytes], text: str) -> MieTable:
+    # no pickles: a table that another user may have written runs nothing
     with np.load(stream, allow_pickle=False) as data:
         if str(data["inputs"]) != text:
             raise ValueError("made from other inputs")

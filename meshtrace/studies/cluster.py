@@ -22,6 +22,7 @@ from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, Any
 
 from meshtrace.errors import Described, Refused, extra, one_line, require_between, require_whole
+from meshtrace.parallel import cores, safe_processes
 
 if TYPE_CHECKING:
     import distributed
@@ -35,6 +36,7 @@ _AHEAD = 2  # jobs that a process on this machine has or waits with
 _BROKEN = -1  # number of a job that stands for the loss of all workers
 _POLL = 0.02  # [s] between looks for finished tasks
 _ANSWER = 2.0  # [s] to wait for a result, or for the scheduler
+_SILENCE = 60.0  # [s] without an answer after which a scheduler is lost; a busy one takes seconds
 _ALLOWED = "a running dask scheduler with workers; the same command resumes"
 
 
@@ -100,7 +102,7 @@ class Cluster:
             if waiting:
                 yield from self._elsewhere(setup, waiting, len(waiting), Event())
             return
-        others = (self.workers or os.cpu_count() or 1) - 1
+        others = (self.workers or cores()) - 1
         alone = min(others, len(waiting) - 1) < 1
         yield from _evaluated(setup, waiting) if alone else self._shared(setup, waiting, others)
 
@@ -141,7 +143,7 @@ class Cluster:
                 yield i, result
         finally:
             ended.set()
-            thread.join()
+            thread.join()  # ends within dask's bounds of the end of its processes, seconds
 
     def _elsewhere(
         self,
@@ -218,6 +220,7 @@ def prepared(setup: bytes) -> Any:
     """Return the function of the jobs of a loop, or `Restored`, set up once in this process."""
     import cloudpickle
 
+    # from the client, by the connection whose tasks are code in any case
     return cloudpickle.loads(setup)()
 
 
@@ -249,30 +252,41 @@ def _finished(
     """Yield tasks as they finish, with result or error, until there is no worker.
 
     A result lost with its worker before it arrives here is awaited again: the scheduler has
-    another worker compute it.
+    another worker compute it. It also takes the jobs of a worker without a sign of life (dask's
+    `distributed.scheduler.worker-ttl`, five minutes). A job itself has no bound: its length is
+    not known.
     """
     without_worker = 0.0
+    answered = time.monotonic()
     while not (completed.is_empty() or ended.is_set()):
+        if time.monotonic() - answered > _SILENCE:
+            return
         if completed.has_ready():
             future = next(completed)
             try:
-                found = future.exception() if future.status == "error" else future.result(_ANSWER)
+                failed = future.status == "error"
+                found = future.exception(_ANSWER) if failed else future.result(_ANSWER)
             except TimeoutError:
                 completed.add(future)
+                if _has_workers(client) is not None:
+                    answered = time.monotonic()
                 continue
             except Exception as error:
                 found = error
             yield future, found
-            without_worker = 0.0
+            without_worker, answered = 0.0, time.monotonic()
             continue
         time.sleep(_POLL)
-        without_worker = 0.0 if _has_workers(client) else without_worker + _POLL
+        has_workers = _has_workers(client)
+        without_worker = without_worker + _POLL if has_workers is False else 0.0
+        if has_workers is not None:
+            answered = time.monotonic()
         if client.status != "running" or without_worker > timeout:
             return
 
 
-def _has_workers(client: distributed.Client) -> bool:
-    """Return whether there is a worker, or the scheduler does not answer.
+def _has_workers(client: distributed.Client) -> bool | None:
+    """Return whether there is a worker, None if the scheduler does not answer.
 
     `Client.scheduler_info` waits for a minute for a scheduler that has just died.
     """
@@ -280,12 +294,14 @@ def _has_workers(client: distributed.Client) -> bool:
     try:
         found = client.sync(scheduler.identity, n_workers=1, callback_timeout=_ANSWER)
     except (OSError, TimeoutError):
-        return True
+        return None
     return bool(found["workers"])
 
 
 def _lost(client: distributed.Client, done: int, total: int) -> Refused:
-    what = "no worker is left" if client.status == "running" else "the connection is lost"
+    what = "the connection is lost"
+    if client.status == "running":
+        what = "no worker is left" if _has_workers(client) is False else "no answer"
     return Refused("workers", Described(f"{what}, {done} of {total} tasks finished"), _ALLOWED)
 
 
@@ -336,10 +352,14 @@ def _require_equal_workers(client: distributed.Client, timeout: float) -> None:
     import distributed
 
     try:
+        what = "no worker"
         client.wait_for_workers(1, timeout=timeout)
-        environments = client.run(_environment(), on_error="return")
+        what = "no answer of a worker"
+        # `Client.run` waits without limit, for a worker that is stopped, too
+        run = partial(client._run, _environment(), on_error="return")
+        environments = client.sync(run, callback_timeout=max(timeout, _ANSWER))
     except (TimeoutError, distributed.TimeoutError) as error:
-        waited = Described(f"no worker within {timeout:g} s")
+        waited = Described(f"{what} within {timeout:g} s")
         raise Refused("workers", waited, _ALLOWED) from error
     except OSError as error:
         raise _lost(client, 0, 0) from error
@@ -378,11 +398,14 @@ def _client(workers: int | str | None, timeout: float) -> Iterator[distributed.C
     import distributed
 
     if not isinstance(workers, str):
+        # like all of dask these processes unpickle, and so run, what reaches their ports; on
+        # 127.0.0.1 that is what users of this machine send (docs/guides/sweep.md)
         # one thread each: a task fills one core, and dask keeps BLAS to one thread as well
         with (
+            safe_processes(),
             tempfile.TemporaryDirectory(prefix="meshtrace-", ignore_cleanup_errors=True) as scratch,
             distributed.LocalCluster(
-                n_workers=(workers or os.cpu_count() or 1) - 1,
+                n_workers=(workers or cores()) - 1,
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import platform
 import socket
 import time
 import warnings
@@ -273,61 +272,62 @@ def locked(store: Path) -> Iterator[None]:
     """Hold the lock of a store, a file beside it that names its owner.
 
     The operating system frees the lock of a process that ended in any way; the file of one that
-    died on this host is taken over.
+    died on this host is taken over. Nothing waits for a lock.
 
     Raises
     ------
     Refused
-        If another process holds the lock; the message names it and the age of the lock. On
-        Windows, which has no such locks.
+        If another process holds the lock; the message names it and the age of the lock.
     """
     path = Path(f"{store}.lock")
     try:
-        handle = _held(path)
+        file = _held(path)
     except OSError as error:
         problem = Described(f"{str(path)!r}: {error.strerror}")
         raise Refused("store", problem, "a path to write to") from error
-    try:
-        owner = {"host": socket.gethostname(), "pid": os.getpid(), "since": time.time()}
-        os.ftruncate(handle, 0)
-        os.pwrite(handle, json.dumps(owner).encode(), 0)
-        yield
-    finally:
-        path.unlink(missing_ok=True)
-        os.close(handle)
-
-
-def _held(path: Path) -> int:
-    """Return the locked file of an open lock."""
-    try:
-        import fcntl
-    except ImportError as error:
-        system = Described(f"{str(path.with_suffix(''))!r} on {platform.system()}")
-        allowed = "none, or Linux, macOS or the Windows Subsystem for Linux"
-        raise Refused("store", system, allowed) from error
-    while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    with file:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            free = True
-        except BlockingIOError:
-            free = False
-        owner: dict[str, Any] = {}
-        with suppress(ValueError, TypeError):  # just made, or damaged
-            owner = dict(json.loads(os.pread(handle, 4096, 0)))
-        if not free or _lives_elsewhere(owner):
-            os.close(handle)
+            owner = {"host": socket.gethostname(), "pid": os.getpid(), "since": time.time()}
+            file.truncate(0)
+            file.seek(0)
+            file.write(f" {json.dumps(owner)}".encode())  # Windows locks the first byte to readers
+            yield
+        finally:
+            with suppress(OSError):
+                file.truncate(0)  # Windows removes no open file
+                path.unlink()
+
+
+def _held(path: Path) -> IO[bytes]:
+    """Return the locked file of an open lock."""
+    from filelock import lock_descriptor
+
+    while True:
+        with ExitStack() as stack:
+            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+            file = stack.enter_context(open(handle, "r+b", buffering=0))
+            free = lock_descriptor(handle, blocking=False)
+            owner = _owner(file)
+            if free and not _lives_elsewhere(owner):
+                with suppress(FileNotFoundError):
+                    if os.path.samestat(os.fstat(handle), path.stat()):
+                        stack.pop_all()
+                        return file
+                continue  # its last owner has just removed it
             who = f"{owner.get('host', 'unknown')}:{owner.get('pid', '?')}"
             age = max(time.time() - float(owner.get("since", time.time())), 0.0)
             used = f"{str(path.with_suffix(''))!r} is in use by {who} for {duration(age)}"
             allowed = f"another path, or none of that process and no {path.name}"
             raise Refused("store", Described(used), allowed)
-        try:
-            if os.fstat(handle).st_ino == path.stat().st_ino:
-                return handle
-        except FileNotFoundError:
-            pass
-        os.close(handle)  # its last owner has just removed it
+
+
+def _owner(file: IO[bytes]) -> dict[str, Any]:
+    """Return the owner that a lock names, none of one just made or damaged."""
+    for start in (0, 1):  # Windows locks the first byte, a blank
+        with suppress(PermissionError, ValueError, TypeError):
+            file.seek(start)
+            return dict(json.loads(file.read(4096)))
+    return {}
 
 
 def _lives_elsewhere(owner: dict[str, Any]) -> bool:

@@ -130,3 +130,72 @@ def test_missing_packages_are_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "meshtrace.explorer.server", None)
     with pytest.raises(Refused, match=r'pip install "meshtrace\[explore\]"'):
         mt.explore()
+
+
+@pytest.mark.parametrize("fails", [True, False], ids=["fails", "hangs"])
+def test_a_page_that_does_not_start_leaves_the_next_visit_its_turn(monkeypatch, fails):
+    """Visits wait for each other, and once did so for ever."""
+    start = page_of_session.Page.start
+
+    async def broken(self, host):
+        async def never(**options):
+            if fails:
+                raise OSError("no port")
+            await asyncio.Event().wait()
+
+        monkeypatch.setattr(self.server, "start", never)
+        return await start(self, host)
+
+    async def visits(explorer, client):
+        with monkeypatch.context() as patched:
+            patched.setattr(page_of_session, "_LONGEST_START", 0.2)
+            patched.setattr(page_of_session.Page, "start", broken)
+            async with client.get(explorer.url, allow_redirects=False) as answer:
+                assert answer.status == 503
+                assert await answer.text() == (
+                    "no page: no port\n" if fails else "no page within 0 s\n"
+                )
+        assert explorer.pages == []
+        async with client.get(explorer.url, allow_redirects=False) as answer:
+            assert answer.status == 302
+
+    served(visits)
+
+
+def test_sessions_whose_browsers_stay_do_not_hold_the_end(monkeypatch):
+    monkeypatch.setattr(server, "_LONGEST_END", 0.2)
+
+    async def visits(explorer, client):
+        async with client.get(explorer.url, allow_redirects=False):
+            (page,) = explorer.pages
+        stop = page.server.stop
+
+        async def never():
+            await stop()
+            await asyncio.Event().wait()
+
+        monkeypatch.setattr(page.server, "stop", never)
+
+    served(visits)
+
+
+def test_a_browser_that_returns_when_it_is_closed_does_not_hold_the_page(monkeypatch):
+    """As those of a terminal, or named by BROWSER: the page was once not served meanwhile."""
+    closed = threading.Event()
+    monkeypatch.setattr("webbrowser.open", lambda url: closed.wait(60.0))
+
+    async def visits():
+        explorer = Explorer(PAPER, "link", "127.0.0.1", 0)
+        serving = asyncio.create_task(server.serve(explorer, open_browser=True))
+        try:
+            while not explorer.port:
+                await asyncio.sleep(0.02)
+            async with aiohttp.ClientSession() as client, asyncio.timeout(30.0):
+                async with client.get(explorer.url, allow_redirects=False) as answer:
+                    assert answer.status == 302
+        finally:
+            serving.cancel()
+            await asyncio.wait({serving})
+
+    asyncio.run(visits())
+    closed.set()

@@ -1,6 +1,8 @@
 """The cache of compiled kernels: kept while no kernel changes, verified, and never required."""
 
 import os
+import pickle
+import signal
 import subprocess
 import sys
 from functools import partial
@@ -184,3 +186,217 @@ def test_processes_share_a_folder(tmp_path):
     assert [process.returncode for process in started] == [0, 0]
     files = list((tmp_path / "cache").rglob("*.*"))
     assert [path.suffix for path in files] == [jit._SUFFIX]
+
+
+HOLD = """
+import sys
+import own
+import meshtrace.kernels.jit as jit
+def compile(self, sig):
+    with self._cache.turn(sig, self.targetctx):
+        print("held", flush=True)
+        sys.stdin.read()
+jit._Entry.compile = compile
+jit.entry(own.double)(1.0)
+"""
+
+
+@pytest.fixture
+def holder(monkeypatch, tmp_path):
+    """Stop a process that holds the lock of a kernel, in a folder that this process uses."""
+    (tmp_path / "own.py").write_text("def double(x):\n    return 2.0 * x\n")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.syspath_prepend(tmp_path)
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        assert process.stdout.readline() == "held\n"
+        process.send_signal(signal.SIGSTOP)
+        yield process
+        process.kill()
+    sys.modules.pop("own", None)
+
+
+@pytest.mark.process
+@pytest.mark.thorough
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_a_stopped_process_that_compiles_delays_others_for_a_bounded_time(
+    holder, monkeypatch, capfd
+):
+    """Once every other process slept for ever, at no CPU time and without a word."""
+    import own
+
+    monkeypatch.setattr(jit, "_SILENT_WAIT", 0.2)
+    monkeypatch.setattr(jit, "_LONGEST_WAIT", 0.5)
+    assert jit.entry(own.double)(1.5) == 3.0
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith("waiting for 0 s at most for another process that compiles own.double")
+    assert ".lock" in line
+    assert sum(jit.entry(own.double).stats.cache_hits.values()) == 0
+    again = jit.entry(own.double)
+    assert again(1.5) == 3.0
+    assert sum(again.stats.cache_hits.values()) == 1  # saved all the same
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.process
+@pytest.mark.thorough
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_the_lock_of_a_killed_process_is_free(holder, monkeypatch, capfd):
+    import own
+
+    holder.kill()
+    holder.wait()
+    (lock,) = jit.folder().glob("*.lock")  # stays behind, and holds nobody
+    assert jit.entry(own.double)(1.5) == 3.0
+    assert capfd.readouterr().err == ""
+    assert not lock.exists()
+
+
+@pytest.mark.parametrize("error", [OSError(37, "No locks available"), NotImplementedError()])
+def test_a_file_system_without_locks_is_no_obstacle(folder, monkeypatch, error):
+    def refuse(self, timeout):
+        raise error
+
+    monkeypatch.setattr("filelock.FileLock.acquire", refuse)
+    assert hits_of_a_call() == 0
+    assert hits_of_a_call() == 1
+
+
+def test_bounds_of_the_wait():
+    """A word after some seconds; the compile time of the slowest kernel is a quarter of a minute."""
+    assert 1.0 <= jit._SILENT_WAIT <= 5.0
+    assert 10.0 <= jit._LONGEST_WAIT <= 60.0
+
+
+# ---- kernels of strangers ----------------------------------------------------------------------
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+def test_folders_and_kernels_are_those_of_their_owner_alone(folder):
+    before = os.umask(0o002)
+    try:
+        hits_of_a_call()
+    finally:
+        os.umask(before)
+    (path,) = jit.folder().iterdir()
+    for place in (path.parent, path.parent.parent, folder):
+        assert place.stat().st_mode & 0o777 == 0o700
+    assert path.stat().st_mode & 0o777 == 0o600
+
+
+class Trap:
+    """Pickle that runs code."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+def hostile(path, ran):
+    """Replace a kernel by a pickle that creates a folder, under a right checksum."""
+    payload = pickle.dumps(Trap(ran))
+    mode = path.stat().st_mode
+    path.write_bytes(jit.hashlib.sha256(payload).digest() + payload)
+    path.chmod(mode)
+
+
+def chown(path):
+    os.chown(path, 12345, -1)
+
+
+FOREIGN = {
+    "folder of another user": lambda path: chown(path.parent),
+    "kernel of another user": chown,
+    "folder open to the group": lambda path: path.parent.chmod(0o770),
+    "folder open to all": lambda path: path.parent.chmod(0o777),
+    "kernel open to the group": lambda path: path.chmod(0o660),
+    "kernel open to all": lambda path: path.chmod(0o606),
+}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+@pytest.mark.parametrize("place", FOREIGN)
+def test_kernels_that_others_may_have_written_are_not_read(place, kernel, tmp_path):
+    if "another" in place and os.geteuid() != 0:
+        pytest.skip("gives a file away")
+    hostile(kernel, tmp_path / "ran")
+    FOREIGN[place](kernel)
+    jit._warn_untrusted.cache_clear()
+    with pytest.warns(UserWarning, match=r"compiled kernels are not read; MESHTRACE_CACHE") as told:
+        assert hits_of_a_call() == 0
+    assert hits_of_a_call() == ("kernel" in place)  # a file is replaced by one of this user
+    assert len(told) == 1
+    assert not (tmp_path / "ran").exists()
+
+
+def test_the_folder_inside_the_package_is_trusted(kernel, monkeypatch):
+    """Its owner may be whoever installed the package."""
+    kernel.parent.chmod(0o777)
+    jit._warn_untrusted.cache_clear()
+    with pytest.warns(UserWarning, match="writable by other users"):
+        assert not jit._is_trusted(kernel)
+    monkeypatch.setattr(jit, "shipped", lambda: kernel.parent)
+    assert jit._is_trusted(kernel)
+
+
+# ---- the environment of numba ------------------------------------------------------------------
+
+IMPORT = "import meshtrace.kernels.jit as jit; print(jit.config.NUMBA_NUM_THREADS, jit.folder())"
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("threads", ["0", "-1", "abc", "1.5", "", "1e3"])
+def test_a_wrong_number_of_threads_for_numba_is_one_line(threads):
+    """It once ended in a traceback of numba, or printed that of its parser."""
+    done = subprocess.run(
+        [sys.executable, "-m", "meshtrace", "run", "--photons", "64"],
+        env={**os.environ, "NUMBA_NUM_THREADS": threads},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    allowed = "allowed: a whole number >= 1, or unset"
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"error: NUMBA_NUM_THREADS: {threads!r}, {allowed}\n"
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("name", ["NUMBA_OPT", "NUMBA_DEBUG_CACHE", "NUMBA_DISABLE_JIT"])
+def test_another_wrong_setting_of_numba_is_one_warning(name):
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            f"import warnings; warnings.showwarning = lambda w, *_: print(w);{IMPORT}",
+        ],
+        env={**os.environ, name: "abc"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    first, _ = done.stdout.splitlines()
+    assert first.startswith(f"Environment variable '{name}' is defined but its associated value")
+    assert done.stderr == ""
+
+
+@pytest.mark.process
+def test_settings_of_numba_in_the_working_directory_are_left_aside(tmp_path):
+    """A folder of a stranger could name a cache folder with the stranger's kernels."""
+    (tmp_path / ".numba_config.yaml").write_text("cache_dir: stranger\nopt: 0\n")
+    code = f"{IMPORT}; jit.config.reload_config(); print(jit.config.OPT, jit.folder())"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    assert "stranger" not in done.stdout
+    assert "OptLevel(3)" in done.stdout

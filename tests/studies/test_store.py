@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -383,11 +384,24 @@ def test_lock_is_freed_after_an_error(tmp_path):
         pass
 
 
-def test_a_system_without_such_locks_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "fcntl", None)
-    monkeypatch.setattr("platform.system", lambda: "Windows")
+def test_a_file_system_without_locks_is_named(tmp_path, monkeypatch):
+    """As some network file systems: a study without its lock could be written by two processes."""
+
+    def refuse(descriptor, blocking):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("filelock.lock_descriptor", refuse)
     with (
-        pytest.raises(Refused, match=r"depths\.store' on Windows, allowed: none, or Linux, macOS"),
+        pytest.raises(Refused, match=r"depths\.store\.lock': No locks available, allowed: a path"),
         locked(tmp_path / "depths.store"),
     ):
         pass
+
+
+def test_store_of_a_stopped_process_is_refused_at_once(holder):
+    """Nothing waits for it."""
+    process, store = holder
+    process.send_signal(signal.SIGSTOP)
+    with pytest.raises(Refused, match=rf"in use by {socket.gethostname()}:{process.pid} for"):
+        with locked(store):
+            pass

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -15,13 +16,19 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.studies import sweep
-from meshtrace.studies.cluster import _checked, _environment, _portable_job
+from meshtrace.studies import cluster, sweep
+from meshtrace.studies.cluster import Cluster, _checked, _environment, _portable_job
 
+dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 
 FLAT = {"spectrum": "flat"}
 FEW = {"rtol": None, "photons": 64, "surface": FLAT}
+
+
+def slow_jobs(until=os.devnull):
+    """Return the setup of jobs, sent by value: half a second each until there is a file."""
+    return lambda: lambda i: (time.sleep(0.01 if os.path.exists(until) else 0.5), os.getpid())[1]
 
 
 @pytest.fixture
@@ -110,6 +117,50 @@ def test_cluster_without_workers_is_refused_in_time(scheduler):
     with pytest.raises(Refused, match=r"workers: no worker within 1 s, allowed"):
         sweep(mt.Link(), {"water.b": [0.0]}, workers=address, timeout=1.0, **FEW)
     assert time.monotonic() - start < 20.0
+
+
+@pytest.mark.thorough
+def test_a_stopped_worker_is_refused_in_time(scheduler, worker_of):
+    """The client once waited for it without limit."""
+    _, address = scheduler
+    worker = worker_of(address)
+    with distributed.Client(address, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=60)
+    worker.send_signal(signal.SIGSTOP)
+    start = time.monotonic()
+    with pytest.raises(Refused, match=r"workers: no answer of a worker within 1 s, allowed"):
+        sweep(mt.Link(), {"water.b": [0.0]}, workers=address, timeout=1.0, **FEW)
+    assert time.monotonic() - start < 60.0
+
+
+@pytest.mark.thorough
+def test_a_stopped_scheduler_ends_the_study(scheduler, worker_of, monkeypatch):
+    """A client that had no answer once took it for a busy scheduler for ever."""
+    process, address = scheduler
+    worker_of(address)
+    monkeypatch.setattr(cluster, "_SILENCE", 1.0)
+    found = Cluster(address).map(slow_jobs(), range(1000))
+    for _ in range(3):
+        next(found)
+    process.send_signal(signal.SIGSTOP)
+    start = time.monotonic()
+    with pytest.raises(Refused, match=r"workers: no answer, \d+ of 1000 tasks finished, allowed"):
+        list(found)
+    assert time.monotonic() - start < 90.0
+
+
+@pytest.mark.thorough
+def test_jobs_of_a_stopped_worker_are_done_by_others(tmp_path):
+    """Within the time after which dask gives up a worker without a sign of life."""
+    file, done = tmp_path / "stopped", {}
+    with dask.config.set({"distributed.scheduler.worker-ttl": "2s"}):
+        for i, pid in Cluster(3).map(slow_jobs(file), range(300)):
+            done[i] = pid
+            if pid != os.getpid() and not file.exists():
+                os.kill(pid, signal.SIGSTOP)
+                file.touch()
+    assert sorted(done) == list(range(300))
+    assert file.exists()
 
 
 @pytest.mark.slow

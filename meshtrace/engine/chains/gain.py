@@ -19,7 +19,7 @@ from meshtrace.engine.chains.microfacets import slope_towards, whitened
 from meshtrace.engine.chains.unscattered import aperture_at
 from meshtrace.engine.crossing import is_steep
 from meshtrace.kernels.interface import SMOOTH, normal_at, over_gaussian, slope_tilt
-from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
+from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined, record_type
 from meshtrace.kernels.medium import (
     Medium,
     absorption_path,
@@ -57,7 +57,7 @@ from meshtrace.kernels.vectors import (
 _FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, that is much
 _AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched
 
-ARRIVAL = np.dtype(
+ARRIVAL = record_type(
     [
         ("chain", np.int64),
         ("weight", float),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from meshtrace.kernels import interface, sources, tally
 from meshtrace.kernels.interface import Interface, MeshArrays, branches
-from meshtrace.kernels.jit import entry, inlined, outlined
+from meshtrace.kernels.jit import entry, inlined, outlined, record_type
 from meshtrace.kernels.medium import Absorption, Medium, absorption_path, collide, sample_free_path
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import UNKNOWN, Bvh, Grid, first_facet, grid_facet
@@ -42,7 +42,7 @@ UNDER_WAY = [
 ]
 """What is known of every photon."""
 
-PHOTON = np.dtype(
+PHOTON = record_type(
     [
         *UNDER_WAY,
         ("air", float),

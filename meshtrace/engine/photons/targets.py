@@ -12,7 +12,7 @@ from meshtrace.engine import crossing
 from meshtrace.engine.photons.flight import UNDER_WAY, place
 from meshtrace.kernels import interface
 from meshtrace.kernels.interface import Interface, MeshArrays
-from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.jit import inlined, outlined, record_type
 from meshtrace.kernels.medium import AngleTable, Medium, phase_at, scattering_coefficients
 from meshtrace.kernels.rays import Bvh, Grid, facet_over
 from meshtrace.kernels.scene import Emitter, Locator, Scene, Target, height_on, locate
@@ -31,7 +31,7 @@ from meshtrace.kernels.vectors import (
     scaled,
 )
 
-JOINED_PHOTON = np.dtype(
+JOINED_PHOTON = record_type(
     [
         *UNDER_WAY,
         ("order", np.int64),  # scatterings and reflections by the bottom
@@ -57,7 +57,7 @@ def _fields_of(kind: type) -> list[tuple[Any, ...]]:
     return [(name, *_TYPES[of]) for name, of in get_type_hints(kind).items() if of in _TYPES]
 
 
-TARGET = np.dtype(
+TARGET = record_type(
     [
         *_fields_of(Target),
         ("lamp", _fields_of(Emitter)),
