@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, runtime_ch
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_array
 
 if TYPE_CHECKING:
@@ -164,6 +165,7 @@ class _Facets(NamedTuple):
         return cls(normals, areas, np.array([low, high]), math.sqrt(square))
 
 
+@check_call
 def vertex_normals(
     vertices: NDArray[np.float64],
     faces: NDArray[Any],

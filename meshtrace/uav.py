@@ -18,6 +18,7 @@ import pydantic
 from numpy.typing import ArrayLike
 from pydantic import model_validator
 
+from meshtrace.checks import check_call
 from meshtrace.errors import (
     Described,
     Refused,
@@ -303,6 +304,7 @@ def _states(q: float, noise: Floats) -> Floats:
     return np.stack([x1, lfilter([1.0], [1.0, -decay], drive_2)])
 
 
+@check_call
 def squared_wind_moments(mean: ArrayLike, std: ArrayLike) -> tuple[float, float]:
     """Return mean and variance of V^2 for independent Gaussian components.
 
@@ -322,6 +324,7 @@ def squared_wind_moments(mean: ArrayLike, std: ArrayLike) -> tuple[float, float]
     return float(np.sum(s2 + u2)), float(np.sum(2.0 * s2**2 + 4.0 * s2 * u2))
 
 
+@check_call
 def h_alpha(tilt: ArrayLike, fov: float) -> Floats:
     """Return the factor of the tilt on the gain of light that arrives vertically.
 
@@ -614,6 +617,7 @@ class LawComparison(NamedTuple):
     mae: float
 
 
+@check_call
 def compare_laws(exact: TiltLaw, approximation: TiltLaw, points: int = 400) -> LawComparison:
     """Return the distance of an approximate law of the tilt from the exact one.
 

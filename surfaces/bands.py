@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, model_validator
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Refused, is_number
 from meshtrace.models import Model
 
@@ -126,6 +127,7 @@ PAPER_BANDS = {
 BandName = Literal["mean", "paper", "scaled"]
 
 
+@check_call
 def named_band(name: BandName, spectrum: Spectrum, half_range: float, order: int = 1) -> Band:
     """Return a band by its name.
 
@@ -174,6 +176,7 @@ def named_band(name: BandName, spectrum: Spectrum, half_range: float, order: int
     return found
 
 
+@check_call
 def paper_waves(spectrum: Spectrum) -> BandName:
     """Return "paper" for the sea states of the paper's table, "scaled" for all others.
 
@@ -209,6 +212,7 @@ MeshWaves = Annotated[
 """Field type of the waves of a mesh: also "fading", or all up to a frequency."""
 
 
+@check_call
 def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Spreading) -> Samples:
     r"""Return one wave for each cell of frequency and direction, drawn within the cell.
 
@@ -271,6 +275,7 @@ def drawn_places(edges: Floats, low: Floats, width: Floats | float) -> tuple[Flo
     return omega, low + width * rng_direction.random(shape)
 
 
+@check_call
 def direction_grid(half_range: float, d_theta: float) -> Floats:
     """Return directions spaced by `d_theta` and symmetric about the wind.
 
@@ -302,6 +307,7 @@ def direction_grid(half_range: float, d_theta: float) -> Floats:
     return d_theta * (np.arange(n, dtype=np.float64) - 0.5 * (n - 1))
 
 
+@check_call
 def direction_weights(
     spreading: Spreading,
     omega: ArrayLike,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.polynomial.hermite_e import herme2poly
 from pydantic import BeforeValidator, model_validator
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import GAUSSIAN, WIDE, Series
 from meshtrace.mesh import Cumulants
@@ -247,6 +248,7 @@ def require_random(law: str | GramCharlier, mss: Mss) -> None:
         raise Refused("slope_law", law, 'gaussian with mss = "band": no slopes are random')
 
 
+@check_call
 def real_cumulants(
     law: str | GramCharlier, wind_speed: float, slope_variance: Variances | None
 ) -> Cumulants:
@@ -259,6 +261,7 @@ def real_cumulants(
     return law.cumulants(slope_variance)
 
 
+@check_call
 def series_of(cumulants: Cumulants, slope_variance: Variances) -> Series:
     """Return the density of random slopes with these cumulants and variances.
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.errors import (
     Described,
     DomainWarning,
@@ -59,6 +60,7 @@ class _Table(NamedTuple):
         )
 
 
+@check_call
 def from_wavespectra(
     source: str | PathLike[str] | xarray.Dataset,
     seed: int = 0,
@@ -326,6 +328,7 @@ class _Record(NamedTuple):
     step: float
 
 
+@check_call
 def gauge_spectrum(
     source: str | PathLike[str] | ArrayLike,
     depth: float | None = None,
@@ -447,6 +450,7 @@ def gauge_spectrum(
     )
 
 
+@check_call
 def from_gauge(
     source: str | PathLike[str] | ArrayLike,
     seed: int = 0,

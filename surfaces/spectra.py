@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, SerializeAsAny, model_validator
 
+from meshtrace.checks import check_call
 from meshtrace.errors import MISSING, Described, Refused
 from meshtrace.models import Family, NonNegative
 from meshtrace.tables import read_columns
@@ -350,6 +351,7 @@ def sea_state(spectrum: Spectrum) -> dict[str, float]:
     return {"omega_p": spectrum.omega_p, "wind_speed": spectrum.wind_speed}
 
 
+@check_call
 def peak_enhancement(
     x: Floats, gamma: float, sigma_a: float = 0.07, sigma_b: float = 0.09
 ) -> Floats:
@@ -382,6 +384,7 @@ AnySpectrum = Annotated[SerializeAsAny[Spectrum], BeforeValidator(Spectrum.read)
 """Field type of any spectrum: an instance, a kind such as "tma", or a table with `kind`."""
 
 
+@check_call
 def kitaigorodskii(omega: ArrayLike, depth: float) -> Floats:
     """Return the fraction of a deep-water spectrum that remains in finite depth.
 
@@ -420,6 +423,7 @@ def kitaigorodskii(omega: ArrayLike, depth: float) -> Floats:
     return np.tanh(kd) ** 2 / (1.0 + 2.0 * kd / np.sinh(2.0 * kd))
 
 
+@check_call
 def elfouhaily_delta(k: ArrayLike, wind_speed: float, omega_p: float) -> Floats:
     """Return the up-wind over cross-wind contrast Delta(k) of the Elfouhaily spreading.
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from meshtrace.checks import check_call
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.spectra import Curve
 from meshtrace.errors import require_between
@@ -38,6 +39,7 @@ class DaylightWarning(UserWarning):
     """Background light beyond the design of a receiver: narrow filter, large bias current."""
 
 
+@check_call
 def filter_shift_nm(wavelength_nm: float, angle_deg: float, n_eff: float = 2.0) -> float:
     """Return the shift of an interference filter under slanted light [nm].
 
@@ -63,6 +65,7 @@ def filter_shift_nm(wavelength_nm: float, angle_deg: float, n_eff: float = 2.0) 
     return wavelength_nm * (1.0 - math.sqrt(1.0 - sine * sine))
 
 
+@check_call
 def with_background(ook: OokLink, found: Background, scale: float = 1.0) -> OokLink:
     """Return a transmission with the counts of a background added to its own.
 
@@ -79,6 +82,7 @@ def with_background(ook: OokLink, found: Background, scale: float = 1.0) -> OokL
     return ook.replace(background_rate=rate)
 
 
+@check_call
 def occupancy(ook: OokLink) -> float:
     """Return x = r tau / N, the dark and background counts of a cell in its dead time."""
     rate = ook.sipm.dark_count_rate + ook.background_rate
@@ -106,6 +110,7 @@ def warn_of_background(ook: OokLink, found: Background) -> None:
         warnings.warn(text, DaylightWarning, stacklevel=3)
 
 
+@check_call
 def widest_filter_nm(ook: OokLink, found: Background, power: float, ber: float) -> float:
     """Return the widest filter of a link for a bit error rate under a background.
 

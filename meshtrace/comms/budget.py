@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace import fading
+from meshtrace.checks import check_call
 from meshtrace.comms.decisions import non_negative
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import (
@@ -59,6 +60,7 @@ def _db(ratio: ArrayLike) -> Floats:
         return 10.0 * np.log10(np.asarray(ratio, dtype=float))
 
 
+@check_call
 def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike = 1.0) -> LinkBudget:
     """Compute the link budget in decibels.
 
@@ -104,6 +106,7 @@ def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike =
     )
 
 
+@check_call
 def required_gain(link: OokLink, ber: float) -> float:
     """Return the channel gain that a link needs for a bit error rate; infinite if unattainable.
 
@@ -119,11 +122,13 @@ def required_gain(link: OokLink, ber: float) -> float:
     return link.required_power(ber) / received if received > 0.0 else math.inf
 
 
+@check_call
 def faded_gains(gain: ArrayLike, h_alpha: ArrayLike) -> Floats:
     """Return gains times tilt factors as an array (n,); refuse negative ones."""
     return np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
 
 
+@check_call
 def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
     """Return the bit error rate of many gains, interpolated between nodes for long arrays.
 
@@ -164,6 +169,7 @@ def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
     return np.where(power < floor, 0.5, ber)
 
 
+@check_call
 def average_ber(
     link: OokLink,
     gain: ArrayLike,
@@ -243,6 +249,7 @@ def bootstrapped_mean(
     return Estimate(mean, float(min(low, mean)), float(max(high, mean)))
 
 
+@check_call
 def outage(
     link: OokLink,
     gain: ArrayLike,
@@ -281,6 +288,7 @@ def outage(
     )
 
 
+@check_call
 def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
     """Return the largest depth of a crossing between a curve over depth and a limit.
 
@@ -329,6 +337,7 @@ def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
     return float(crossings.max())
 
 
+@check_call
 def range_at_ber(link: OokLink, depth: ArrayLike, gain: ArrayLike, ber: float) -> float:
     """Return the greatest depth of a link without fading for a bit error rate.
 

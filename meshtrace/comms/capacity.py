@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.comms.budget import ber_of_gains, faded_gains
 from meshtrace.comms.decisions import mixed_information, non_negative, soft_information
 from meshtrace.comms.ook import OokLink
@@ -32,6 +33,7 @@ class Capacity(NamedTuple):
     hard_outage: float
 
 
+@check_call
 def hard_information(ber: ArrayLike) -> Floats:
     """Return the capacity of a binary symmetric channel, 1 - H2(BER) [bit per use].
 
@@ -56,6 +58,7 @@ def hard_information(ber: ArrayLike) -> Floats:
     return 1.0 - (entr(p) + entr(1.0 - p)) / math.log(2.0)
 
 
+@check_call
 def capacity(
     link: OokLink, gain: ArrayLike, h_alpha: ArrayLike = 1.0, outage: float = 0.01
 ) -> Capacity:
@@ -122,6 +125,7 @@ def _interference(link: OokLink) -> tuple[float, Floats, Floats]:
     return float(shares[0]), total[seen] / count[seen], count[seen] / light.size
 
 
+@check_call
 def wyner_capacity(peak_rate: float, dark_rate: float, mean_share: float = 1.0) -> float:
     """Return the capacity of the photon channel for any modulation [bit s-1].
 

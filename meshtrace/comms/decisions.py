@@ -15,6 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.checks import check_call
 from meshtrace.comms.pulses import PulseFilters
 from meshtrace.errors import Described, Refused, require_array, require_between, require_real
 from meshtrace.kernels.decision import best_thresholds
@@ -92,6 +93,7 @@ def non_negative(name: str, value: ArrayLike, most: float = math.inf) -> Floats:
     return array
 
 
+@check_call
 def gaussian_decision(m0: ArrayLike, m1: ArrayLike, v0: ArrayLike, v1: ArrayLike) -> Decision:
     """Decide between two Gaussian levels.
 
@@ -130,7 +132,8 @@ def gaussian_decision(m0: ArrayLike, m1: ArrayLike, v0: ArrayLike, v1: ArrayLike
     return Decision(ber, m0 + threshold)
 
 
-def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: ArrayLike) -> Decision:
+@check_call
+def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: NDArray[np.bool_]) -> Decision:
     """Decide between zeros and ones of equally likely patterns with Gaussian noise.
 
     Parameters
@@ -149,8 +152,8 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: ArrayLike) -> Deci
     -----
     The threshold is the best of a grid, improved by Newton's method.
     """
-    mean, std = require_array(mean, "mean", _PATTERNS), require_array(std, "std", _PATTERNS)
-    one = require_array(is_one, "is_one", _PATTERNS, bool)
+    one = is_one
+    mean, std = np.asarray(mean), np.asarray(std)
     for name, array in (("is_one", one), ("mean", mean), ("std", std)):
         if array.ndim == 0 or array.shape[-1:] != one.shape[-1:] or not one.size:
             raise Refused(name, Described(f"shape {array.shape}"), _PATTERNS)
@@ -161,6 +164,7 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: ArrayLike) -> Deci
     return found
 
 
+@check_call
 def generalized_poisson_logpmf(k: ArrayLike, primaries: float, branching: float) -> Floats:
     """Return the log probability of k counts when Poisson primaries branch.
 
@@ -205,6 +209,7 @@ def _decision_laws(n0: float, n1: float, branching: float) -> tuple[Floats, Floa
     return k, log0, log1
 
 
+@check_call
 def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float) -> Decision:
     """Decide by the number of counts; exact.
 
@@ -255,6 +260,7 @@ def _count_decision(n0: float, n1: float, branching: float) -> tuple[float, floa
 _CERTAIN = 20.0  # distance of the means, beyond which less than exp(-50) bit is lost
 
 
+@check_call
 def soft_information(n0: float, n1: float, branching: float) -> float:
     """Return the mutual information of equally likely bits and the full count [bit per use].
 
@@ -307,6 +313,7 @@ def _normal_information(means: Floats, log_chance: Floats, branching: float) -> 
 _EXACT = 1e3  # mean counts up to which a mixture of their laws is summed
 
 
+@check_call
 def mixed_information(
     zero: ArrayLike, one: ArrayLike, chance: ArrayLike, branching: float
 ) -> float:
@@ -350,6 +357,7 @@ _POINTS = 2**16
 _INDEX = np.arange(_POINTS // 2 + 1)
 
 
+@check_call
 def compound_poisson_decision(
     low: float,
     high: float,

@@ -9,6 +9,7 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.comms.spectra import Curve, Share
 from meshtrace.errors import Described, Refused, require_between
 from meshtrace.models import Floats, Model, NonNegative, Positive
@@ -20,6 +21,7 @@ _ELEMENTARY_CHARGE = 1.602176634e-19  # C
 _BOLTZMANN = 1.380649e-23  # J/K
 
 
+@check_call
 def photon_energy(wavelength: float) -> float:
     """Return the energy of a photon, E = h c / lambda.
 

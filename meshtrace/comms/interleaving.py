@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.comms.budget import ber_of_gains, faded_gains, required_gain
 from meshtrace.comms.capacity import hard_information
 from meshtrace.comms.ook import OokLink
@@ -17,6 +18,7 @@ _MOST_FADES = 256
 _WIDEST_DB = 60.0
 
 
+@check_call
 def mean_below(values: ArrayLike, limit: float, n: int) -> float:
     """Return the probability that the mean of n independent draws lies below a limit.
 
@@ -64,6 +66,7 @@ def mean_below(values: ArrayLike, limit: float, n: int) -> float:
     return float(np.clip(np.interp(place, np.arange(length + 1), below), 0.0, 1.0))
 
 
+@check_call
 def interleaved_outage(
     link: OokLink, gain: ArrayLike, rate: float, fades: int = 1, h_alpha: ArrayLike = 1.0
 ) -> float:
@@ -118,6 +121,7 @@ def interleaved_outage(
     return mean_below(hard_information(ber), rate, fades)
 
 
+@check_call
 def fade_margin_db(
     link: OokLink,
     gain: ArrayLike,

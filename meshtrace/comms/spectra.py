@@ -11,6 +11,7 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_between, require_keys
 from meshtrace.models import Floats, Model, NonNegative, Positive
 from meshtrace.tables import read_columns
@@ -112,6 +113,7 @@ def _factors(sin2: Floats, index: float | None) -> Floats:
     return np.ones(1) if index is None else np.sqrt(1.0 - sin2 / index**2)
 
 
+@check_call
 @functools.lru_cache(maxsize=256)
 def signal_passed(ook: Any) -> Passed:
     r"""Return the share of the LED's light that passes the filter, and that is counted.
@@ -155,6 +157,7 @@ def lit_band(ook: Any) -> tuple[float, float]:
     return max(low, min(first, nm)), min(high, max(last, nm))
 
 
+@check_call
 def background_counted(ook: Any, nm: float, light: Callable[[Floats], Floats]) -> float:
     r"""Return the integral of background light behind the filter over wavelength [nm].
 

@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from meshtrace.checks import check_call
 from meshtrace.errors import (
     MISSING,
     Described,
@@ -39,6 +40,7 @@ PATTERNS = (*(f"cie-{i}" for i in range(1, 16)), "harrison-coombes", *_ALIASES)
 """Names of the patterns."""
 
 
+@check_call
 def sky(pattern: str, diffuse: float, sun_zenith_deg: float, sun_azimuth_deg: float) -> Sky:
     """Return a sky whose horizontal irradiance is given, for the kernels and for `sky_radiance`.
 
@@ -75,6 +77,7 @@ def sky(pattern: str, diffuse: float, sun_zenith_deg: float, sun_azimuth_deg: fl
     return bare._replace(sun=Vec3(*sun), p=scale * bare.p, a=scale * bare.a)
 
 
+@check_call
 def sky_radiance(sky: Sky, directions: Floats) -> Floats:
     """Return the radiance of the sky, array twin of `kernels.sources.radiance`.
 
@@ -97,6 +100,7 @@ def sky_radiance(sky: Sky, directions: Floats) -> Floats:
     return np.asarray(gradation * glow)
 
 
+@check_call
 def hemisphere(sun_zenith_deg: float) -> tuple[Floats, Floats]:
     """Return directions (n, 3) and solid angles [sr] of a quadrature over the upper hemisphere.
 
@@ -164,6 +168,7 @@ def _pvlib() -> Any:
     return pvlib
 
 
+@check_call
 def clear_irradiance(
     sun_zenith_deg: float,
     wavelength_nm: float = 470.0,
@@ -247,6 +252,7 @@ def _clear_spectra(
     return nodes, direct, diffuse
 
 
+@check_call
 def default_irradiance(zenith_deg: float, wavelength_nm: float) -> Irradiance:
     """Return `clear_irradiance` with its defaults; at 470 nm from a table, without pvlib."""
     if wavelength_nm != _TABLE_NM:
@@ -258,6 +264,7 @@ def default_irradiance(zenith_deg: float, wavelength_nm: float) -> Irradiance:
     return Irradiance(*(float(v) for v in found))
 
 
+@check_call
 def sun_position(time: Any, latitude: float, longitude: float) -> SunPosition:
     """Return the position of the sun.
 
@@ -711,6 +718,7 @@ def _require_absent(
             raise Refused(name, fields[name], allowed)
 
 
+@check_call
 def moon_phase_factor(phase_deg: float) -> float:
     """Return the irradiance of the moon at a phase angle [deg], relative to the full moon.
 

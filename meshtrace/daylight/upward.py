@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.checks import check_call
 from meshtrace.daylight.light import Daylight, sky_radiance
 from meshtrace.kernels.interface import Roughness, over_gaussian
 from meshtrace.kernels.sources import Beams, add_upwelling
@@ -24,6 +25,7 @@ from meshtrace.surfaces.gram_charlier import GramCharlier
 _over_gaussian = getattr(over_gaussian, "py_func", over_gaussian)  # as it is without the JIT
 
 
+@check_call
 def slope_density(slopes: Floats, roughness: Roughness) -> Floats:
     """Return the density of slopes (..., 2); `roughness` has both deviations, > 0."""
     along = (roughness.cos * slopes[..., 0] + roughness.sin * slopes[..., 1]) / roughness.along
@@ -91,6 +93,7 @@ Bending = Reflection | Refraction
 """Laws by which a slope of the sea bends sunlight."""
 
 
+@check_call
 def connected_glint(
     view: Floats, sun: Floats, normal: Floats, facet_normal: Floats, roughness: Roughness, n: float
 ) -> Floats:
@@ -137,6 +140,7 @@ def by_slopes(
     return law.strength(light, wanted) * (density * area)
 
 
+@check_call
 def glint_radiance(
     view: Floats,
     sun: Floats,

@@ -10,6 +10,7 @@ from typing import Any, Literal, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.engine import outcome
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.correlated import SpectralDetection, analog_sums
@@ -43,6 +44,7 @@ from meshtrace.results.series import ByWavelength, checked_wavelengths
 _MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
 
 
+@check_call
 @overload
 def simulate(
     link: Link | HasCase,
@@ -273,6 +275,7 @@ def _further(run: Run, result: GainResult) -> Run | None:
     return run.replace(photons=more)
 
 
+@check_call
 def trace_paths(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,

@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.errors import (
     Described,
     Refused,
@@ -95,6 +96,7 @@ def level_of(gain: Floats, threshold: float, relative_to: Reference) -> float:
     return threshold * float(gain.mean() if relative_to == "mean" else np.median(gain))
 
 
+@check_call
 def remove_noise(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Floats:
     r"""Return the gains with the independent Monte Carlo error removed from their spread.
 
@@ -196,6 +198,7 @@ _FEWEST_ACCELERATED = 8
 _BATCH_ELEMENTS = 1_000_000
 
 
+@check_call
 def scintillation_index(
     gain: ArrayLike,
     gain_stderr: ArrayLike | None = None,
@@ -304,6 +307,7 @@ class Distribution(NamedTuple):
     high: Floats
 
 
+@check_call
 def outage(
     gain: ArrayLike,
     threshold: float = 0.5,
@@ -366,6 +370,7 @@ def outage(
     return Estimate(probability, max(0.0, low), min(1.0, high))
 
 
+@check_call
 def gain_pdf(
     gain: ArrayLike, gain_stderr: ArrayLike | None = None, *, bins: int | str = "auto"
 ) -> Histogram:
@@ -407,6 +412,7 @@ def gain_pdf(
     return Histogram(edges, share / width, np.sqrt(share * (1.0 - share) / g.size) / width)
 
 
+@check_call
 def gain_cdf(
     gain: ArrayLike,
     gain_stderr: ArrayLike | None = None,
@@ -522,6 +528,7 @@ class GoodnessOfFit(NamedTuple):
     n: int
 
 
+@check_call
 def fit_lognormal(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> DistributionFit:
     r"""Fit a lognormal law by maximum likelihood.
 
@@ -558,6 +565,7 @@ def fit_lognormal(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Dist
     return DistributionFit("lognormal", {"mu": mu, "sigma": sigma}, g.size, 2, log_likelihood)
 
 
+@check_call
 def fit_gamma_gamma(
     gain: ArrayLike, gain_stderr: ArrayLike | None = None, *, n_effective: float | None = None
 ) -> DistributionFit:
@@ -617,6 +625,7 @@ def fit_gamma_gamma(
     )
 
 
+@check_call
 def goodness_of_fit(
     model: Law,
     gain: ArrayLike,

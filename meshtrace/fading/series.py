@@ -8,6 +8,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.fading.distribution import (
     Estimate,
@@ -26,6 +27,7 @@ from meshtrace.models import Floats
 _MOST_BLOCKS = 1000
 
 
+@check_call
 def autocorrelation(
     gain: ArrayLike, gain_stderr: ArrayLike | None = None, *, max_lag: int | None = None
 ) -> Floats:
@@ -77,6 +79,7 @@ def autocorrelation(
     return rho
 
 
+@check_call
 def effective_samples(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> float:
     r"""Return the number of independent samples equivalent to a correlated series.
 
@@ -123,6 +126,7 @@ def effective_samples(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> 
     return float(np.size(gain) / min(inflation, np.size(gain)))
 
 
+@check_call
 def block_length(gain: ArrayLike) -> int:
     r"""Return the block length for resampling a correlated series.
 
@@ -207,6 +211,7 @@ def _autocovariance(x: Floats) -> Floats:
     return np.fft.irfft(np.abs(spectrum) ** 2)[:n] / np.arange(n, 0, -1)
 
 
+@check_call
 def coherence_time(
     time: ArrayLike,
     gain: ArrayLike,
@@ -314,6 +319,7 @@ def series_block(block: int | None, g: Floats) -> int:
 _FEWEST_CROSSINGS = 20
 
 
+@check_call
 def level_crossing_rate(
     time: ArrayLike,
     gain: ArrayLike,
@@ -391,6 +397,7 @@ def level_crossing_rate(
     return block_interval(count / duration, rate, g.size / block, confidence)
 
 
+@check_call
 def mean_fade_duration(
     time: ArrayLike,
     gain: ArrayLike,
@@ -455,6 +462,7 @@ def mean_fade_duration(
     return block_interval(value, durations, g.size / block, confidence)
 
 
+@check_call
 def fade_durations(
     time: ArrayLike, gain: ArrayLike, threshold: float = 0.5, *, relative_to: Reference = "mean"
 ) -> Floats:

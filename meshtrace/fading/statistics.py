@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.errors import require_array, require_between, require_whole
 from meshtrace.fading.distribution import (
     MOST_RESAMPLES,
@@ -210,6 +211,7 @@ _FEWEST_EFFECTIVE = 20.0
 _FEWEST_TESTED = 20
 
 
+@check_call
 def fading_statistics(
     gain: ArrayLike,
     gain_stderr: ArrayLike | None = None,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Refused, is_number, require_between, require_range, require_whole
 from meshtrace.models import Family, Floats
 from meshtrace.optics.mie import MieTable, cached_table, population_table
@@ -468,6 +469,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         return self._table().phase
 
 
+@check_call
 def compute_bubble_phase(
     n_water: float = 1.33,
     wavelength_nm: float = 470.0,

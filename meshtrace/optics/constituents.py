@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_array, require_between, require_range
 from meshtrace.models import Floats
 from meshtrace.optics import pure_water
@@ -207,6 +208,7 @@ def _mixture(molecules: float, particles: dict[float, float]) -> PhaseFunction:
     return MixturePhase(components=phases, weights=(molecules, *shares.values()))
 
 
+@check_call
 @lru_cache(maxsize=1024)
 def fournier_forand_of(backscatter_ratio: float) -> FournierForand:
     r"""Return the Fournier-Forand phase function of a backscatter ratio.

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Refused, require_range
 from meshtrace.models import Floats
 
@@ -18,6 +19,7 @@ def unit_vector(zenith_deg: float, azimuth_deg: float) -> tuple[float, float, fl
     return s * math.cos(azimuth), s * math.sin(azimuth), math.cos(zenith)
 
 
+@check_call
 def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:
     r"""Return the reflectance of unpolarised light from medium 1 to medium 2.
 
@@ -60,6 +62,7 @@ def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:
     return np.asarray(0.5 * (rho_s + rho_p))
 
 
+@check_call
 def polarised_reflectances(cos_i: ArrayLike, n1: float, n2: float) -> tuple[Floats, Floats]:
     r"""Return the reflectances of light polarised across and in the plane of incidence.
 
@@ -109,6 +112,7 @@ def polarised_reflectances(cos_i: ArrayLike, n1: float, n2: float) -> tuple[Floa
     return np.where(total, 1.0, r_s**2), np.where(total, 1.0, r_p**2)
 
 
+@check_call
 def reflect(d: ArrayLike, n: ArrayLike) -> Floats:
     """Mirror directions at a plane, d' = d - 2 (d . n) n.
 
@@ -133,6 +137,7 @@ def reflect(d: ArrayLike, n: ArrayLike) -> Floats:
     return d - 2.0 * np.sum(d * n, axis=-1, keepdims=True) * n
 
 
+@check_call
 def refract(d: ArrayLike, n: ArrayLike, n1: float, n2: float) -> Floats:
     r"""Refract directions by Snell's law in vector form.
 
@@ -183,6 +188,7 @@ def refract(d: ArrayLike, n: ArrayLike, n1: float, n2: float) -> Floats:
     return eta * d + (cos_t - eta * cos_i) * n
 
 
+@check_call
 def hemispheric_reflectance(n1: float, n2: float) -> float:
     r"""Return the reflectance for a uniform (Lambertian) radiance from medium 1.
 

@@ -22,6 +22,7 @@ from typing import IO, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Refused, require_range
 from meshtrace.files import atomic, cache_directory
 from meshtrace.models import Floats
@@ -103,6 +104,7 @@ def _size_parameter(x: ArrayLike) -> Floats:
     return require_range(x, 0.0, np.inf, "x", "()", "finite x > 0")
 
 
+@check_call
 def efficiencies(m: complex, x: ArrayLike) -> Efficiencies:
     """Return extinction and scattering efficiency and mean cosine of spheres.
 
@@ -145,6 +147,7 @@ def efficiencies(m: complex, x: ArrayLike) -> Efficiencies:
     return Efficiencies(*(np.asarray(q).reshape(sizes.shape)[()] for q in (q_ext, q_sca, g)))
 
 
+@check_call
 def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> Floats:
     """Return the unpolarised scattered intensity of one sphere.
 
@@ -242,6 +245,7 @@ def _intensities(m: complex, x: Floats, cosine: Floats) -> Floats:
     return (square[:, ::2] + square[:, 1::2]) / 4.0
 
 
+@check_call
 def population_table(
     m: complex, x: ArrayLike, theta_edges: ArrayLike | None = None, rotations: int = 32
 ) -> MieTable:
@@ -305,6 +309,7 @@ def population_table(
     )
 
 
+@check_call
 def cached_table(
     stem: str, inputs: Mapping[str, float], compute: Callable[[], MieTable]
 ) -> MieTable:

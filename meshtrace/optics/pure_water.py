@@ -10,10 +10,12 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_array, require_range
 from meshtrace.models import Floats
 
 
+@check_call
 def pure_water_absorption(wavelength_nm: ArrayLike) -> Floats:
     """Return the absorption coefficient of pure water.
 
@@ -48,6 +50,7 @@ def pure_water_absorption(wavelength_nm: ArrayLike) -> Floats:
     return interpolate(wavelength_nm, *read_table("pure_water_absorption.csv").T)
 
 
+@check_call
 def sea_water_scattering(wavelength_nm: ArrayLike) -> Floats:
     r"""Return the scattering coefficient of pure sea water (salinity 35 to 39).
 
@@ -87,6 +90,7 @@ def sea_water_scattering(wavelength_nm: ArrayLike) -> Floats:
     return 16.06 * 4.72e-4 * (400.0 / wavelength) ** 4.32
 
 
+@check_call
 def zhang_hu_he(
     wavelength_nm: ArrayLike, temperature_c: ArrayLike = 20.0, salinity: ArrayLike = 35.0
 ) -> Floats:
@@ -178,6 +182,7 @@ def _activity_slope(t: Floats, s: Floats) -> Floats:
     return first + 1.5 * second * s**0.5 + 2.0 * third * s
 
 
+@check_call
 def quan_fry(
     wavelength_nm: ArrayLike, temperature_c: ArrayLike = 20.0, salinity: ArrayLike = 35.0
 ) -> Floats:

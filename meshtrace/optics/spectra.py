@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, SerializeAsAny, field_validator
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, did_you_mean, require_array, require_range
 from meshtrace.models import Family, Floats
 from meshtrace.optics.phase import FournierForand, Petzold, PhaseFunction, Rayleigh
@@ -211,6 +212,7 @@ def uniform_or_layers(depth: Floats, a: Floats, b: Floats) -> dict[str, Any]:
     return {"layers": tuple(map(tuple, np.column_stack([depth, a, b]).tolist()))}
 
 
+@check_call
 def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Floats, Floats]:
     """Return the absorption and scattering coefficients of a type of water.
 

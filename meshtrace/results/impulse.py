@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_between, require_finite, require_whole
 from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
@@ -72,6 +73,7 @@ class ImpulseResponse(Stored):
         return np.array(sums, complex) / self.weight.sum()
 
 
+@check_call
 def impulse_response(
     result: GainResult, bin_width: float = 1e-10, receiver: int = 0
 ) -> ImpulseResponse:

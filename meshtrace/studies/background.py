@@ -11,6 +11,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.comms.background import DARK, occupancy, with_background
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight
@@ -39,6 +40,7 @@ RAYS = 2048
 """Rays of the background over each sea of an ensemble."""
 
 
+@check_call
 def background_series(
     link: Link | Scenario,
     surface: MeshSource | None = None,

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
+from meshtrace.checks import check_call
 from meshtrace.engine.setup.meshing import GAIN_SPACING
 from meshtrace.engine.setup.options import Run, resolve
 from meshtrace.errors import Described, Refused, require_between
@@ -27,6 +28,7 @@ _MOST_CELLS = 2000  # along the map
 _SLOPES = 4.5  # standard deviations of the slopes that may bend light onto the map
 
 
+@check_call
 def light_pattern(
     link: Link,
     surface: Surface,

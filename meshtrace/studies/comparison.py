@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.comms.background import DARK, warn_of_background, with_background
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
@@ -158,6 +159,7 @@ class Comparison(Stored):
         return text_table(rows, ("link", "background [W m-2 sr-1 nm-1]", "BER", "light"))
 
 
+@check_call
 def compare(
     links: Mapping[str, Link | Scenario],
     surface: MeshSource | None = None,
@@ -379,6 +381,7 @@ class Duplex(Stacked):
         return cls(*results)
 
 
+@check_call
 def duplex(
     up: Link,
     down: Link,

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Unpack
 
 import numpy as np
 
+from meshtrace.checks import check_call
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Meshing, StudyOptions
 from meshtrace.errors import Described, Refused, require_between, require_whole
@@ -303,6 +304,7 @@ REALIZATIONS = 16
 """Realizations of the sea for each band."""
 
 
+@check_call
 def convergence_study(
     link: Link | Scenario,
     surface: SurfaceModel | None = None,
@@ -391,6 +393,7 @@ def convergence_study(
     return _study("spacing", values, chains, found, scatter, tolerance, recorded, truth)
 
 
+@check_call
 def band_limit_study(
     link: Link | Scenario,
     surface: SurfaceModel | None = None,
@@ -457,6 +460,7 @@ def band_limit_study(
     return _study("omega_max", values, chains, found, scatter, tolerance, recorded)
 
 
+@check_call
 def time_step_study(
     link: Link | Scenario,
     surface: SurfaceModel | None = None,
@@ -627,6 +631,7 @@ class FadingConvergence(Stored):
         return "\n".join([*lines, self._headline()])
 
 
+@check_call
 def fading_study(
     link: Link | Scenario,
     surface: SurfaceModel | None = None,

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.maps import unscattered_map
 from meshtrace.engine.outcome import (
@@ -73,6 +74,7 @@ class _Step(NamedTuple):
     photons: int
 
 
+@check_call
 @spectral
 def coverage_map(
     link: Link | Scenario,

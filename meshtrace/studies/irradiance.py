@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import j1
 
+from meshtrace.checks import check_call
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, default_irradiance
 from meshtrace.engine.backward.background import background, refracted_sun
 from meshtrace.engine.setup.options import IrradianceMap, RunOptions, require_options
@@ -50,6 +51,7 @@ _MOST_POINTS = 4_000_000  # of a grid
 _SCATTERED = 0.05  # of the depth: the part of the scattered light that follows the pattern
 
 
+@check_call
 def irradiance_series(
     surface: Surface | Scenario,
     daylight: Daylight | None = None,

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack, get_ar
 
 import numpy as np
 
+from meshtrace.checks import check_call
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
@@ -160,6 +161,7 @@ _FINEST = 0.005  # of the range of a variable, resolution of the searches
 _FOV = "receiver.fov_deg"
 
 
+@check_call
 def optimize(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.comms.background import DARK, name_of_light, warn_of_background, with_background
 from meshtrace.comms.budget import depth_at
 from meshtrace.comms.ook import OokLink, Preset
@@ -395,6 +396,7 @@ SWEEP_DEPTHS = tuple(float(d) for d in range(20, 95, 5))
 """Depths of `depth_sweep` [m]."""
 
 
+@check_call
 @spectral
 def link_performance(
     link: Link | Scenario,
@@ -606,6 +608,7 @@ def _shallowest(link: Link | Scenario, depths: Sequence[float] | None) -> Link |
     return next(iter(_links(link, depths).values()))
 
 
+@check_call
 def depth_sweep(
     link: Link | Scenario,
     depths: Sequence[float] = SWEEP_DEPTHS,

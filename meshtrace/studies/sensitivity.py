@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Unpack, overload
 
 import numpy as np
 
+from meshtrace.checks import check_call
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.parts import Light
@@ -271,6 +272,7 @@ _PARTS: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}  # b
 _KEPT = 4  # meshes of the base sea that stay in memory
 
 
+@check_call
 def sensitivities(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
@@ -676,6 +678,7 @@ class Swing(NamedTuple):
     stderr: tuple[float, float]
 
 
+@check_call
 def swings(
     s: Sensitivities, change: float | Mapping[str, tuple[float, float]] = 0.1
 ) -> list[Swing]:

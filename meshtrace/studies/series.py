@@ -9,6 +9,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Refused, require_finite, require_kind, require_whole
 from meshtrace.fading.spectral import band_fading
@@ -24,6 +25,7 @@ from meshtrace.uav import Flight, Route
 _STATISTICS = 50  # gains, the least for a comparison with the closed form
 
 
+@check_call
 @spectral
 def time_series(
     link: Link | Scenario,
@@ -112,6 +114,7 @@ def time_series(
     return series if flight or route else _beside_closed_form(campaign, series)
 
 
+@check_call
 @spectral
 def ensemble(
     link: Link | Scenario,

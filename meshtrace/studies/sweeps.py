@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.checks import check_call
 from meshtrace.comms.background import DARK
 from meshtrace.comms.response import ChannelResponse
 from meshtrace.engine.backward.background import background
@@ -332,6 +333,7 @@ def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float6
     return np.array(rows).T
 
 
+@check_call
 def sweep(
     link: Link | Scenario | Mapping[str, Any],
     parameters: Mapping[str, Sequence[Any]],
@@ -468,6 +470,7 @@ def read_store(path: Path) -> xr.Dataset:
     return dataset(identity, {task: items[task.key] for task in tasks if task.key in items})
 
 
+@check_call
 def sweep_file(path: str | Path, **options: Any) -> xr.Dataset:
     """Run the sweep of a study file: a link file with a table [sweep].
 
@@ -506,6 +509,7 @@ def sweep_file(path: str | Path, **options: Any) -> xr.Dataset:
     return study.run(store, **options)
 
 
+@check_call
 def read_study(
     path: str | Path, store: str | Path | None = None, trust: bool = False
 ) -> tuple[Sweep, Path]:

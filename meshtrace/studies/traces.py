@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, Unpack
 
 import numpy as np
 
+from meshtrace.checks import check_call
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Refused, require_between, require_kind
@@ -143,6 +144,7 @@ class ChannelTrace(Stored):
         return "\n".join(lines)
 
 
+@check_call
 def channel_trace(
     link: Link | Scenario,
     surface: MeshSource | None = None,

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.checks import check_call
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, sky_radiance
 from meshtrace.daylight.upward import Refraction, by_slopes, slopes_of
 from meshtrace.engine.backward.view import (
@@ -447,6 +448,7 @@ def _glint(scene: SeenSea, hit: Hit, view: Floats) -> Floats:
     return scene.direct[:, None] * glint * seen
 
 
+@check_call
 @overload
 def background(
     link: Link | HasCase,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from meshtrace.checks import check_call
 from meshtrace.comms.background import filter_shift_nm
 from meshtrace.comms.capacity import capacity, hard_information
 from meshtrace.engine.setup.options import StudyOptions
@@ -53,6 +54,7 @@ _NEAR_DB = 0.3  # reserve, or its error, of a depth that counts as the greatest
 _FAR_DB = 3.0  # short at the surface, by chains, where no depth is sought
 
 
+@check_call
 def design(
     scenario: Scenario,
     *,
