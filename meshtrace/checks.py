@@ -6,6 +6,7 @@ with numbers that are stricter than pydantic's (no truth is a number, no text, n
 
 from __future__ import annotations
 
+import builtins
 import inspect
 import math
 import operator
@@ -32,7 +33,7 @@ from typing import (
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field, PlainValidator
+from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator
 
 from meshtrace.errors import (
     LARGEST,
@@ -48,8 +49,9 @@ from meshtrace.errors import (
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-Share = Annotated[float, Field(gt=0.0, lt=1.0)]
+Probability = Annotated[float, Field(gt=0.0, lt=1.0)]
 ErrorRate = Annotated[float, Field(gt=0.0, lt=0.5)]
+Index = Annotated[float, Field(ge=0.1, le=10.0)]
 Count = Annotated[int, Field(ge=1, le=10_000_000)]
 Seed = Annotated[int, Field(ge=0, lt=2**64)]
 
@@ -83,11 +85,42 @@ class Allowed(NamedTuple):
 
 
 class Infinite(NamedTuple):
-    """Mark of a number that may be infinite."""
+    """Mark of numbers that may be infinite; with `missing`, of those that may be nan, too."""
+
+    missing: bool = False
 
 
-Extended = Annotated[float, Infinite()]
-"""A number, or infinity of either sign."""
+class Shape(NamedTuple):
+    """Shape of an array, as in "n", "n 3" and "... 3"."""
+
+    sizes: str
+
+    def __str__(self) -> str:
+        sizes = self.sizes.split()
+        return f"({', '.join(sizes)}{',' if len(sizes) == 1 else ''})"
+
+    def holds(self, shape: tuple[int, ...]) -> bool:
+        """Return whether an array has this shape."""
+        sizes = self.sizes.split()
+        if sizes[0] == "...":
+            sizes = sizes[1:]
+            shape = shape[-len(sizes) :] if len(shape) >= len(sizes) else ()
+        pairs = zip(sizes, shape, strict=False)
+        return len(sizes) == len(shape) and all(not s.isdecimal() or int(s) == n for s, n in pairs)
+
+
+class Unit(NamedTuple):
+    """Mark of vectors of length 1, to 1e-6."""
+
+
+class Inside(NamedTuple):
+    """Mark of a parameter that the function checks itself: its range depends on others."""
+
+
+Ranged = Annotated[float, Inside()]
+RangedArray = Annotated[ArrayLike, Inside()]
+Directions = Annotated[NDArray[np.float64], Shape("... 3"), Unit()]
+"""Unit vectors."""
 
 
 # ---- functions -------------------------------------------------------------------------------
@@ -174,14 +207,16 @@ class _Parameters(NamedTuple):
     def of(cls, function: Callable[..., Any]) -> _Parameters:
         plain = inspect.unwrap(function)
         hints = {name: _resolved(hint, plain) for name, hint in plain.__annotations__.items()}
-        places, names, rest, keys = [], {}, None, []
+        places: list[_Parameter | None] = []
+        names: dict[str, _Parameter | None] = {}
+        rest, keys = None, True
         for name, parameter in inspect.signature(plain).parameters.items():
             hint = hints.get(name, Any)
             if parameter.kind is parameter.VAR_KEYWORD:
                 if get_origin(hint) is Unpack:
                     table = get_type_hints(get_args(hint)[0], include_extras=True)
                     names.update({key: _parameter(key, kind) for key, kind in table.items()})
-                keys = None
+                keys = False
             elif parameter.kind is parameter.VAR_POSITIONAL:
                 rest = _parameter(name, hint)
             else:
@@ -191,7 +226,7 @@ class _Parameters(NamedTuple):
                 if parameter.kind is not parameter.POSITIONAL_ONLY:
                     names[name] = check
         known = {name: check for name, check in names.items() if check is not None}
-        return cls(places, rest, known, () if keys is None else tuple(names))
+        return cls(places, rest, known, tuple(names) if keys else ())
 
     def values(self, args: tuple[Any, ...]) -> list[Any]:
         """Return the arguments by place."""
@@ -207,13 +242,37 @@ class _Parameters(NamedTuple):
 
 
 def _resolved(hint: Any, function: Callable[..., Any]) -> Any:
-    """Return an annotation, `Any` where it names what only type checkers import."""
+    """Return an annotation; what only type checkers import is known by its name."""
     if not isinstance(hint, str):
         return hint
-    try:
-        return eval(hint, function.__globals__)
-    except (NameError, AttributeError):
-        return Any
+    return eval(hint, function.__globals__, _Names(function.__globals__))
+
+
+class _Names(dict[str, Any]):
+    """Names of a module, and those that it imports for type checkers alone."""
+
+    def __missing__(self, name: str) -> Any:
+        if hasattr(builtins, name):
+            raise KeyError(name)
+        return _Later(name)
+
+
+class _Later(type):
+    """Class of a module that may not be loaded: its objects have a class of its name."""
+
+    def __new__(cls, name: str) -> Any:
+        return super().__new__(cls, name, (), {})
+
+    def __init__(cls, name: str) -> None:
+        super().__init__(name, (), {})
+
+    def __getattr__(cls, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return _Later(name)
+
+    def __instancecheck__(cls, value: object) -> bool:
+        return cls.__name__ in (kind.__name__ for kind in type(value).__mro__)
 
 
 def _parameter(name: str, hint: Any) -> _Parameter | None:
@@ -235,7 +294,9 @@ class _Limits(NamedTuple):
     name: str
     bounds: Mapping[str, Any] = MappingProxyType({})
     words: str = ""
-    infinite: bool = False
+    infinite: Infinite | None = None
+    shape: Shape | None = None
+    unit: bool = False
 
     def allowed(self, words: str) -> str:
         """Return what is allowed: own words, the range, or else those of the type."""
@@ -245,6 +306,8 @@ class _Limits(NamedTuple):
         """Return whether numbers, or a number, lie between the bounds, infinities if allowed."""
         most = math.inf if self.infinite else LARGEST
         good = abs(numbers) <= most  # False for nan
+        if self.infinite and self.infinite.missing:
+            good = good | (numbers != numbers)
         for key, bound in self.bounds.items():
             good = good & _HOLDS[key](numbers, bound)
         return good
@@ -260,8 +323,16 @@ def _typed(hint: Any, limits: _Limits) -> Any:
         bounds = {key: getattr(part, key) for part in about for key in _BOUNDS
                   if getattr(part, key, None) is not None}  # fmt: skip
         words = "".join(part.words for part in about if isinstance(part, Allowed))
-        infinite = any(isinstance(part, Infinite) for part in about)
-        return _typed(parts[0], _Limits(limits.name, bounds, words, infinite))
+        if any(isinstance(part, Inside) for part in about):
+            return Any
+        if validators := [part for part in parts[1:] if isinstance(part, AfterValidator)]:
+            rest = tuple(part for part in parts if part not in validators)
+            bare = Annotated[rest] if len(rest) > 1 else rest[0]
+            return Annotated[(_typed(bare, limits), *validators)]
+        infinite = next((part for part in about if isinstance(part, Infinite)), None)
+        shape = next((part for part in about if isinstance(part, Shape)), None)
+        unit = any(isinstance(part, Unit) for part in about)
+        return _typed(parts[0], _Limits(limits.name, bounds, words, infinite, shape, unit))
     if kind in (Union, UnionType):
         return _union(parts, limits)
     if kind is Literal:
@@ -311,7 +382,8 @@ def _several(kind: Any, parts: tuple[Any, ...], limits: _Limits) -> Any:
     made = tuple if kind is tuple else list
     fixed = kind is tuple and ... not in parts
     numbers = [part for part in parts if part is not ...]
-    if all((get_args(part) or (part,))[0] is float for part in numbers):
+    plain = [get_args(part)[0] if get_origin(part) is Annotated else part for part in numbers]
+    if all(part is float for part in plain):
         return _plain(_numbers, limits, made, len(parts) if fixed else None)
     kinds = tuple(_typed(part, limits) for part in numbers)
     several: Any = list[kinds[0]]  # type: ignore[valid-type]
@@ -363,13 +435,20 @@ def _complex(value: Any, limits: _Limits) -> complex:
 
 
 def _array(value: Any, limits: _Limits, dtype: Any = np.float64) -> NDArray[Any]:
-    allowed = limits.allowed("numbers" if limits.infinite else "finite numbers")
+    shape = f" {limits.shape}" if limits.shape else ""
+    allowed = limits.allowed("numbers" if limits.infinite else f"finite numbers{shape}")
     array = require_array(value, "", allowed)
-    good = limits.hold(array)
-    if not np.all(good):
-        worst = array[~good].flat[0]
+    if limits.shape and not limits.shape.holds(array.shape):
+        raise Refused("", Described(f"shape {array.shape}"), allowed)
+    good = np.asarray(limits.hold(array))
+    if not good.all():
+        at = np.argwhere(~good)[0]
+        worst = array[tuple(at)]
         huge = math.isfinite(worst) and abs(worst) > LARGEST
-        raise Refused("", worst, f"at most {LARGEST:g} in magnitude" if huge else allowed)
+        words = f"at most {LARGEST:g} in magnitude" if huge else allowed
+        raise Refused("", worst, words).inside(*(at.tolist() if array.size > 1 else ()))
+    if limits.unit and np.any(np.abs(np.linalg.norm(array, axis=-1) - 1.0) > 1e-6):
+        raise Refused("", array, "unit vectors (..., 3)")
     return array.astype(dtype, copy=False)
 
 
@@ -391,8 +470,16 @@ def _numbers(value: Any, limits: _Limits, made: type, n: int | None) -> Any:
 
 def _path(value: Any, limits: _Limits) -> Any:
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
-    if not isinstance(text, str) or not text or "\0" in text:
-        raise Refused("", _shown(value), limits.allowed("the path of a file"))
+    try:
+        if not isinstance(text, str) or not text or "\0" in text:
+            raise ValueError
+        os.stat(text)
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError) as error:  # too long, no text of the file system, in a file
+        reason = getattr(error, "strerror", "")
+        allowed = limits.allowed("the path of a file")
+        raise Refused("", _shown(value), f"{allowed} ({reason})" if reason else allowed) from error
     return value
 
 
@@ -463,7 +550,9 @@ def refuse(
     first = error.errors(include_url=False)[0]
     path, kind, context = list(first["loc"]), first["type"], first.get("ctx", {})
     own = context.get("error")
-    path = path if cls else [name, *path]
+    if cls is None:  # keys of a table are dotted, as those of link files
+        dotted = (key.split(".") if isinstance(key, str) else [key] for key in path)
+        path = [name, *(word for words in dotted for word in words)]
     if isinstance(own, Refused):
         if cls and path and own.field == path[-1]:  # validators of a field name it themselves
             path.pop()
@@ -530,4 +619,6 @@ def range_text(bounds: Mapping[str, Any], name: str = "") -> str:
 def _bound(value: Any) -> str:
     """Return a bound as text, large powers of two as such."""
     power = isinstance(value, int) and value > 2**20 and value & (value - 1) == 0
-    return f"2^{value.bit_length() - 1}" if power else f"{value:g}"
+    if power:
+        return f"2^{value.bit_length() - 1}"
+    return str(value) if isinstance(value, int) else f"{value:g}"

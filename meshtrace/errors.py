@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _WRITABLE = "a file in an existing folder, both writable"
-_BYTES = (bytes, bytearray, memoryview)
 _COMPARED = {"<": operator.lt, "<=": operator.le}
 
 LARGEST = 1e30
@@ -184,24 +183,29 @@ def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> ND
     import numpy as np
 
     try:
+        if dtype is float and not _is_numeric(value):
+            raise TypeError
         array = np.asarray(value)
         if array.dtype.kind == "O" and dtype is float:  # Decimal, Fraction, columns of pandas
             numbers = [require_real(x, path, allowed) for x in array.flat]
             array = np.array(numbers).reshape(array.shape)
-        if dtype is float and (array.dtype.kind not in "iuf" or _holds_truths(value)):
+        if (dtype is float and array.dtype.kind not in "iuf") or np.ma.is_masked(value):
             raise TypeError
-        if isinstance(value, _BYTES) or np.ma.is_masked(value):
+        converted = np.asarray(array, dtype, order="C")
+        if converted.dtype.kind in "iu" and not np.array_equal(converted, array):
             raise TypeError
-        return np.asarray(array, dtype, order="C")
+        return converted
     except Exception as error:  # what a foreign object raises, too
         raise Refused(path, value, allowed) from error
 
 
-def _holds_truths(value: Any) -> bool:
-    """Return whether a list holds truths among numbers, which numpy makes numbers of."""
+def _is_numeric(value: Any) -> bool:
+    """Return whether a value, or all in a list, may be numbers: numpy makes some of truths."""
     if isinstance(value, list | tuple):
-        return any(map(_holds_truths, value))
-    return getattr(getattr(value, "dtype", None), "kind", "") == "b" or isinstance(value, bool)
+        return all(map(_is_numeric, value))
+    kind = getattr(getattr(value, "dtype", None), "kind", "f")
+    numbers = any(hasattr(value, name) for name in ("__array__", "__float__", "__index__"))
+    return kind != "b" and not isinstance(value, bool) and (numbers or isinstance(value, range))
 
 
 def require_finite(value: Any, path: str, allowed: str) -> NDArray[Any]:
@@ -272,12 +276,16 @@ def require_range(
 
     `ends` are those of `require_between`.
     """
+    import numpy as np
+
     left, right = ("<=" if end in "[]" else "<" for end in ends)
     allowed = allowed or f"{low:g} {left} {path} {right} {high:g}"
     array = require_array(value, path, allowed)
     good = _COMPARED[left](low, array) & _COMPARED[right](array, high)
     if not good.all():
         raise Refused(path, array[~good].flat[0], allowed)
+    if np.abs(array).max(initial=0.0) > LARGEST:
+        raise Refused(path, np.abs(array).max(), f"at most {LARGEST:g} in magnitude")
     return array
 
 
@@ -381,6 +389,8 @@ def show(value: Any) -> str:
     try:
         if getattr(value, "ndim", None) == 0:  # numpy's numbers
             value = value.item()
+        elif getattr(value, "size", 9) == 0 and hasattr(value, "tolist"):  # without a type
+            value = value.tolist()
         text = one_line(repr(value))
     except RecursionError:
         return "tables nested too deeply"

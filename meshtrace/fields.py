@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import re
 import tomllib
@@ -10,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
+
+from meshtrace.errors import Refused, did_you_mean
 
 
 class Field(NamedTuple):
@@ -47,7 +48,7 @@ def field(name: str) -> Field:
 
     Raises
     ------
-    KeyError
+    Refused
         If the name is not registered; the message offers similar names.
 
     Examples
@@ -55,16 +56,14 @@ def field(name: str) -> Field:
     >>> field("wind_speed").units
     'm s-1'
     """
-    try:
-        for ending, (what, wrap) in {} if name in FIELDS else _ERRORS.items():
-            if name.endswith(ending):
-                units, long_name, symbol = FIELDS[name.removesuffix(ending)]
-                return Field(units, f"{what} of the {long_name}", wrap.format(symbol))
+    plain = isinstance(name, str)
+    if plain and name in FIELDS:
         return FIELDS[name]
-    except KeyError:
-        close = difflib.get_close_matches(name, FIELDS)
-        hint = f"; did you mean {' or '.join(close)}?" if close else ""
-        raise KeyError(f"{name}: not in meshtrace.fields.FIELDS{hint}") from None
+    for ending, (what, wrap) in _ERRORS.items() if plain else ():
+        if name.endswith(ending) and name.removesuffix(ending) in FIELDS:
+            units, long_name, symbol = FIELDS[name.removesuffix(ending)]
+            return Field(units, f"{what} of the {long_name}", wrap.format(symbol))
+    raise Refused("name", name, "the keys of meshtrace.fields.FIELDS", did_you_mean(name, FIELDS))
 
 
 def attrs(name: str) -> dict[str, str]:
@@ -82,7 +81,7 @@ def attrs(name: str) -> dict[str, str]:
 
     Raises
     ------
-    KeyError
+    Refused
         If the name is not registered.
 
     Examples

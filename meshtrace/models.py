@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from meshtrace.checks import Finite as Finite
 from meshtrace.checks import NonNegative as NonNegative
 from meshtrace.checks import Positive as Positive
-from meshtrace.checks import check_call, check_methods, refuse
+from meshtrace.checks import check_methods, refuse
 from meshtrace.errors import (
     MISSING,
     Refused,
@@ -46,6 +46,7 @@ else:
 Position = tuple[Finite, Finite]
 Floats = NDArray[np.float64]
 
+
 class _Documented(_ModelMetaclass):
     """Metaclass that keeps the internals of pydantic out of `help` and completion."""
 
@@ -54,6 +55,7 @@ class _Documented(_ModelMetaclass):
         return [n for n in super().__dir__() if n not in hidden and not n.startswith("_")]
 
 
+@check_methods
 class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Documented):
     """Validated, frozen, comparable description; loads back from its own `model_dump`.
 
@@ -130,7 +132,6 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         """Return a copy; the updated fields are validated."""
         return self.replace(**update) if update else super().model_copy(deep=deep)
 
-    @check_call
     def replace(self, path: str | None = None, value: Any = None, /, **updates: Any) -> Self:
         """Return a copy with other values, all validated together.
 

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, model_validator
+from pydantic import AfterValidator, BeforeValidator, model_validator
 
-from meshtrace.checks import check_call
+from meshtrace.checks import Shape, check_call
 from meshtrace.errors import Refused, is_number
 from meshtrace.models import Model
 
@@ -212,8 +212,17 @@ MeshWaves = Annotated[
 """Field type of the waves of a mesh: also "fading", or all up to a frequency."""
 
 
+def _two_edges(edges: Floats) -> Floats:
+    if len(edges) < 2 or edges[0] < 0.0 or not (np.diff(edges) > 0.0).all():
+        raise Refused("", edges, "two or more rising frequencies [rad s-1]")
+    return edges
+
+
+Edges = Annotated[Floats, Shape("n"), AfterValidator(_two_edges)]
+
+
 @check_call
-def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Spreading) -> Samples:
+def drawn_waves(edges: Edges, d_theta: float, spectrum: Spectrum, spreading: Spreading) -> Samples:
     r"""Return one wave for each cell of frequency and direction, drawn within the cell.
 
     .. math:: \sigma_{ij}^2 = \int_{\omega_i}^{\omega_{i+1}} S d\omega
@@ -310,8 +319,8 @@ def direction_grid(half_range: float, d_theta: float) -> Floats:
 @check_call
 def direction_weights(
     spreading: Spreading,
-    omega: ArrayLike,
-    theta: Floats,
+    omega: Annotated[ArrayLike, Shape("n")],
+    theta: Annotated[Floats, Shape("m")],
     d_theta: float,
     *,
     omega_p: float,

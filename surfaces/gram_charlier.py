@@ -11,7 +11,7 @@ from numpy.polynomial.hermite_e import herme2poly
 from pydantic import BeforeValidator, model_validator
 
 from meshtrace.checks import check_call
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_word
 from meshtrace.kernels.interface import GAUSSIAN, WIDE, Series
 from meshtrace.mesh import Cumulants
 from meshtrace.models import Finite, Model
@@ -250,13 +250,16 @@ def require_random(law: str | GramCharlier, mss: Mss) -> None:
 
 @check_call
 def real_cumulants(
-    law: str | GramCharlier, wind_speed: float, slope_variance: Variances | None
+    law: str | GramCharlier,
+    wind_speed: float,
+    slope_variance: Variances | None,
 ) -> Cumulants:
     """Return the third and fourth cumulants of the slopes of the real sea."""
     if law == "gaussian" or slope_variance is None:
         return Cumulants()
     if isinstance(law, str):
         named = {"cox-munk": GramCharlier.cox_munk, "breon-henriot": GramCharlier.breon_henriot}
+        require_word(law, named, "law")
         law = named[law](wind_speed)
     return law.cumulants(slope_variance)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.checks import check_call
+from meshtrace.checks import Probability, check_call
 from meshtrace.errors import (
     Described,
     DomainWarning,
@@ -341,7 +341,7 @@ def gauge_spectrum(
     segments: int = 16,
     f_min: float | None = None,
     f_max: float | None = None,
-    confidence: float = 0.95,
+    confidence: Probability = 0.95,
 ) -> xarray.Dataset:
     r"""Return the directional spectrum of a record of wave gauges.
 
@@ -413,7 +413,6 @@ def gauge_spectrum(
     record = _read_gauges(source, unit)
     n, gauges = record.elevation.shape
     require_whole(segments, 2, max(2, n // _FEWEST), "segments")
-    require_between(confidence, 0.0, 1.0, "confidence")
     if depth is not None:
         DEPTH.check(depth)
     length = n // segments
@@ -516,7 +515,7 @@ def _read_gauges(source: Any, unit: str | None) -> _Record:
         header, values = read_columns(source)
     else:
         values = require_array(source, name, "(n, 1 + gauges) numbers")
-    if values.ndim != 2 or values.shape[1] < 2 or not np.isfinite(values).all():
+    if values.ndim != 2 or values.shape[1] < 2 or not values.size or not np.isfinite(values).all():
         found = Described(f"shape {values.shape}")
         raise Refused(name, found, "(n, 1 + gauges) finite numbers: time [s], elevations")
     factor = _UNITS[_unit(name, header, unit)]

@@ -53,6 +53,7 @@ ALPHA_COEFFICIENT = 0.075
 # Below this fraction of the peak every spectrum here underflows to exactly zero, so frequencies
 # are raised to it: S(0) = 0 then needs no special case.
 _LOWEST = 0.01
+_LEAST_WIND = 0.01  # [m/s]: waves of its peak are 0.01 mm long, shorter than any that sea water has
 
 
 class Spectrum(Family, ABC, frozen=True):
@@ -269,6 +270,12 @@ class Elfouhaily(Spectrum, frozen=True):
 
     kind: Literal["elfouhaily"] = "elfouhaily"
     fetch: Fetch | None = None
+
+    @model_validator(mode="after")
+    def _has_waves(self) -> Self:
+        if self.wind_speed < _LEAST_WIND:
+            raise Refused("wind_speed", self.wind_speed, f">= {_LEAST_WIND:g} m/s, which has waves")
+        return self
 
     @property
     def inverse_wave_age(self) -> float:

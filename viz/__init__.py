@@ -19,8 +19,8 @@ _attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 def __getattr__(name: str) -> Any:
     found = _attribute(name)
     if isfunction(found):
-        from .checks import checked
+        from meshtrace.checks import check_call
 
-        found = checked(found)
+        found = check_call(found)
     globals()[name] = found  # lazy_loader keeps the function itself
     return found

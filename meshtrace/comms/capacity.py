@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from meshtrace.checks import check_call
 from meshtrace.comms.budget import ber_of_gains, faded_gains
 from meshtrace.comms.decisions import mixed_information, non_negative, soft_information
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import require_between, require_kind
+from meshtrace.errors import require_between
 from meshtrace.models import Floats
 
 _STATES = 8  # that stand for the light of other bits
@@ -60,7 +61,10 @@ def hard_information(ber: ArrayLike) -> Floats:
 
 @check_call
 def capacity(
-    link: OokLink, gain: ArrayLike, h_alpha: ArrayLike = 1.0, outage: float = 0.01
+    link: OokLink,
+    gain: ArrayLike,
+    h_alpha: ArrayLike = 1.0,
+    outage: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01,
 ) -> Capacity:
     """Return the rates of on-off keying at the link's bit rate over an ensemble of gains.
 
@@ -85,8 +89,6 @@ def capacity(
     Refused
         If a value is out of range.
     """
-    require_kind(link, OokLink, "link")
-    require_between(outage, 0.0, 1.0, "outage", "[)")
     g = faded_gains(gain, h_alpha)
     power = link.received_power(g)
     low, high = link.levels(power)

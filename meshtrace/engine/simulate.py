@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any, Literal, Unpack, overload
+from typing import Annotated, Any, Literal, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from meshtrace.checks import check_call
 from meshtrace.engine import outcome
@@ -44,7 +45,6 @@ from meshtrace.results.series import ByWavelength, checked_wavelengths
 _MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
 
 
-@check_call
 @overload
 def simulate(
     link: Link | HasCase,
@@ -67,7 +67,8 @@ def simulate(
 ) -> ByWavelength[GainResult]: ...
 
 
-def simulate(  # type: ignore[misc]
+@check_call  # type: ignore[misc]
+def simulate(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
     estimator: Estimator | Literal["forced", "analog"] | None = None,
@@ -279,7 +280,7 @@ def _further(run: Run, result: GainResult) -> Run | None:
 def trace_paths(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
-    n: int = 1000,
+    n: Annotated[int, Field(ge=1, le=100_000)] = 1000,
     *,
     received_only: bool = False,
     seed: int | None = None,
@@ -308,7 +309,6 @@ def trace_paths(
     -------
     PhotonPaths
     """
-    require_whole(n, 1, 100_000, "n")
     require_whole(max_vertices, 2, _MOST_VERTICES // n, "max_vertices")
     given: dict[str, Any] = {} if seed is None else {"seed": seed}
     case = resolve(link, surface, mesh=mesh, **given, **options)

@@ -8,14 +8,15 @@ from itertools import chain
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.checks import check_call
+from meshtrace.checks import Probability, Seed, check_call
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.fading.distribution import (
     Estimate,
     Reference,
+    Resamples,
+    Threshold,
     block_interval,
     block_means,
-    check_bootstrap,
     checked,
     checked_gain,
     checked_step,
@@ -218,9 +219,9 @@ def coherence_time(
     gain_stderr: ArrayLike | None = None,
     *,
     block: int | None = None,
-    confidence: float = 0.95,
-    resamples: int = 999,
-    seed: int = 1,
+    confidence: Probability = 0.95,
+    resamples: Resamples = 999,
+    seed: Seed = 1,
 ) -> Estimate:
     r"""Return the time of the fall of the autocorrelation to 1/e, with its interval.
 
@@ -271,7 +272,6 @@ def coherence_time(
     """
     g, noise = checked(gain, gain_stderr)
     step = checked_step(time, g.size)
-    check_bootstrap(confidence, resamples)
     rho = autocorrelation(g, gain_stderr)
     crossing = float(_first_crossing(rho[:, None])[0])
     if math.isinf(crossing):
@@ -323,13 +323,13 @@ _FEWEST_CROSSINGS = 20
 def level_crossing_rate(
     time: ArrayLike,
     gain: ArrayLike,
-    threshold: float = 0.5,
+    threshold: Threshold = 0.5,
     *,
     relative_to: Reference = "mean",
     block: int | None = None,
-    confidence: float = 0.95,
-    resamples: int = 999,
-    seed: int = 1,
+    confidence: Probability = 0.95,
+    resamples: Resamples = 999,
+    seed: Seed = 1,
 ) -> Estimate:
     r"""Return the level-crossing rate of a threshold, downwards, with its interval.
 
@@ -383,7 +383,6 @@ def level_crossing_rate(
     """
     from scipy import special
 
-    check_bootstrap(confidence, resamples)
     g, step, under = _record(time, gain, threshold, relative_to)
     fall = (~under[:-1] & under[1:]).astype(np.float64)
     count, duration = float(fall.sum()), step * fall.size
@@ -401,13 +400,13 @@ def level_crossing_rate(
 def mean_fade_duration(
     time: ArrayLike,
     gain: ArrayLike,
-    threshold: float = 0.5,
+    threshold: Threshold = 0.5,
     *,
     relative_to: Reference = "mean",
     block: int | None = None,
-    confidence: float = 0.95,
-    resamples: int = 999,
-    seed: int = 1,
+    confidence: Probability = 0.95,
+    resamples: Resamples = 999,
+    seed: Seed = 1,
 ) -> Estimate:
     r"""Return the mean time the gain stays below a threshold, with the interval.
 
@@ -444,7 +443,6 @@ def mean_fade_duration(
     """
     from scipy import special
 
-    check_bootstrap(confidence, resamples)
     g, step, under = _record(time, gain, threshold, relative_to)
     fall = (~under[:-1] & under[1:]).astype(np.float64)
     below = 0.5 * under[:-1] + 0.5 * under[1:]

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_array, require_between
 from meshtrace.mesh import PlaneSurface, require_surface
-from meshtrace.models import Floats
+from meshtrace.models import Floats, Model
 
 _DISTANCES = 130
 _AZIMUTHS = 24  # Gauss nodes in a quadrant
@@ -426,7 +426,9 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
 
 
 @check_call
-def resolve_band(link: Any, surface: Any, waves: Any = None, fading: bool = False) -> Any:
+def resolve_band(
+    link: Any, surface: Any, waves: str | float | Model | None = None, fading: bool = False
+) -> Any:
     """Return a sea with the waves that a mesh for a link holds.
 
     Parameters

@@ -85,7 +85,6 @@ def light_pattern(
     >>> float(pattern.gain.mean().round(7))
     4.51e-05
     """
-    require_between(time, -math.inf, math.inf, "time")
     case = resolve(link, surface)
     link, sea = case.link, case.surface
     source, receiver = pattern_ends(link, sea, extent, step)

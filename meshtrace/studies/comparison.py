@@ -10,8 +10,9 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
-from meshtrace.checks import check_call
+from meshtrace.checks import Shape, check_call
 from meshtrace.comms.background import DARK, warn_of_background, with_background
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
@@ -86,7 +87,10 @@ class Comparison(Stored):
 
     @classmethod
     def of_samples(
-        cls, names: tuple[str, ...], samples: Floats, provenance: list[dict[str, Any]]
+        cls,
+        names: tuple[str, ...],
+        samples: Annotated[Floats, Shape("links n")],
+        provenance: list[dict[str, Any]],
     ) -> Comparison:
         r"""Return the comparison of paired gains.
 
@@ -164,7 +168,7 @@ def compare(
     links: Mapping[str, Link | Scenario],
     surface: MeshSource | None = None,
     *,
-    realizations: int = 1,
+    realizations: Annotated[int, Field(ge=1, le=10_000_000)] = 1,
     daylight: Daylight | None = None,
     **run: Unpack[StudyOptions],
 ) -> Comparison:
@@ -209,7 +213,6 @@ def compare(
     if not isinstance(links, Mapping) or len(links) < 2:
         found = sorted(links) if isinstance(links, Mapping) else Described(type(links).__name__)
         raise Refused("links", found, "a mapping of two or more names to links")
-    require_whole(realizations, 1, 10_000_000, "realizations")
     lit = daylight is not None or any(getattr(link, "daylight", None) for link in links.values())
     each = {}
     for name, link in links.items():

@@ -20,11 +20,12 @@ from itertools import product
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Unpack
 
 import numpy as np
+from pydantic import Field
 
-from meshtrace.checks import check_call
+from meshtrace.checks import Positive, check_call
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Meshing, StudyOptions
-from meshtrace.errors import Described, Refused, require_between, require_whole
+from meshtrace.errors import Described, Refused, require_between
 from meshtrace.fading.distribution import scintillation_index
 from meshtrace.fading.spectral import WITHIN, fading_band, scintillation_of_spectrum
 from meshtrace.fields import attrs
@@ -311,9 +312,9 @@ def convergence_study(
     spacings: Sequence[float] = DEFAULT_SPACINGS,
     normals: Sequence[Normals] = ("vertex", "facet"),
     *,
-    placements: int = PLACEMENTS,
+    placements: Annotated[int, Field(ge=1, le=100_000)] = PLACEMENTS,
     reference: Literal["analytic"] | None = "analytic",
-    tolerance: float = 1e-3,
+    tolerance: Positive = 1e-3,
     receiver: int = 0,
     unresolved: Unresolved = "none",
     **run: Unpack[StudyOptions],
@@ -374,8 +375,6 @@ def convergence_study(
     True
     """
     values = descending("spacings", spacings)
-    require_between(tolerance, 0.0, math.inf, "tolerance")
-    require_whole(placements, 1, 100_000, "placements")
     if reference not in ("analytic", None):
         raise Refused("reference", reference, "'analytic' or None")
     if unresolved == "tilt" and reference:
@@ -399,9 +398,9 @@ def band_limit_study(
     surface: SurfaceModel | None = None,
     omega_max: Sequence[float] = (),
     *,
-    realizations: int = REALIZATIONS,
+    realizations: Annotated[int, Field(ge=1, le=100_000)] = REALIZATIONS,
     normals: Sequence[Normals] = ("vertex",),
-    tolerance: float = 1e-2,
+    tolerance: Positive = 1e-2,
     receiver: int = 0,
     unresolved: Unresolved = "none",
     **run: Unpack[StudyOptions],
@@ -436,8 +435,6 @@ def band_limit_study(
     random slopes for the waves left out (`unresolved="tilt"`) this study has no limit.
     """
     values = descending("omega_max", omega_max)[::-1]
-    require_between(tolerance, 0.0, math.inf, "tolerance")
-    require_whole(realizations, 1, 100_000, "realizations")
     campaign = campaign_of(link, surface, "band_limit_study", **run)
     sea: Any = campaign.sea
     if not {"omega_max", "seed"} <= set(getattr(type(sea), "model_fields", {})):
@@ -468,7 +465,7 @@ def time_step_study(
     *,
     duration: float | None = None,
     normals: Sequence[Normals] = ("vertex",),
-    tolerance: float = 1e-2,
+    tolerance: Positive = 1e-2,
     receiver: int = 0,
     **run: Unpack[StudyOptions],
 ) -> ConvergenceStudy:
@@ -496,7 +493,6 @@ def time_step_study(
         linear interpolation between its times.
     """
     values = descending("steps", steps)
-    require_between(tolerance, 0.0, math.inf, "tolerance")
     finest = 0.5 * values[-1]
     strides = [multiple_of("steps", value / finest) for value in values]
     duration = 8.0 * values[0] if duration is None else duration
@@ -637,8 +633,8 @@ def fading_study(
     surface: SurfaceModel | None = None,
     omega_max: Sequence[float] = DEFAULT_BANDS,
     *,
-    realizations: int = 0,
-    tolerance: float = WITHIN,
+    realizations: Annotated[int, Field(ge=0, le=1_000_000)] = 0,
+    tolerance: Positive = WITHIN,
     **run: Unpack[StudyOptions],
 ) -> FadingConvergence:
     """Study the dependence of the scintillation index on the shortest waves of a random sea.
@@ -674,8 +670,6 @@ def fading_study(
     nothing blurs. With tilts the index rises to that of all waves within a few per cent.
     """
     values = descending("omega_max", omega_max)[::-1]
-    require_whole(realizations, 0, 1_000_000, "realizations")
-    tolerance = require_between(tolerance, 0.0, math.inf, "tolerance")
     campaign = campaign_of(link, surface, "fading_study", **run)
     link = campaign.link
     sea = getattr(campaign.sea, "short_waves", campaign.sea)

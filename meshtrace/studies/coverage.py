@@ -7,10 +7,11 @@ import warnings
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from threading import Lock
-from typing import Any, NamedTuple, Unpack
+from typing import Annotated, Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from meshtrace.checks import check_call
 from meshtrace.engine.bvh import EmbreeIntersector
@@ -38,7 +39,6 @@ from meshtrace.errors import (
     Refused,
     require_between,
     require_finite,
-    require_whole,
 )
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -74,8 +74,8 @@ class _Step(NamedTuple):
     photons: int
 
 
-@check_call
 @spectral
+@check_call
 def coverage_map(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
@@ -83,7 +83,7 @@ def coverage_map(
     step: float = 0.25,
     *,
     times: Sequence[float] | None = None,
-    photons: int = 4_000_000,
+    photons: Annotated[int, Field(ge=1, le=2**53)] = 4_000_000,
     rtol: float | None = None,
     wavelengths_nm: ArrayLike | None = None,
     workers: int | str | None = None,
@@ -164,7 +164,6 @@ def coverage_map(
     receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)
     if receiver is None:
         raise Refused("receiver", Described("no receiver"), "a Receiver or a WaterReceiver")
-    require_whole(photons, 1, 2**53, "photons")
     if rtol is not None:
         require_between(rtol, 0.0, math.inf, "rtol", "()", "a finite number > 0")
     given_times = case.meshing.time if times is None else times

@@ -6,10 +6,11 @@ import math
 from collections.abc import Callable
 from functools import partial
 from time import process_time
-from typing import Any, Literal, NamedTuple, Unpack, cast
+from typing import Annotated, Any, Literal, NamedTuple, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 from scipy.special import j1
 
 from meshtrace.checks import check_call
@@ -24,7 +25,6 @@ from meshtrace.errors import (
     require_finite,
     require_kind,
     require_pair,
-    require_whole,
     require_word,
 )
 from meshtrace.fading.spectral import fading_band
@@ -63,7 +63,7 @@ def irradiance_series(
     below: Literal["still", "waves"] = "still",
     patch: tuple[float, float] | None = None,
     fineness: float = 1.0,
-    photons: int = 100_000,
+    photons: Annotated[int, Field(ge=1000, le=100_000_000)] = 100_000,
     workers: int | str | None = None,
     **run: Unpack[RunOptions],
 ) -> IrradianceSeries:
@@ -145,7 +145,6 @@ def irradiance_series(
         raise Refused("depths", depths, "at least one depth > 0 [m]")
     times = require_finite(times, "times", "at least one time [s]")
     disk = _collector(collector, below, patch, fineness)
-    require_whole(photons, 1000, 100_000_000, "photons")
     if run.get("mesh") is not None:
         raise Refused("mesh", run["mesh"], "none: the points follow from the waves")
     require_options(run, RunOptions)

@@ -25,7 +25,7 @@ class Unwritable:
 
 
 class Endless:
-    """A sequence that never ends."""
+    """A sequence that numpy reads without end."""
 
     def __len__(self):
         return 3

@@ -252,7 +252,7 @@ OTHER = {
     "surfaces.gauge_spectrum": {},
     "surfaces.from_trimesh": {"source": (CORNERS, FACES), "normals": "area", "extent": None},
     "surfaces.from_wavespectra": {"waves": "table"},
-    "surfaces.bands.direction_weights": {"theta": RISING},
+    "surfaces.bands.direction_weights": {"theta": RISING, "omega": RISING},
     "surfaces.bands.drawn_waves": {},
     "surfaces.bands.named_band": {"name": "paper"},
     "surfaces.gram_charlier.real_cumulants": {"law": "gaussian"},
