@@ -389,7 +389,7 @@ def _several(kind: Any, parts: tuple[Any, ...], limits: _Limits) -> Any:
     several: Any = list[kinds[0]]  # type: ignore[valid-type]
     if made is tuple:
         several = tuple[kinds if fixed else (kinds[0], ...)]  # type: ignore[misc]
-    return Annotated[several, BeforeValidator(_listed)]
+    return Annotated[several, BeforeValidator(_iterated if kind is Iterable else _listed)]
 
 
 def _float(value: Any, limits: _Limits) -> float:
@@ -516,6 +516,12 @@ def _listed(value: Any) -> Any:
     if isinstance(value, np.ndarray) and value.ndim:
         return value.tolist()
     if isinstance(value, str | bytes | bytearray | memoryview) or not isinstance(value, Sequence):
+        raise Refused("", _shown(value), "a list")
+    return list(value)
+
+
+def _iterated(value: Any) -> Any:
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
         raise Refused("", _shown(value), "a list")
     return list(value)
 

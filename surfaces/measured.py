@@ -574,13 +574,16 @@ def _stated(
     if spreading is None:
         raise Refused("spreading", None, "a spreading: one gauge does not see directions")
     turned = np.remainder(theta + math.pi, 2.0 * math.pi) - math.pi
-    density = Spreading.read(spreading).density(
-        2.0 * math.pi * freq[:, None],
-        turned,
-        omega_p=2.0 * math.pi * peak,
-        wind_speed=math.nan if wind_speed is None else wind_speed,
-    )
-    return density / density.sum(axis=1, keepdims=True)
+    kind, omega = Spreading.read(spreading), 2.0 * math.pi * freq[:, None]
+
+    def shares(speed: float) -> Floats:
+        density = kind.density(omega, turned, omega_p=2.0 * math.pi * peak, wind_speed=speed)
+        return density / density.sum(axis=1, keepdims=True)
+
+    found = shares(5.0 if wind_speed is None else wind_speed)
+    if wind_speed is None and not np.array_equal(found, shares(10.0)):
+        raise Refused("wind_speed", None, f"a wind speed [m/s] for the spreading {kind.kind}")
+    return found
 
 
 def _of_array(

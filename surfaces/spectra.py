@@ -677,6 +677,8 @@ class TabulatedSpectrum(Spectrum, frozen=True):
             raise Refused("omega", MISSING, "frequencies [rad s-1] beside density, or file")
         if isinstance(data, Mapping) and "file" in data:
             own = {key: value for key, value in data.items() if key != "file"}
+            if not isinstance(data["file"], str | PathLike):
+                raise Refused("file", data["file"], "the path of a text file")
             return {**cls.from_file(data["file"]).model_dump(include={"omega", "density"}), **own}
         return data
 
@@ -698,8 +700,6 @@ class TabulatedSpectrum(Spectrum, frozen=True):
         Columns are omega [rad s-1] and S(omega) [m2 s rad-1], or, where the header of the first
         one contains "Hz" or begins with "f", f [Hz] and S(f) = 2 pi S(omega) [m2 Hz-1].
         """
-        if not isinstance(path, str | PathLike):
-            raise Refused("file", path, "the path of a text file")
         header, values = read_columns(path)
         first = header[0].lower() if header else ""
         unit = 2.0 * np.pi if "hz" in first or first.startswith("f") else 1.0

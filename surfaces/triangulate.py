@@ -6,12 +6,12 @@ import math
 from functools import lru_cache
 from os import PathLike
 from os.path import isfile
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.checks import check_call
+from meshtrace.checks import Inside, check_call
 from meshtrace.errors import Described, Refused, reason_of, require_array
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes, vertex_normals
 
@@ -246,7 +246,7 @@ _SMALLEST_AREA = 1e-12
 
 @check_call
 def from_trimesh(
-    source: trimesh.Trimesh | str | PathLike[str] | tuple[ArrayLike, ...],
+    source: Annotated[trimesh.Trimesh | str | PathLike[str] | tuple[ArrayLike, ...], Inside()],
     extent: float | None = None,
     *,
     overhangs: bool = False,

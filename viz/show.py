@@ -18,7 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.engine.setup.options import Meshing
 from meshtrace.engine.simulate import simulate
-from meshtrace.errors import Described, Refused, require_finite, require_whole, require_writable
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_finite,
+    require_keys,
+    require_whole,
+    require_writable,
+)
 from meshtrace.fading.spectral import resolve_band
 from meshtrace.files import atomic
 from meshtrace.link import Link
@@ -106,6 +113,7 @@ def save_movie(
         raise Refused("times", at.tolist(), "two times or more")
     options = writer_options(path, natural_rate(at) if frame_rate is None else frame_rate, quality)
     surface = resolve_band(link, surface, fading=True)
+    require_keys(shown, Shown.__annotations__)
     seed = shown.get("seed", 1)
     gain = gain or time_series(link, surface, at, photons=photons, seed=seed)
     if not np.array_equal(gain.coordinate, at):
@@ -482,6 +490,7 @@ def view(
     if movie and (link is None or isinstance(surface, TriangleMesh)):
         raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
     files: list[Path] = []
+    require_keys(shown, Shown.__annotations__)
     style, paths = shown.get("style", SceneStyle()), shown.get("paths")
     if window or screenshot or html or export:
         traced = (500 if paths is None else paths or None) if link is not None else None

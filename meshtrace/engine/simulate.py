@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from meshtrace.checks import check_call
+from meshtrace.checks import Inside, check_call
 from meshtrace.engine import outcome
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.correlated import SpectralDetection, analog_sums
@@ -79,7 +79,7 @@ def simulate(
     seed: int | None = None,
     mesh: Meshing | None = None,
     threads: int | None = None,
-    record: Iterable[Record] = (),
+    record: Annotated[Iterable[Record], Inside()] = (),
     progress: Callable[[int], None] | None = None,
     **options: Unpack[Shortcuts],
 ) -> GainResult | ByWavelength[GainResult]:

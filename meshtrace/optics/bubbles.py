@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
 
-from meshtrace.checks import Positive, RangedArray, check_call
+from meshtrace.checks import Allowed, Infinite, Positive, RangedArray, check_call
 from meshtrace.errors import Refused, is_number, require_between, require_range
 from meshtrace.models import Family, Floats
 from meshtrace.optics.mie import MieTable, cached_table, population_table
@@ -22,6 +22,9 @@ LAYER = 12.0
 _MOST_NODES = 10**7
 # Highest crest [m] to which a population is continued upwards with depth="mean_level".
 HIGHEST = 20.0
+
+
+Depth = Annotated[float, Field(gt=0.0), Infinite(), Allowed("max_depth > 0 m")]
 
 
 class BubblePopulation(Family, frozen=True, default="hall-novarini"):
@@ -79,7 +82,7 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         return integrate(self.b, upper, np.minimum(lower, upper + 40.0 * self.e_folding), 128)
 
     def profile(
-        self, dz: Positive, max_depth: Positive = math.inf, crest: float = 0.0
+        self, dz: Positive, max_depth: Depth = math.inf, crest: float = 0.0
     ) -> tuple[Floats, Floats, Floats]:
         """Return b and its integral on a uniform grid of depths.
 

@@ -362,6 +362,8 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
     def _from_table(cls, data: Any) -> Any:
         if isinstance(data, Mapping) and "file" in data:
             own = {key: value for key, value in data.items() if key != "file"}
+            if not isinstance(data["file"], str | Path):
+                raise Refused("file", data["file"], "the path of a text file")
             return {**dict(cls.from_file(data["file"])), **own}
         return data
 

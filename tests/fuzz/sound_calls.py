@@ -1,6 +1,5 @@
 """Sound arguments of all public functions: by the name of a parameter, or for one function."""
 
-import contextlib
 import tempfile
 from functools import cache
 from pathlib import Path

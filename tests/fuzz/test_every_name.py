@@ -7,7 +7,6 @@ value. Light is not traced: what would be traced has been accepted.
 """
 
 import inspect
-import os
 import re
 import signal
 import warnings
