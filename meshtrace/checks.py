@@ -52,7 +52,6 @@ NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Probability = Annotated[float, Field(gt=0.0, lt=1.0)]
 ErrorRate = Annotated[float, Field(gt=0.0, lt=0.5)]
 Index = Annotated[float, Field(ge=0.1, le=10.0)]
-Count = Annotated[int, Field(ge=1, le=10_000_000)]
 Seed = Annotated[int, Field(ge=0, lt=2**64)]
 
 P = ParamSpec("P")
@@ -178,21 +177,26 @@ def check_methods(cls: type[T]) -> type[T]:
 
 
 class _Parameter(NamedTuple):
-    """Validator of a parameter; `union` if it has alternatives."""
+    """Validator of a parameter."""
 
     name: str
     adapter: pydantic.TypeAdapter[Any]
-    union: bool
 
     def __call__(self, value: Any) -> Any:
         try:
             return self.adapter.validate_python(value)
         except pydantic.ValidationError as error:
-            if not self.union:
-                refuse(error, self.name)
             rows = error.errors(include_url=False)
-            allowed = " or ".join(dict.fromkeys(map(_allowed_alone, rows)))
-            raise Refused(self.name, _shown(value), allowed) from None
+        paths = [[key for key in row["loc"] if not _is_alternative(key)] for row in rows]
+        place = min(paths, key=len)
+        found = [row for row, path in zip(rows, paths, strict=True) if path[: len(place)] == place]
+        if len(found) == 1:
+            refuse(found[0], self.name, place)
+        # none of several alternatives
+        for key in place:
+            value = value[key]
+        allowed = " or ".join(dict.fromkeys(map(_allowed_alone, found)))
+        raise Refused("", _shown(value), allowed).inside(self.name, *_words_of(place))
 
 
 class _Parameters(NamedTuple):
@@ -278,11 +282,7 @@ class _Later(type):
 def _parameter(name: str, hint: Any) -> _Parameter | None:
     """Return the validator of a parameter, None for any value."""
     kind = _typed(hint, _Limits(name))
-    if kind is Any:
-        return None
-    several = [part for part in get_args(kind) if part is not NoneType]
-    union = get_origin(kind) in (Union, UnionType) and len(several) > 1
-    return _Parameter(name, pydantic.TypeAdapter(kind), union)
+    return None if kind is Any else _Parameter(name, pydantic.TypeAdapter(kind))
 
 
 # ---- types -----------------------------------------------------------------------------------
@@ -547,18 +547,15 @@ _SCALARS: dict[Any, Callable[[Any, _Limits], Any]] = {
 
 
 def refuse(
-    error: pydantic.ValidationError, name: str, cls: type[pydantic.BaseModel] | None = None
+    first: Any, name: str, path: list[Any], cls: type[pydantic.BaseModel] | None = None
 ) -> NoReturn:
-    """Raise the first error of pydantic as field, value, allowed.
+    """Raise an error of pydantic as field, value, allowed.
 
     The field is `name` with the path of the error inside it, or for a model (`cls`) that path.
     """
-    first = error.errors(include_url=False)[0]
-    path, kind, context = list(first["loc"]), first["type"], first.get("ctx", {})
+    kind, context = first["type"], first.get("ctx", {})
     own = context.get("error")
-    if cls is None:  # keys of a table are dotted, as those of link files
-        dotted = (key.split(".") if isinstance(key, str) else [key] for key in path)
-        path = [name, *(word for words in dotted for word in words)]
+    path = path if cls else [name, *_words_of(path)]
     if isinstance(own, Refused):
         if cls and path and own.field == path[-1]:  # validators of a field name it themselves
             path.pop()
@@ -568,6 +565,17 @@ def refuse(
     if kind == "literal_error":
         hint = did_you_mean(value, allowed.replace(" or ", ", ").split(", "))
     raise Refused("", value, allowed, hint).inside(*(path or [name])) from None
+
+
+def _words_of(path: list[Any]) -> list[Any]:
+    """Return the keys of a path; those of a table are dotted, as in link files."""
+    dotted = (key.split(".") if isinstance(key, str) else [key] for key in path)
+    return [word for words in dotted for word in words]
+
+
+def _is_alternative(key: Any) -> bool:
+    """Return whether a key in a path of pydantic names one of several types."""
+    return isinstance(key, str) and (key.startswith("function-") or key.endswith(("]", ")")))
 
 
 def _allowed_alone(error: Any) -> str:

@@ -168,12 +168,6 @@ def require_kind(value: Any, kind: type | UnionType, path: str) -> None:
         raise Refused(path, Described(type(value).__name__), f"a {name}")
 
 
-def require_function(value: Any, path: str) -> None:
-    """Refuse all but None and what can be called."""
-    if value is not None and not callable(value):
-        raise Refused(path, value, "a function of the number done")
-
-
 def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> NDArray[Any]:
     """Return a value as an array of a type, or refuse it.
 

@@ -226,7 +226,8 @@ def _refusals(cls: type[Model]) -> Iterator[None]:
     try:
         yield
     except pydantic.ValidationError as error:
-        refuse(error, cls.__name__, cls)
+        first = error.errors(include_url=False)[0]
+        refuse(first, cls.__name__, list(first["loc"]), cls)
     except ArithmeticError as error:
         raise Refused(cls.__name__, f"{error}", "numbers that do not overflow") from error
 

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from meshtrace.checks import check_call
+from meshtrace.checks import NonNegative, Positive, check_call
 from meshtrace.comms.budget import ber_of_gains, faded_gains
 from meshtrace.comms.decisions import mixed_information, non_negative, soft_information
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import require_between
 from meshtrace.models import Floats
 
 _STATES = 8  # that stand for the light of other bits
@@ -128,7 +127,11 @@ def _interference(link: OokLink) -> tuple[float, Floats, Floats]:
 
 
 @check_call
-def wyner_capacity(peak_rate: float, dark_rate: float, mean_share: float = 1.0) -> float:
+def wyner_capacity(
+    peak_rate: Positive,
+    dark_rate: NonNegative,
+    mean_share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0,
+) -> float:
     """Return the capacity of the photon channel for any modulation [bit s-1].
 
     C = A [q (1+s) ln(1+s) + (1-q) s ln s - (q+s) ln(q+s)] / ln 2,  s = dark / A,
@@ -164,9 +167,7 @@ def wyner_capacity(peak_rate: float, dark_rate: float, mean_share: float = 1.0) 
     >>> round(wyner_capacity(1.0, 0.1) * math.log(2.0), 6)
     0.250556
     """
-    peak = require_between(peak_rate, 0.0, math.inf, "peak_rate", allowed="finite, > 0")
-    dark = require_between(dark_rate, 0.0, math.inf, "dark_rate", "[)", "finite, >= 0")
-    share = require_between(mean_share, 0.0, 1.0, "mean_share", "(]")
+    peak, dark, share = peak_rate, dark_rate, mean_share
     s = min(dark / peak, 1e300)
     if s < 1e-300:
         q = min(share, math.exp(-1.0))

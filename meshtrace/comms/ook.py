@@ -16,13 +16,14 @@ import pydantic
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
+from meshtrace.checks import ErrorRate
 from meshtrace.comms.decisions import ReceiverModel, non_negative, pattern_decision
 from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia, photon_energy
 from meshtrace.comms.pulses import Eye, PulseFilters
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.comms.spectra import Curve, background_counted, signal_passed
 from meshtrace.daylight.light import Daylight
-from meshtrace.errors import Described, Refused, require_between
+from meshtrace.errors import Described, Refused
 from meshtrace.link import Link, Receiver
 from meshtrace.models import Floats, Model, NonNegative
 
@@ -464,7 +465,7 @@ class OokLink(Model, frozen=True):
         """
         return float(self.receiver.decide(self, np.array([power])).threshold[0])
 
-    def required_power(self, ber: float) -> float:
+    def required_power(self, ber: ErrorRate) -> float:
         """Return the lowest optical power on the SiPM that reaches a bit error rate.
 
         Parameters
@@ -482,7 +483,7 @@ class OokLink(Model, frozen=True):
         Refused
             If the target is outside of its range.
         """
-        return _required_power(self.on_detector, require_between(ber, 0.0, 0.5, "ber"))
+        return _required_power(self.on_detector, ber)
 
     def overload_power(self, ber: float) -> float:
         """Return the highest optical power on the SiPM that still reaches a bit error rate.

@@ -34,7 +34,7 @@ from meshtrace.engine.setup.options import (
     resolve,
 )
 from meshtrace.engine.setup.tinting import clearest
-from meshtrace.errors import Described, Refused, require_function, require_whole
+from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.parallel import default_threads
@@ -152,7 +152,6 @@ def simulate(
     >>> round(r.gain * 1e5, 1)
     6.0
     """
-    require_function(progress, "progress")
     own = {"estimator": estimator, "photons": photons, "rtol": rtol, "seed": seed}
     given: dict[str, Any] = {**own, "threads": threads}
     given = {key: value for key, value in given.items() if value is not None}

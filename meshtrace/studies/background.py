@@ -19,7 +19,7 @@ from meshtrace.daylight.light import Daylight
 from meshtrace.engine.backward.background import background, backgrounds_over
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import Case, RunOptions, require_options
-from meshtrace.errors import Refused, require_finite, require_kind
+from meshtrace.errors import Refused, require_finite
 from meshtrace.fading import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface
@@ -116,7 +116,6 @@ def light_of(campaign: Campaign, day: Daylight | None) -> Daylight | None:
 
 def checked_daylight(day: Daylight | None, link: Link) -> Daylight | None:
     """Return daylight, if any; refuse a wavelength other than the link's."""
-    require_kind(day, Daylight | None, "daylight")
     wavelength = link.transmitters[0].wavelength_nm
     if day is not None and day.wavelength_nm != wavelength:
         allowed = f"{wavelength:g}, that of the transmitter"

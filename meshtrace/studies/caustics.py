@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from meshtrace.checks import check_call
+from meshtrace.checks import Inside, check_call
 from meshtrace.engine.setup.meshing import GAIN_SPACING
 from meshtrace.engine.setup.options import Run, resolve
 from meshtrace.errors import Described, Refused, require_between
@@ -31,7 +31,7 @@ _SLOPES = 4.5  # standard deviations of the slopes that may bend light onto the 
 @check_call
 def light_pattern(
     link: Link,
-    surface: Surface,
+    surface: Annotated[Surface, Inside()],
     extent: float = 2.0,
     step: float = 0.01,
     *,

@@ -21,7 +21,6 @@ from meshtrace.errors import (
     Refused,
     require_between,
     require_finite,
-    require_kind,
     require_whole,
 )
 from meshtrace.link import Link
@@ -433,8 +432,6 @@ def duplex(
     >>> len(both.up.gain), len(both.down.gain)
     (3, 3)
     """
-    for name, link in (("up", up), ("down", down)):
-        require_kind(link, Link, name)
     pair = [campaign_of(link, surface, "duplex", fading=True, **run) for link in (up, down)]
     campaign = both_directions(*pair)
     if (times is None) == (realizations is None):

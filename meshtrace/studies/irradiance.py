@@ -21,11 +21,8 @@ from meshtrace.engine.simulate import simulate
 from meshtrace.errors import (
     Described,
     Refused,
-    require_between,
     require_finite,
-    require_kind,
     require_pair,
-    require_word,
 )
 from meshtrace.fading.spectral import fading_band
 from meshtrace.kernels.sources import land_sunlight
@@ -59,10 +56,10 @@ def irradiance_series(
     water: Water | None = None,
     depths: ArrayLike = (1.0,),
     times: ArrayLike = (0.0,),
-    collector: float = 0.05,
+    collector: Annotated[float, Field(gt=0.0, lt=100.0)] = 0.05,
     below: Literal["still", "waves"] = "still",
     patch: tuple[float, float] | None = None,
-    fineness: float = 1.0,
+    fineness: Annotated[float, Field(ge=0.1, le=10.0)] = 1.0,
     photons: Annotated[int, Field(ge=1000, le=100_000_000)] = 100_000,
     workers: int | str | None = None,
     **run: Unpack[RunOptions],
@@ -204,8 +201,6 @@ def _inputs(
     if not isinstance(given, Surface) or getattr(given, "choppy", False):
         kind = "choppy" if isinstance(given, Surface) else type(given).__name__
         raise Refused("surface", Described(kind), "a sea (Surface) that is a height field")
-    require_kind(day, Daylight, "daylight")
-    require_kind(water, Water, "water")
     if day.direct == 0.0:
         raise Refused("daylight.direct", 0.0, "> 0: without sun the irradiance is constant")
     if water.layers is not None:
@@ -217,9 +212,6 @@ def _collector(
     diameter: float, below: str, patch: tuple[float, float] | None, fineness: float
 ) -> Collector:
     """Return the collector, checked."""
-    require_between(diameter, 0.0, 100.0, "collector", "()")
-    require_between(fineness, 0.1, 10.0, "fineness", "[]")
-    require_word(below, ("still", "waves"), "below")
     if patch is not None:
         allowed = "half-length and edge of a cell [m]"
         half, edge = require_pair(patch, "patch", allowed)

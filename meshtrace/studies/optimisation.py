@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack, get_args
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack
 
 import numpy as np
 from pydantic import Field
@@ -17,7 +17,6 @@ from meshtrace.errors import (
     Described,
     Refused,
     require_pair,
-    require_word,
 )
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -356,7 +355,6 @@ class _Search:
 
     def optimum(self, constraints: tuple[Constraint, ...], method: str) -> Optimum:
         """Return the best candidate with its flatness and validation."""
-        require_word(method, get_args(Method), "method")
         n = len(self.variables)
         if method == "auto":
             method = "bounded" if n == 1 and not constraints else "cobyqa"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from meshtrace.checks import check_call
+from meshtrace.checks import Inside, check_call
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Refused, require_finite
 from meshtrace.fading.spectral import band_fading
@@ -30,7 +30,7 @@ _STATISTICS = 50  # gains, the least for a comparison with the closed form
 @check_call
 def time_series(
     link: Link | Scenario,
-    surface: MeshSource | None = None,
+    surface: Annotated[MeshSource | None, Inside()] = None,
     times: ArrayLike | None = None,
     *,
     flight: Flight | None = None,

@@ -33,8 +33,8 @@ from meshtrace.errors import (
     MISSING,
     Described,
     Refused,
-    require_function,
     require_keys,
+    require_seed,
     require_whole,
 )
 from meshtrace.fields import FIELDS, attrs
@@ -114,7 +114,7 @@ class Sweep:
     def check(self) -> None:
         """Refuse options out of range and parameters without any allowed value."""
         require_whole(self.realizations, 1, 10**7, "realizations")
-        require_whole(self.seed, 0, 2**64 - 1, "seed")
+        require_seed(self.seed)
         base = self.scenario({})
         for name in self.parameters:
             if self.wavelengths_nm and name.endswith("wavelength_nm"):
@@ -236,7 +236,6 @@ class Sweep:
     ) -> xr.Dataset:
         """Return the results, from the store or computed; options as in `sweep`."""
         cluster = Cluster(workers, timeout).checked()
-        require_function(progress, "progress")
         advance = progress or (lambda done: None)
         with Store(store, "sweep").loop("sweep", self.identity()) as kept:
             tasks = list(self.tasks())

@@ -47,7 +47,7 @@ from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Analog, Case, HasCase, Meshing, Shortcuts, resolve
 from meshtrace.engine.setup.tinting import CommonPaths, photon_paths
-from meshtrace.errors import Refused, require_kind, require_word
+from meshtrace.errors import Refused, require_word
 from meshtrace.kernels.interface import split_rays
 from meshtrace.kernels.sources import BUBBLE_SCORE, SKY_SCORE, SUN_SCORE, Backward
 from meshtrace.kernels.tally import Tallies
@@ -535,7 +535,6 @@ def background(
     '2.08e-03'
     """
     day = getattr(link, "daylight", None) if daylight is None else daylight
-    require_kind(day, Daylight | None, "daylight")
     if day is None:
         raise Refused("daylight", None, "a Daylight")
     if water is not None:

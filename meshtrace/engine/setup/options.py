@@ -25,7 +25,7 @@ from typing import (
 import numpy as np
 from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 
-from meshtrace.errors import Described, Refused, require_keys, require_kind
+from meshtrace.errors import Described, Refused, require_keys
 from meshtrace.fading.spectral import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh, require_surface
@@ -364,7 +364,6 @@ class Case(NamedTuple):
 
     def with_options(self, mesh: Meshing | None = None, **options: Any) -> Case:
         """Return the case with fields of `Run`, of its estimator and of `Meshing` replaced."""
-        require_kind(mesh, Meshing | None, "mesh")
         require_keys(options, list(dict.fromkeys([*Meshing.model_fields, *run_keys()])))
         given = {key: options.pop(key) for key in Meshing.model_fields if key in options}
         meshing = (self.meshing if mesh is None else mesh).replace(**given)
