@@ -74,6 +74,12 @@ _WORDS = {
     "float": "a number",
     "int": "an integer",
 }
+_PROTOCOLS = {
+    "HasCase": "a Scenario",
+    "MeshSource": "a sea (SurfaceModel)",
+    "SurfaceModel": "a sea (SurfaceModel)",
+    "Surface": "a sea (Surface)",
+}
 _PLAIN = (str, bool, int, float, complex, NoneType, list, tuple, dict)
 
 
@@ -109,7 +115,7 @@ class Shape(NamedTuple):
 
 
 class Unit(NamedTuple):
-    """Mark of vectors of length 1, to 1e-6."""
+    """Mark of vectors of length 1, to 1e-3: pictures have directions of single precision."""
 
 
 class Inside(NamedTuple):
@@ -125,7 +131,7 @@ Directions = Annotated[NDArray[np.float64], Shape("... 3"), Unit()]
 # ---- functions -------------------------------------------------------------------------------
 
 
-def check_call(function: Callable[P, R]) -> Callable[P, R]:
+def check_call(function: Callable[P, R], all_named: bool = False) -> Callable[P, R]:
     """Decorate a function to refuse arguments that do not match its annotations.
 
     Arrays arrive as float64, numbers as float or int, lists and pairs as list and tuple. Bounds
@@ -152,7 +158,7 @@ def check_call(function: Callable[P, R]) -> Callable[P, R]:
     def call(*args: P.args, **options: P.kwargs) -> R:
         nonlocal known
         if known is None:  # not at import: most functions are not called in a run
-            known = _Parameters.of(function)
+            known = _Parameters.of(function, all_named)
         values: Any = known.values(args)
         named: Any = known.named(options)
         return function(*values, **named)
@@ -208,7 +214,8 @@ class _Parameters(NamedTuple):
     keys: tuple[str, ...]  # all keywords, none if any is accepted
 
     @classmethod
-    def of(cls, function: Callable[..., Any]) -> _Parameters:
+    def of(cls, function: Callable[..., Any], all_named: bool) -> _Parameters:
+        """Return those of a function; `all_named` refuses keywords that its `Unpack` lacks."""
         plain = inspect.unwrap(function)
         hints = {name: _resolved(hint, plain) for name, hint in plain.__annotations__.items()}
         places: list[_Parameter | None] = []
@@ -220,7 +227,7 @@ class _Parameters(NamedTuple):
                 if get_origin(hint) is Unpack:
                     table = get_type_hints(get_args(hint)[0], include_extras=True)
                     names.update({key: _parameter(key, kind) for key, kind in table.items()})
-                keys = False
+                keys = all_named
             elif parameter.kind is parameter.VAR_POSITIONAL:
                 rest = _parameter(name, hint)
             else:
@@ -447,7 +454,7 @@ def _array(value: Any, limits: _Limits, dtype: Any = np.float64) -> NDArray[Any]
         huge = math.isfinite(worst) and abs(worst) > LARGEST
         words = f"at most {LARGEST:g} in magnitude" if huge else allowed
         raise Refused("", worst, words).inside(*(at.tolist() if array.size > 1 else ()))
-    if limits.unit and np.any(np.abs(np.linalg.norm(array, axis=-1) - 1.0) > 1e-6):
+    if limits.unit and np.any(np.abs(np.linalg.norm(array, axis=-1) - 1.0) > 1e-3):
         raise Refused("", array, "unit vectors (..., 3)")
     return array.astype(dtype, copy=False)
 
@@ -499,7 +506,8 @@ def _callable(value: Any) -> Any:
 def _instance(value: Any, kind: type, limits: _Limits) -> Any:
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIO" else "a"
-        raise Refused("", _shown(value), limits.allowed(f"{article} {kind.__name__}"))
+        said = _PROTOCOLS.get(kind.__name__, f"{article} {kind.__name__}")
+        raise Refused("", _shown(value), limits.allowed(said))
     return value
 
 

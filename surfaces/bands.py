@@ -321,7 +321,7 @@ def direction_weights(
     spreading: Spreading,
     omega: Annotated[ArrayLike, Shape("n")],
     theta: Annotated[Floats, Shape("m")],
-    d_theta: float,
+    d_theta: Positive,
     *,
     omega_p: float,
     wind_speed: float,

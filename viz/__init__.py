@@ -21,6 +21,6 @@ def __getattr__(name: str) -> Any:
     if isfunction(found):
         from meshtrace.checks import check_call
 
-        found = check_call(found)
+        found = check_call(found, all_named=True)
     globals()[name] = found  # lazy_loader keeps the function itself
     return found

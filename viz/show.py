@@ -22,7 +22,6 @@ from meshtrace.errors import (
     Described,
     Refused,
     require_finite,
-    require_keys,
     require_whole,
     require_writable,
 )
@@ -113,7 +112,6 @@ def save_movie(
         raise Refused("times", at.tolist(), "two times or more")
     options = writer_options(path, natural_rate(at) if frame_rate is None else frame_rate, quality)
     surface = resolve_band(link, surface, fading=True)
-    require_keys(shown, Shown.__annotations__)
     seed = shown.get("seed", 1)
     gain = gain or time_series(link, surface, at, photons=photons, seed=seed)
     if not np.array_equal(gain.coordinate, at):
@@ -490,7 +488,6 @@ def view(
     if movie and (link is None or isinstance(surface, TriangleMesh)):
         raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
     files: list[Path] = []
-    require_keys(shown, Shown.__annotations__)
     style, paths = shown.get("style", SceneStyle()), shown.get("paths")
     if window or screenshot or html or export:
         traced = (500 if paths is None else paths or None) if link is not None else None

@@ -86,7 +86,7 @@ def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike =
     >>> print(f"{float(budget.margin_optical_db):.1f} dB optical")
     5.7 dB optical
     """
-    g, tilt = non_negative("gain", gain), non_negative("h_alpha", h_alpha)
+    g, tilt = _with_tilt(gain, h_alpha)
     required = link.required_power(ber)
     margin = _db(link.received_power(g * tilt) / required)
     optics, area = link.optics, link.sipm.area
@@ -121,12 +121,19 @@ def required_gain(link: OokLink, ber: float) -> float:
 @check_call
 def faded_gains(gain: ArrayLike, h_alpha: ArrayLike) -> Floats:
     """Return gains times tilt factors as an array (n,); refuse negative ones."""
+    g, h = _with_tilt(gain, h_alpha)
+    return np.ravel(g * h)
+
+
+def _with_tilt(gain: ArrayLike, h_alpha: ArrayLike) -> tuple[Floats, Floats]:
+    """Return gains and tilt factors whose shapes fit."""
     g, h = non_negative("gain", gain), non_negative("h_alpha", h_alpha)
     try:
-        return np.ravel(g * h)
+        np.broadcast_shapes(g.shape, h.shape)
     except ValueError as error:
         shapes = Described(f"shape {h.shape}")
         raise Refused("h_alpha", shapes, f"() or {g.shape}, as the gains") from error
+    return g, h
 
 
 @check_call

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from meshtrace.checks import NonNegative, check_call
+from meshtrace.checks import NonNegative, Shape, check_call
 from meshtrace.comms.pulses import PulseFilters
 from meshtrace.errors import Described, Refused, require_array, require_real
 from meshtrace.kernels.decision import best_thresholds
@@ -32,6 +32,9 @@ class Decision(NamedTuple):
 
     ber: Floats
     threshold: Floats
+
+
+Powers = Annotated[Floats, Shape("n")]
 
 
 class ReceiverModel(Family, default="W"):
@@ -65,7 +68,7 @@ class ReceiverModel(Family, default="W"):
         return mean, noise(link, shot, 0.5 * link.bit_rate)
 
     @abc.abstractmethod
-    def decide(self, link: Any, power: Floats) -> Decision:
+    def decide(self, link: Any, power: Powers) -> Decision:
         """Return bit error rate and threshold [s-1] at powers (n,) on the SiPM, all > 0 [W]."""
 
 
@@ -379,7 +382,7 @@ def compound_poisson_decision(
     high: float,
     filters: PulseFilters,
     bit_time: float,
-    removed: Floats,
+    removed: Annotated[Floats, Shape("n")],
     branching: float,
     thermal_std: float,
 ) -> tuple[float, float]:

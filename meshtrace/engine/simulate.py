@@ -71,7 +71,7 @@ def simulate(
 def simulate(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
-    estimator: Estimator | Literal["forced", "analog"] | None = None,
+    estimator: Annotated[Estimator | Literal["forced", "analog"] | None, Inside()] = None,
     *,
     wavelengths_nm: ArrayLike | None = None,
     photons: int | None = None,

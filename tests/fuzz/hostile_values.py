@@ -159,7 +159,6 @@ VALUES = {
     "read-only": (np.broadcast_to(1.0, (3,)), LIST),
     "backwards": (np.arange(4.0)[::-1], LIST),
     "big-endian": (np.arange(3, dtype=">f8"), LIST),
-    "matrix": (np.matrix([[1.0, 2.0]]), LIST),
     "empty list": ([], ("array", "sequence")),
     "empty tuple": ((), ("array", "sequence")),
     "list": ([0.5, 0.6], LIST),

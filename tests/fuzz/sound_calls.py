@@ -23,6 +23,10 @@ CORNERS = np.array([(-9.0, -9.0, 0.0), (9.0, -9.0, 0.0), (9.0, 9.0, 0.0), (-9.0,
 FACES = np.array([(0, 1, 2), (0, 2, 3)])
 DOWN = np.array([[0.0, 0.0, -1.0]])
 UP = np.array([[0.0, 0.6, 0.8]])
+RESOLVED = surfaces.resolved_sea(5.0)
+_T = 0.25 * np.arange(1024)
+WAVES = np.column_stack([_T, np.sin(_T) + 0.3 * np.sin(1.7 * _T)])
+"""A record of a wave gauge."""
 OOK, DAY, WIND = mt.OokLink(), mt.Daylight(direct=1.4, diffuse=0.3), mt.Dryden()
 JONSWAP, ITTC = surfaces.Jonswap(), surfaces.IttcSpreading()
 ROUTE = mt.Route(times=(0.0, 1.0), positions=((0.0, 0.0), (1.0, 0.0)))
@@ -61,6 +65,14 @@ def mesh():
 @cache
 def waves():
     return surfaces.WaveComponents(*(np.full(3, x) for x in (0.1, 1.0, 0.1, 0.0, 0.5)))
+
+
+@cache
+def spectrum():
+    """Return a directional spectrum in the conventions of wavespectra."""
+    freq, direction = np.linspace(0.05, 0.5, 8), np.arange(0.0, 360.0, 30.0)
+    efth = np.outer(np.exp(-(((freq - 0.2) / 0.05) ** 2)), np.ones(12)) * 1e-3
+    return xr.Dataset({"efth": (("freq", "dir"), efth)}, {"freq": freq, "dir": direction})
 
 
 @cache
@@ -120,7 +132,7 @@ SOUND = {
     "crest": 0.0, "depth1": 1.0, "depth2": 2.0, "direction": "up", "transmittance": 0.25, "lag": 0.5,
     "size": 4, "up_gain": 1e-6, "down_gain": 1e-6, "wall_time": 1.0, "verbose": False, "r": 1e-4,
     "frequency": 1e6, "slope": 0.1, "base": "physical", "u": 0.5, "notes": False, "delimiter": None,
-    "hours": 1e-4, "background_rate": 1.0, "links": {"a": LINK}, "spacings": (2.0, 1.0, 0.5, 0.25),
+    "hours": 1e-4, "background_rate": 1.0, "links": {"a": LINK, "b": LINK}, "spacings": (2.0, 1.0, 0.5, 0.25),
     "placements": 1, "reference": None, "wind_speeds": [5.0], "up": LINK, "host": "127.0.0.1",
     "bin_width": 1e-10, "measurements": ROWS, "unknown": ["water.a"], "prior": None,
     "collector": 0.05, "below": "still", "patch": None, "fineness": 1.0,
@@ -165,15 +177,15 @@ SOUND = {
     "scenario": lambda: mt.Scenario.from_toml(""), "provenance": lambda: result().provenance,
     "cumulants": surfaces.GramCharlier().cumulants((0.02, 0.02)), "free": waves, "roughness": Roughness(0.1, 0.1, 1.0, 0.0), "sky": None, "levels": RISING,
     "obj": {}, "json_data": "{}", "dataset": lambda: result().to_dataset(), "h": 0.5, "v2": 25.0,
-    "exact": lambda: mt.Uav().tilt_law(WIND), "compute": None,
+    "exact": lambda: mt.Uav().tilt_law(WIND), "compute": lambda: lambda: None,
     "approximation": lambda: mt.Uav().tilt_law(WIND, "gamma"), "error": None,
-    "names": ("a",), "samples": np.ones((1, 1, 32)), "s": sensitivities, "lamp": None,
+    "names": ("a",), "samples": np.ones((1, 32)), "s": sensitivities, "lamp": None,
 }  # fmt: skip
 """Sound value of a parameter, or a function that makes it."""
 
 OTHER = {
     "Comparison.of_samples": {"provenance": [{}]},
-    "Daylight.at": {"time": "2026-06-21T12:00"},
+    "Daylight.at": {"time": "2026-06-21T12:00Z"},
     "Dryden.preset": {"physics": "paper"},
     "Dryden.simulate_wind": {"times": TIMES},
     "Uav.simulate_flight": {"times": TIMES},
@@ -197,13 +209,15 @@ OTHER = {
     "studies.sweeps.read_study": {"path": file("study.toml")},
     "duplex": {"down": mt.Link(transmitter=mt.AirLed(), receiver=mt.WaterReceiver()),
                "surface": SEA, "realizations": None},
+    "compare": {"surface": SEA}, "sensitivities": {"realizations": 1},
+    "models.Model.replace": {"path": "water.a", "value": 0.1},
     "optimize": {"over": {"receiver.fov_deg": (10.0, 60.0)}},
     "infer": {"surface": None},
     "band_limit_study": {"surface": SEA, "omega_max": (2.0, 4.0, 6.0, 8.0), "unresolved": "none"},
     "convergence_study": {"surface": SEA, "unresolved": "none"},
     "time_step_study": {"surface": SEA},
     "fading.MarkovChannel.fit": {"thresholds": (1.0,)},
-    "studies.fading_study": {"surface": surfaces.resolved_sea(5.0), "omega_max": (4.0, 8.0),
+    "studies.fading_study": {"surface": surfaces.resolved_sea(5.0), "omega_max": (4.0, 8.0, 16.0, 32.0),
                              "realizations": 0},
     "design": {"realizations": 8},
     "channel_trace": {"surface": SEA, "rate": 10.0},
@@ -220,7 +234,17 @@ OTHER = {
     "fading.coherence_time": {"time": TIMES}, "fading.fade_durations": {"time": TIMES},
     "fading.fading_statistics": {"time": TIMES, "resamples": 99},
     "fading.level_crossing_rate": {"time": TIMES}, "fading.mean_fade_duration": {"time": TIMES},
-    "fading.band_fading": {"surface": SEA}, "fading.fading_band": {"surface": SEA},
+    "fading.band_fading": {"surface": SEA}, "fading.fading_band": {"surface": RESOLVED},
+    "Daylight.spectrum": {"wavelength_nm": [470.0, 500.0]}, "EmbreeIntersector.over": {"mesh": mesh},
+    "GainResult.arrays": {"data": lambda: result().to_dataset()},
+    "fading.FadingStatistics.arrays": {"data": lambda: series().fading().to_dataset()},
+    "merge": {"results": lambda: [mt.simulate(LINK, FLAT, "analog", photons=64, threads=1)]},
+    "models.Family.read": {"value": "led"}, "models.Family.read_several": {"value": "led"},
+    "results.ByWavelength.at_wavelength": {"wavelength_nm": 450.0},
+    "studies.Variant.at": {"values": []}, "studies.Variant.set": {"name": "water.a", "value": 0.1},
+    "studies.Variant.value": {"name": "water.a"},
+    "results.provenance.provenance": {"surface": {}, "run": {}},
+    "surfaces.triangulate.read_mesh": {"source": (CORNERS, FACES)},
     "fading.resolve_band": {"surface": SEA, "waves": None},
     "fading.gain_autocovariance": {"surface": SEA},
     "fading.scintillation_of_spectrum": {"surface": SEA},
@@ -241,16 +265,16 @@ OTHER = {
     "HallNovarini.equal_area_radii": {"depth": 1.0},
     "daylight.sky": {"pattern": "cie-12"},
     "daylight.sky_radiance": {"sky": lambda: daylight.sky("cie-12", 0.3, 30.0, 0.0)},
-    "daylight.sun_position": {"time": "2026-06-21T12:00"},
+    "daylight.light.sun_position": {"time": "2026-06-21T12:00Z"},
     "daylight.glint_radiance": {"n": 1.33},
     "optics.fresnel.reflect": {"n": -DOWN}, "optics.fresnel.refract": {"n": -DOWN},
     "surfaces.MeshSequence.mesh": {}, "surfaces.Surface.slopes": {},
     "surfaces.MeshSequence.frame": {},
     "surfaces.sea_from_config": {"config": {"kind": "flat"}},
     "surfaces.from_gauge": {"source": None, "tail": None},
-    "surfaces.gauge_spectrum": {},
+    "surfaces.gauge_spectrum": {"source": WAVES},
     "surfaces.from_trimesh": {"source": (CORNERS, FACES), "normals": "area", "extent": None},
-    "surfaces.from_wavespectra": {"waves": "table"},
+    "surfaces.from_wavespectra": {"source": spectrum, "waves": "table", "time": None},
     "surfaces.bands.direction_weights": {"theta": RISING, "omega": RISING},
     "surfaces.bands.drawn_waves": {},
     "surfaces.bands.named_band": {"name": "paper"},
@@ -311,7 +335,7 @@ MADE = {
     "Daylight": lambda: DAY, "Dryden": lambda: WIND, "Uav": lambda: mt.Uav(), "Link": lambda: LINK,
     "GainResult": result, "GainSeries": series, "OokLink": lambda: OOK,
     "LinkPerformance": performance, "PhaseFunction": phase, "Route": lambda: ROUTE,
-    "Sensitivities": sensitivities, "IrradianceSeries": irradiance, "Water": lambda: mt.Water(),
+    "Sensitivities": sensitivities, "IrradianceSeries": irradiance, "Water": lambda: mt.Water.from_type("jerlov-II"), "Family": mt.Led,
     "Scenario": lambda: mt.Scenario.from_toml("wind_speed = 0.0"), "Stored": result,
     "TriangleMesh": mesh, "MeshFile": mesh_file, "MeshSequence": meshes, "Variant": variant,
     "ChannelModel": channel, "Tia": lambda: comms.Tia(), "SiPM": lambda: comms.SiPM(),

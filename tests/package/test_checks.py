@@ -84,7 +84,7 @@ def test_missing_arguments_are_python_s_own_error():
 
 
 def test_validators_are_made_by_the_first_call(monkeypatch):
-    def fail(function):
+    def fail(*arguments):
         raise AssertionError("made at import")
 
     monkeypatch.setattr(checks._Parameters, "of", fail)
