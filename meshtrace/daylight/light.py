@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from meshtrace.checks import Directions, Shape, check_call
+from meshtrace.checks import Shape, check_call
 from meshtrace.errors import (
     MISSING,
     Described,
@@ -77,7 +77,7 @@ def sky(pattern: str, diffuse: float, sun_zenith_deg: float, sun_azimuth_deg: fl
 
 
 @check_call
-def sky_radiance(sky: Sky, directions: Directions) -> Floats:
+def sky_radiance(sky: Sky, directions: Annotated[Floats, Shape("... 3")]) -> Floats:
     """Return the radiance of the sky, array twin of `kernels.sources.radiance`.
 
     Parameters
