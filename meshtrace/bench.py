@@ -25,6 +25,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.checks import check_call
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.backward.background import background
 from meshtrace.engine.bvh import CopiedScene, EmbreeIntersector, RayScene
@@ -81,6 +82,7 @@ class RayRecorder(EmbreeIntersector):
         return list(zip(*(np.split(part, starts) for part in whole), strict=True))
 
 
+@check_call
 def best_of(
     rounds: int, *jobs: Callable[[], Any], clock: Callable[[], float] = process_time
 ) -> list[float]:
@@ -137,6 +139,7 @@ def replay(scene: RayScene, rays: Rays) -> None:
         scene.run(*chunk)
 
 
+@check_call
 def analog_rate(
     link: Link, mesh: TriangleMesh, photons: int = 1_500_000, rounds: int = 3
 ) -> dict[str, Any]:
@@ -186,6 +189,7 @@ def analog_rate(
     }
 
 
+@check_call
 def figure_of_merit(
     link: Link,
     mesh: TriangleMesh,
@@ -251,6 +255,7 @@ def figure_of_merit(
     }
 
 
+@check_call
 def new_sea(link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5) -> dict[str, Any]:
     """Return the CPU time of one thread for one gain at a relative tolerance over a new sea.
 
@@ -300,6 +305,7 @@ def new_sea(link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5) -> dict[s
     return {**rows[-1], **median, "rtol": max(row["rtol"] for row in rows[1:])}
 
 
+@check_call
 def resolved_sea(
     link: Link, sea: Any, rtol: float = 0.01, rounds: int = 3, realizations: int = 16
 ) -> dict[str, Any]:
@@ -464,6 +470,7 @@ def counts_up_to(most: int) -> list[int]:
     return sorted({1, most, *(2**i for i in range(1, most.bit_length()) if 2**i <= most)})
 
 
+@check_call
 def thread_scaling(
     link: Link,
     mesh: TriangleMesh,
@@ -564,6 +571,7 @@ def makespan(seconds: list[float], threads: int) -> float:
     return max(ends)
 
 
+@check_call
 def worker_scaling(
     scenario: Scenario,
     realizations: int = 128,
@@ -617,6 +625,7 @@ def worker_scaling(
     }
 
 
+@check_call
 def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dict[str, Any]:
     """Return all measurements on a link over a random sea, with the environment.
 
@@ -723,6 +732,7 @@ _ROWS = (
 """Measurement, and heading and text of its row in the report."""
 
 
+@check_call
 def report(result: dict[str, Any]) -> str:
     """Return the measurements of `bench` as a table of text."""
     merit = result["merit"]

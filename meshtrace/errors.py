@@ -98,7 +98,9 @@ class Refused(ValueError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the parts: workers of a sweep send refusals back."""
-        return Refused, (self.field, self.value, self.allowed, self.hint, self.source)
+        plain = isinstance(self.value, str | int | float | None)
+        value = self.value if plain else Described(show(self.value))  # others may not be pickled
+        return Refused, (self.field, value, self.allowed, self.hint, self.source)
 
 
 @contextmanager
@@ -169,20 +171,38 @@ def require_kind(value: Any, kind: type | UnionType, path: str) -> None:
         raise Refused(path, Described(type(value).__name__), f"a {name}")
 
 
-def require_function(value: Any, path: str) -> None:
-    """Refuse all but None and what can be called."""
-    if value is not None and not callable(value):
-        raise Refused(path, value, "a callable f(n_done)")
-
-
 def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> NDArray[Any]:
-    """Return a value as an array of a type, or refuse it."""
+    """Return a value as an array of a type, or refuse it.
+
+    Numbers alone become an array of floats: no texts, truths, dates or complex numbers, which
+    numpy would convert, and no masked ones, whose mask it would drop.
+    """
     import numpy as np
 
     try:
-        return np.asarray(value, dtype, order="C")
-    except (TypeError, ValueError, OverflowError) as error:
+        if dtype is float and not _is_numeric(value):
+            raise TypeError
+        array = np.asarray(value)
+        if array.dtype.kind == "O" and dtype is float:  # Decimal, Fraction, columns of pandas
+            numbers = [require_real(x, path, allowed) for x in array.flat]
+            array = np.array(numbers).reshape(array.shape)
+        if (dtype is float and array.dtype.kind not in "iuf") or np.ma.is_masked(value):
+            raise TypeError
+        converted = np.asarray(array, dtype, order="C")
+        if converted.dtype.kind in "iu" and not np.array_equal(converted, array):
+            raise TypeError
+        return converted
+    except Exception as error:  # what a foreign object raises, too
         raise Refused(path, value, allowed) from error
+
+
+def _is_numeric(value: Any) -> bool:
+    """Return whether a value, or all in a list, may be numbers: numpy makes some of truths."""
+    if isinstance(value, list | tuple):
+        return all(map(_is_numeric, value))
+    kind = getattr(getattr(value, "dtype", None), "kind", "f")
+    numbers = any(hasattr(value, name) for name in ("__array__", "__float__", "__index__"))
+    return kind != "b" and not isinstance(value, bool) and (numbers or isinstance(value, range))
 
 
 def require_finite(value: Any, path: str, allowed: str) -> NDArray[Any]:
@@ -210,12 +230,19 @@ def require_between(
 
 def require_real(value: Any, path: str, allowed: str) -> float:
     """Return a number as float; refuse any other value but nan."""
+    kind = getattr(getattr(value, "dtype", None), "kind", "f")  # numpy's truths, dates, complex
+    is_number = hasattr(value, "__float__") or hasattr(value, "__index__")
     try:
-        if isinstance(value, str | bytes | bool) or getattr(value, "ndim", False):
+        if isinstance(value, bool) or not is_number or kind not in "iufO" or _is_array(value):
             raise TypeError
         return float(value)
-    except (TypeError, ValueError, OverflowError) as error:
+    except Exception as error:  # what a foreign object raises, too
         raise Refused(path, value, allowed) from error
+
+
+def _is_array(value: Any) -> bool:
+    """Return whether a value has dimensions or a mask."""
+    return bool(getattr(value, "ndim", 0)) or hasattr(value, "mask")
 
 
 def require_pair(value: Any, path: str, allowed: str) -> tuple[float, float]:
@@ -246,18 +273,22 @@ def require_range(
 
     `ends` are those of `require_between`.
     """
+    import numpy as np
+
     left, right = ("<=" if end in "[]" else "<" for end in ends)
     allowed = allowed or f"{low:g} {left} {path} {right} {high:g}"
     array = require_array(value, path, allowed)
     good = _COMPARED[left](low, array) & _COMPARED[right](array, high)
     if not good.all():
         raise Refused(path, array[~good].flat[0], allowed)
+    if np.abs(array).max(initial=0.0) > LARGEST:
+        raise Refused(path, np.abs(array).max(), f"at most {LARGEST:g} in magnitude")
     return array
 
 
 def require_number(value: Any, path: str) -> None:
     """Refuse words for numbers, and numbers that overflow on the way to a gain."""
-    if isinstance(value, bool):
+    if isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "") == "b":
         raise Refused(path, value, "neither true nor false")
     if isinstance(value, int) and abs(value) >= 2**64:
         raise Refused(path, value, "integers of 64 bits")
@@ -315,7 +346,8 @@ def _same(name: str | Path, path: str | Path, exists: bool) -> bool:
 
 def did_you_mean(word: Any, words: Iterable[str]) -> str:
     """Return a hint at words of similar spelling, or ""."""
-    near = difflib.get_close_matches(str(word), list(words))
+    short = isinstance(word, str) and len(word) <= 100  # the search takes longer than its square
+    near = difflib.get_close_matches(word, list(words)) if short else []
     return f"did you mean {' or '.join(near)}?" if near else ""
 
 
@@ -325,7 +357,8 @@ def join_path(path: str, *keys: int | str) -> str:
         if isinstance(key, int):
             path += f"[{key}]"
         else:
-            name = key if re.fullmatch(r"[\w ,-]+", key) else show(key)
+            plain = isinstance(key, str) and re.fullmatch(r"[\w ,-]+", key)
+            name = key if plain else show(key)
             path = f"{path}.{name}" if path else name
     return path
 
@@ -348,16 +381,19 @@ def show(value: Any) -> str:
     """Return a value as one short line."""
     if isinstance(value, bool):
         return str(value).lower()
-    if getattr(value, "ndim", None) == 0:  # numpy's numbers
-        value = value.item()
+    if isinstance(value, Described):
+        return _shortened(one_line(value))
     try:
+        if getattr(value, "ndim", None) == 0:  # numpy's numbers
+            value = value.item()
+        elif getattr(value, "size", 9) == 0 and hasattr(value, "tolist"):  # without a type
+            value = value.tolist()
         text = one_line(repr(value))
-    except ValueError:  # Python writes no integer of more than 4300 digits
-        return "a huge integer"
     except RecursionError:
         return "tables nested too deeply"
-    if isinstance(value, Described):
-        return _shortened(text)
+    except Exception:  # Python writes no integer of more than 4300 digits, some objects nothing
+        huge = isinstance(value, int)
+        return "a huge integer" if huge else f"a {type(value).__name__} without a text"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

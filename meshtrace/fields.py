@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import difflib
 import inspect
 import re
 import sys
@@ -13,6 +12,8 @@ from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
+
+from meshtrace.errors import Refused, did_you_mean
 
 
 class Field(NamedTuple):
@@ -50,7 +51,7 @@ def field(name: str) -> Field:
 
     Raises
     ------
-    KeyError
+    Refused
         If the name is not registered; the message offers similar names.
 
     Examples
@@ -58,16 +59,14 @@ def field(name: str) -> Field:
     >>> field("wind_speed").units
     'm s-1'
     """
-    try:
-        for ending, (what, wrap) in {} if name in FIELDS else _ERRORS.items():
-            if name.endswith(ending):
-                units, long_name, symbol = FIELDS[name.removesuffix(ending)]
-                return Field(units, f"{what} of the {long_name}", wrap.format(symbol))
+    plain = isinstance(name, str)
+    if plain and name in FIELDS:
         return FIELDS[name]
-    except KeyError:
-        close = difflib.get_close_matches(name, FIELDS)
-        hint = f"; did you mean {' or '.join(close)}?" if close else ""
-        raise KeyError(f"{name}: not in meshtrace.fields.FIELDS{hint}") from None
+    for ending, (what, wrap) in _ERRORS.items() if plain else ():
+        if name.endswith(ending) and name.removesuffix(ending) in FIELDS:
+            units, long_name, symbol = FIELDS[name.removesuffix(ending)]
+            return Field(units, f"{what} of the {long_name}", wrap.format(symbol))
+    raise Refused("name", name, "the keys of meshtrace.fields.FIELDS", did_you_mean(name, FIELDS))
 
 
 def attrs(name: str) -> dict[str, str]:
@@ -85,7 +84,7 @@ def attrs(name: str) -> dict[str, str]:
 
     Raises
     ------
-    KeyError
+    Refused
         If the name is not registered.
 
     Examples

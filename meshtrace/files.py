@@ -11,6 +11,8 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
+from meshtrace.errors import Refused
+
 
 @contextmanager
 def atomic(path: str | Path, mode: int = 0o666) -> Iterator[Path]:
@@ -31,6 +33,8 @@ def atomic(path: str | Path, mode: int = 0o666) -> Iterator[Path]:
 
     Raises
     ------
+    Refused
+        If `path` is none.
     OSError
         If the file cannot be written; it names the target. The target is unchanged.
 
@@ -43,6 +47,8 @@ def atomic(path: str | Path, mode: int = 0o666) -> Iterator[Path]:
     >>> target.read_text()
     'all or nothing'
     """
+    if not isinstance(path, str | Path) or "\0" in str(path):
+        raise Refused("path", path, "the path of a file")
     target = Path(os.path.realpath(path))
     _remove_left(target.parent)
     temporary = target.with_name(f"{_prefix()}{os.getpid()}-{secrets.token_hex(6)}{target.suffix}")

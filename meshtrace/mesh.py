@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused, require_array
+from meshtrace.checks import Shape, check_call
+from meshtrace.errors import Described, Refused, require_array, require_range
 
 if TYPE_CHECKING:
     import trimesh
@@ -164,8 +165,9 @@ class _Facets(NamedTuple):
         return cls(normals, areas, np.array([low, high]), math.sqrt(square))
 
 
+@check_call
 def vertex_normals(
-    vertices: NDArray[np.float64],
+    vertices: Annotated[NDArray[np.float64], Shape("n 3")],
     faces: NDArray[Any],
     weights: Literal["area", "angle"] = "area",
 ) -> NDArray[np.float64]:
@@ -191,6 +193,8 @@ def vertex_normals(
     G. Thuermer and C. A. Wuethrich, "Computing vertex normals from polygonal facets", Journal of
     Graphics Tools 3 (1998).
     """
+    faces = _array(faces, "faces", "(m, 3), m >= 1", 1, np.int64)
+    require_range(faces, 0, len(vertices) - 1, "faces")
     facets, corner = _Facets.of(vertices, faces), vertices[faces]
     cross = np.where(facets.areas > 0.0, facets.normals.T * facets.areas, 0.0).T
     normals = np.zeros_like(vertices)

@@ -25,7 +25,6 @@ from typing import (
     ClassVar,
     Generic,
     Literal,
-    NoReturn,
     Self,
     TypeVar,
     dataclass_transform,
@@ -38,12 +37,15 @@ import pydantic
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, PrivateAttr, SerializeAsAny
 
+from meshtrace.checks import Finite as Finite
+from meshtrace.checks import NonNegative as NonNegative
+from meshtrace.checks import Positive as Positive
+from meshtrace.checks import check_methods, refuse
 from meshtrace.errors import (
     MISSING,
     Refused,
     did_you_mean,
     require_keys,
-    require_kind,
     require_number,
     within,
 )
@@ -124,26 +126,8 @@ def converted(*, default: Any) -> Any:
     return Field(default=default)
 
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Position = tuple[Finite, Finite]
 Floats = NDArray[np.float64]
-
-_BOUNDS = {"gt": "<", "ge": "<=", "lt": "<", "le": "<="}
-_WORDS = {
-    "missing": "a value",
-    "finite_number": "finite numbers",
-    "tuple_type": "a list",
-    "mapping_type": "a table",
-    "dict_type": "a table",
-    "model_type": "a table",
-    "model_attributes_type": "a table",
-    "string_type": "a text",
-    "bool": "true or false",
-    "float": "a number",
-    "int": "an integer",
-}
 
 
 # pydantic's own metaclass has this mark, which type checkers do not inherit
@@ -158,6 +142,7 @@ class _Documented(_ModelMetaclass):
         return [n for n in super().__dir__() if n not in hidden and not n.startswith("_")]
 
 
+@check_methods
 class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Documented):
     """Validated, frozen, comparable description; loads back from its own `model_dump`.
 
@@ -179,6 +164,7 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
     def __pydantic_init_subclass__(cls, **options: Any) -> None:
         """Shorten the signature that `help` shows: types are in the docstring."""
         super().__pydantic_init_subclass__(**options)
+        check_methods(cls)
         empty, signature = inspect.Parameter.empty, inspect.signature(cls)
         parameters = [p.replace(annotation=empty) for p in signature.parameters.values()]
         cls.__signature__ = inspect.Signature(parameters)
@@ -262,7 +248,6 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         Traceback (most recent call last):
         meshtrace.errors.Refused: receiver.hieght: 10.0, no such key, did you mean height? ...
         """
-        require_kind(path, str | None, "path")
         fields = {name: getattr(self, name) for name in self.model_fields_set}
         for key, new in ({**({} if path is None else {path: value}), **updates}).items():
             head, *rest = key.split(".")
@@ -330,71 +315,10 @@ def _refusals(cls: type[Model]) -> Iterator[None]:
     try:
         yield
     except pydantic.ValidationError as error:
-        _refuse(cls, error)
+        first = error.errors(include_url=False)[0]
+        refuse(first, cls.__name__, list(first["loc"]), cls)
     except ArithmeticError as error:
         raise Refused(cls.__name__, f"{error}", "numbers that do not overflow") from error
-
-
-def _refuse(cls: type[pydantic.BaseModel], error: pydantic.ValidationError) -> NoReturn:
-    """Raise the first error of pydantic as field, value, allowed."""
-    first = error.errors(include_url=False)[0]
-    path, kind, context = list(first["loc"]), first["type"], first.get("ctx", {})
-    own = context.get("error")
-    if isinstance(own, Refused):
-        if path and own.field == path[-1]:  # validators of a field name it themselves
-            path.pop()
-        raise own.inside(*path) from None
-    value = MISSING if kind == "missing" else first["input"]
-    allowed, hint = str(own) if own else allowed_by(first, cls), ""
-    if kind == "literal_error":
-        hint = did_you_mean(value, allowed.replace(" or ", ", ").split(", "))
-    raise Refused("", value, allowed, hint).inside(*(path or [cls.__name__])) from None
-
-
-def allowed_by(error: Mapping[str, Any], cls: type[pydantic.BaseModel] | None = None) -> str:
-    """Return the allowed values of one of pydantic's errors, in a model or of a single value."""
-    kind, context = error["type"], error.get("ctx", {})
-    if kind == "literal_error":
-        return str(context["expected"].replace("'", ""))
-    if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
-        return _range(cls, list(error["loc"]), context)
-    if kind == "too_short":
-        return f"at least {context['min_length']} of them"
-    if kind == "too_long":
-        return f"at most {context['max_length']} of them"
-    words = _WORDS.get(kind) or _WORDS.get(kind.partition("_")[0])
-    return words or str(error["msg"].removeprefix("Input should be "))
-
-
-def _range(
-    cls: type[pydantic.BaseModel] | None, path: list[int | str], context: dict[str, Any]
-) -> str:
-    """Return the range of a field, as in "> 0" and "0 < fov_deg <= 180"."""
-    bounds: dict[str, Any] = context
-    model: Any = cls
-    for key in path:
-        if isinstance(key, int):  # an item of a tuple
-            model = next(iter(get_args(model)), None)
-        field = getattr(model, "model_fields", {}).get(key)
-        if field is not None:
-            model, name = field.annotation, str(key)
-            if type(None) in get_args(model):  # a part, or none
-                model = next(part for part in get_args(model) if part is not type(None))
-            found = {key: getattr(part, key) for part in field.metadata for key in _BOUNDS
-                     if getattr(part, key, None) is not None}  # fmt: skip
-            bounds = found if context.items() <= found.items() else context
-    bounds = {key: _bound(value) for key, value in bounds.items()}
-    low = next((f"{v} {_BOUNDS[k]}" for k, v in bounds.items() if k in ("gt", "ge")), "")
-    high = next((f"{_BOUNDS[k]} {v}" for k, v in bounds.items() if k in ("lt", "le")), "")
-    if low and high:
-        return f"{low} {name} {high}"
-    return high or f"{low.split()[1].replace('<', '>')} {low.split()[0]}"
-
-
-def _bound(value: Any) -> str:
-    """Return a bound as text, large powers of two as such."""
-    power = isinstance(value, int) and value > 2**20 and value & (value - 1) == 0
-    return f"2^{value.bit_length() - 1}" if power else f"{value:g}"
 
 
 GROUP = "meshtrace.parts"

@@ -34,7 +34,8 @@ from typing import (
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.errors import Described, Refused, one_line, reason_of, show
+from meshtrace.checks import check_call, check_methods
+from meshtrace.errors import Described, Refused, one_line, reason_of, require_writable, show
 from meshtrace.fields import attrs
 from meshtrace.files import atomic
 
@@ -227,6 +228,7 @@ class WithArrays:
         return found
 
 
+@check_methods
 class Stored(WithArrays, ABC):
     """Result with a text, a notebook table, a Dataset and a file.
 
@@ -244,6 +246,7 @@ class Stored(WithArrays, ABC):
     def __init_subclass__(cls) -> None:
         """Register the kind of a class that has one."""
         super().__init_subclass__()
+        check_methods(cls)
         if cls.kind:
             Stored._classes[cls.kind] = cls
 
@@ -451,6 +454,7 @@ def _typed(value: Any, hint: Any) -> Any:
     )
 
 
+@check_call
 def load(path: str | Path) -> Stored:
     """Read a result of any kind from netCDF.
 
@@ -488,6 +492,7 @@ def kind_of(kind: Any, name: str = "kind") -> type[Stored]:
     return Stored._classes[kind]
 
 
+@check_call
 def write_dataset(data: xr.Dataset, path: str | Path) -> None:
     """Write a Dataset as netCDF with checksums, atomically.
 
@@ -500,9 +505,12 @@ def write_dataset(data: xr.Dataset, path: str | Path) -> None:
 
     Raises
     ------
+    Refused
+        If the path is a folder or in none, or may not be written.
     OSError
-        If the file cannot be written; an older one is unchanged.
+        If the disk is full; an older file is unchanged.
     """
+    require_writable(path, field="path")
     import h5netcdf
     from xarray.backends import H5NetCDFStore
 
@@ -521,6 +529,7 @@ def write_dataset(data: xr.Dataset, path: str | Path) -> None:
         file.write(_MARK + hashlib.sha256(content).digest())
 
 
+@check_call
 def read_dataset(path: str | PathLike[str], **options: Any) -> xr.Dataset:
     """Read a netCDF file into memory.
 

@@ -16,8 +16,9 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
+from meshtrace.checks import Seed, check_call, check_methods
 from meshtrace.errors import (
     Described,
     Refused,
@@ -25,9 +26,6 @@ from meshtrace.errors import (
     require_between,
     require_finite,
     require_kind,
-    require_seed,
-    require_whole,
-    require_word,
 )
 from meshtrace.models import Finite, Floats, Model, Position, Positive
 
@@ -58,7 +56,7 @@ class LogProfile(Model, frozen=True):
     kind: Literal["log"] = "log"
     roughness_length: float = pydantic.Field(default=2e-4, gt=0.0, lt=1.0, allow_inf_nan=False)
 
-    def ratio(self, height: float) -> float:
+    def ratio(self, height: Positive) -> float:
         """Return the wind at `height` [m] over the wind at 10 m."""
         return math.log(height / self.roughness_length) / math.log(10.0 / self.roughness_length)
 
@@ -75,7 +73,7 @@ class PowerProfile(Model, frozen=True):
     kind: Literal["power"] = "power"
     exponent: float = pydantic.Field(default=0.11, ge=0.0, le=1.0, allow_inf_nan=False)
 
-    def ratio(self, height: float) -> float:
+    def ratio(self, height: Positive) -> float:
         """Return the wind at `height` [m] over the wind at 10 m."""
         return (height / 10.0) ** self.exponent
 
@@ -156,7 +154,6 @@ class Dryden(Model, frozen=True):
             "physical": {},
             "paper": {"altitude_unit": "metre", "gust_variance": "sigma^2/pi"},
         }
-        require_word(physics, forms, "physics")
         return cls(**(forms[physics] | fields))
 
     @property
@@ -213,7 +210,7 @@ class Dryden(Model, frozen=True):
         x = np.abs(require_array(lag, "lag", "times [s]"))[..., None] / self.correlation_times
         return self.std**2 * np.exp(-x) * (1.0 - 0.5 * x * np.array([0.0, 1.0, 1.0]))
 
-    def sample_wind(self, size: int, seed: int) -> Floats:
+    def sample_wind(self, size: Annotated[int, Field(ge=1, le=10**8)], seed: Seed) -> Floats:
         """Draw independent winds from the stationary law.
 
         Parameters
@@ -228,12 +225,10 @@ class Dryden(Model, frozen=True):
         ndarray
             Wind vectors (n, 3) [m s-1].
         """
-        require_whole(size, 1, 10**8, "size")
-        require_seed(seed)
         noise = np.random.default_rng(seed).standard_normal((size, 3))
         return self.mean_wind + self.std * noise
 
-    def simulate_wind(self, times: ArrayLike, seed: int) -> Floats:
+    def simulate_wind(self, times: ArrayLike, seed: Seed) -> Floats:
         """Simulate a wind record with the Dryden spectra, exact at the sample times.
 
         H_u = s sqrt(2 tau) / (1 + tau p),
@@ -263,7 +258,6 @@ class Dryden(Model, frozen=True):
         for any time step. The gains are those for noise of unit two-sided spectrum per hertz.
         """
         t = require_finite(times, "times", "two or more evenly spaced times (n,)")
-        require_seed(seed)
         steps = np.diff(t)
         if t.size < 2 or not np.allclose(steps, steps[:1], rtol=1e-6, atol=0.0):
             raise Refused("times", times, "two or more evenly spaced times (n,)")
@@ -303,6 +297,7 @@ def _states(q: float, noise: Floats) -> Floats:
     return np.stack([x1, lfilter([1.0], [1.0, -decay], drive_2)])
 
 
+@check_call
 def squared_wind_moments(mean: ArrayLike, std: ArrayLike) -> tuple[float, float]:
     """Return mean and variance of V^2 for independent Gaussian components.
 
@@ -322,6 +317,7 @@ def squared_wind_moments(mean: ArrayLike, std: ArrayLike) -> tuple[float, float]
     return float(np.sum(s2 + u2)), float(np.sum(2.0 * s2**2 + 4.0 * s2 * u2))
 
 
+@check_call
 def h_alpha(tilt: ArrayLike, fov: float) -> Floats:
     """Return the factor of the tilt on the gain of light that arrives vertically.
 
@@ -363,6 +359,11 @@ def _gauss_legendre(points: int) -> tuple[Floats, Floats]:
     return np.polynomial.legendre.leggauss(points)
 
 
+_Square = Annotated[ArrayLike, Field(ge=0.0)]
+_Angle = Annotated[ArrayLike, Field(ge=0.0, lt=0.5 * math.pi)]
+
+
+@check_methods
 @dataclasses.dataclass(frozen=True)
 class TiltLaw(abc.ABC):
     """Law of the tilt angle alpha = arctan(K V^2) and of the factor h_alpha = cos(alpha).
@@ -376,15 +377,15 @@ class TiltLaw(abc.ABC):
     def _squared_wind(self, v2: ArrayLike, function: Literal["pdf", "cdf", "sf"]) -> Floats:
         """Return one of the functions of V^2, with full relative precision in both tails."""
 
-    def squared_wind_pdf(self, v2: ArrayLike) -> Floats:
+    def squared_wind_pdf(self, v2: _Square) -> Floats:
         """Return the density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
         return self._squared_wind(v2, "pdf")
 
-    def squared_wind_cdf(self, v2: ArrayLike) -> Floats:
+    def squared_wind_cdf(self, v2: _Square) -> Floats:
         """Return P(V^2 <= v2), with full relative precision in the lower tail."""
         return self._squared_wind(v2, "cdf")
 
-    def squared_wind_sf(self, v2: ArrayLike) -> Floats:
+    def squared_wind_sf(self, v2: _Square) -> Floats:
         """Return P(V^2 > v2), with full relative precision in the upper tail."""
         return self._squared_wind(v2, "sf")
 
@@ -392,10 +393,10 @@ class TiltLaw(abc.ABC):
     def _bulk(self) -> tuple[float, float]:
         """Return the interval of V^2 that leaves less than 1e-17 of the mass on either side."""
 
-    def _v2(self, tilt: ArrayLike) -> Floats:
+    def _v2(self, tilt: _Angle) -> Floats:
         return np.tan(np.asarray(tilt, dtype=float)) / self.tilt_coefficient
 
-    def pdf(self, tilt: ArrayLike) -> Floats:
+    def pdf(self, tilt: _Angle) -> Floats:
         """Return the density of the tilt, f(alpha) = f_V2(tan(alpha) / K) sec^2(alpha) / K [rad-1].
 
         Parameters
@@ -407,15 +408,15 @@ class TiltLaw(abc.ABC):
         k = self.tilt_coefficient
         return self.squared_wind_pdf(v2) * (1.0 + (k * v2) ** 2) / k
 
-    def cdf(self, tilt: ArrayLike) -> Floats:
+    def cdf(self, tilt: _Angle) -> Floats:
         """Return P(alpha <= tilt), tilt in [0, pi/2) [rad]."""
         return self.squared_wind_cdf(self._v2(tilt))
 
-    def sf(self, tilt: ArrayLike) -> Floats:
+    def sf(self, tilt: _Angle) -> Floats:
         """Return P(alpha > tilt), tilt in [0, pi/2) [rad]."""
         return self.squared_wind_sf(self._v2(tilt))
 
-    def ppf(self, probability: float) -> float:
+    def ppf(self, probability: Annotated[float, Field(gt=1e-15, lt=1.0 - 1e-15)]) -> float:
         """Return the quantile of the tilt [rad], 1e-15 < probability < 1 - 1e-15."""
         from scipy.optimize import brentq
 
@@ -495,6 +496,7 @@ class TiltLaw(abc.ABC):
         return tilt, 0.5 * (high - low) * w * self.pdf(tilt)
 
 
+@check_methods
 @dataclasses.dataclass(frozen=True)
 class GammaTiltLaw(TiltLaw):
     """The paper's approximation: V^2 follows a Gamma law with the exact mean and variance.
@@ -526,7 +528,7 @@ class GammaTiltLaw(TiltLaw):
     def _bulk(self) -> tuple[float, float]:
         return float(self._law.ppf(1e-17)), float(self._law.isf(1e-17))
 
-    def h_pdf_printed(self, h: ArrayLike) -> Floats:
+    def h_pdf_printed(self, h: Annotated[ArrayLike, Field(gt=0.0, lt=1.0)]) -> Floats:
         """Return the density of h_alpha as published, for comparison only.
 
         f(h) = h^-(a+1) (1 - h^2)^((a-2)/2) exp(-sqrt(1-h^2) / (h K b)) / (K Gamma(a) b^a)
@@ -555,6 +557,7 @@ class GammaTiltLaw(TiltLaw):
         return np.exp(log_pdf)
 
 
+@check_methods
 @dataclasses.dataclass(frozen=True)
 class ExactTiltLaw(TiltLaw):
     """Exact law: V^2 is the sum of a non-central chi-squared and a central one.
@@ -614,6 +617,7 @@ class LawComparison(NamedTuple):
     mae: float
 
 
+@check_call
 def compare_laws(exact: TiltLaw, approximation: TiltLaw, points: int = 400) -> LawComparison:
     """Return the distance of an approximate law of the tilt from the exact one.
 
@@ -749,7 +753,6 @@ class Uav(Model, frozen=True):
         FlightRecord
             Times, wind and tilt.
         """
-        require_kind(wind, Dryden, "wind")
         record = wind.simulate_wind(times, seed)
         return FlightRecord(np.asarray(times, dtype=float), record, self.tilt(record))
 
@@ -776,8 +779,6 @@ class Uav(Model, frozen=True):
         Refused
             If the tilt does not vary (gimbal or calm), or `law` is not one of the two names.
         """
-        require_kind(wind, Dryden, "wind")
-        require_word(law, ("exact", "gamma"), "law")
         if self.gimbal or not np.all(wind.std > 0.0):
             raise Refused("tilt_law", Described("constant tilt"), "no gimbal, a wind with gusts")
         mean_wind, std = wind.mean_wind, wind.std
@@ -874,7 +875,7 @@ class Route(Model, frozen=True):
                 raise Refused(name, Described(f"{len(value)} of them"), f"{n}, one for each time")
         return self
 
-    def at(self, times: Floats | list[float], height: float) -> Place:
+    def at(self, times: Floats | list[float], height: Positive) -> Place:
         """Return the places at times (n,) [s].
 
         Parameters
@@ -890,7 +891,6 @@ class Route(Model, frozen=True):
             If a time lies outside of the route.
         """
         wanted = require_finite(times, "times", "times (n,) [s]")
-        require_between(height, 0.0, math.inf, "height")
         first, last = self.times[0], self.times[-1]
         outside = (wanted < first) | (wanted > last)
         if outside.any():

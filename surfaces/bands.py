@@ -8,8 +8,9 @@ from typing import Annotated, Any, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, model_validator
+from pydantic import AfterValidator, BeforeValidator, model_validator
 
+from meshtrace.checks import Shape, check_call
 from meshtrace.errors import Refused, is_number
 from meshtrace.models import Model
 
@@ -126,6 +127,7 @@ PAPER_BANDS = {
 BandName = Literal["mean", "paper", "scaled"]
 
 
+@check_call
 def named_band(name: BandName, spectrum: Spectrum, half_range: float, order: int = 1) -> Band:
     """Return a band by its name.
 
@@ -174,6 +176,7 @@ def named_band(name: BandName, spectrum: Spectrum, half_range: float, order: int
     return found
 
 
+@check_call
 def paper_waves(spectrum: Spectrum) -> BandName:
     """Return "paper" for the sea states of the paper's table, "scaled" for all others.
 
@@ -209,7 +212,17 @@ MeshWaves = Annotated[
 """Field type of the waves of a mesh: also "fading", or all up to a frequency."""
 
 
-def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Spreading) -> Samples:
+def _two_edges(edges: Floats) -> Floats:
+    if len(edges) < 2 or edges[0] < 0.0 or not (np.diff(edges) > 0.0).all():
+        raise Refused("", edges, "two or more rising frequencies [rad s-1]")
+    return edges
+
+
+Edges = Annotated[Floats, Shape("n"), AfterValidator(_two_edges)]
+
+
+@check_call
+def drawn_waves(edges: Edges, d_theta: float, spectrum: Spectrum, spreading: Spreading) -> Samples:
     r"""Return one wave for each cell of frequency and direction, drawn within the cell.
 
     .. math:: \sigma_{ij}^2 = \int_{\omega_i}^{\omega_{i+1}} S d\omega
@@ -271,6 +284,7 @@ def drawn_places(edges: Floats, low: Floats, width: Floats | float) -> tuple[Flo
     return omega, low + width * rng_direction.random(shape)
 
 
+@check_call
 def direction_grid(half_range: float, d_theta: float) -> Floats:
     """Return directions spaced by `d_theta` and symmetric about the wind.
 
@@ -302,11 +316,12 @@ def direction_grid(half_range: float, d_theta: float) -> Floats:
     return d_theta * (np.arange(n, dtype=np.float64) - 0.5 * (n - 1))
 
 
+@check_call
 def direction_weights(
     spreading: Spreading,
-    omega: ArrayLike,
-    theta: Floats,
-    d_theta: float,
+    omega: Annotated[ArrayLike, Shape("n")],
+    theta: Annotated[Floats, Shape("m")],
+    d_theta: Positive,
     *,
     omega_p: float,
     wind_speed: float,

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.polynomial.hermite_e import herme2poly
 from pydantic import BeforeValidator, model_validator
 
-from meshtrace.errors import Described, Refused
+from meshtrace.checks import check_call
+from meshtrace.errors import Described, Refused, require_word
 from meshtrace.kernels.interface import GAUSSIAN, WIDE, Series
 from meshtrace.mesh import Cumulants
 from meshtrace.models import Finite, Model
@@ -247,18 +248,23 @@ def require_random(law: str | GramCharlier, mss: Mss) -> None:
         raise Refused("slope_law", law, 'gaussian with mss = "band": no slopes are random')
 
 
+@check_call
 def real_cumulants(
-    law: str | GramCharlier, wind_speed: float, slope_variance: Variances | None
+    law: str | GramCharlier,
+    wind_speed: float,
+    slope_variance: Variances | None,
 ) -> Cumulants:
     """Return the third and fourth cumulants of the slopes of the real sea."""
     if law == "gaussian" or slope_variance is None:
         return Cumulants()
     if isinstance(law, str):
         named = {"cox-munk": GramCharlier.cox_munk, "breon-henriot": GramCharlier.breon_henriot}
+        require_word(law, named, "law")
         law = named[law](wind_speed)
     return law.cumulants(slope_variance)
 
 
+@check_call
 def series_of(cumulants: Cumulants, slope_variance: Variances) -> Series:
     """Return the density of random slopes with these cumulants and variances.
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import Probability, check_call
 from meshtrace.errors import (
     Described,
     DomainWarning,
@@ -59,6 +60,7 @@ class _Table(NamedTuple):
         )
 
 
+@check_call
 def from_wavespectra(
     source: str | PathLike[str] | xarray.Dataset,
     seed: int = 0,
@@ -326,6 +328,7 @@ class _Record(NamedTuple):
     step: float
 
 
+@check_call
 def gauge_spectrum(
     source: str | PathLike[str] | ArrayLike,
     depth: float | None = None,
@@ -338,7 +341,7 @@ def gauge_spectrum(
     segments: int = 16,
     f_min: float | None = None,
     f_max: float | None = None,
-    confidence: float = 0.95,
+    confidence: Probability = 0.95,
 ) -> xarray.Dataset:
     r"""Return the directional spectrum of a record of wave gauges.
 
@@ -410,7 +413,6 @@ def gauge_spectrum(
     record = _read_gauges(source, unit)
     n, gauges = record.elevation.shape
     require_whole(segments, 2, max(2, n // _FEWEST), "segments")
-    require_between(confidence, 0.0, 1.0, "confidence")
     if depth is not None:
         DEPTH.check(depth)
     length = n // segments
@@ -447,6 +449,7 @@ def gauge_spectrum(
     )
 
 
+@check_call
 def from_gauge(
     source: str | PathLike[str] | ArrayLike,
     seed: int = 0,
@@ -512,7 +515,7 @@ def _read_gauges(source: Any, unit: str | None) -> _Record:
         header, values = read_columns(source)
     else:
         values = require_array(source, name, "(n, 1 + gauges) numbers")
-    if values.ndim != 2 or values.shape[1] < 2 or not np.isfinite(values).all():
+    if values.ndim != 2 or values.shape[1] < 2 or not values.size or not np.isfinite(values).all():
         found = Described(f"shape {values.shape}")
         raise Refused(name, found, "(n, 1 + gauges) finite numbers: time [s], elevations")
     factor = _UNITS[_unit(name, header, unit)]
@@ -571,13 +574,16 @@ def _stated(
     if spreading is None:
         raise Refused("spreading", None, "a spreading: one gauge does not see directions")
     turned = np.remainder(theta + math.pi, 2.0 * math.pi) - math.pi
-    density = Spreading.read(spreading).density(
-        2.0 * math.pi * freq[:, None],
-        turned,
-        omega_p=2.0 * math.pi * peak,
-        wind_speed=math.nan if wind_speed is None else wind_speed,
-    )
-    return density / density.sum(axis=1, keepdims=True)
+    kind, omega = Spreading.read(spreading), 2.0 * math.pi * freq[:, None]
+
+    def shares(speed: float) -> Floats:
+        density = kind.density(omega, turned, omega_p=2.0 * math.pi * peak, wind_speed=speed)
+        return density / density.sum(axis=1, keepdims=True)
+
+    found = shares(5.0 if wind_speed is None else wind_speed)
+    if wind_speed is None and not np.array_equal(found, shares(10.0)):
+        raise Refused("wind_speed", None, f"a wind speed [m/s] for the spreading {kind.kind}")
+    return found
 
 
 def _of_array(

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused
 
 from .parameters import Floats
@@ -223,6 +224,7 @@ MOST_PAIRS = 4_000_000
 """Bound waves before the small ones are left out, beyond which a sea is refused."""
 
 
+@check_call
 def interaction_kernels(
     kx: ArrayLike, ky: ArrayLike, other_kx: ArrayLike, other_ky: ArrayLike
 ) -> tuple[Floats, Floats]:
@@ -278,6 +280,7 @@ def interaction_kernels(
     return kernels[0], kernels[1]
 
 
+@check_call
 def with_bound_waves(free: WaveComponents, omega_max: float, most: int) -> WaveComponents:
     r"""Return waves with the bound waves of all pairs of them up to a frequency.
 

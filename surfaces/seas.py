@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, PrivateAttr, SerializeAsAny, model_validator
 
+from meshtrace.checks import check_call
 from meshtrace.errors import MISSING, Described, Refused, require_real
 from meshtrace.mesh import Cumulants, UnresolvedSlopes
 from meshtrace.models import FamilyField, InheritedFamilyField, NonNegative, converted
@@ -683,6 +684,7 @@ class SumSea(RandomSea, frozen=True):
         return WaveComponents(*(np.concatenate(rows) for rows in zip(*waves, strict=True)))
 
 
+@check_call
 def sea_from_config(config: Mapping[str, Any]) -> Surface | MeshSequence:
     """Return a sea from the plain data of `to_config`.
 
@@ -714,6 +716,7 @@ def sea_from_config(config: Mapping[str, Any]) -> Surface | MeshSequence:
     return Surface.read(config)
 
 
+@check_call
 def resolved_sea(wind_speed: float, fetch: float | None = None, seed: int = 0) -> SpectralSea:
     """Return the sea of a wind with a model of the short waves that make light fade.
 
@@ -750,6 +753,7 @@ def resolved_sea(wind_speed: float, fetch: float | None = None, seed: int = 0) -
     )
 
 
+@check_call
 def sea_in_wind(wind_speed: float, seed: int = 0) -> Surface:
     """Return the default sea of a wind: a JONSWAP sea, or a flat one without wind.
 

@@ -13,13 +13,14 @@ from glob import glob
 from os.path import abspath
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import PrivateAttr
 
+from meshtrace.checks import Inside
 from meshtrace.errors import Described, Refused, extra, reason_of, require_whole
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Model
@@ -408,7 +409,7 @@ class MeshSequence(Model, frozen=True):
     def __len__(self) -> int:
         return len(self._frames.names)
 
-    def frame(self, i: int) -> TriangleMesh:
+    def frame(self, i: Annotated[int, Inside()]) -> TriangleMesh:
         """Return frame i, from memory or its file.
 
         Parameters

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import model_validator
 
+from meshtrace.checks import check_call
 from meshtrace.errors import MISSING, Described, Refused
 from meshtrace.models import Family, NonNegative
 from meshtrace.tables import read_columns
@@ -52,6 +53,7 @@ ALPHA_COEFFICIENT = 0.075
 # Below this fraction of the peak every spectrum here underflows to exactly zero, so frequencies
 # are raised to it: S(0) = 0 then needs no special case.
 _LOWEST = 0.01
+_LEAST_WIND = 0.01  # [m/s]: waves of its peak are 0.01 mm long, shorter than any that sea water has
 
 
 class Spectrum(Family, ABC, frozen=True):
@@ -269,6 +271,12 @@ class Elfouhaily(Spectrum, frozen=True):
     kind: Literal["elfouhaily"] = "elfouhaily"
     fetch: Fetch | None = None
 
+    @model_validator(mode="after")
+    def _has_waves(self) -> Self:
+        if self.wind_speed < _LEAST_WIND:
+            raise Refused("wind_speed", self.wind_speed, f">= {_LEAST_WIND:g} m/s, which has waves")
+        return self
+
     @property
     def inverse_wave_age(self) -> float:
         """Inverse wave age U / c_p, 0.84 (fully developed) to 5 (very young).
@@ -350,6 +358,7 @@ def sea_state(spectrum: Spectrum) -> dict[str, float]:
     return {"omega_p": spectrum.omega_p, "wind_speed": spectrum.wind_speed}
 
 
+@check_call
 def peak_enhancement(
     x: Floats, gamma: float, sigma_a: float = 0.07, sigma_b: float = 0.09
 ) -> Floats:
@@ -378,6 +387,7 @@ def _peak_integral(tail: float, *enhancement: float) -> float:
     )  # fmt: skip
 
 
+@check_call
 def kitaigorodskii(omega: ArrayLike, depth: float) -> Floats:
     """Return the fraction of a deep-water spectrum that remains in finite depth.
 
@@ -416,6 +426,7 @@ def kitaigorodskii(omega: ArrayLike, depth: float) -> Floats:
     return np.tanh(kd) ** 2 / (1.0 + 2.0 * kd / np.sinh(2.0 * kd))
 
 
+@check_call
 def elfouhaily_delta(k: ArrayLike, wind_speed: float, omega_p: float) -> Floats:
     """Return the up-wind over cross-wind contrast Delta(k) of the Elfouhaily spreading.
 
@@ -662,6 +673,8 @@ class TabulatedSpectrum(Spectrum, frozen=True):
             raise Refused("omega", MISSING, "frequencies [rad s-1] beside density, or file")
         if isinstance(data, Mapping) and "file" in data:
             own = {key: value for key, value in data.items() if key != "file"}
+            if not isinstance(data["file"], str | PathLike):
+                raise Refused("file", data["file"], "the path of a text file")
             return {**cls.from_file(data["file"]).model_dump(include={"omega", "density"}), **own}
         return data
 
@@ -683,8 +696,6 @@ class TabulatedSpectrum(Spectrum, frozen=True):
         Columns are omega [rad s-1] and S(omega) [m2 s rad-1], or, where the header of the first
         one contains "Hz" or begins with "f", f [Hz] and S(f) = 2 pi S(omega) [m2 Hz-1].
         """
-        if not isinstance(path, str | PathLike):
-            raise Refused("file", path, "the path of a text file")
         header, values = read_columns(path)
         first = header[0].lower() if header else ""
         unit = 2.0 * np.pi if "hz" in first or first.startswith("f") else 1.0

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Refused, require_between
 from meshtrace.mesh import TriangleMesh
 
@@ -216,6 +217,7 @@ _PANELS_PER_E_FOLD = 32
 _NODES = 8
 
 
+@check_call
 def spectral_moment(
     spectrum: Spectrum,
     order: float,
@@ -259,6 +261,7 @@ def spectral_moment(
     return float(np.sum(weights * omega**order * spectrum(omega)))
 
 
+@check_call
 def hs(spectrum: Spectrum, omega_min: float = 0.0, omega_max: float | None = None) -> float:
     """Return the significant wave height Hs = 4 sqrt(m_0) [m] of a spectrum, or of a band of it.
 
@@ -272,6 +275,7 @@ def hs(spectrum: Spectrum, omega_min: float = 0.0, omega_max: float | None = Non
     return 4.0 * math.sqrt(spectral_moment(spectrum, 0, omega_min, omega_max))
 
 
+@check_call
 def tp(spectrum: Spectrum) -> float:
     """Return the peak period Tp = 2 pi / omega_p [s] of a spectrum.
 
@@ -284,6 +288,7 @@ def tp(spectrum: Spectrum) -> float:
     return 2.0 * math.pi / spectrum.omega_p
 
 
+@check_call
 def mean_square_slope(
     spectrum: Spectrum,
     omega_max: float,
@@ -329,6 +334,7 @@ def mean_square_slope(
     return float(np.sum(weights * k**2 * spectrum(omega)))
 
 
+@check_call
 def components_hs(waves: WaveComponents) -> float:
     """Return the significant wave height 4 sqrt(sum a^2 / 2) [m] of a wave sum, over all phases.
 
@@ -341,6 +347,7 @@ def components_hs(waves: WaveComponents) -> float:
     return 4.0 * math.sqrt(0.5 * float(np.sum(waves.amplitude**2)))
 
 
+@check_call
 def components_slope_variance(waves: WaveComponents, wind_direction_deg: float = 0.0) -> Variances:
     """Return the slope variances along and across the wind of a sum of waves, over all phases.
 
@@ -368,6 +375,7 @@ def components_slope_variance(waves: WaveComponents, wind_direction_deg: float =
     return _mean_squares(0.5 * waves.amplitude**2, waves.kx, waves.ky, wind_direction_deg)
 
 
+@check_call
 def sampled_hs(mesh: TriangleMesh) -> float:
     """Return the significant wave height [m] of one mesh, 4 standard deviations of its elevation.
 
@@ -378,6 +386,7 @@ def sampled_hs(mesh: TriangleMesh) -> float:
     return 4.0 * math.sqrt(float(np.sum(share * (z - np.sum(share * z)) ** 2)))
 
 
+@check_call
 def sampled_slope_variance(mesh: TriangleMesh, wind_direction_deg: float = 0.0) -> Variances:
     """Return the mean square slopes along and across the wind of one mesh, from its vertex normals.
 
@@ -398,6 +407,7 @@ def sampled_slope_variance(mesh: TriangleMesh, wind_direction_deg: float = 0.0) 
     return _mean_squares(_vertex_share(mesh), *slopes, wind_direction_deg)
 
 
+@check_call
 def cox_munk(wind_speed: float) -> Variances:
     """Return the slope variances along and across the wind of a clean sea.
 
@@ -437,6 +447,7 @@ def cox_munk(wind_speed: float) -> Variances:
     return 3.16e-3 * wind_speed, 0.003 + 1.92e-3 * wind_speed
 
 
+@check_call
 def unresolved_slope_variance(target: Variances, resolved: Variances) -> Variances:
     """Return the slope variances missing from a surface.
 
@@ -472,6 +483,7 @@ def unresolved_slope_variance(target: Variances, resolved: Variances) -> Varianc
     return along, across
 
 
+@check_call
 @cache
 def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> Variances:
     """Return the slope variances of the Elfouhaily spectrum, capillaries included.
@@ -519,6 +531,7 @@ def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> 
     return float(np.sum(mss * (0.5 + 0.25 * delta))), float(np.sum(mss * (0.5 - 0.25 * delta)))
 
 
+@check_call
 def real_slope_variance(
     mss: Mss, wind_speed: float, fetch: float | None = None
 ) -> Variances | None:
@@ -530,6 +543,7 @@ def real_slope_variance(
     return elfouhaily_slope_variance(wind_speed, fetch)
 
 
+@check_call
 def meshed_slope_variance(
     waves: WaveComponents, spacing: float, wind_direction_deg: float = 0.0
 ) -> tuple[Variances, Variances]:

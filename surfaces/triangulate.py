@@ -6,11 +6,12 @@ import math
 from functools import lru_cache
 from os import PathLike
 from os.path import isfile
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.checks import Inside, check_call
 from meshtrace.errors import Described, Refused, reason_of, require_array
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes, vertex_normals
 
@@ -130,6 +131,7 @@ def _step_count(length: float, spacing: float, enough: float = math.inf) -> int:
     return max(1, math.ceil(steps))
 
 
+@check_call
 def triangulate(
     x_axis: ArrayLike,
     y_axis: ArrayLike,
@@ -179,6 +181,7 @@ def triangulate(
     return mesh_of_sheet(*height_field(x_axis, y_axis, z, sx, sy), unresolved)
 
 
+@check_call
 def height_field(
     x_axis: ArrayLike, y_axis: ArrayLike, z: ArrayLike, sx: ArrayLike, sy: ArrayLike
 ) -> tuple[Floats, Floats]:
@@ -241,8 +244,9 @@ _STEEPEST_NORMAL_Z = 1e-6
 _SMALLEST_AREA = 1e-12
 
 
+@check_call
 def from_trimesh(
-    source: trimesh.Trimesh | str | PathLike[str] | tuple[ArrayLike, ...],
+    source: Annotated[trimesh.Trimesh | str | PathLike[str] | tuple[ArrayLike, ...], Inside()],
     extent: float | None = None,
     *,
     overhangs: bool = False,
@@ -312,6 +316,7 @@ def unfit(found: str, allowed: str) -> Refused:
     return Refused("source", Described(found), allowed)
 
 
+@check_call
 def read_mesh(source: Any) -> tuple[Floats, NDArray[np.int64]]:
     """Return vertices and facets of any source of `from_trimesh`, with their shapes checked."""
     if isinstance(source, str | PathLike):

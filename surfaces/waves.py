@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused
 
 from .parameters import DEPTH, Floats, finite_array, points
@@ -33,6 +34,7 @@ KINEMATIC_TENSION = GRAVITY / CAPILLARY_WAVENUMBER**2
 _NEWTON_STEPS = 60
 
 
+@check_call
 def angular_frequency(k: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:
     """Return the angular frequency of a wave.
 
@@ -70,6 +72,7 @@ def angular_frequency(k: ArrayLike, depth: float | None = None, capillary: bool 
     return np.sqrt(squared)
 
 
+@check_call
 def wavenumber(omega: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:
     """Return the wavenumber of a wave, the inverse of `angular_frequency`.
 
@@ -123,6 +126,7 @@ def wavenumber(omega: ArrayLike, depth: float | None = None, capillary: bool = F
     return result
 
 
+@check_call
 def wavenumber_in_current(
     omega: ArrayLike,
     theta: ArrayLike,
@@ -191,6 +195,7 @@ def wavenumber_in_current(
     return _newton(k, step)
 
 
+@check_call
 def phase_speed(k: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:
     """Return the phase speed c = omega / k [m s-1] of waves of wavenumber `k` > 0 [rad m-1].
 
@@ -203,6 +208,7 @@ def phase_speed(k: ArrayLike, depth: float | None = None, capillary: bool = Fals
     return angular_frequency(k, depth, capillary) / k
 
 
+@check_call
 def group_speed(k: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:
     """Return the group speed c_g = d omega / d k [m s-1] of waves of wavenumber `k` > 0 [rad m-1].
 

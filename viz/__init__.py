@@ -22,8 +22,8 @@ _attribute, __dir__, __all__ = attach(__name__, __file__)
 def __getattr__(name: str) -> Any:
     found = _attribute(name)
     if isfunction(found):
-        from .checks import checked
+        from meshtrace.checks import check_call
 
-        found = checked(found)
+        found = check_call(found, all_named=True)
     globals()[name] = found  # lazy_loader keeps the function itself
     return found

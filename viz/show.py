@@ -18,7 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.engine.setup.options import Meshing
 from meshtrace.engine.simulate import simulate
-from meshtrace.errors import Described, Refused, require_finite, require_whole, require_writable
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_finite,
+    require_whole,
+    require_writable,
+)
 from meshtrace.fading.spectral import resolve_band
 from meshtrace.files import atomic
 from meshtrace.link import Link

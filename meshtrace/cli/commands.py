@@ -378,7 +378,7 @@ def _refusal(error: Any) -> str:
     """Return the refusal of an option's value, or "" for any other invalid argument."""
     import pydantic
 
-    from meshtrace.models import allowed_by
+    from meshtrace.checks import allowed_by
 
     cause = error.__cause__
     if not isinstance(cause, pydantic.ValidationError):

@@ -109,10 +109,13 @@ def reader_of(annotation: str, names: dict[str, Any]) -> tuple[Reader, tuple[str
 
     `names` are those of the module of the annotation.
     """
-    reader = _READERS.get(annotation.removesuffix(" | None"))
-    if reader is not None:
-        return reader, ()
-    words = _literals(eval(annotation, names))
+    plain = annotation.removesuffix(" | None")
+    kind = None if plain in _READERS else eval(plain, names)
+    if get_origin(kind) is Annotated:  # a number between bounds
+        plain = get_args(kind)[0].__name__
+    if plain in _READERS:
+        return _READERS[plain], ()
+    words = _literals(kind)
     assert words, f"no reader of options of type {annotation}"
 
     def word(option: str, text: str) -> str:
@@ -282,7 +285,7 @@ def _option(study: StudyRow, name: str) -> tuple[Reader, inspect.Parameter]:
     """Return reader and option of a parameter, described by the first function that has it."""
     functions = [one for one in study.functions if name in parameters_of(one)]
     annotation = parameters_of(functions[0])[name].annotation
-    reader, choices = reader_of(annotation, functions[0].__globals__)
+    reader, choices = reader_of(annotation, inspect.unwrap(functions[0]).__globals__)
     names, metavar, default = _words(study, name)
     text = sentences(functions[0]).get(name, "").rstrip(".")
     if default is not None:  # in place of that of the function
@@ -323,7 +326,7 @@ def parameters_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
     """Return the parameters of a function, and its options `**run` as parameters."""
     found = dict(inspect.signature(function).parameters)
     if run := found.pop("run", None):
-        (kind,) = get_args(eval(run.annotation, function.__globals__))
+        (kind,) = get_args(eval(run.annotation, inspect.unwrap(function).__globals__))
         for name, hint in kind.__annotations__.items():
             text = hint.__forward_arg__
             found[name] = inspect.Parameter(name, _KEYWORD, default=None, annotation=text)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import warnings
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
+from meshtrace.checks import ErrorRate, check_call
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.spectra import Curve
-from meshtrace.errors import require_between
 from meshtrace.results.daylight import Background
 
 MOST_BIAS_CURRENT = 10e-3
@@ -38,7 +40,12 @@ class DaylightWarning(UserWarning):
     """Background light beyond the design of a receiver: narrow filter, large bias current."""
 
 
-def filter_shift_nm(wavelength_nm: float, angle_deg: float, n_eff: float = 2.0) -> float:
+@check_call
+def filter_shift_nm(
+    wavelength_nm: float,
+    angle_deg: Annotated[float, Field(ge=0.0, le=90.0)],
+    n_eff: Annotated[float, Field(ge=1.0)] = 2.0,
+) -> float:
     """Return the shift of an interference filter under slanted light [nm].
 
     lambda_0 - lambda(theta) = lambda_0 (1 - (1 - (sin theta / n_eff)^2)^(1/2))
@@ -57,12 +64,11 @@ def filter_shift_nm(wavelength_nm: float, angle_deg: float, n_eff: float = 2.0) 
     >>> [round(filter_shift_nm(470.0, angle), 2) for angle in (30.0, 10.0, 2.98)]
     [14.92, 1.77, 0.16]
     """
-    require_between(angle_deg, 0.0, 90.0, "angle_deg", "[]")
-    require_between(n_eff, 1.0, math.inf, "n_eff", "[)", ">= 1")
     sine = math.sin(math.radians(angle_deg)) / n_eff
     return wavelength_nm * (1.0 - math.sqrt(1.0 - sine * sine))
 
 
+@check_call
 def with_background(ook: OokLink, found: Background, scale: float = 1.0) -> OokLink:
     """Return a transmission with the counts of a background added to its own.
 
@@ -79,6 +85,7 @@ def with_background(ook: OokLink, found: Background, scale: float = 1.0) -> OokL
     return ook.replace(background_rate=rate)
 
 
+@check_call
 def occupancy(ook: OokLink) -> float:
     """Return x = r tau / N, the dark and background counts of a cell in its dead time."""
     rate = ook.sipm.dark_count_rate + ook.background_rate
@@ -106,7 +113,8 @@ def warn_of_background(ook: OokLink, found: Background) -> None:
         warnings.warn(text, DaylightWarning, stacklevel=3)
 
 
-def widest_filter_nm(ook: OokLink, found: Background, power: float, ber: float) -> float:
+@check_call
+def widest_filter_nm(ook: OokLink, found: Background, power: float, ber: ErrorRate) -> float:
     """Return the widest filter of a link for a bit error rate under a background.
 
     Parameters
@@ -133,7 +141,6 @@ def widest_filter_nm(ook: OokLink, found: Background, power: float, ber: float) 
     """
     from scipy.optimize import brentq
 
-    require_between(ber, 0.0, 0.5, "ber")
     if isinstance(ook.optics.filter_transmission, Curve):
         return math.nan
     if ook.filter_share == 0.0:

@@ -7,21 +7,20 @@ h_alpha joins as an array of the same shape (or 1 where the gains already contai
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from meshtrace import fading
+from meshtrace.checks import Positive, Probability, Seed, check_call
 from meshtrace.comms.decisions import non_negative
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import (
+    Described,
     Refused,
     require_array,
-    require_between,
-    require_kind,
-    require_seed,
-    require_whole,
 )
 from meshtrace.fading import Estimate
 from meshtrace.fading.distribution import check_effective
@@ -59,6 +58,7 @@ def _db(ratio: ArrayLike) -> Floats:
         return 10.0 * np.log10(np.asarray(ratio, dtype=float))
 
 
+@check_call
 def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike = 1.0) -> LinkBudget:
     """Compute the link budget in decibels.
 
@@ -86,8 +86,7 @@ def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike =
     >>> print(f"{float(budget.margin_optical_db):.1f} dB optical")
     5.7 dB optical
     """
-    require_kind(link, OokLink, "link")
-    g, tilt = non_negative("gain", gain), non_negative("h_alpha", h_alpha)
+    g, tilt = _with_tilt(gain, h_alpha)
     required = link.required_power(ber)
     margin = _db(link.received_power(g * tilt) / required)
     optics, area = link.optics, link.sipm.area
@@ -104,6 +103,7 @@ def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike =
     )
 
 
+@check_call
 def required_gain(link: OokLink, ber: float) -> float:
     """Return the channel gain that a link needs for a bit error rate; infinite if unattainable.
 
@@ -114,16 +114,29 @@ def required_gain(link: OokLink, ber: float) -> float:
     ber : float
         Bit error rate, 0 < ber < 0.5.
     """
-    require_kind(link, OokLink, "link")
     received = float(link.received_power(1.0))
     return link.required_power(ber) / received if received > 0.0 else math.inf
 
 
+@check_call
 def faded_gains(gain: ArrayLike, h_alpha: ArrayLike) -> Floats:
     """Return gains times tilt factors as an array (n,); refuse negative ones."""
-    return np.ravel(non_negative("gain", gain) * non_negative("h_alpha", h_alpha))
+    g, h = _with_tilt(gain, h_alpha)
+    return np.ravel(g * h)
 
 
+def _with_tilt(gain: ArrayLike, h_alpha: ArrayLike) -> tuple[Floats, Floats]:
+    """Return gains and tilt factors whose shapes fit."""
+    g, h = non_negative("gain", gain), non_negative("h_alpha", h_alpha)
+    try:
+        np.broadcast_shapes(g.shape, h.shape)
+    except ValueError as error:
+        shapes = Described(f"shape {h.shape}")
+        raise Refused("h_alpha", shapes, f"() or {g.shape}, as the gains") from error
+    return g, h
+
+
+@check_call
 def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
     """Return the bit error rate of many gains, interpolated between nodes for long arrays.
 
@@ -146,7 +159,6 @@ def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
     """
     from scipy.interpolate import PchipInterpolator
 
-    require_kind(link, OokLink, "link")
     power = link.received_power(gain)
     if power.size <= 2 * _TABLE_POINTS:
         return link.ber(power)
@@ -164,15 +176,16 @@ def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
     return np.where(power < floor, 0.5, ber)
 
 
+@check_call
 def average_ber(
     link: OokLink,
     gain: ArrayLike,
     h_alpha: ArrayLike = 1.0,
     *,
     n_effective: float | None = None,
-    confidence: float = 0.95,
-    resamples: int = 1000,
-    seed: int = 1,
+    confidence: Probability = 0.95,
+    resamples: Annotated[int, Field(ge=1, le=10**7)] = 1000,
+    seed: Seed = 1,
 ) -> Estimate:
     """Average the bit error rate over fading, BER = E[BER(P h)].
 
@@ -210,9 +223,6 @@ def average_ber(
     """
     g = faded_gains(gain, h_alpha)
     n = check_effective(n_effective, g.size)
-    require_between(confidence, 0.0, 1.0, "confidence")
-    require_seed(seed)
-    require_whole(resamples, 1, 10**7, "resamples")
     return bootstrapped_mean(ber_of_gains(link, g), n, confidence, resamples, seed)
 
 
@@ -243,6 +253,7 @@ def bootstrapped_mean(
     return Estimate(mean, float(min(low, mean)), float(max(high, mean)))
 
 
+@check_call
 def outage(
     link: OokLink,
     gain: ArrayLike,
@@ -281,7 +292,8 @@ def outage(
     )
 
 
-def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
+@check_call
+def depth_at(depth: ArrayLike, value: ArrayLike, limit: Positive) -> float:
     """Return the largest depth of a crossing between a curve over depth and a limit.
 
     Monotone cubic (PCHIP) interpolation of ln(value) over depth.
@@ -319,7 +331,6 @@ def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
         raise Refused("depth", depth, rising)
     if v.shape != d.shape or not np.all(np.isfinite(v) & (v > 0.0)):
         raise Refused("value", value, positive)
-    require_between(limit, 0.0, math.inf, "limit", allowed="finite, > 0")
     curve = PchipInterpolator(d, np.log(v) - math.log(limit))
     crossings = curve.roots(discontinuity=False, extrapolate=False)
     crossings = crossings[np.isfinite(crossings)]
@@ -329,6 +340,7 @@ def depth_at(depth: ArrayLike, value: ArrayLike, limit: float) -> float:
     return float(crossings.max())
 
 
+@check_call
 def range_at_ber(link: OokLink, depth: ArrayLike, gain: ArrayLike, ber: float) -> float:
     """Return the greatest depth of a link without fading for a bit error rate.
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from meshtrace.checks import NonNegative, Positive, check_call
 from meshtrace.comms.budget import ber_of_gains, faded_gains
 from meshtrace.comms.decisions import mixed_information, non_negative, soft_information
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import require_between, require_kind
 from meshtrace.models import Floats
 
 _STATES = 8  # that stand for the light of other bits
@@ -32,6 +33,7 @@ class Capacity(NamedTuple):
     hard_outage: float
 
 
+@check_call
 def hard_information(ber: ArrayLike) -> Floats:
     """Return the capacity of a binary symmetric channel, 1 - H2(BER) [bit per use].
 
@@ -56,8 +58,12 @@ def hard_information(ber: ArrayLike) -> Floats:
     return 1.0 - (entr(p) + entr(1.0 - p)) / math.log(2.0)
 
 
+@check_call
 def capacity(
-    link: OokLink, gain: ArrayLike, h_alpha: ArrayLike = 1.0, outage: float = 0.01
+    link: OokLink,
+    gain: ArrayLike,
+    h_alpha: ArrayLike = 1.0,
+    outage: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01,
 ) -> Capacity:
     """Return the rates of on-off keying at the link's bit rate over an ensemble of gains.
 
@@ -82,8 +88,6 @@ def capacity(
     Refused
         If a value is out of range.
     """
-    require_kind(link, OokLink, "link")
-    require_between(outage, 0.0, 1.0, "outage", "[)")
     g = faded_gains(gain, h_alpha)
     power = link.received_power(g)
     low, high = link.levels(power)
@@ -122,7 +126,12 @@ def _interference(link: OokLink) -> tuple[float, Floats, Floats]:
     return float(shares[0]), total[seen] / count[seen], count[seen] / light.size
 
 
-def wyner_capacity(peak_rate: float, dark_rate: float, mean_share: float = 1.0) -> float:
+@check_call
+def wyner_capacity(
+    peak_rate: Positive,
+    dark_rate: NonNegative,
+    mean_share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0,
+) -> float:
     """Return the capacity of the photon channel for any modulation [bit s-1].
 
     C = A [q (1+s) ln(1+s) + (1-q) s ln s - (q+s) ln(q+s)] / ln 2,  s = dark / A,
@@ -158,9 +167,7 @@ def wyner_capacity(peak_rate: float, dark_rate: float, mean_share: float = 1.0) 
     >>> round(wyner_capacity(1.0, 0.1) * math.log(2.0), 6)
     0.250556
     """
-    peak = require_between(peak_rate, 0.0, math.inf, "peak_rate", allowed="finite, > 0")
-    dark = require_between(dark_rate, 0.0, math.inf, "dark_rate", "[)", "finite, >= 0")
-    share = require_between(mean_share, 0.0, 1.0, "mean_share", "(]")
+    peak, dark, share = peak_rate, dark_rate, mean_share
     s = min(dark / peak, 1e300)
     if s < 1e-300:
         q = min(share, math.exp(-1.0))

@@ -10,13 +10,15 @@ from __future__ import annotations
 import abc
 import math
 from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
+from meshtrace.checks import NonNegative, Shape, check_call
 from meshtrace.comms.pulses import PulseFilters
-from meshtrace.errors import Described, Refused, require_array, require_between, require_real
+from meshtrace.errors import Described, Refused, require_array, require_real
 from meshtrace.kernels.decision import best_thresholds
 from meshtrace.models import Family, Floats
 
@@ -30,6 +32,9 @@ class Decision(NamedTuple):
 
     ber: Floats
     threshold: Floats
+
+
+Powers = Annotated[Floats, Shape("n")]
 
 
 class ReceiverModel(Family, default="W"):
@@ -63,7 +68,7 @@ class ReceiverModel(Family, default="W"):
         return mean, noise(link, shot, 0.5 * link.bit_rate)
 
     @abc.abstractmethod
-    def decide(self, link: Any, power: Floats) -> Decision:
+    def decide(self, link: Any, power: Powers) -> Decision:
         """Return bit error rate and threshold [s-1] at powers (n,) on the SiPM, all > 0 [W]."""
 
 
@@ -92,7 +97,11 @@ def non_negative(name: str, value: ArrayLike, most: float = math.inf) -> Floats:
     return array
 
 
-def gaussian_decision(m0: ArrayLike, m1: ArrayLike, v0: ArrayLike, v1: ArrayLike) -> Decision:
+_Variance = Annotated[ArrayLike, Field(gt=0.0)]
+
+
+@check_call
+def gaussian_decision(m0: ArrayLike, m1: ArrayLike, v0: _Variance, v1: _Variance) -> Decision:
     """Decide between two Gaussian levels.
 
     BER = [Q((m1 - th) / s1) + Q((th - m0) / s0)] / 2,  with th at the crossing of the densities
@@ -121,16 +130,23 @@ def gaussian_decision(m0: ArrayLike, m1: ArrayLike, v0: ArrayLike, v1: ArrayLike
     """
     from scipy.special import ndtr
 
-    given = {"m0": m0, "m1": m1, "v0": v0, "v1": v1}
-    m0, m1, v0, v1 = (require_array(x, name, "numbers") for name, x in given.items())
+    try:
+        m0, m1, v0, v1 = np.broadcast_arrays(m0, m1, v0, v1)
+    except ValueError as error:
+        raise Refused("m1", Described("another shape"), "shapes that fit") from error
+    if np.any(m1 < m0):
+        raise Refused("m1", Described("below m0"), "m1 >= m0")
     d, log_ratio = m1 - m0, np.log(v1 / v0)
     root = np.sqrt(v0 * v1 * (d * d + (v1 - v0) * log_ratio))
-    threshold = v0 * (d * d + v1 * log_ratio) / (d * v0 + root)
+    above = d * v0 + root
+    safe = np.where(above > 0.0, above, 1.0)  # equal laws: any threshold errs half of the time
+    threshold = v0 * (d * d + v1 * log_ratio) / safe
     ber = 0.5 * (ndtr((threshold - d) / np.sqrt(v1)) + ndtr(-threshold / np.sqrt(v0)))
     return Decision(ber, m0 + threshold)
 
 
-def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: ArrayLike) -> Decision:
+@check_call
+def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: NDArray[np.bool_]) -> Decision:
     """Decide between zeros and ones of equally likely patterns with Gaussian noise.
 
     Parameters
@@ -149,8 +165,8 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: ArrayLike) -> Deci
     -----
     The threshold is the best of a grid, improved by Newton's method.
     """
-    mean, std = require_array(mean, "mean", _PATTERNS), require_array(std, "std", _PATTERNS)
-    one = require_array(is_one, "is_one", _PATTERNS, bool)
+    one = is_one
+    mean, std = np.asarray(mean), np.asarray(std)
     for name, array in (("is_one", one), ("mean", mean), ("std", std)):
         if array.ndim == 0 or array.shape[-1:] != one.shape[-1:] or not one.size:
             raise Refused(name, Described(f"shape {array.shape}"), _PATTERNS)
@@ -161,7 +177,10 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: ArrayLike) -> Deci
     return found
 
 
-def generalized_poisson_logpmf(k: ArrayLike, primaries: float, branching: float) -> Floats:
+@check_call
+def generalized_poisson_logpmf(
+    k: ArrayLike, primaries: NonNegative, branching: Annotated[float, Field(ge=0.0, lt=1.0)]
+) -> Floats:
     """Return the log probability of k counts when Poisson primaries branch.
 
     P(k) = N (N + k lam)^(k-1) exp(-N - k lam) / k!
@@ -183,8 +202,6 @@ def generalized_poisson_logpmf(k: ArrayLike, primaries: float, branching: float)
     from scipy.special import gammaln, xlogy
 
     k = non_negative("k", k)
-    primaries = require_between(primaries, 0.0, math.inf, "primaries", "[)", "a number >= 0")
-    branching = require_between(branching, 0.0, 1.0, "branching", "[)")
     rate = primaries + k * branching
     grown = xlogy(1.0, primaries) + xlogy(k - 1.0, np.where(rate > 0.0, rate, 1.0))
     return np.where(k == 0.0, -primaries, grown - rate - gammaln(k + 1.0))
@@ -205,6 +222,7 @@ def _decision_laws(n0: float, n1: float, branching: float) -> tuple[Floats, Floa
     return k, log0, log1
 
 
+@check_call
 def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float) -> Decision:
     """Decide by the number of counts; exact.
 
@@ -255,6 +273,7 @@ def _count_decision(n0: float, n1: float, branching: float) -> tuple[float, floa
 _CERTAIN = 20.0  # distance of the means, beyond which less than exp(-50) bit is lost
 
 
+@check_call
 def soft_information(n0: float, n1: float, branching: float) -> float:
     """Return the mutual information of equally likely bits and the full count [bit per use].
 
@@ -307,6 +326,7 @@ def _normal_information(means: Floats, log_chance: Floats, branching: float) -> 
 _EXACT = 1e3  # mean counts up to which a mixture of their laws is summed
 
 
+@check_call
 def mixed_information(
     zero: ArrayLike, one: ArrayLike, chance: ArrayLike, branching: float
 ) -> float:
@@ -333,8 +353,14 @@ def mixed_information(
     """
     from scipy.special import logsumexp
 
-    means = np.stack([non_negative(name, x) for name, x in (("zero", zero), ("one", one))])
-    log_chance = np.log(non_negative("chance", chance))
+    given = {"zero": zero, "one": one, "chance": chance}
+    rows = [non_negative(name, x) for name, x in given.items()]
+    for name, row in zip(given, rows, strict=True):
+        if row.ndim != 1 or row.shape != rows[2].shape or not rows[2].any():
+            raise Refused(name, Described(f"shape {row.shape}"), "(n,) each, not all chances 0")
+    means = np.stack(rows[:2])
+    with np.errstate(divide="ignore"):
+        log_chance = np.log(rows[2])
     if means.max() >= _EXACT:
         return _normal_information(means, log_chance, branching)
     share = 1.0 - branching
@@ -350,12 +376,13 @@ _POINTS = 2**16
 _INDEX = np.arange(_POINTS // 2 + 1)
 
 
+@check_call
 def compound_poisson_decision(
     low: float,
     high: float,
     filters: PulseFilters,
     bit_time: float,
-    removed: Floats,
+    removed: Annotated[Floats, Shape("n")],
     branching: float,
     thermal_std: float,
 ) -> tuple[float, float]:

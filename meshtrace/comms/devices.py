@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from meshtrace.checks import check_call
 from meshtrace.comms.spectra import Curve, Share
-from meshtrace.errors import Described, Refused, require_between
+from meshtrace.errors import Described, Refused
 from meshtrace.models import Floats, Model, NonNegative, Positive
 from meshtrace.results.impulse import SPEED_OF_LIGHT
 
@@ -20,7 +22,8 @@ _ELEMENTARY_CHARGE = 1.602176634e-19  # C
 _BOLTZMANN = 1.380649e-23  # J/K
 
 
-def photon_energy(wavelength: float) -> float:
+@check_call
+def photon_energy(wavelength: Annotated[float, Field(ge=1e-7, le=1e-5)]) -> float:
     """Return the energy of a photon, E = h c / lambda.
 
     Parameters
@@ -43,7 +46,6 @@ def photon_energy(wavelength: float) -> float:
     >>> print(f"{photon_energy(470e-9):.9e}")
     4.226480547e-19
     """
-    require_between(wavelength, 1e-7, 1e-5, "wavelength", "[]", "1e-7 <= wavelength <= 1e-5 m")
     return _PLANCK * SPEED_OF_LIGHT / wavelength
 
 
@@ -242,7 +244,7 @@ class SiPM(Model, frozen=True):
         """
         return self.nep_paper(wavelength) * math.sqrt(noise_bandwidth)
 
-    def p_min(self, wavelength: float, noise_bandwidth: float) -> float:
+    def p_min(self, wavelength: float, noise_bandwidth: Positive) -> float:
         """Return the optical power whose SNR is 1 in a bandwidth B.
 
         P_min = E_ph F B / PDE (1 + sqrt(1 + 2 DCR / (F B))),
@@ -265,7 +267,6 @@ class SiPM(Model, frozen=True):
         Refused
             If the bandwidth is not positive.
         """
-        require_between(noise_bandwidth, 0.0, math.inf, "noise_bandwidth", allowed="> 0 Hz")
         fb = self.excess_noise_factor * noise_bandwidth
         root = 1.0 + math.sqrt(1.0 + 2.0 * self.dark_count_rate / fb)
         return photon_energy(wavelength) * fb / self._pde(wavelength) * root
@@ -484,7 +485,7 @@ class OpticalFrontEnd(Model, frozen=True):
         """Return the concentration efficiency times the largest transmission of the filter."""
         return self.concentration_efficiency(detector_area) * self.peak_transmission
 
-    def background_power(self, radiance_per_nm: float, detector_area: float) -> float:
+    def background_power(self, radiance_per_nm: NonNegative, detector_area: float) -> float:
         """Return the background light on the detector, P_b = L dlambda T G.
 
         Parameters
@@ -505,7 +506,5 @@ class OpticalFrontEnd(Model, frozen=True):
         Refused
             If the radiance is negative or not finite.
         """
-        allowed = ">= 0 W m-2 nm-1 sr-1"
-        require_between(radiance_per_nm, 0.0, math.inf, "radiance_per_nm", "[)", allowed)
         etendue = self._acceptance * self.efficiency(detector_area)
         return radiance_per_nm * self.equivalent_width_nm * etendue

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-import math
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from meshtrace.checks import Probability, check_call
 from meshtrace.comms.budget import ber_of_gains, faded_gains, required_gain
 from meshtrace.comms.capacity import hard_information
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Refused, require_between, require_finite, require_whole
+from meshtrace.errors import Refused, require_finite
 
 _GRID = 4096
 _MOST_FADES = 256
 _WIDEST_DB = 60.0
 
 
-def mean_below(values: ArrayLike, limit: float, n: int) -> float:
+@check_call
+def mean_below(
+    values: ArrayLike, limit: float, n: Annotated[int, Field(ge=1, le=_MOST_FADES)]
+) -> float:
     """Return the probability that the mean of n independent draws lies below a limit.
 
     Parameters
@@ -46,8 +51,6 @@ def mean_below(values: ArrayLike, limit: float, n: int) -> float:
     0.25
     """
     sample = require_finite(values, "values", "(m,) with m >= 1, finite")
-    limit = require_between(limit, -math.inf, math.inf, "limit", "[]", "a number")
-    require_whole(n, 1, _MOST_FADES, "n")
     low, high = float(sample.min()), float(sample.max())
     if n == 1 or low == high:
         return float((sample < limit).mean())
@@ -64,8 +67,9 @@ def mean_below(values: ArrayLike, limit: float, n: int) -> float:
     return float(np.clip(np.interp(place, np.arange(length + 1), below), 0.0, 1.0))
 
 
+@check_call
 def interleaved_outage(
-    link: OokLink, gain: ArrayLike, rate: float, fades: int = 1, h_alpha: ArrayLike = 1.0
+    link: OokLink, gain: ArrayLike, rate: Probability, fades: int = 1, h_alpha: ArrayLike = 1.0
 ) -> float:
     r"""Return the outage of an ideal code that is interleaved over several fades.
 
@@ -113,17 +117,17 @@ def interleaved_outage(
     >>> [round(interleaved_outage(OokLink(), gain, 0.5, m), 4) for m in (1, 2, 4)]
     [0.25, 0.0625, 0.0508]
     """
-    require_between(rate, 0.0, 1.0, "rate")
     ber = ber_of_gains(link, faded_gains(gain, h_alpha))
     return mean_below(hard_information(ber), rate, fades)
 
 
+@check_call
 def fade_margin_db(
     link: OokLink,
     gain: ArrayLike,
-    rate: float,
+    rate: Probability,
     fades: int = 1,
-    outage: float = 1e-3,
+    outage: Probability = 1e-3,
     h_alpha: ArrayLike = 1.0,
 ) -> float:
     """Return the optical margin that fading costs an interleaved code.
@@ -153,8 +157,6 @@ def fade_margin_db(
     """
     from scipy.optimize import brentq
 
-    require_between(rate, 0.0, 1.0, "rate")
-    require_between(outage, 0.0, 1.0, "outage")
     error_rate = brentq(lambda p: float(hard_information(p)) - rate, 0.0, 0.5, xtol=1e-15)
     relative = faded_gains(gain, h_alpha)
     relative = relative / relative.mean()

@@ -9,19 +9,21 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
+from meshtrace.checks import ErrorRate
 from meshtrace.comms.decisions import ReceiverModel, non_negative, pattern_decision
 from meshtrace.comms.devices import LedDriver, OpticalFrontEnd, SiPM, Tia, photon_energy
 from meshtrace.comms.pulses import Eye, PulseFilters
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.comms.spectra import Curve, background_counted, signal_passed
 from meshtrace.daylight.light import Daylight
-from meshtrace.errors import Refused, require_between, require_kind, require_whole, require_word
+from meshtrace.errors import Described, Refused
 from meshtrace.link import Link, Receiver
 from meshtrace.models import Floats, Model, NonNegative
 
@@ -164,7 +166,6 @@ class OokLink(Model, frozen=True):
         Refused
             If the name is unknown.
         """
-        require_word(name, get_args(Preset), "name")
         preset: dict[str, Any] = {}
         if name != "physical":
             preset = {"model": "PC", "optics": OpticalFrontEnd(etendue_limited=False)}
@@ -199,7 +200,6 @@ class OokLink(Model, frozen=True):
         >>> OokLink.of_link(Link(transmitter=Led(power_mw=50.0)), bit_rate=5e6).led.power
         0.05
         """
-        require_kind(link, Link, "link")
         if len(link.receivers) != 1:
             raise Refused("receiver", f"{len(link.receivers)} apertures", "one aperture")
         aperture: Any = link.receivers[0]
@@ -223,7 +223,6 @@ class OokLink(Model, frozen=True):
         link : Link
             The link; returned unchanged unless `calibration` is "paper-ranges".
         """
-        require_kind(link, Link, "link")
         factor, water = self.absorption_factor, link.water
         if factor == 1.0:
             return link
@@ -327,6 +326,8 @@ class OokLink(Model, frozen=True):
 
     def background_count_rate(self, found: Any) -> float:
         """Return the primary counts of a background, see `results.Background.count_rate`."""
+        if not hasattr(found, "radiance"):  # a room above this one
+            raise Refused("found", Described(type(found).__name__), "a Background")
         optics, nm = self.optics, found.wavelength_nm
         power = optics.background_power(found.radiance, self.sipm.area)
         if not (self.spectral or isinstance(self.sipm.pde, Curve)):
@@ -395,7 +396,9 @@ class OokLink(Model, frozen=True):
         earlier = (ago > 0) & (ago < count - self.filters.bits_ahead(self.bit_time))
         return earlier & (self.equalizer == "dfe")
 
-    def moments(self, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
+    def moments(
+        self, power: ArrayLike, phase: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+    ) -> tuple[Floats, Floats]:
         """Return mean and variance of the sample for every bit pattern.
 
         Parameters
@@ -411,7 +414,6 @@ class OokLink(Model, frozen=True):
             Mean [s-1] and variance [s-2], shape of `power` with a last axis over `patterns`; the
             two patterns 0 and 1 for the models without intersymbol interference.
         """
-        require_between(phase, 0.0, 1.0, "phase", "(]")
         return self.receiver.moments(self, power, phase)
 
     def ber(self, power: ArrayLike) -> Floats:
@@ -442,7 +444,7 @@ class OokLink(Model, frozen=True):
             out[block] = self.receiver.decide(self, flat[block]).ber
         return out.reshape(p.shape)
 
-    def threshold(self, power: float) -> float:
+    def threshold(self, power: Annotated[float, Field(gt=0.0, lt=_MOST_POWER)]) -> float:
         """Return the best decision threshold at a received power.
 
         Parameters
@@ -461,10 +463,9 @@ class OokLink(Model, frozen=True):
         Refused
             If the power is not positive and finite.
         """
-        power = require_between(power, 0.0, _MOST_POWER, "power")
         return float(self.receiver.decide(self, np.array([power])).threshold[0])
 
-    def required_power(self, ber: float) -> float:
+    def required_power(self, ber: ErrorRate) -> float:
         """Return the lowest optical power on the SiPM that reaches a bit error rate.
 
         Parameters
@@ -482,7 +483,7 @@ class OokLink(Model, frozen=True):
         Refused
             If the target is outside of its range.
         """
-        return _required_power(self.on_detector, require_between(ber, 0.0, 0.5, "ber"))
+        return _required_power(self.on_detector, ber)
 
     def overload_power(self, ber: float) -> float:
         """Return the highest optical power on the SiPM that still reaches a bit error rate.
@@ -503,7 +504,11 @@ class OokLink(Model, frozen=True):
             return math.inf
         return _crossing(lambda p: math.log(ber / max(float(self.ber(p)), 1e-300)), 1.001 * low)
 
-    def eye(self, power: float, points: int = 64) -> Eye:
+    def eye(
+        self,
+        power: Annotated[float, Field(gt=0.0, lt=_MOST_POWER)],
+        points: Annotated[int, Field(ge=1, le=10_000)] = 64,
+    ) -> Eye:
         """Return the eye diagram and bathtub curve at one received power (Gaussian noise).
 
         Parameters
@@ -525,8 +530,6 @@ class OokLink(Model, frozen=True):
         """
         if not self.receiver.has_pulses:
             raise Refused("model", self.model, "a model with pulses, as W, A, CP, PC")
-        power = require_between(power, 0.0, _MOST_POWER, "power")
-        require_whole(points, 1, 10_000, "points")
         bits = self.patterns()
         phases = np.arange(1, points + 1) / points
         moments = [self.moments(power, float(phase)) for phase in phases]

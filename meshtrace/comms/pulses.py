@@ -11,11 +11,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
+from meshtrace.checks import check_methods
 from meshtrace.comms.response import ChannelResponse
 from meshtrace.models import Floats
 
@@ -23,6 +25,7 @@ _Terms = list[tuple[float, float]]
 _NODES = 2**14  # of the energy of a pulse behind a channel, in the exact law
 
 
+@check_methods
 @dataclasses.dataclass(frozen=True)
 class PulseFilters:
     """Filters of an optical link: LED pole, channel, SiPM pole, averaging window.
@@ -93,7 +96,7 @@ class PulseFilters:
             return 1.0 / self.tau_sipm
         return -math.expm1(-self.window / self.tau_sipm) / self.window
 
-    def ages_above(self, level: Floats) -> tuple[Floats, Floats]:
+    def ages_above(self, level: Annotated[Floats, Field(gt=0.0)]) -> tuple[Floats, Floats]:
         """Return the first and last age [s] of a response above 0 < `level` <= peak [s-1]."""
         with np.errstate(divide="ignore"):  # level = peak of a window much longer than the pole
             young = -self.tau_sipm * np.log1p(-self.window * level)
@@ -117,7 +120,9 @@ class PulseFilters:
         before, after = (np.interp(edge - age, at, lit) for edge in (start, end))
         return np.interp(start, at, lit) - before - np.interp(end, at, lit) + after
 
-    def mean_cursors(self, bit_time: float, count: int, phase: float = 1.0) -> Floats:
+    def mean_cursors(
+        self, bit_time: float, count: Annotated[int, Field(ge=1, le=2**20)], phase: float = 1.0
+    ) -> Floats:
         """Return the shares of bits in the sample of one of them: present, earlier, next ones.
 
         w_0 = s(phase T),  w_k = s((k + phase) T) - s((k + phase - 1) T)
@@ -138,11 +143,13 @@ class PulseFilters:
         """
         return self._cursors(self.mean_step, bit_time, count, phase)
 
-    def shot_cursors(self, bit_time: float, count: int, phase: float = 1.0) -> Floats:
+    def shot_cursors(
+        self, bit_time: float, count: Annotated[int, Field(ge=1, le=2**20)], phase: float = 1.0
+    ) -> Floats:
         """Return the shares v_k [s-1] of these bits in the shot noise, as `mean_cursors`."""
         return self._cursors(self.shot_step, bit_time, count, phase)
 
-    def slot_shares(self, bit_time: float, count: int) -> Floats:
+    def slot_shares(self, bit_time: float, count: Annotated[int, Field(ge=1, le=2**20)]) -> Floats:
         """Return the shares of the light of these bits in one slot of T, as `mean_cursors`.
 
         The channel alone, without the poles and the window.
@@ -158,7 +165,11 @@ class PulseFilters:
         return 0 if self.response is None else math.ceil((self.response.clock or 0.0) / bit_time)
 
     def _cursors(
-        self, step: Callable[[Floats], Floats], bit_time: float, count: int, phase: float
+        self,
+        step: Callable[[Floats], Floats],
+        bit_time: float,
+        count: Annotated[int, Field(ge=1, le=2**20)],
+        phase: float,
     ) -> Floats:
         ahead = min(self.bits_ahead(bit_time), count - 1)
         bits = np.arange(-ahead, count - ahead, dtype=np.float64)

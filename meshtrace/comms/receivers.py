@@ -25,7 +25,7 @@ class IndependentBits(decisions.ReceiverModel):
 
     kind: Literal["G0"] = "G0"
 
-    def decide(self, link: OokLink, power: Floats) -> decisions.Decision:
+    def decide(self, link: OokLink, power: decisions.Powers) -> decisions.Decision:
         """Decide between two Gaussian levels."""
         mean, variance = self.moments(link, power)
         return decisions.gaussian_decision(mean[:, 0], mean[:, 1], variance[:, 0], variance[:, 1])
@@ -37,7 +37,7 @@ class CountedBits(decisions.ReceiverModel):
     kind: Literal["GP"] = "GP"
     exact_counts: ClassVar[bool] = True
 
-    def decide(self, link: OokLink, power: Floats) -> decisions.Decision:
+    def decide(self, link: OokLink, power: decisions.Powers) -> decisions.Decision:
         """Decide by the number of counts."""
         n0, n1 = (level * link.bit_time for level in link.levels(power))
         branching = link.sipm.branching
@@ -63,7 +63,7 @@ class SampledPulses(decisions.ReceiverModel):
         """Return the shares of the bits in the shot noise, by Campbell, and its bandwidth [Hz]."""
         return pulses.shot, pulses.bandwidth
 
-    def decide(self, link: OokLink, power: Floats) -> decisions.Decision:
+    def decide(self, link: OokLink, power: decisions.Powers) -> decisions.Decision:
         """Decide between Gaussian bit patterns."""
         mean, variance = self.moments(link, power)
         return decisions.pattern_decision(mean, np.sqrt(variance), _pulses(link, 1.0).bits[:, 0])
@@ -98,7 +98,7 @@ class CompoundPoisson(AveragedPulses):
     kind: Literal["CP"] = "CP"  # type: ignore[assignment]
     exact_counts: ClassVar[bool] = True
 
-    def decide(self, link: OokLink, power: Floats) -> decisions.Decision:
+    def decide(self, link: OokLink, power: decisions.Powers) -> decisions.Decision:
         """Decide between compound Poisson variables, between normal ones where counts are many."""
         found = super().decide(link, power)
         many = link.levels(power)[1] > _MANY * link.filters.peak

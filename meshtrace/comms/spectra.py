@@ -11,6 +11,7 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_between, require_keys
 from meshtrace.models import Floats, Model, NonNegative, Positive
 from meshtrace.tables import read_columns
@@ -87,6 +88,15 @@ def _share_or_curve(value: Any, _: Any, info: pydantic.ValidationInfo) -> float 
     return require_between(value, 0.0, 1.0, name, "(]", allowed)
 
 
+def _ook(value: Any) -> Any:
+    """Return a transmission, of a file above this one; refuse other objects."""
+    if not hasattr(value, "optics"):
+        raise Refused("", Described(type(value).__name__), "an OokLink")
+    return value
+
+
+Transmission = Annotated[Any, pydantic.AfterValidator(_ook)]
+
 Share = Annotated[float | Curve, pydantic.WrapValidator(_share_or_curve)]
 """A share, or shares over wavelength."""
 
@@ -112,8 +122,9 @@ def _factors(sin2: Floats, index: float | None) -> Floats:
     return np.ones(1) if index is None else np.sqrt(1.0 - sin2 / index**2)
 
 
+@check_call
 @functools.lru_cache(maxsize=256)
-def signal_passed(ook: Any) -> Passed:
+def signal_passed(ook: Transmission) -> Passed:
     r"""Return the share of the LED's light that passes the filter, and that is counted.
 
     .. math:: S = \int s(\lambda) \, g(\lambda) \,
@@ -141,7 +152,7 @@ def signal_passed(ook: Any) -> Passed:
     return Passed(*(_through(ook.optics, nm, at, w, angles) for w in (density, counted)))
 
 
-def lit_band(ook: Any) -> tuple[float, float]:
+def lit_band(ook: Transmission) -> tuple[float, float]:
     """Return the ends of the light of the LED that can pass the filter [nm], equal for one colour.
 
     Of a Gaussian spectrum light farther than two full widths, 3e-6 of all, is left out.
@@ -155,7 +166,8 @@ def lit_band(ook: Any) -> tuple[float, float]:
     return max(low, min(first, nm)), min(high, max(last, nm))
 
 
-def background_counted(ook: Any, nm: float, light: Callable[[Floats], Floats]) -> float:
+@check_call
+def background_counted(ook: Transmission, nm: float, light: Callable[[Floats], Floats]) -> float:
     r"""Return the integral of background light behind the filter over wavelength [nm].
 
     .. math:: \int \frac{L(\lambda)}{L(\lambda_0)} \langle T(\lambda / f(\theta)) \rangle
@@ -180,7 +192,7 @@ def background_counted(ook: Any, nm: float, light: Callable[[Floats], Floats]) -
     return _through(optics, 1e9 * ook.led.wavelength, at, weight, angles)
 
 
-def _source(ook: Any, nm: float) -> tuple[Floats, Floats]:
+def _source(ook: Transmission, nm: float) -> tuple[Floats, Floats]:
     """Return wavelengths and the shares of the LED's light at them."""
     led = ook.led
     if led.spectrum is not None:

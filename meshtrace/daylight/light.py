@@ -6,18 +6,18 @@ import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from meshtrace.checks import Shape, check_call
 from meshtrace.errors import (
     MISSING,
     Described,
     Refused,
     extra,
     require_between,
-    require_whole,
     require_word,
 )
 from meshtrace.kernels.sources import LEAST_COS, Sky
@@ -39,6 +39,7 @@ PATTERNS = (*(f"cie-{i}" for i in range(1, 16)), "harrison-coombes", *_ALIASES)
 """Names of the patterns."""
 
 
+@check_call
 def sky(pattern: str, diffuse: float, sun_zenith_deg: float, sun_azimuth_deg: float) -> Sky:
     """Return a sky whose horizontal irradiance is given, for the kernels and for `sky_radiance`.
 
@@ -75,7 +76,8 @@ def sky(pattern: str, diffuse: float, sun_zenith_deg: float, sun_azimuth_deg: fl
     return bare._replace(sun=Vec3(*sun), p=scale * bare.p, a=scale * bare.a)
 
 
-def sky_radiance(sky: Sky, directions: Floats) -> Floats:
+@check_call
+def sky_radiance(sky: Sky, directions: Annotated[Floats, Shape("... 3")]) -> Floats:
     """Return the radiance of the sky, array twin of `kernels.sources.radiance`.
 
     Parameters
@@ -97,6 +99,7 @@ def sky_radiance(sky: Sky, directions: Floats) -> Floats:
     return np.asarray(gradation * glow)
 
 
+@check_call
 def hemisphere(sun_zenith_deg: float) -> tuple[Floats, Floats]:
     """Return directions (n, 3) and solid angles [sr] of a quadrature over the upper hemisphere.
 
@@ -164,17 +167,18 @@ def _pvlib() -> Any:
     return pvlib
 
 
+@check_call
 def clear_irradiance(
-    sun_zenith_deg: float,
-    wavelength_nm: float = 470.0,
+    sun_zenith_deg: Annotated[float, Field(ge=0.0, le=89.0)],
+    wavelength_nm: Annotated[float, Field(ge=300.0, le=1100.0)] = 470.0,
     *,
-    width_nm: float = 0.0,
-    aerosol: float = 0.10,
-    ozone: float = 0.30,
-    water_vapour: float = 2.0,
-    pressure: float = 101325.0,
-    ground_albedo: float = 0.06,
-    day_of_year: int = 80,
+    width_nm: Annotated[float, Field(ge=0.0, le=400.0)] = 0.0,
+    aerosol: Annotated[float, Field(ge=0.0, le=5.0)] = 0.10,
+    ozone: Annotated[float, Field(ge=0.0, le=2.0)] = 0.30,
+    water_vapour: Annotated[float, Field(ge=0.0, le=20.0)] = 2.0,
+    pressure: Annotated[float, Field(ge=0.0, le=2e5)] = 101325.0,
+    ground_albedo: Annotated[float, Field(ge=0.0, le=1.0)] = 0.06,
+    day_of_year: Annotated[int, Field(ge=1, le=366)] = 80,
 ) -> Irradiance:
     """Return the irradiance of sun and clear sky by SPECTRL2, linear between its wavelengths.
 
@@ -204,7 +208,7 @@ def clear_irradiance(
     Raises
     ------
     Refused
-        If pvlib is not installed.
+        If a value is out of range, or pvlib is not installed.
 
     Notes
     -----
@@ -215,6 +219,10 @@ def clear_irradiance(
     ----------
     Bird and Riordan (1986), J. Clim. Appl. Meteorol. 25, 87.
     """
+    least = wavelength_nm - 0.5 * width_nm
+    if least < SPECTRUM_FROM_NM:
+        allowed = f"a band from {SPECTRUM_FROM_NM:g} nm"
+        raise Refused("width_nm", width_nm, allowed, f"from {least:g} nm,")
     nodes, *values = _clear_spectra(
         sun_zenith_deg, aerosol, ozone, water_vapour, pressure, day_of_year, ground_albedo
     )
@@ -247,6 +255,7 @@ def _clear_spectra(
     return nodes, direct, diffuse
 
 
+@check_call
 def default_irradiance(zenith_deg: float, wavelength_nm: float) -> Irradiance:
     """Return `clear_irradiance` with its defaults; at 470 nm from a table, without pvlib."""
     if wavelength_nm != _TABLE_NM:
@@ -258,6 +267,7 @@ def default_irradiance(zenith_deg: float, wavelength_nm: float) -> Irradiance:
     return Irradiance(*(float(v) for v in found))
 
 
+@check_call
 def sun_position(time: Any, latitude: float, longitude: float) -> SunPosition:
     """Return the position of the sun.
 
@@ -426,7 +436,7 @@ class Daylight(Model, frozen=True):
         """Radiance of the sky, without the disk of the sun."""
         return sky(self.pattern, self.diffuse, self.sun_zenith_deg, self.sun_azimuth_deg)
 
-    def spectrum(self, wavelength_nm: Floats) -> Floats:
+    def spectrum(self, wavelength_nm: Annotated[Floats, Shape("n")]) -> Floats:
         """Return the horizontal irradiance at wavelengths (n,) [nm] over that at the own one.
 
         Parameters
@@ -488,18 +498,12 @@ class Daylight(Model, frozen=True):
         Refused
             If a value is out of range, or pvlib (extra `daylight`) is not installed.
         """
-        limits = {"width_nm": (width_nm, 400.0), "aerosol": (aerosol, 5.0), "ozone": (ozone, 2.0),
-                  "water_vapour": (water_vapour, 20.0), "pressure": (pressure, 2e5)}  # fmt: skip
-        options: dict[str, Any] = {"day_of_year": day_of_year}
+        options: dict[str, Any] = {
+            "width_nm": width_nm, "aerosol": aerosol, "ozone": ozone,
+            "water_vapour": water_vapour, "pressure": pressure, "day_of_year": day_of_year,
+        }  # fmt: skip
 
         def by_spectrl2(checked: Self) -> Irradiance:
-            for name, (value, most) in limits.items():
-                options[name] = require_between(value, 0.0, most, name, "[]")
-            require_whole(day_of_year, 1, 366, "day_of_year")
-            least = checked.wavelength_nm - 0.5 * options["width_nm"]
-            if least < SPECTRUM_FROM_NM:
-                allowed = f"a band from {SPECTRUM_FROM_NM:g} nm"
-                raise Refused("width_nm", width_nm, allowed, f"from {least:g} nm,")
             return clear_irradiance(checked.sun_zenith_deg, checked.wavelength_nm, **options)
 
         place = {"sun_zenith_deg": sun_zenith_deg, "sun_azimuth_deg": sun_azimuth_deg}
@@ -540,7 +544,8 @@ class Daylight(Model, frozen=True):
     @classmethod
     def overcast(
         cls, sun_zenith_deg: float = 30.0, wavelength_nm: float = 470.0,
-        transmittance: float = OVERCAST_TRANSMITTANCE, **fields: Any,
+        transmittance: Annotated[float, Field(gt=0.0, le=1.0)] = OVERCAST_TRANSMITTANCE,
+        **fields: Any,
     ) -> Self:  # fmt: skip
         """Return a closed cloud cover: pattern "cie-1", a share of the clear global irradiance.
 
@@ -561,7 +566,6 @@ class Daylight(Model, frozen=True):
         0.25 at N = 8, as coded in several models of the weather. It is a mean over the solar
         spectrum and over types of cloud; that it holds at one wavelength is an assumption.
         """
-        require_between(transmittance, 0.0, 1.0, "transmittance", "(]")
 
         def through_clouds(checked: Self) -> Irradiance:
             clear = default_irradiance(checked.sun_zenith_deg, checked.wavelength_nm)
@@ -574,7 +578,8 @@ class Daylight(Model, frozen=True):
 
     @classmethod
     def moon(
-        cls, phase_deg: float = 0.0, zenith_deg: float = 30.0, azimuth_deg: float = 0.0,
+        cls, phase_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 0.0,
+        zenith_deg: float = 30.0, azimuth_deg: float = 0.0,
         wavelength_nm: float = 470.0, **fields: Any,
     ) -> Self:  # fmt: skip
         """Return the light of the moon and of the sky that it lights.
@@ -733,7 +738,8 @@ def _require_absent(
             raise Refused(name, fields[name], allowed)
 
 
-def moon_phase_factor(phase_deg: float) -> float:
+@check_call
+def moon_phase_factor(phase_deg: Annotated[float, Field(ge=-180.0, le=180.0)]) -> float:
     """Return the irradiance of the moon at a phase angle [deg], relative to the full moon.
 
     Examples
@@ -741,5 +747,5 @@ def moon_phase_factor(phase_deg: float) -> float:
     >>> round(moon_phase_factor(90.0), 4)
     0.091
     """
-    alpha = abs(require_between(phase_deg, -180.0, 180.0, "phase_deg", "[]"))
+    alpha = abs(phase_deg)
     return float(10.0 ** (-0.4 * (0.026 * alpha + 4e-9 * alpha**4)))

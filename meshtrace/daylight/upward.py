@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.checks import Directions, Index, Shape, check_call, check_methods
 from meshtrace.daylight.light import Daylight, sky_radiance
 from meshtrace.kernels.interface import Roughness, over_gaussian
 from meshtrace.kernels.sources import Beams, add_upwelling
@@ -24,7 +25,8 @@ from meshtrace.surfaces.gram_charlier import GramCharlier
 _over_gaussian = getattr(over_gaussian, "py_func", over_gaussian)  # as it is without the JIT
 
 
-def slope_density(slopes: Floats, roughness: Roughness) -> Floats:
+@check_call
+def slope_density(slopes: Annotated[Floats, Shape("... 2")], roughness: Roughness) -> Floats:
     """Return the density of slopes (..., 2); `roughness` has both deviations, > 0."""
     along = (roughness.cos * slopes[..., 0] + roughness.sin * slopes[..., 1]) / roughness.along
     across = (roughness.cos * slopes[..., 1] - roughness.sin * slopes[..., 0]) / roughness.across
@@ -91,8 +93,14 @@ Bending = Reflection | Refraction
 """Laws by which a slope of the sea bends sunlight."""
 
 
+@check_call
 def connected_glint(
-    view: Floats, sun: Floats, normal: Floats, facet_normal: Floats, roughness: Roughness, n: float
+    view: Directions,
+    sun: Directions,
+    normal: Directions,
+    facet_normal: Directions,
+    roughness: Roughness,
+    n: Index,
 ) -> Floats:
     """Return the radiance of glint over the irradiance of the sun [sr-1].
 
@@ -124,7 +132,7 @@ def connected_glint(
 
 
 def by_slopes(
-    law: Bending, light: Floats, normal: Floats, facet_normal: Floats, roughness: Roughness
+    law: Bending, light: Floats, normal: Directions, facet_normal: Directions, roughness: Roughness
 ) -> Floats:
     """Return the radiance of the sun bent into directions by unresolved slopes [sr-1].
 
@@ -137,12 +145,13 @@ def by_slopes(
     return law.strength(light, wanted) * (density * area)
 
 
+@check_call
 def glint_radiance(
-    view: Floats,
-    sun: Floats,
+    view: Directions,
+    sun: Directions,
     slope_variances: tuple[float, float],
     wind_direction_deg: float = 0.0,
-    n: float = 1.33,
+    n: Index = 1.33,
     slope_law: GramCharlier | None = None,
 ) -> Floats:
     """Return the glint of a level sea over the sun's irradiance [sr-1].
@@ -187,6 +196,7 @@ _EXTINCTION = np.geomspace(1.9, 60.0, 400)
 """Values of m: 1 / mu of beam and view, each from 1 to the horizon under water."""
 
 
+@check_methods
 class QuasiSingle:
     """Upwelling radiance under still water by single scattering with k = a + b_b.
 
@@ -238,7 +248,7 @@ class QuasiSingle:
             np.stack([floor for _, floor in depths], axis=-1),
         )  # fmt: skip
 
-    def upwelling(self, directions: Floats) -> Floats:
+    def upwelling(self, directions: Directions) -> Floats:
         """Return the radiance L_u below the surface (n, wavelengths) [W m-2 sr-1 nm-1].
 
         Parameters

@@ -24,12 +24,13 @@ from contextlib import contextmanager
 from functools import cache, cached_property
 from importlib import metadata
 from itertools import pairwise
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Annotated, Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meshtrace.errors import Described, Refused, require_kind
+from meshtrace.checks import Shape, check_call, check_methods
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import Triangles, corners, facet_hits
 from meshtrace.kernels.jit import allocating_entry, config
 from meshtrace.kernels.rays import RAY_WORDS, Bvh, Word, aligned_rays, bvh_of, cast
@@ -68,9 +69,7 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {  # result, arguments
 class RayScene(Protocol):
     """Interface of a scene."""
 
-    def run(
-        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
-    ) -> NDArray[np.int32]:
+    def run(self, origins: Rays, directions: Rays) -> NDArray[np.int32]:
         """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
         ...
 
@@ -155,9 +154,7 @@ class SharedScene:
         self.function = found.intersect, scene
         """Address of the function that casts a ray, and its first argument."""
 
-    def run(
-        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
-    ) -> NDArray[np.int32]:
+    def run(self, origins: Rays, directions: Rays) -> NDArray[np.int32]:
         """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
         out = np.empty(len(origins), np.int32)
         block = aligned_rays(_BLOCK)
@@ -191,9 +188,7 @@ class CopiedScene:
         # the first query commits the scene, which must not happen in two threads at once
         self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
 
-    def run(
-        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
-    ) -> NDArray[np.int32]:
+    def run(self, origins: Rays, directions: Rays) -> NDArray[np.int32]:
         """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
         return self._scene.run(origins, directions)
 
@@ -220,6 +215,17 @@ class Hits(NamedTuple):
 _SCENES: weakref.WeakKeyDictionary[TriangleMesh, RayScene] = weakref.WeakKeyDictionary()
 
 
+Rays = Annotated[NDArray[np.float32], Shape("n 3")]
+
+
+def _require_pairs(origins: NDArray[Any], directions: NDArray[Any]) -> None:
+    """Refuse rays with other directions than origins."""
+    if origins.shape != directions.shape:
+        other = Described(f"shape {directions.shape}")
+        raise Refused("directions", other, f"that of origins, {origins.shape}")
+
+
+@check_methods
 class Intersector(ABC):
     """Acceleration structure over a triangle mesh, as the tracers use it.
 
@@ -232,8 +238,8 @@ class Intersector(ABC):
     threads = 1
     shortcut = False  # whether facets may be found without it where the answer is known
 
+    @check_call
     def __init__(self, mesh: TriangleMesh) -> None:
-        require_kind(mesh, TriangleMesh, "mesh")
         self.mesh = mesh
 
     def over(self, mesh: TriangleMesh) -> Self:
@@ -241,9 +247,7 @@ class Intersector(ABC):
         return type(self)(mesh)
 
     @abstractmethod
-    def facets(
-        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
-    ) -> NDArray[np.int32]:
+    def facets(self, origins: Rays, directions: Rays) -> NDArray[np.int32]:
         """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
 
     @contextmanager
@@ -280,9 +284,7 @@ class Intersector(ABC):
         for name, array in (("origins", o), ("directions", d)):
             if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
                 raise Refused(name, Described(f"shape {array.shape}"), "finite (n, 3)")
-        if o.shape != d.shape:
-            other = Described(f"shape {d.shape}")
-            raise Refused("directions", other, f"that of origins, {o.shape}")
+        _require_pairs(o, d)
         triangles = Triangles(self.mesh.vertices, self.mesh.faces, self.mesh.face_normals)
 
         def hits(rows: slice) -> Hits:
@@ -295,6 +297,7 @@ class Intersector(ABC):
         return Hits(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 
+@check_methods
 class EmbreeIntersector(Intersector):
     """Embree BVH over a triangle mesh, in robust mode.
 
@@ -335,10 +338,9 @@ class EmbreeIntersector(Intersector):
         """Return an intersector of the same kind over another mesh."""
         return type(self)(mesh, self.threads)
 
-    def facets(
-        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
-    ) -> NDArray[np.int32]:
+    def facets(self, origins: Rays, directions: Rays) -> NDArray[np.int32]:
         """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
+        _require_pairs(origins, directions)
         return self._scene.run(origins, directions)
 
     @contextmanager
@@ -351,13 +353,13 @@ class EmbreeIntersector(Intersector):
             yield python
 
 
+@check_methods
 class BruteForceIntersector(Intersector):
     """Brute force: every ray against every facet in double precision, the reference of tests."""
 
-    def facets(
-        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
-    ) -> NDArray[np.int32]:
+    def facets(self, origins: Rays, directions: Rays) -> NDArray[np.int32]:
         """Return the first facet of each ray, -1 for a miss; thread-safe."""
+        _require_pairs(origins, directions)
         rays = origins.astype(np.float64), directions.astype(np.float64)
         return _first_facets(*rays, self.mesh.vertices, self.mesh.faces)
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any, Literal, Unpack, overload
+from typing import Annotated, Any, Literal, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from meshtrace.checks import Inside, check_call
 from meshtrace.engine import outcome
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.correlated import SpectralDetection, analog_sums
@@ -33,7 +35,7 @@ from meshtrace.engine.setup.options import (
     resolve,
 )
 from meshtrace.engine.setup.tinting import clearest
-from meshtrace.errors import Described, Refused, require_function, require_whole
+from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.parallel import default_threads
@@ -66,10 +68,11 @@ def simulate(
 ) -> ByWavelength[GainResult]: ...
 
 
+@check_call
 def simulate(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
-    estimator: Estimator | Literal["forced", "analog"] | None = None,
+    estimator: Annotated[Estimator | Literal["forced", "analog"] | None, Inside()] = None,
     *,
     wavelengths_nm: ArrayLike | None = None,
     photons: int | None = None,
@@ -77,7 +80,7 @@ def simulate(
     seed: int | None = None,
     mesh: Meshing | None = None,
     threads: int | None = None,
-    record: Iterable[Record] = (),
+    record: Annotated[Iterable[Record], Inside()] = (),
     progress: Callable[[int], None] | None = None,
     **options: Unpack[Shortcuts],
 ) -> GainResult | ByWavelength[GainResult]:
@@ -150,7 +153,6 @@ def simulate(
     >>> round(r.gain * 1e5, 1)
     6.0
     """
-    require_function(progress, "progress")
     own = {"estimator": estimator, "photons": photons, "rtol": rtol, "seed": seed}
     given: dict[str, Any] = {**own, "threads": threads}
     given = {key: value for key, value in given.items() if value is not None}
@@ -274,10 +276,11 @@ def _further(run: Run, result: GainResult) -> Run | None:
     return run.replace(photons=more)
 
 
+@check_call
 def trace_paths(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
-    n: int = 1000,
+    n: Annotated[int, Field(ge=1, le=100_000)] = 1000,
     *,
     received_only: bool = False,
     seed: int | None = None,
@@ -306,7 +309,6 @@ def trace_paths(
     -------
     PhotonPaths
     """
-    require_whole(n, 1, 100_000, "n")
     require_whole(max_vertices, 2, _MOST_VERTICES // n, "max_vertices")
     given: dict[str, Any] = {} if seed is None else {"seed": seed}
     case = resolve(link, surface, mesh=mesh, **given, **options)

@@ -10,7 +10,9 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
+from meshtrace.checks import Seed
 from meshtrace.errors import (
     Described,
     Refused,
@@ -18,7 +20,6 @@ from meshtrace.errors import (
     require_between,
     require_seed,
     require_whole,
-    require_word,
 )
 from meshtrace.fading.distribution import (
     Reference,
@@ -86,7 +87,7 @@ class ChannelModel(Stored):
     notes: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
 
-    def sample(self, n: int, seed: int = 1) -> Floats:
+    def sample(self, n: Annotated[int, Field(ge=1, le=_MOST_SAMPLES)], seed: Seed = 1) -> Floats:
         """Return gains of the model.
 
         Parameters
@@ -101,8 +102,6 @@ class ChannelModel(Stored):
         ndarray, shape (n,)
             Gains [1] at steps of `time_step`.
         """
-        require_whole(n, 1, _MOST_SAMPLES, "n")
-        require_seed(seed)
         return self._drawn(n, np.random.default_rng(seed))
 
     @abstractmethod
@@ -473,7 +472,6 @@ class TransformedGaussian(ChannelModel):
             If a value is out of range, or a law cannot be fitted.
         """
         g, found = _series(gain, dt, seed)
-        require_word(law, ("gamma-gamma", "lognormal", "empirical"), "law")
         quantile = _quantiles(g, law)
         power = _hermite_powers(quantile)
         mean = float(_WEIGHTS @ quantile)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from meshtrace.checks import Infinite, Probability, Seed, check_call
 from meshtrace.errors import (
     Described,
     Refused,
@@ -17,7 +19,6 @@ from meshtrace.errors import (
     require_between,
     require_seed,
     require_whole,
-    require_word,
 )
 from meshtrace.models import Floats
 
@@ -73,10 +74,9 @@ def checked_step(time: ArrayLike, n: int) -> float:
     return float(step)
 
 
-def check_bootstrap(confidence: float, resamples: int = FEWEST_RESAMPLES) -> None:
-    """Raise `Refused` for a confidence or a number of replicates out of range."""
-    require_between(confidence, 0.0, 1.0, "confidence")
-    require_whole(resamples, FEWEST_RESAMPLES, MOST_RESAMPLES, "resamples")
+Resamples = Annotated[int, Field(ge=FEWEST_RESAMPLES, le=MOST_RESAMPLES)]
+Threshold = Annotated[float, Field(gt=0.0, lt=math.inf), Infinite()]
+"""Level of a gain [1]; that of an eye that no gain opens is the largest number."""
 
 
 def check_effective(n_effective: float | None, n: int) -> float:
@@ -88,13 +88,12 @@ def check_effective(n_effective: float | None, n: int) -> float:
 
 def level_of(gain: Floats, threshold: float, relative_to: Reference) -> float:
     """Return the threshold as a gain."""
-    threshold = require_between(threshold, 0.0, math.inf, "threshold")
-    require_word(relative_to, ("mean", "median", "absolute"), "relative_to")
     if relative_to == "absolute":
         return threshold
     return threshold * float(gain.mean() if relative_to == "mean" else np.median(gain))
 
 
+@check_call
 def remove_noise(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Floats:
     r"""Return the gains with the independent Monte Carlo error removed from their spread.
 
@@ -196,14 +195,15 @@ _FEWEST_ACCELERATED = 8
 _BATCH_ELEMENTS = 1_000_000
 
 
+@check_call
 def scintillation_index(
     gain: ArrayLike,
     gain_stderr: ArrayLike | None = None,
     *,
     block: int = 1,
-    confidence: float = 0.95,
-    resamples: int = 1999,
-    seed: int = 1,
+    confidence: Probability = 0.95,
+    resamples: Resamples = 1999,
+    seed: Seed = 1,
 ) -> Estimate:
     r"""Return the scintillation index, Monte Carlo variance removed, with its interval.
 
@@ -252,7 +252,6 @@ def scintillation_index(
     0.0225
     """
     g, noise = checked(gain, gain_stderr)
-    check_bootstrap(confidence, resamples)
     require_whole(block, 1, g.size // 2, "block")
     noise = noise / g.mean() ** 2
     g = g / g.mean()
@@ -304,14 +303,15 @@ class Distribution(NamedTuple):
     high: Floats
 
 
+@check_call
 def outage(
     gain: ArrayLike,
-    threshold: float = 0.5,
+    threshold: Threshold = 0.5,
     gain_stderr: ArrayLike | None = None,
     *,
     relative_to: Reference = "mean",
     n_effective: float | None = None,
-    confidence: float = 0.95,
+    confidence: Probability = 0.95,
 ) -> Estimate:
     r"""Return the outage probability with its Wilson interval.
 
@@ -354,7 +354,6 @@ def outage(
     from scipy import special
 
     g = remove_noise(gain, gain_stderr)
-    check_bootstrap(confidence)
     n = check_effective(n_effective, g.size)
     probability = float(np.mean(g < level_of(g, threshold, relative_to)))
     z2 = float(special.ndtri(0.5 + 0.5 * confidence)) ** 2
@@ -366,6 +365,7 @@ def outage(
     return Estimate(probability, max(0.0, low), min(1.0, high))
 
 
+@check_call
 def gain_pdf(
     gain: ArrayLike, gain_stderr: ArrayLike | None = None, *, bins: int | str = "auto"
 ) -> Histogram:
@@ -407,12 +407,13 @@ def gain_pdf(
     return Histogram(edges, share / width, np.sqrt(share * (1.0 - share) / g.size) / width)
 
 
+@check_call
 def gain_cdf(
     gain: ArrayLike,
     gain_stderr: ArrayLike | None = None,
     *,
     n_effective: float | None = None,
-    confidence: float = 0.95,
+    confidence: Probability = 0.95,
 ) -> Distribution:
     r"""Return the empirical distribution function with a simultaneous confidence band.
 
@@ -448,7 +449,6 @@ def gain_cdf(
     array([0.25, 0.5 , 0.75, 1.  ])
     """
     g = np.sort(remove_noise(gain, gain_stderr))
-    check_bootstrap(confidence)
     n = check_effective(n_effective, g.size)
     probability = np.arange(1, g.size + 1) / g.size
     half = math.sqrt(math.log(2.0 / (1.0 - confidence)) / (2.0 * n))
@@ -522,6 +522,7 @@ class GoodnessOfFit(NamedTuple):
     n: int
 
 
+@check_call
 def fit_lognormal(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> DistributionFit:
     r"""Fit a lognormal law by maximum likelihood.
 
@@ -558,6 +559,7 @@ def fit_lognormal(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Dist
     return DistributionFit("lognormal", {"mu": mu, "sigma": sigma}, g.size, 2, log_likelihood)
 
 
+@check_call
 def fit_gamma_gamma(
     gain: ArrayLike, gain_stderr: ArrayLike | None = None, *, n_effective: float | None = None
 ) -> DistributionFit:
@@ -617,13 +619,14 @@ def fit_gamma_gamma(
     )
 
 
+@check_call
 def goodness_of_fit(
     model: Law,
     gain: ArrayLike,
     gain_stderr: ArrayLike | None = None,
     *,
-    resamples: int = 199,
-    seed: int = 1,
+    resamples: Annotated[int, Field(ge=1, le=MOST_RESAMPLES)] = 199,
+    seed: Seed = 1,
 ) -> GoodnessOfFit:
     r"""Test a law fitted to independent gains by the Kolmogorov-Smirnov distance.
 
@@ -665,9 +668,6 @@ def goodness_of_fit(
     >>> goodness_of_fit("lognormal", g).p_value > 0.05
     True
     """
-    require_word(model, ("lognormal", "gamma-gamma"), "model")
-    require_whole(resamples, 1, MOST_RESAMPLES, "resamples")
-    require_seed(seed)
     from scipy import stats
 
     from meshtrace.fading.laws import gamma_gamma

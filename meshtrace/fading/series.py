@@ -8,13 +8,15 @@ from itertools import chain
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.checks import Probability, Seed, check_call
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.fading.distribution import (
     Estimate,
     Reference,
+    Resamples,
+    Threshold,
     block_interval,
     block_means,
-    check_bootstrap,
     checked,
     checked_gain,
     checked_step,
@@ -26,6 +28,7 @@ from meshtrace.models import Floats
 _MOST_BLOCKS = 1000
 
 
+@check_call
 def autocorrelation(
     gain: ArrayLike, gain_stderr: ArrayLike | None = None, *, max_lag: int | None = None
 ) -> Floats:
@@ -77,6 +80,7 @@ def autocorrelation(
     return rho
 
 
+@check_call
 def effective_samples(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> float:
     r"""Return the number of independent samples equivalent to a correlated series.
 
@@ -123,6 +127,7 @@ def effective_samples(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> 
     return float(np.size(gain) / min(inflation, np.size(gain)))
 
 
+@check_call
 def block_length(gain: ArrayLike) -> int:
     r"""Return the block length for resampling a correlated series.
 
@@ -207,15 +212,16 @@ def _autocovariance(x: Floats) -> Floats:
     return np.fft.irfft(np.abs(spectrum) ** 2)[:n] / np.arange(n, 0, -1)
 
 
+@check_call
 def coherence_time(
     time: ArrayLike,
     gain: ArrayLike,
     gain_stderr: ArrayLike | None = None,
     *,
     block: int | None = None,
-    confidence: float = 0.95,
-    resamples: int = 999,
-    seed: int = 1,
+    confidence: Probability = 0.95,
+    resamples: Resamples = 999,
+    seed: Seed = 1,
 ) -> Estimate:
     r"""Return the time of the fall of the autocorrelation to 1/e, with its interval.
 
@@ -266,7 +272,6 @@ def coherence_time(
     """
     g, noise = checked(gain, gain_stderr)
     step = checked_step(time, g.size)
-    check_bootstrap(confidence, resamples)
     rho = autocorrelation(g, gain_stderr)
     crossing = float(_first_crossing(rho[:, None])[0])
     if math.isinf(crossing):
@@ -314,16 +319,17 @@ def series_block(block: int | None, g: Floats) -> int:
 _FEWEST_CROSSINGS = 20
 
 
+@check_call
 def level_crossing_rate(
     time: ArrayLike,
     gain: ArrayLike,
-    threshold: float = 0.5,
+    threshold: Threshold = 0.5,
     *,
     relative_to: Reference = "mean",
     block: int | None = None,
-    confidence: float = 0.95,
-    resamples: int = 999,
-    seed: int = 1,
+    confidence: Probability = 0.95,
+    resamples: Resamples = 999,
+    seed: Seed = 1,
 ) -> Estimate:
     r"""Return the level-crossing rate of a threshold, downwards, with its interval.
 
@@ -377,7 +383,6 @@ def level_crossing_rate(
     """
     from scipy import special
 
-    check_bootstrap(confidence, resamples)
     g, step, under = _record(time, gain, threshold, relative_to)
     fall = (~under[:-1] & under[1:]).astype(np.float64)
     count, duration = float(fall.sum()), step * fall.size
@@ -391,16 +396,17 @@ def level_crossing_rate(
     return block_interval(count / duration, rate, g.size / block, confidence)
 
 
+@check_call
 def mean_fade_duration(
     time: ArrayLike,
     gain: ArrayLike,
-    threshold: float = 0.5,
+    threshold: Threshold = 0.5,
     *,
     relative_to: Reference = "mean",
     block: int | None = None,
-    confidence: float = 0.95,
-    resamples: int = 999,
-    seed: int = 1,
+    confidence: Probability = 0.95,
+    resamples: Resamples = 999,
+    seed: Seed = 1,
 ) -> Estimate:
     r"""Return the mean time the gain stays below a threshold, with the interval.
 
@@ -437,7 +443,6 @@ def mean_fade_duration(
     """
     from scipy import special
 
-    check_bootstrap(confidence, resamples)
     g, step, under = _record(time, gain, threshold, relative_to)
     fall = (~under[:-1] & under[1:]).astype(np.float64)
     below = 0.5 * under[:-1] + 0.5 * under[1:]
@@ -455,6 +460,7 @@ def mean_fade_duration(
     return block_interval(value, durations, g.size / block, confidence)
 
 
+@check_call
 def fade_durations(
     time: ArrayLike, gain: ArrayLike, threshold: float = 0.5, *, relative_to: Reference = "mean"
 ) -> Floats:

@@ -18,9 +18,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_array, require_between
 from meshtrace.mesh import PlaneSurface, require_surface
-from meshtrace.models import Floats
+from meshtrace.models import Floats, Model
 
 _DISTANCES = 130
 _AZIMUTHS = 24  # Gauss nodes in a quadrant
@@ -35,6 +36,7 @@ class Lever(NamedTuple):
     height: float  # [m-1], relative change of the gain with the height of the crossing
 
 
+@check_call
 def scintillation_of_spectrum(
     link: Any,
     surface: Any,
@@ -112,6 +114,7 @@ def scintillation_of_spectrum(
     )
 
 
+@check_call
 def gain_autocovariance(
     link: Any,
     surface: Any,
@@ -331,6 +334,7 @@ class BandFading(NamedTuple):
         )
 
 
+@check_call
 def band_fading(link: Any, surface: Any) -> BandFading | None:
     """Compute the closed forms of the fading over the band of a sea and over all waves.
 
@@ -361,6 +365,7 @@ def band_fading(link: Any, surface: Any) -> BandFading | None:
         return None
 
 
+@check_call
 def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     """Return the smallest `omega_max` with the fading of all waves.
 
@@ -420,7 +425,10 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     return float(f"{high:.4g}")
 
 
-def resolve_band(link: Any, surface: Any, waves: Any = None, fading: bool = False) -> Any:
+@check_call
+def resolve_band(
+    link: Any, surface: Any, waves: str | float | Model | None = None, fading: bool = False
+) -> Any:
     """Return a sea with the waves that a mesh for a link holds.
 
     Parameters

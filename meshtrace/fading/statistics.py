@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
-from meshtrace.errors import require_array, require_between, require_whole
+from meshtrace.checks import NonNegative, Probability, Seed, check_call
+from meshtrace.errors import require_array
 from meshtrace.fading.distribution import (
     MOST_RESAMPLES,
     Distribution,
@@ -19,7 +21,7 @@ from meshtrace.fading.distribution import (
     GoodnessOfFit,
     Histogram,
     Reference,
-    check_bootstrap,
+    Resamples,
     checked,
     checked_step,
     fit_gamma_gamma,
@@ -210,18 +212,19 @@ _FEWEST_EFFECTIVE = 20.0
 _FEWEST_TESTED = 20
 
 
+@check_call
 def fading_statistics(
     gain: ArrayLike,
     gain_stderr: ArrayLike | None = None,
     *,
     time: ArrayLike | None = None,
-    common_stderr: float = 0.0,
+    common_stderr: NonNegative = 0.0,
     thresholds: Sequence[float] = (0.5, 0.8, 0.9, 1.0),
     relative_to: Reference = "mean",
-    confidence: float = 0.95,
-    resamples: int = 999,
-    test_resamples: int = 199,
-    seed: int = 1,
+    confidence: Probability = 0.95,
+    resamples: Resamples = 999,
+    test_resamples: Annotated[int, Field(ge=0, le=MOST_RESAMPLES)] = 199,
+    seed: Seed = 1,
 ) -> FadingStatistics:
     """Return all fading statistics of an ensemble or, with `time`, of a time series.
 
@@ -272,9 +275,6 @@ def fading_statistics(
     (300, 0.01, ['lognormal', 'gamma-gamma'])
     """
     g, variance = checked(gain, gain_stderr)
-    require_between(common_stderr, 0.0, math.inf, "common_stderr", "[)", "finite >= 0")
-    require_whole(test_resamples, 0, MOST_RESAMPLES, "test_resamples")
-    check_bootstrap(confidence, resamples)
     stderr = np.sqrt(variance) if variance.any() else None
     noise, spread = float(variance.mean()), float(g.var(ddof=1))
     fades = bool(np.ptp(g) > 0.0 and spread * (g.size - 1) / g.size > noise)

@@ -16,6 +16,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from meshtrace.errors import require_seed, require_whole
 from meshtrace.kernels.jit import inlined
 
 _LOW = np.uint64(0xFFFFFFFF)
@@ -93,5 +94,8 @@ def realization_seed(seed: int, realization: int, word: int = 0) -> int:
 
     Word 0 seeds the phases of a sea, word 1 the photons of a separate run.
     """
+    require_seed(seed)
+    require_whole(realization, 0, 2**32 - 1, "realization")
+    require_whole(word, 0, 2**16, "word")
     sequence = np.random.SeedSequence([seed, realization])
     return int(sequence.generate_state(word + 1)[word])

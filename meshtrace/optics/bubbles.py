@@ -6,13 +6,13 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import Field, field_validator, model_validator
 
-from meshtrace.errors import Refused, is_number, require_between, require_range, require_whole
+from meshtrace.checks import Allowed, Infinite, Positive, RangedArray, check_call
+from meshtrace.errors import Refused, is_number, require_between, require_range
 from meshtrace.models import Family, Floats
 from meshtrace.optics.mie import MieTable, cached_table, population_table
 from meshtrace.optics.phase import HistogramPhase, PhaseFunction, Segments
@@ -22,6 +22,9 @@ LAYER = 12.0
 _MOST_NODES = 10**7
 # Highest crest [m] to which a population is continued upwards with depth="mean_level".
 HIGHEST = 20.0
+
+
+Depth = Annotated[float, Field(gt=0.0), Infinite(), Allowed("max_depth > 0 m")]
 
 
 class BubblePopulation(Family, frozen=True, default="hall-novarini"):
@@ -42,19 +45,19 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         """Depth scale of the layer [m]: b is tabulated in steps of 1/64 of it, down to 12."""
 
     @abstractmethod
-    def b(self, depth: ArrayLike) -> Floats:
+    def b(self, depth: RangedArray) -> Floats:
         """Return the scattering coefficient [m-1] at depths [m]."""
 
     @abstractmethod
     def phase_function(self) -> PhaseFunction:
         """Return the phase function of the population, the same at all depths."""
 
-    def _checked(self, depth: ArrayLike) -> Floats:
+    def _checked(self, depth: RangedArray) -> Floats:
         lowest = -HIGHEST if self.depth == "mean_level" else 0.0
         allowed = f"finite depth >= {lowest:g} m"
         return require_range(depth, lowest, math.inf, "depth", "[)", allowed)
 
-    def optical_depth(self, depth1: ArrayLike, depth2: ArrayLike) -> Floats:
+    def optical_depth(self, depth1: RangedArray, depth2: RangedArray) -> Floats:
         """Return the vertical optical depth of the bubbles between two depths.
 
         tau = |integral of b(z) dz from depth1 to depth2|
@@ -79,7 +82,7 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         return integrate(self.b, upper, np.minimum(lower, upper + 40.0 * self.e_folding), 128)
 
     def profile(
-        self, dz: float, max_depth: float = math.inf, crest: float = 0.0
+        self, dz: Positive, max_depth: Depth = math.inf, crest: float = 0.0
     ) -> tuple[Floats, Floats, Floats]:
         """Return b and its integral on a uniform grid of depths.
 
@@ -122,8 +125,6 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         >>> round(float(cumulative[1000]), 7)
         0.0989773
         """
-        dz = require_between(dz, 0.0, math.inf, "dz")
-        require_between(max_depth, 0.0, math.inf, "max_depth", "(]", "max_depth > 0 m")
         highest = HIGHEST if self.depth == "mean_level" else 0.0
         require_between(crest, 0.0, highest, "crest", "[]", f"0 <= crest <= {highest:g} m")
         most = min(max_depth, LAYER * self.e_folding) + crest
@@ -262,11 +263,11 @@ class HallNovarini(BubblePopulation, frozen=True):
         """Mean scattering efficiency Q: the Mie mean weighted by cross-section, or the number."""
         return self._table().q_sca if self.q == "mie" else float(self.q)
 
-    def r_ref(self, depth: ArrayLike) -> Floats:
+    def r_ref(self, depth: RangedArray) -> Floats:
         """Return the reference radius [m], the kink of the size distribution, at a depth [m]."""
         return _r_ref(self._checked(depth))
 
-    def kappa(self, depth: ArrayLike) -> Floats:
+    def kappa(self, depth: RangedArray) -> Floats:
         """Return the exponent of the size distribution above `r_ref` at a depth [m]."""
         return _kappa(self._checked(depth))
 
@@ -291,7 +292,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         large = (ends[0] ** tail - ends[1] ** tail) / -tail
         return r_ref ** (power + 1) * (small + large)
 
-    def size_distribution(self, r: ArrayLike, depth: ArrayLike) -> Floats:
+    def size_distribution(self, r: RangedArray, depth: RangedArray) -> Floats:
         """Return the number of bubbles per volume and radius.
 
         n(r, z) = 1.6e10 G(r, z) (U/13)^3 exp(-z/L)
@@ -320,7 +321,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         shape = np.where(ratio <= 1.0, ratio**-4.0, np.maximum(ratio, 1.0) ** -_kappa(z))
         return np.where(present, self._density(z) * shape, 0.0)[()]
 
-    def number_density(self, depth: ArrayLike) -> Floats:
+    def number_density(self, depth: RangedArray) -> Floats:
         """Return the number of bubbles per volume.
 
         N_b(z) = integral of n(r, z) dr;  psi="paper": 1.6e10 r_ref^4/(3 r_min^3) (U/13)^3 exp(-z/L)
@@ -340,7 +341,7 @@ class HallNovarini(BubblePopulation, frozen=True):
             return self._density(z) * _r_ref(z) ** 4 / (3.0 * self.r_min**3)
         return self._density(z) * self._moment(0, z)
 
-    def mean_cross_section(self, depth: ArrayLike) -> Floats:
+    def mean_cross_section(self, depth: RangedArray) -> Floats:
         """Return the mean geometric cross-section of a bubble.
 
         Psi(z) = integral of n pi r^2 dr / N_b;  psi="paper": 3 pi r_min^2
@@ -360,7 +361,7 @@ class HallNovarini(BubblePopulation, frozen=True):
             return np.full(z.shape, 3.0 * np.pi * self.r_min**2)[()]
         return np.pi * self._moment(2, z) / self._moment(0, z)
 
-    def b(self, depth: ArrayLike) -> Floats:
+    def b(self, depth: RangedArray) -> Floats:
         """Return the scattering coefficient of the bubbles.
 
         b(z) = N_b(z) Q Psi(z)
@@ -378,7 +379,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         density = self.number_density(depth)
         return density * self.scattering_efficiency * self.mean_cross_section(depth)
 
-    def void_fraction(self, depth: ArrayLike) -> Floats:
+    def void_fraction(self, depth: RangedArray) -> Floats:
         """Return the volume of air per volume of water and air.
 
         integral of n (4/3) pi r^3 dr (always exact)
@@ -396,7 +397,9 @@ class HallNovarini(BubblePopulation, frozen=True):
         z = self._checked(depth)
         return 4.0 / 3.0 * np.pi * self._density(z) * self._moment(3, z)
 
-    def equal_area_radii(self, count: int, depth: float = 0.0) -> Floats:
+    def equal_area_radii(
+        self, count: Annotated[int, Field(ge=1, le=_MOST_NODES)], depth: float = 0.0
+    ) -> Floats:
         """Return quantile radii of equal geometric cross-section.
 
         The quantiles (k + 1/2)/count, k = 0 .. count - 1, of the weight G r^2.
@@ -423,7 +426,6 @@ class HallNovarini(BubblePopulation, frozen=True):
         >>> float(HallNovarini(wind_speed=5.0).equal_area_radii(1)[0].round(7))
         1.9e-05
         """
-        require_whole(count, 1, _MOST_NODES, "count")
         z = self._checked(depth)
         r_ref, p = float(_r_ref(z)), np.array([-1.0, 3.0 - float(_kappa(z))])
         edges = np.clip([self.r_min, r_ref, self.r_max], self.r_min, self.r_max)
@@ -464,6 +466,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         return self._table().phase
 
 
+@check_call
 def compute_bubble_phase(
     n_water: float = 1.33,
     wavelength_nm: float = 470.0,

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
+from meshtrace.checks import Ranged, check_call
 from meshtrace.errors import Described, Refused, require_array, require_between, require_range
 from meshtrace.models import Floats
 from meshtrace.optics import pure_water
 from meshtrace.optics.phase import FournierForand, MixturePhase, PhaseFunction, Rayleigh
 from meshtrace.optics.spectra import WaterSpectrum, uniform_or_layers
 
-_RATIOS = (1e-3, 0.1)  # backscatter ratios of `fournier_forand_of`
 _MINERAL_RATIO = 0.0183
 _DISSOLVED = 0.0524 * np.exp(-0.018 * (440.0 - 412.0))  # a_g at C = 1 [m-1]
 
@@ -146,7 +146,7 @@ class Constituents(WaterSpectrum, frozen=True):
         """Shortest and longest wavelength, of the index and of absorption by particles [nm]."""
         return 400.0, 700.0
 
-    def properties(self, wavelength_nm: float) -> dict[str, Any]:
+    def properties(self, wavelength_nm: Ranged) -> dict[str, Any]:
         """Return n, the phase function, and a and b [m-1] or their layers.
 
         Parameters
@@ -208,8 +208,11 @@ def _mixture(molecules: float, particles: dict[float, float]) -> PhaseFunction:
     return MixturePhase(components=phases, weights=(molecules, *shares.values()))
 
 
+@check_call
 @lru_cache(maxsize=1024)
-def fournier_forand_of(backscatter_ratio: float) -> FournierForand:
+def fournier_forand_of(
+    backscatter_ratio: Annotated[float, Field(ge=1e-3, le=0.1)],
+) -> FournierForand:
     r"""Return the Fournier-Forand phase function of a backscatter ratio.
 
     .. math:: n = 1.01 + 0.1542 (\mu - 3)
@@ -240,8 +243,6 @@ def fournier_forand_of(backscatter_ratio: float) -> FournierForand:
     FournierForand(n=1.099963, mu=3.583417)
     """
     from scipy.optimize import brentq
-
-    require_between(backscatter_ratio, *_RATIOS, "backscatter_ratio", "[]")
 
     def of(mu: float) -> FournierForand:
         return FournierForand(n=round(1.01 + 0.1542 * (mu - 3.0), 6), mu=round(mu, 6))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
-from meshtrace.errors import Refused, require_range
+from meshtrace.checks import Index, Shape, Unit, check_call
 from meshtrace.models import Floats
 
 
@@ -18,7 +20,13 @@ def unit_vector(zenith_deg: float, azimuth_deg: float) -> tuple[float, float, fl
     return s * math.cos(azimuth), s * math.sin(azimuth), math.cos(zenith)
 
 
-def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:
+Vectors = Annotated[ArrayLike, Shape("... 3"), Unit()]
+
+
+@check_call
+def fresnel_reflectance(
+    cos_i: Annotated[ArrayLike, Field(ge=0.0, le=1.0)], n1: Index, n2: Index
+) -> Floats:
     r"""Return the reflectance of unpolarised light from medium 1 to medium 2.
 
     .. math:: \rho = \tfrac12 (r_s^2 + r_p^2)
@@ -60,7 +68,10 @@ def fresnel_reflectance(cos_i: ArrayLike, n1: float, n2: float) -> Floats:
     return np.asarray(0.5 * (rho_s + rho_p))
 
 
-def polarised_reflectances(cos_i: ArrayLike, n1: float, n2: float) -> tuple[Floats, Floats]:
+@check_call
+def polarised_reflectances(
+    cos_i: Annotated[ArrayLike, Field(ge=0.0, le=1.0)], n1: Index, n2: Index
+) -> tuple[Floats, Floats]:
     r"""Return the reflectances of light polarised across and in the plane of incidence.
 
     .. math::
@@ -99,8 +110,7 @@ def polarised_reflectances(cos_i: ArrayLike, n1: float, n2: float) -> tuple[Floa
     >>> round(float((rho_s - rho_p) / (rho_s + rho_p)), 4)
     0.4441
     """
-    cos_i = require_range(cos_i, 0.0, 1.0, "cos_i")
-    _check_indices(n1, n2)
+    cos_i = np.asarray(cos_i)
     sin2_t = (n1 / n2) ** 2 * (1.0 - cos_i**2)
     total = sin2_t >= 1.0
     cos_t = np.sqrt(np.where(total, 1.0, 1.0 - sin2_t))
@@ -109,7 +119,8 @@ def polarised_reflectances(cos_i: ArrayLike, n1: float, n2: float) -> tuple[Floa
     return np.where(total, 1.0, r_s**2), np.where(total, 1.0, r_p**2)
 
 
-def reflect(d: ArrayLike, n: ArrayLike) -> Floats:
+@check_call
+def reflect(d: Vectors, n: Vectors) -> Floats:
     """Mirror directions at a plane, d' = d - 2 (d . n) n.
 
     Parameters
@@ -133,7 +144,8 @@ def reflect(d: ArrayLike, n: ArrayLike) -> Floats:
     return d - 2.0 * np.sum(d * n, axis=-1, keepdims=True) * n
 
 
-def refract(d: ArrayLike, n: ArrayLike, n1: float, n2: float) -> Floats:
+@check_call
+def refract(d: Vectors, n: Vectors, n1: Index, n2: Index) -> Floats:
     r"""Refract directions by Snell's law in vector form.
 
     .. math:: d' = \eta d + (c_t - \eta c_i) n, \quad
@@ -173,7 +185,6 @@ def refract(d: ArrayLike, n: ArrayLike, n1: float, n2: float) -> Floats:
     >>> refract([0.0, 0.6, 0.8], [0.0, 0.0, 1.0], 1.33, 1.0).round(4)
     array([0.    , 0.798 , 0.6027])
     """
-    _check_indices(n1, n2)
     d, n = np.asarray(d, dtype=np.float64), np.asarray(n, dtype=np.float64)
     cos_i = np.sum(d * n, axis=-1, keepdims=True)
     n, cos_i = np.where(cos_i < 0.0, -n, n), np.abs(cos_i)
@@ -183,7 +194,8 @@ def refract(d: ArrayLike, n: ArrayLike, n1: float, n2: float) -> Floats:
     return eta * d + (cos_t - eta * cos_i) * n
 
 
-def hemispheric_reflectance(n1: float, n2: float) -> float:
+@check_call
+def hemispheric_reflectance(n1: Index, n2: Index) -> float:
     r"""Return the reflectance for a uniform (Lambertian) radiance from medium 1.
 
     .. math:: r = 2 \int_0^1 \rho(c_i)\, c_i\, dc_i
@@ -217,15 +229,8 @@ def hemispheric_reflectance(n1: float, n2: float) -> float:
     >>> round(hemispheric_reflectance(1.0, 1.33), 5), round(hemispheric_reflectance(1.33, 1.0), 5)
     (0.06593, 0.47195)
     """
-    _check_indices(n1, n2)
     if n1 > n2:
         return 1.0 - (1.0 - hemispheric_reflectance(n2, n1)) * (n2 / n1) ** 2
     x, weight = np.polynomial.legendre.leggauss(64)
     cos_i = (x + 1.0) / 2.0
     return float(np.sum(weight * cos_i * fresnel_reflectance(cos_i, n1, n2)))
-
-
-def _check_indices(n1: float, n2: float) -> None:
-    for name, index in (("n1", n1), ("n2", n2)):
-        if not 0.0 < index < np.inf:
-            raise Refused(name, index, "a finite number > 0")

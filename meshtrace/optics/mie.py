@@ -17,11 +17,13 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from types import ModuleType
-from typing import IO, NamedTuple
+from typing import IO, Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from meshtrace.checks import RangedArray, check_call
 from meshtrace.errors import Refused, require_range
 from meshtrace.files import atomic, cache_directory, make_private
 from meshtrace.models import Floats
@@ -103,7 +105,8 @@ def _size_parameter(x: ArrayLike) -> Floats:
     return require_range(x, 0.0, np.inf, "x", "()", "finite x > 0")
 
 
-def efficiencies(m: complex, x: ArrayLike) -> Efficiencies:
+@check_call
+def efficiencies(m: complex, x: RangedArray) -> Efficiencies:
     """Return extinction and scattering efficiency and mean cosine of spheres.
 
     Q_ext = 2/x^2 sum (2n+1) Re(a_n + b_n)
@@ -145,7 +148,10 @@ def efficiencies(m: complex, x: ArrayLike) -> Efficiencies:
     return Efficiencies(*(np.asarray(q).reshape(sizes.shape)[()] for q in (q_ext, q_sca, g)))
 
 
-def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> Floats:
+@check_call
+def phase_intensity(
+    m: complex, x: float, cos_theta: Annotated[ArrayLike, Field(ge=-1.0, le=1.0)]
+) -> Floats:
     """Return the unpolarised scattered intensity of one sphere.
 
     i(theta) = (|S1|^2 + |S2|^2) / 2,   integral of i over solid angle = pi x^2 Q_sca
@@ -188,7 +194,7 @@ def phase_intensity(m: complex, x: float, cos_theta: ArrayLike) -> Floats:
     2.232265
     """
     size = float(_size_parameter(x))
-    cosine = require_range(cos_theta, -1.0, 1.0, "cos_theta")
+    cosine = np.asarray(cos_theta)
     intensity = _miepython().i_unpolarized(m, size, cosine.ravel(), norm="wiscombe")
     return np.asarray(intensity).reshape(cosine.shape)[()]
 
@@ -242,8 +248,9 @@ def _intensities(m: complex, x: Floats, cosine: Floats) -> Floats:
     return (square[:, ::2] + square[:, 1::2]) / 4.0
 
 
+@check_call
 def population_table(
-    m: complex, x: ArrayLike, theta_edges: ArrayLike | None = None, rotations: int = 32
+    m: complex, x: RangedArray, theta_edges: ArrayLike | None = None, rotations: int = 32
 ) -> MieTable:
     """Return the scattering-angle table of a population of spheres.
 
@@ -305,8 +312,9 @@ def population_table(
     )
 
 
+@check_call
 def cached_table(
-    stem: str, inputs: Mapping[str, float], compute: Callable[[], MieTable]
+    stem: str, inputs: Mapping[str, int | float], compute: Callable[[], MieTable]
 ) -> MieTable:
     """Return the table of these inputs: shipped, from the user's cache, or computed and kept.
 

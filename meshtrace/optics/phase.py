@@ -12,13 +12,14 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
+from meshtrace.checks import RangedArray
 from meshtrace.errors import Described, Refused, require_range
 from meshtrace.kernels.medium import PhaseTables
 from meshtrace.models import Family, FamilyTuple, Floats, Numbers
@@ -149,7 +150,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
     0.852
     """
 
-    def pdf(self, theta: ArrayLike) -> Floats:
+    def pdf(self, theta: RangedArray) -> Floats:
         """Return the phase function.
 
         Parameters
@@ -169,7 +170,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         """
         return self._pdf_s(s_of(theta))
 
-    def cdf(self, theta: ArrayLike) -> Floats:
+    def cdf(self, theta: RangedArray) -> Floats:
         """Return the probability of a scattering angle up to theta.
 
         Parameters
@@ -189,7 +190,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         """
         return self._cdf_s(s_of(theta))
 
-    def sample(self, u: ArrayLike) -> Floats:
+    def sample(self, u: Annotated[ArrayLike, Field(ge=0.0, lt=1.0)]) -> Floats:
         """Map uniforms to scattering angles by the tables that the photon kernels use.
 
         Parameters
@@ -207,8 +208,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         Refused
             If a u lies outside [0, 1).
         """
-        u = require_range(u, 0.0, 1.0, "u", "[)")
-        return 2.0 * np.arcsin(np.sqrt(sample_s(self.tables(), u)))
+        return 2.0 * np.arcsin(np.sqrt(sample_s(self.tables(), np.asarray(u))))
 
     @property
     def mean_cosine(self) -> float:
@@ -314,7 +314,7 @@ def _tables(phase: PhaseFunction) -> PhaseTables:
         intervals *= _FINER
 
 
-def s_of(theta: ArrayLike) -> Floats:
+def s_of(theta: RangedArray) -> Floats:
     """Return sin^2(theta / 2) of checked angles."""
     checked = require_range(theta, 0.0, np.pi, "theta", allowed="0 <= theta <= pi rad")
     return np.sin(0.5 * checked) ** 2
@@ -351,6 +351,8 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
     def _from_table(cls, data: Any) -> Any:
         if isinstance(data, Mapping) and "file" in data:
             own = {key: value for key, value in data.items() if key != "file"}
+            if not isinstance(data["file"], str | Path):
+                raise Refused("file", data["file"], "the path of a text file")
             return {**dict(cls.from_file(data["file"])), **own}
         return data
 

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.checks import RangedArray, check_call
 from meshtrace.errors import Described, Refused, require_array, require_range
 from meshtrace.models import Floats
 
 
-def pure_water_absorption(wavelength_nm: ArrayLike) -> Floats:
+@check_call
+def pure_water_absorption(wavelength_nm: RangedArray) -> Floats:
     """Return the absorption coefficient of pure water.
 
     Parameters
@@ -48,7 +50,8 @@ def pure_water_absorption(wavelength_nm: ArrayLike) -> Floats:
     return interpolate(wavelength_nm, *read_table("pure_water_absorption.csv").T)
 
 
-def sea_water_scattering(wavelength_nm: ArrayLike) -> Floats:
+@check_call
+def sea_water_scattering(wavelength_nm: RangedArray) -> Floats:
     r"""Return the scattering coefficient of pure sea water (salinity 35 to 39).
 
     .. math:: b = 16.06 \cdot 4.72 \times 10^{-4} (400 / \lambda)^{4.32}
@@ -87,8 +90,9 @@ def sea_water_scattering(wavelength_nm: ArrayLike) -> Floats:
     return 16.06 * 4.72e-4 * (400.0 / wavelength) ** 4.32
 
 
+@check_call
 def zhang_hu_he(
-    wavelength_nm: ArrayLike, temperature_c: ArrayLike = 20.0, salinity: ArrayLike = 35.0
+    wavelength_nm: RangedArray, temperature_c: RangedArray = 20.0, salinity: RangedArray = 35.0
 ) -> Floats:
     r"""Return the scattering coefficient of sea water by fluctuations of density and salt.
 
@@ -178,8 +182,9 @@ def _activity_slope(t: Floats, s: Floats) -> Floats:
     return first + 1.5 * second * s**0.5 + 2.0 * third * s
 
 
+@check_call
 def quan_fry(
-    wavelength_nm: ArrayLike, temperature_c: ArrayLike = 20.0, salinity: ArrayLike = 35.0
+    wavelength_nm: RangedArray, temperature_c: RangedArray = 20.0, salinity: RangedArray = 35.0
 ) -> Floats:
     r"""Return the refractive index of sea water at atmospheric pressure.
 
@@ -241,7 +246,7 @@ def _of_one_shape(w: ArrayLike, t: ArrayLike, s: ArrayLike) -> tuple[Floats, Flo
     return one, two, three
 
 
-def interpolate(wavelength_nm: ArrayLike, nodes: Floats, values: Floats) -> Floats:
+def interpolate(wavelength_nm: RangedArray, nodes: Floats, values: Floats) -> Floats:
     """Return values at wavelengths, linear between nodes; refuse wavelengths outside."""
     at = check_range("wavelength_nm", wavelength_nm, nodes[0], nodes[-1], "nm")
     return np.interp(at, nodes, values)

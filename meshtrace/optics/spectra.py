@@ -6,9 +6,9 @@ from abc import abstractmethod
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, field_validator
 
+from meshtrace.checks import Ranged, RangedArray, check_call
 from meshtrace.errors import Described, Refused, did_you_mean, require_array, require_range
 from meshtrace.models import Family, Floats, NumberRows
 from meshtrace.optics.phase import FournierForand, Petzold, PhaseFunction, Rayleigh
@@ -58,7 +58,7 @@ class WaterSpectrum(Family, frozen=True, default="type", closed=_CLOSED):
         """Shortest and longest wavelength of the spectrum [nm]."""
 
     @abstractmethod
-    def properties(self, wavelength_nm: float) -> dict[str, Any]:
+    def properties(self, wavelength_nm: Ranged) -> dict[str, Any]:
         """Return fields of `Water` at a wavelength in vacuum [nm].
 
         Returns
@@ -124,7 +124,7 @@ class WaterType(WaterSpectrum, frozen=True):
             return Petzold.model_validate({"water": name})
         return Rayleigh.sea_water() if family == "pure" else FournierForand()
 
-    def properties(self, wavelength_nm: float) -> dict[str, Any]:
+    def properties(self, wavelength_nm: Ranged) -> dict[str, Any]:
         """Return a and b [m-1] at a wavelength in vacuum [nm], and the phase function."""
         a, b = coefficients(self.type, wavelength_nm)
         return {"a": float(a), "b": float(b), "phase": self.phase}
@@ -188,7 +188,7 @@ class SpectralTable(WaterSpectrum, frozen=True):
         wavelengths = [row[1] for row in self.table]
         return min(wavelengths), max(wavelengths)
 
-    def properties(self, wavelength_nm: float) -> dict[str, Any]:
+    def properties(self, wavelength_nm: Ranged) -> dict[str, Any]:
         """Return a and b [m-1], or their layers, at a wavelength in vacuum [nm]."""
         rows = np.array(self.table)
         depth = np.unique(rows[:, 0])
@@ -207,7 +207,8 @@ def uniform_or_layers(depth: Floats, a: Floats, b: Floats) -> dict[str, Any]:
     return {"layers": tuple(map(tuple, np.column_stack([depth, a, b]).tolist()))}
 
 
-def coefficients(type: str, wavelength_nm: ArrayLike) -> tuple[Floats, Floats]:
+@check_call
+def coefficients(type: str, wavelength_nm: RangedArray) -> tuple[Floats, Floats]:
     """Return the absorption and scattering coefficients of a type of water.
 
     Parameters

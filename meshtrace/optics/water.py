@@ -157,9 +157,9 @@ class Water(Model, frozen=True):
         >>> [float(x) for x in water.profile(5.0)]
         [0.1, 0.30000000000000004]
         """
-        depth = require_array(depth, "depth", "depths [m]")
         nodes, a, b = np.array(self.layers or [(0.0, self.a, self.b)]).T
-        return np.interp(depth, nodes, a), np.interp(depth, nodes, b)
+        at = np.asarray(depth, float)
+        return np.interp(at, nodes, a), np.interp(at, nodes, b)
 
     def at_wavelength(self, wavelength_nm: float) -> Self:
         """Return the water at another wavelength; given values other than a and b are kept.
@@ -218,14 +218,13 @@ class Water(Model, frozen=True):
             low, high = spectrum.limits_nm
             steps = np.arange(400.0, 701.0, 20.0)
             wavelengths_nm = steps[(steps >= low) & (steps <= high)]
-        wavelengths = require_array(wavelengths_nm, "wavelength_nm", "wavelengths [nm]")
-        waters = [self.at_wavelength(float(w)) for w in np.atleast_1d(wavelengths)]
+        wavelengths = np.ravel(np.asarray(wavelengths_nm, float))
+        waters = [self.at_wavelength(w) for w in wavelengths.tolist()]
         data = xr.Dataset(attrs={"source": spectrum.source})
         for name in "abcn":
             values = [getattr(water, name) for water in waters]
             data[name] = ("wavelength_nm", values, attrs(name))
-        at = np.atleast_1d(wavelengths)
-        data.coords["wavelength_nm"] = ("wavelength_nm", at, attrs("wavelength_nm"))
+        data.coords["wavelength_nm"] = ("wavelength_nm", wavelengths, attrs("wavelength_nm"))
         return data
 
     def _with_spectrum(self) -> WaterSpectrum:

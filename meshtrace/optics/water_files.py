@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused
 from meshtrace.models import Floats
 from meshtrace.optics.constituents import Constituents
@@ -26,6 +27,7 @@ _NO_VALUES = ("missing", "below_detection_limit", "above_detection_limit")
 _GOOD = (b"1", b"2", b"5", b"8")  # flags of Argo: good, probably good, changed, estimated
 
 
+@check_call
 def read_spectrum(path: str | PathLike[str]) -> WaterSpectrum:
     """Read the spectrum of a water from a file.
 

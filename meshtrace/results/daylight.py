@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.checks import Shape
 from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.models import Floats
 from meshtrace.results.tallies import error_of_groups
@@ -52,7 +53,9 @@ class Background(Stored):
     title: ClassVar[str] = "meshtrace background light"
 
     @classmethod
-    def of_groups(cls, parts: Floats, acceptance: float, wavelength_nm: float) -> Self:
+    def of_groups(
+        cls, parts: Annotated[Floats, Shape("n parts")], acceptance: float, wavelength_nm: float
+    ) -> Self:
         """Return the mean of independent parts (n, parts), with their scatter as its error."""
         total = parts.sum(axis=1)
         light = float(total.mean()), float(error_of_groups(total))
@@ -108,6 +111,8 @@ class Background(Stored):
         Refused
             If the filter is wider than twice the wavelength, which its band is centred on.
         """
+        if not hasattr(ook, "background_count_rate"):  # a room above this one
+            raise Refused("ook", Described(type(ook).__name__), "an OokLink")
         widest, width = 2.0 * self.wavelength_nm, ook.optics.equivalent_width_nm
         if width > widest:
             raise Refused("optics.filter_width_nm", width, f"<= {widest:g}, twice the wavelength")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused
 from meshtrace.fields import attrs
 from meshtrace.kernels.tally import Fate
@@ -345,6 +346,7 @@ def _line(name: str, text: str) -> str:
     return f"{name:<18}{text}"
 
 
+@check_call
 def merge(results: Sequence[GainResult]) -> GainResult:
     """Return the result of all photons of several analog runs of one configuration.
 

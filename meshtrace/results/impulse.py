@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
-from meshtrace.errors import Described, Refused, require_between, require_finite, require_whole
+from meshtrace.checks import Positive, check_call
+from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
 from meshtrace.results.tallies import ArrivalTally, error_of_groups
@@ -72,8 +73,11 @@ class ImpulseResponse(Stored):
         return np.array(sums, complex) / self.weight.sum()
 
 
+@check_call
 def impulse_response(
-    result: GainResult, bin_width: float = 1e-10, receiver: int = 0
+    result: GainResult,
+    bin_width: Positive = 1e-10,
+    receiver: Annotated[int, Field(ge=0, le=2**31)] = 0,
 ) -> ImpulseResponse:
     """Return the impulse response from the arrivals of a run.
 
@@ -107,8 +111,6 @@ def impulse_response(
     if arrivals is None:
         found = Described("no arrivals")
         raise Refused("result", found, "a result of simulate(..., record=[Arrivals()])")
-    bin_width = require_between(bin_width, 0.0, math.inf, "bin_width")
-    require_whole(receiver, 0, 2**31, "receiver")
     try:
         link = result.provenance["link"]
         indices = float(link["water"]["n"]), float(link["n_air"])

@@ -10,10 +10,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from meshtrace.checks import check_call
 from meshtrace.models import Model
 from meshtrace.optics.water import Water
 
 
+@check_call
 @cache
 def environment() -> dict[str, str]:
     """Return the versions of the programs behind a result."""
@@ -26,6 +28,7 @@ def environment() -> dict[str, str]:
     }
 
 
+@check_call
 def provenance(link: Model, surface: dict[str, Any], run: dict[str, Any]) -> dict[str, Any]:
     """Return versions, link, surface and run of a result as plain data."""
     return {

@@ -8,6 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
 
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_keys, within
 from meshtrace.models import Model
 
@@ -73,6 +74,7 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise Refused("", Described("nested too deeply"), "tables of a link file") from error
 
 
+@check_call
 def parse_setting(setting: str) -> tuple[str, Any]:
     """Split "key=value" into the dotted key and its value, read as TOML or else as a word.
 

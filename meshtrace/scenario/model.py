@@ -15,7 +15,7 @@ from meshtrace.engine.setup.ends import resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Case, Estimator, Meshing, Run, run_keys
 from meshtrace.engine.simulate import simulate
-from meshtrace.errors import Described, Refused, require_keys, require_kind, within
+from meshtrace.errors import Described, Refused, require_keys, within
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model, trusting
@@ -147,7 +147,6 @@ class Scenario(Model, frozen=True):
         Refused
             If the text is not TOML or a value is not allowed, see `load`.
         """
-        require_kind(changes, Mapping | None, "changes")
         try:
             config = files.parse_toml(text)
             for key, value in (changes or {}).items():

@@ -6,18 +6,20 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from meshtrace.checks import check_call
 from meshtrace.comms.background import DARK, occupancy, with_background
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight, UnavailableDaylight
 from meshtrace.engine.backward.background import background, backgrounds_over
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import Case, RunOptions, require_options
-from meshtrace.errors import Refused, require_finite, require_kind, require_whole
+from meshtrace.errors import Refused, require_finite
 from meshtrace.fading import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface
@@ -39,13 +41,14 @@ RAYS = 2048
 """Rays of the background over each sea of an ensemble."""
 
 
+@check_call
 def background_series(
     link: Link | Scenario,
     surface: MeshSource | None = None,
     daylight: Daylight | None = None,
     times: ArrayLike | None = None,
     *,
-    photons: int = 1024,
+    photons: Annotated[int, Field(ge=SHIFTS, le=10_000_000)] = 1024,
     flight: Flight | None = None,
     workers: int | str | None = None,
     **run: Unpack[RunOptions],
@@ -86,14 +89,12 @@ def background_series(
     The sea is that of `time_series`. Slopes that its mesh leaves out count by their density: glint
     keeps its mean but is smoother than in nature.
     """
-    require_whole(photons, SHIFTS, 10_000_000, "photons")
     require_options(run, RunOptions)
     campaign = campaign_of(link, surface, "background_series", fading=True, workers=workers, **run)
     day = light_of(campaign, daylight)
     if day is None:
         raise Refused("daylight", None, "a Daylight")
     at = require_finite(() if times is None else times, "times", "at least one time [s]")
-    require_kind(flight, Flight | None, "flight")
     origin = {**campaign.provenance(), "daylight": day.model_dump(mode="json")}
     if flight is not None:
         flight = flight.checked()
@@ -117,7 +118,6 @@ def checked_daylight(day: Daylight | None, link: Link) -> Daylight | None:
     """Return daylight, if any; refuse a wavelength other than the link's."""
     if isinstance(day, UnavailableDaylight):
         raise day.refusal
-    require_kind(day, Daylight | None, "daylight")
     wavelength = link.transmitters[0].wavelength_nm
     if day is not None and day.wavelength_nm != wavelength:
         allowed = f"{wavelength:g}, that of the transmitter"

@@ -31,7 +31,7 @@ from meshtrace.engine.setup.options import (
     resolve,
 )
 from meshtrace.engine.setup.tinting import clearest
-from meshtrace.errors import Described, Refused, require_function, require_kind, require_whole
+from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface, SurfaceModel, TriangleMesh
@@ -188,7 +188,6 @@ class Campaign(NamedTuple):
 
     def flight(self, given: Flight | None) -> Flight | None:
         """Return the aircraft of a study, by default the one in its scenario, checked."""
-        require_kind(given, Flight | None, "flight")
         uav = getattr(self.scenario, "uav", None)
         found = Flight(uav) if given is None and uav is not None else given
         return found and found.checked()
@@ -523,7 +522,6 @@ def split_options(given: Mapping[str, Any], study: str) -> tuple[dict[str, Any],
     require_options(given, StudyOptions)
     options = {name: value for name, value in given.items() if value is not None}
     workers, progress = options.pop("workers", None), options.pop("progress", None)
-    require_function(progress, "progress")
     cluster = None if workers is None else Cluster(workers).checked()
     store = Store(options.pop("store", None), study)
     return options, {"cluster": cluster, "store": store, "progress": progress}

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
+from meshtrace.checks import Inside, check_call
 from meshtrace.engine.setup.meshing import GAIN_SPACING
 from meshtrace.engine.setup.options import Run, resolve
 from meshtrace.errors import Described, Refused, require_between
@@ -27,9 +28,10 @@ _MOST_CELLS = 2000  # along the map
 _SLOPES = 4.5  # standard deviations of the slopes that may bend light onto the map
 
 
+@check_call
 def light_pattern(
     link: Link,
-    surface: Surface,
+    surface: Annotated[Surface, Inside()],
     extent: float = 2.0,
     step: float = 0.01,
     *,
@@ -83,7 +85,6 @@ def light_pattern(
     >>> float(pattern.gain.mean().round(7))
     4.51e-05
     """
-    require_between(time, -math.inf, math.inf, "time")
     case = resolve(link, surface)
     link, sea = case.link, case.surface
     source, receiver = pattern_ends(link, sea, extent, step)

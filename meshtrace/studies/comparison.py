@@ -10,7 +10,9 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from meshtrace.checks import Shape, check_call
 from meshtrace.comms.background import DARK, warn_of_background, with_background
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
@@ -19,7 +21,6 @@ from meshtrace.errors import (
     Refused,
     require_between,
     require_finite,
-    require_kind,
     require_whole,
 )
 from meshtrace.link import Link
@@ -85,7 +86,10 @@ class Comparison(Stored):
 
     @classmethod
     def of_samples(
-        cls, names: tuple[str, ...], samples: Floats, provenance: list[dict[str, Any]]
+        cls,
+        names: tuple[str, ...],
+        samples: Annotated[Floats, Shape("links n")],
+        provenance: list[dict[str, Any]],
     ) -> Comparison:
         r"""Return the comparison of paired gains.
 
@@ -158,11 +162,12 @@ class Comparison(Stored):
         return text_table(rows, ("link", "background [W m-2 sr-1 nm-1]", "BER", "light"))
 
 
+@check_call
 def compare(
     links: Mapping[str, Link | Scenario],
     surface: MeshSource | None = None,
     *,
-    realizations: int = 1,
+    realizations: Annotated[int, Field(ge=1, le=10_000_000)] = 1,
     daylight: Daylight | None = None,
     **run: Unpack[StudyOptions],
 ) -> Comparison:
@@ -207,7 +212,6 @@ def compare(
     if not isinstance(links, Mapping) or len(links) < 2:
         found = sorted(links) if isinstance(links, Mapping) else Described(type(links).__name__)
         raise Refused("links", found, "a mapping of two or more names to links")
-    require_whole(realizations, 1, 10_000_000, "realizations")
     lit = daylight is not None or any(getattr(link, "daylight", None) for link in links.values())
     each = {}
     for name, link in links.items():
@@ -379,6 +383,7 @@ class Duplex(Stacked):
         return cls(*results)
 
 
+@check_call
 def duplex(
     up: Link,
     down: Link,
@@ -427,8 +432,6 @@ def duplex(
     >>> len(both.up.gain), len(both.down.gain)
     (3, 3)
     """
-    for name, link in (("up", up), ("down", down)):
-        require_kind(link, Link, name)
     pair = [campaign_of(link, surface, "duplex", fading=True, **run) for link in (up, down)]
     campaign = both_directions(*pair)
     if (times is None) == (realizations is None):

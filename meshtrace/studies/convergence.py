@@ -20,10 +20,12 @@ from itertools import product
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Unpack
 
 import numpy as np
+from pydantic import Field
 
+from meshtrace.checks import Positive, check_call
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Meshing, StudyOptions
-from meshtrace.errors import Described, Refused, require_between, require_whole
+from meshtrace.errors import Described, Refused, require_between
 from meshtrace.fading.distribution import scintillation_index
 from meshtrace.fading.spectral import WITHIN, fading_band, scintillation_of_spectrum
 from meshtrace.fields import attrs
@@ -304,15 +306,16 @@ REALIZATIONS = 16
 """Realizations of the sea for each band."""
 
 
+@check_call
 def convergence_study(
     link: Link | Scenario,
     surface: SurfaceModel | None = None,
     spacings: Sequence[float] = DEFAULT_SPACINGS,
     normals: Sequence[Normals] = ("vertex", "facet"),
     *,
-    placements: int = PLACEMENTS,
+    placements: Annotated[int, Field(ge=1, le=100_000)] = PLACEMENTS,
     reference: Literal["auto", "analytic"] | None = "auto",
-    tolerance: float = 1e-3,
+    tolerance: Positive = 1e-3,
     receiver: int = 0,
     unresolved: Unresolved = "none",
     **run: Unpack[StudyOptions],
@@ -374,10 +377,6 @@ def convergence_study(
     True
     """
     values = descending("spacings", spacings)
-    require_between(tolerance, 0.0, math.inf, "tolerance")
-    require_whole(placements, 1, 100_000, "placements")
-    if reference not in ("auto", "analytic", None):
-        raise Refused("reference", reference, "'auto', 'analytic' or None")
     if unresolved == "tilt" and reference == "analytic":
         raise Refused("reference", reference, "'auto' or None beside random slopes")
     campaign = campaign_of(link, surface, "convergence_study", **run)
@@ -395,14 +394,15 @@ def convergence_study(
     return _study("spacing", values, chains, found, scatter, tolerance, recorded, truth)
 
 
+@check_call
 def band_limit_study(
     link: Link | Scenario,
     surface: SurfaceModel | None = None,
     omega_max: Sequence[float] = (),
     *,
-    realizations: int = REALIZATIONS,
+    realizations: Annotated[int, Field(ge=1, le=100_000)] = REALIZATIONS,
     normals: Sequence[Normals] = ("vertex",),
-    tolerance: float = 1e-2,
+    tolerance: Positive = 1e-2,
     receiver: int = 0,
     unresolved: Unresolved = "none",
     **run: Unpack[StudyOptions],
@@ -437,8 +437,6 @@ def band_limit_study(
     random slopes for the waves left out (`unresolved="tilt"`) this study has no limit.
     """
     values = descending("omega_max", omega_max)[::-1]
-    require_between(tolerance, 0.0, math.inf, "tolerance")
-    require_whole(realizations, 1, 100_000, "realizations")
     campaign = campaign_of(link, surface, "band_limit_study", **run)
     sea: Any = campaign.sea
     if not {"omega_max", "seed"} <= set(getattr(type(sea), "model_fields", {})):
@@ -461,6 +459,7 @@ def band_limit_study(
     return _study("omega_max", values, chains, found, scatter, tolerance, recorded)
 
 
+@check_call
 def time_step_study(
     link: Link | Scenario,
     surface: SurfaceModel | None = None,
@@ -468,7 +467,7 @@ def time_step_study(
     *,
     duration: float | None = None,
     normals: Sequence[Normals] = ("vertex",),
-    tolerance: float = 1e-2,
+    tolerance: Positive = 1e-2,
     receiver: int = 0,
     **run: Unpack[StudyOptions],
 ) -> ConvergenceStudy:
@@ -496,7 +495,6 @@ def time_step_study(
         linear interpolation between its times.
     """
     values = descending("steps", steps)
-    require_between(tolerance, 0.0, math.inf, "tolerance")
     finest = 0.5 * values[-1]
     strides = [multiple_of("steps", value / finest) for value in values]
     duration = 8.0 * values[0] if duration is None else duration
@@ -631,13 +629,14 @@ class FadingConvergence(Stored):
         return "\n".join([*lines, self._headline()])
 
 
+@check_call
 def fading_study(
     link: Link | Scenario,
     surface: SurfaceModel | None = None,
     omega_max: Sequence[float] = DEFAULT_BANDS,
     *,
-    realizations: int = 0,
-    tolerance: float = WITHIN,
+    realizations: Annotated[int, Field(ge=0, le=1_000_000)] = 0,
+    tolerance: Positive = WITHIN,
     **run: Unpack[StudyOptions],
 ) -> FadingConvergence:
     """Study the dependence of the scintillation index on the shortest waves of a random sea.
@@ -673,8 +672,6 @@ def fading_study(
     nothing blurs. With tilts the index rises to that of all waves within a few per cent.
     """
     values = descending("omega_max", omega_max)[::-1]
-    require_whole(realizations, 0, 1_000_000, "realizations")
-    tolerance = require_between(tolerance, 0.0, math.inf, "tolerance")
     campaign = campaign_of(link, surface, "fading_study", **run)
     link = campaign.link
     sea = getattr(campaign.sea, "short_waves", campaign.sea)

@@ -7,11 +7,13 @@ import warnings
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from threading import Lock
-from typing import Any, NamedTuple, Unpack
+from typing import Annotated, Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from meshtrace.checks import check_call
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.maps import unscattered_map
 from meshtrace.engine.outcome import (
@@ -37,7 +39,6 @@ from meshtrace.errors import (
     Refused,
     require_between,
     require_finite,
-    require_whole,
 )
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -74,6 +75,7 @@ class _Step(NamedTuple):
 
 
 @spectral
+@check_call
 def coverage_map(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
@@ -81,7 +83,7 @@ def coverage_map(
     step: float = 0.25,
     *,
     times: Sequence[float] | None = None,
-    photons: int = 4_000_000,
+    photons: Annotated[int, Field(ge=1, le=2**53)] = 4_000_000,
     rtol: float | None = None,
     wavelengths_nm: ArrayLike | None = None,
     workers: int | str | None = None,
@@ -162,7 +164,6 @@ def coverage_map(
     receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)
     if receiver is None:
         raise Refused("receiver", Described("no receiver"), "a Receiver or a WaterReceiver")
-    require_whole(photons, 1, 2**53, "photons")
     if rtol is not None:
         require_between(rtol, 0.0, math.inf, "rtol", "()", "a finite number > 0")
     given_times = case.meshing.time if times is None else times

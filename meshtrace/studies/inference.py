@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.checks import check_call
 from meshtrace.engine.backward.view import only_aperture
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.options import StudyOptions
@@ -377,6 +378,7 @@ _SCORINGS = 20  # the same with counts, at most
 _SETTLED = 1e-5  # move of the unknowns in a round
 
 
+@check_call
 def infer(
     measurements: Any,
     link: Link | Scenario,

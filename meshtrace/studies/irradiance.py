@@ -6,12 +6,14 @@ import math
 from collections.abc import Callable
 from functools import partial
 from time import process_time
-from typing import Any, Literal, NamedTuple, Unpack, cast
+from typing import Annotated, Any, Literal, NamedTuple, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 from scipy.special import j1
 
+from meshtrace.checks import check_call
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, default_irradiance
 from meshtrace.engine.backward.background import background, refracted_sun
 from meshtrace.engine.setup.options import IrradianceMap, Meshing, RunOptions, require_options
@@ -19,12 +21,8 @@ from meshtrace.engine.simulate import simulate
 from meshtrace.errors import (
     Described,
     Refused,
-    require_between,
     require_finite,
-    require_kind,
     require_pair,
-    require_whole,
-    require_word,
 )
 from meshtrace.fading.spectral import fading_band
 from meshtrace.kernels.sources import land_sunlight
@@ -50,6 +48,7 @@ _MOST_POINTS = 4_000_000  # of a grid
 _SCATTERED = 0.05  # of the depth: the part of the scattered light that follows the pattern
 
 
+@check_call
 def irradiance_series(
     surface: Surface | Scenario,
     daylight: Daylight | None = None,
@@ -57,11 +56,11 @@ def irradiance_series(
     water: Water | None = None,
     depths: ArrayLike = (1.0,),
     times: ArrayLike = (0.0,),
-    collector: float = 0.05,
+    collector: Annotated[float, Field(gt=0.0, lt=100.0)] = 0.05,
     below: Literal["still", "waves"] = "still",
     patch: tuple[float, float] | None = None,
-    fineness: float = 1.0,
-    photons: int = 100_000,
+    fineness: Annotated[float, Field(ge=0.1, le=10.0)] = 1.0,
+    photons: Annotated[int, Field(ge=1000, le=100_000_000)] = 100_000,
     workers: int | str | None = None,
     **run: Unpack[RunOptions],
 ) -> IrradianceSeries:
@@ -143,7 +142,6 @@ def irradiance_series(
         raise Refused("depths", depths, "at least one depth > 0 [m]")
     times = require_finite(times, "times", "at least one time [s]")
     disk = _collector(collector, below, patch, fineness)
-    require_whole(photons, 1000, 100_000_000, "photons")
     require_options(run, RunOptions)
     for name in ("mesh", *Meshing.model_fields):
         if (value := dict(run).get(name)) is not None:
@@ -204,8 +202,6 @@ def _inputs(
     if not isinstance(given, Surface) or getattr(given, "choppy", False):
         kind = "choppy" if isinstance(given, Surface) else type(given).__name__
         raise Refused("surface", Described(kind), "a sea (Surface) that is a height field")
-    require_kind(day, Daylight, "daylight")
-    require_kind(water, Water, "water")
     if day.direct == 0.0:
         raise Refused("daylight.direct", 0.0, "> 0: without sun the irradiance is constant")
     if water.layers is not None:
@@ -217,9 +213,6 @@ def _collector(
     diameter: float, below: str, patch: tuple[float, float] | None, fineness: float
 ) -> Collector:
     """Return the collector, checked."""
-    require_between(diameter, 0.0, 100.0, "collector", "()")
-    require_between(fineness, 0.1, 10.0, "fineness", "[]")
-    require_word(below, ("still", "waves"), "below")
     if patch is not None:
         allowed = "half-length and edge of a cell [m]"
         half, edge = require_pair(patch, "patch", allowed)

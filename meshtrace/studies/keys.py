@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from meshtrace.checks import check_methods
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import (
@@ -57,6 +58,7 @@ _LONGEST = 560  # letters of a list of keys
 _BESIDES = ("detector", "daylight", "uav")
 
 
+@check_methods
 class Variant(NamedTuple):
     """A link with all that belongs to it, at one value of each key.
 
@@ -130,8 +132,11 @@ class Variant(NamedTuple):
         """Return the value of a key of the link, the detector, the daylight or the aircraft."""
         head, _, rest = name.partition(".")
         part, path = (getattr(self, head), rest) if head in _BESIDES else (self.link, name)
-        for key in path.split("."):
-            part = part[int(key)] if isinstance(part, tuple) else getattr(part, key)
+        try:
+            for key in path.split("."):
+                part = part[int(key)] if isinstance(part, tuple) else getattr(part, key)
+        except (AttributeError, IndexError, ValueError) as error:
+            raise Refused("name", name, "a dotted key, such as receiver.height") from error
         return part
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -21,7 +21,7 @@ from meshtrace.engine.forced import MANY_SEAS, TypicalSea
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines
-from meshtrace.errors import Described, Refused, require_word
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -282,7 +282,6 @@ class Quantity:
     """
 
     def __init__(self, of: Of, limit: float) -> None:
-        require_word(of, get_args(Of), "of")
         self.of, self.limit = of, limit
         self.need = cache(partial(required_gain, ber=limit))
         self.information = cache(_information)

@@ -5,19 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack, get_args
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack
 
 import numpy as np
+from pydantic import Field
 
+from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
     Described,
     Refused,
-    require_between,
     require_pair,
-    require_whole,
-    require_word,
 )
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -160,6 +159,7 @@ _FINEST = 0.005  # of the range of a variable, resolution of the searches
 _FOV = "receiver.fov_deg"
 
 
+@check_call
 def optimize(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
@@ -169,12 +169,12 @@ def optimize(
     hover_std: tuple[float, float] = (0.0, 0.0),
     *,
     flight: Flight | None = None,
-    realizations: int = 64,
+    realizations: Annotated[int, Field(ge=1, le=100_000)] = 64,
     method: Method = "auto",
     ook: OokLink | Preset | None = "physical",
     bit_rate: float | None = None,
-    limit: float = 1e-3,
-    quantile: float = 0.01,
+    limit: ErrorRate = 1e-3,
+    quantile: Probability = 0.01,
     **run: Unpack[StudyOptions],
 ) -> Optimum:
     """Return the best link within bounds.
@@ -250,11 +250,8 @@ def optimize(
     'transmitter.half_angle_deg is at the bound 3'
     """
     options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
-    require_whole(realizations, 1, 100_000, "realizations")
     fading = realizations > 1 and objective in FADES
     campaign = campaign_of(link, surface, "optimize", fading, several=False, **options)
-    require_between(quantile, 0.0, 1.0, "quantile")
-    require_between(limit, 0.0, 0.5, "limit")
     flight = campaign.flight(flight)
     if not (isinstance(constraints, list | tuple) and all(map(callable, constraints))):
         raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")
@@ -358,7 +355,6 @@ class _Search:
 
     def optimum(self, constraints: tuple[Constraint, ...], method: str) -> Optimum:
         """Return the best candidate with its flatness and validation."""
-        require_word(method, get_args(Method), "method")
         n = len(self.variables)
         if method == "auto":
             method = "bounded" if n == 1 and not constraints else "cobyqa"

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms.background import DARK, name_of_light, warn_of_background, with_background
 from meshtrace.comms.budget import depth_at
 from meshtrace.comms.ook import OokLink, Preset
@@ -23,7 +25,6 @@ from meshtrace.errors import (
     Refused,
     require_between,
     require_finite,
-    require_whole,
     require_word,
 )
 from meshtrace.fading import Estimate
@@ -405,6 +406,7 @@ class PerformanceOptions(StudyOptions, total=False):
 
 
 @spectral
+@check_call
 def link_performance(
     link: Link | Scenario,
     surface: SurfaceModel | None = None,
@@ -412,11 +414,11 @@ def link_performance(
     bit_rate: float | Sequence[float] | None = None,
     ook: OokLink | Preset | None = None,
     depths: Sequence[float] | None = None,
-    realizations: int = 200,
+    realizations: Annotated[int, Field(ge=2, le=10_000_000)] = 200,
     flight: Flight | None = None,
     daylight: Daylight | None = None,
-    limit: float = 1e-3,
-    confidence: float = 0.95,
+    limit: ErrorRate = 1e-3,
+    confidence: Probability = 0.95,
     wavelengths_nm: ArrayLike | None = None,
     **run: Unpack[StudyOptions],
 ) -> LinkPerformance | ByWavelength[LinkPerformance]:
@@ -507,9 +509,6 @@ def link_performance(
     >>> f"{performance.at().margin_optical_db.value:.0f} dB optical"
     '35 dB optical'
     """
-    require_between(limit, 0.0, 0.5, "limit")
-    require_whole(realizations, 2, 10_000_000, "realizations")
-    require_between(confidence, 0.0, 1.0, "confidence")
     rates = (None,) if bit_rate is None else require_finite(bit_rate, "bit_rate", "rates [bit s-1]")
     at = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     common = SharedGains(tuple(at), {}, {}) if at else None
@@ -617,6 +616,7 @@ def _shallowest(link: Link | Scenario, depths: Sequence[float] | None) -> Link |
     return next(iter(_links(link, depths).values()))
 
 
+@check_call
 def depth_sweep(
     link: Link | Scenario,
     depths: Sequence[float] = SWEEP_DEPTHS,

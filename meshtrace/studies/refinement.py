@@ -26,7 +26,6 @@ from meshtrace.errors import (
     require_between,
     require_names,
     require_whole,
-    require_word,
 )
 from meshtrace.fading import Estimate
 from meshtrace.kernels.scene import Scene
@@ -139,7 +138,6 @@ class CommonChains(Restored):
         unresolved: Unresolved = "none",
         highest: SurfaceModel | None = None,
     ) -> None:
-        require_word(unresolved, ("tilt", "none"), "unresolved")
         link, highest = campaign.link, highest or campaign.sea
         self.kinds, self.receiver, self.campaign = normal_kinds(normals), receiver, campaign
         coarse = nested_mesh(link, highest, campaign.meshing.time, 0.5, np.zeros(2))

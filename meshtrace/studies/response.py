@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from meshtrace.checks import check_call
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import SHORT, ChannelResponse, spread_of
 from meshtrace.comms.spectra import Curve, lit_band
@@ -48,6 +49,7 @@ class MeanResponse(NamedTuple):
     rms_spread_stderr: float
 
 
+@check_call
 def mean_response(ook: OokLink, campaign: Campaign, seas: int) -> MeanResponse | None:
     """Return the response of the channel from the chains of a campaign; None without light.
 

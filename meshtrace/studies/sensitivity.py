@@ -9,7 +9,9 @@ from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar, NamedTuple, Unpack, overload
 
 import numpy as np
+from pydantic import Field
 
+from meshtrace.checks import ErrorRate, check_call
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.parts import Light
@@ -21,7 +23,6 @@ from meshtrace.errors import (
     require_keys,
     require_pair,
     require_real,
-    require_whole,
 )
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface, TriangleMesh
@@ -271,16 +272,17 @@ _PARTS: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}  # b
 _KEPT = 4  # meshes of the base sea that stay in memory
 
 
+@check_call
 def sensitivities(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
     wrt: Sequence[str] | None = None,
     of: Of = "gain",
     *,
-    realizations: int = 1,
+    realizations: Annotated[int, Field(ge=1, le=100_000)] = 1,
     ook: OokLink | Preset | None = "physical",
     step: float | None = None,
-    limit: float = 1e-3,
+    limit: ErrorRate = 1e-3,
     bit_rate: float | None = None,
     **run: Unpack[StudyOptions],
 ) -> Sensitivities:
@@ -368,7 +370,6 @@ def sensitivities(
     >>> [round(row.elasticity, 2) for row in s.table]
     [-1.14, -0.08]
     """
-    require_whole(realizations, 1, 100_000, "realizations")
     fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
     campaign = campaign_of(
         link, surface, "sensitivities", fading, several=False, chains=DEFAULT_CHAINS, **run
@@ -376,7 +377,6 @@ def sensitivities(
     if realizations > 1 and not isinstance(campaign.surface, SeededSurface):
         kind = getattr(campaign.surface, "kind", type(campaign.surface).__name__)
         raise Refused("realizations", realizations, f"1 over a surface of kind {kind}")
-    require_between(limit, 0.0, 0.5, "limit")
     quantity = Quantity(of, limit)
     normals = campaign.meshing.normals
     electronics = None if of == "gain" else electronics_of(campaign, ook, bit_rate)
@@ -676,6 +676,7 @@ class Swing(NamedTuple):
     stderr: tuple[float, float]
 
 
+@check_call
 def swings(
     s: Sensitivities, change: float | Mapping[str, tuple[float, float]] = 0.1
 ) -> list[Swing]:

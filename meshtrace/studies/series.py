@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from meshtrace.checks import Inside, check_call
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import Refused, require_finite, require_kind, require_whole
+from meshtrace.errors import Refused, require_finite
 from meshtrace.fading.spectral import band_fading
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel
@@ -25,9 +27,10 @@ _STATISTICS = 50  # gains, the least for a comparison with the closed form
 
 
 @spectral
+@check_call
 def time_series(
     link: Link | Scenario,
-    surface: MeshSource | None = None,
+    surface: Annotated[MeshSource | None, Inside()] = None,
     times: ArrayLike | None = None,
     *,
     flight: Flight | None = None,
@@ -97,8 +100,6 @@ def time_series(
         link, surface, "time_series", fading=True, analog=True, wavelengths_nm=wavelengths_nm, **run
     )
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
-    require_kind(flight, Flight | None, "flight")
-    require_kind(route, Route | None, "route")
     flight = flight and flight.checked()
     if campaign.meshing.time != 0.0:
         raise Refused("sea.time", campaign.meshing.time, "0 with times")
@@ -113,9 +114,10 @@ def time_series(
 
 
 @spectral
+@check_call
 def ensemble(
     link: Link | Scenario,
-    realizations: int,
+    realizations: Annotated[int, Field(ge=1, le=10_000_000)],
     surface: SurfaceModel | None = None,
     *,
     wavelengths_nm: ArrayLike | None = None,
@@ -149,7 +151,6 @@ def ensemble(
     light (`fading.band_fading`), which `GainSeries.summary` prints beside the measured one, and a
     warning is issued if the band of waves omits more than a tenth of the fading.
     """
-    require_whole(realizations, 1, 10_000_000, "realizations")
     campaign = campaign_of(
         link, surface, "ensemble", fading=True, analog=True, wavelengths_nm=wavelengths_nm, **run
     )

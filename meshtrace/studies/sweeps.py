@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.checks import check_call
 from meshtrace.comms.background import DARK
 from meshtrace.comms.response import ChannelResponse
 from meshtrace.engine.backward.background import background
@@ -32,8 +33,8 @@ from meshtrace.errors import (
     MISSING,
     Described,
     Refused,
-    require_function,
     require_keys,
+    require_seed,
     require_whole,
 )
 from meshtrace.fields import FIELDS, attrs
@@ -113,7 +114,7 @@ class Sweep:
     def check(self) -> None:
         """Refuse options out of range and parameters without any allowed value."""
         require_whole(self.realizations, 1, 10**7, "realizations")
-        require_whole(self.seed, 0, 2**64 - 1, "seed")
+        require_seed(self.seed)
         base = self.scenario({})
         for name in self.parameters:
             if self.wavelengths_nm and name.endswith("wavelength_nm"):
@@ -235,7 +236,6 @@ class Sweep:
     ) -> xr.Dataset:
         """Return the results, from the store or computed; options as in `sweep`."""
         cluster = Cluster(workers, timeout).checked()
-        require_function(progress, "progress")
         advance = progress or (lambda done: None)
         with Store(store, "sweep").loop("sweep", self.identity()) as kept:
             tasks = list(self.tasks())
@@ -332,6 +332,7 @@ def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float6
     return np.array(rows).T
 
 
+@check_call
 def sweep(
     link: Link | Scenario | Mapping[str, Any],
     parameters: Mapping[str, Sequence[Any]],
@@ -468,6 +469,7 @@ def read_store(path: Path) -> xr.Dataset:
     return dataset(identity, {task: items[task.key] for task in tasks if task.key in items})
 
 
+@check_call
 def sweep_file(path: str | Path, **options: Any) -> xr.Dataset:
     """Run the sweep of a study file: a link file with a table [sweep].
 
@@ -506,6 +508,7 @@ def sweep_file(path: str | Path, **options: Any) -> xr.Dataset:
     return study.run(store, **options)
 
 
+@check_call
 def read_study(
     path: str | Path, store: str | Path | None = None, trust: bool = False
 ) -> tuple[Sweep, Path]:

@@ -10,9 +10,10 @@ from typing import Annotated, Any, ClassVar, Literal, Unpack
 
 import numpy as np
 
+from meshtrace.checks import Positive, check_call
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import Refused, require_between, require_kind
+from meshtrace.errors import Refused, require_between
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.models import Floats
@@ -143,12 +144,13 @@ class ChannelTrace(Stored):
         return "\n".join(lines)
 
 
+@check_call
 def channel_trace(
     link: Link | Scenario,
     surface: MeshSource | None = None,
     *,
-    hours: float = 0.01,
-    rate: float = 50.0,
+    hours: Positive = 0.01,
+    rate: Positive = 50.0,
     down: Link | Literal["mirrored"] | None = "mirrored",
     flight: Flight | None = None,
     route: Route | None = None,
@@ -208,10 +210,7 @@ def channel_trace(
     >>> trace.time[-1], trace.down_gain.shape
     (np.float64(3.5), (8,))
     """
-    require_between(hours, 0.0, math.inf, "hours")
-    require_between(rate, 0.0, math.inf, "rate")
     require_between(background_rate, 0.0, rate, "background_rate", "(]")
-    require_kind(route, Route | None, "route")
     frames = _frames_in(hours, rate)
     if frames > _MOST_FRAMES:
         raise Refused("hours", hours, f"at most {_MOST_FRAMES:,} frames")

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from meshtrace.checks import check_call
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import DomainWarning
 from meshtrace.link import IrradiancePlanes, Led, Link, Physics, Receiver, Sun
@@ -74,6 +75,7 @@ def exact(quantity: str, source: str, expected: float, got: SupportsFloat, rtol:
     return Check(quantity, source, expected, float(got), tolerance=rtol * expected)
 
 
+@check_call
 def format_table(checks: Iterable[Check]) -> str:
     """Return checks as a table in text; `|z| > 4` is marked.
 
@@ -234,6 +236,7 @@ SUITE: dict[str, tuple[Callable[[int], Iterable[Check]], int]] = {
 """Families of checks by name, in the order in which they run, with their numbers of photons."""
 
 
+@check_call
 def validate(
     quick: bool = False, progress: Callable[[str], None] | None = None
 ) -> tuple[Check, ...]:

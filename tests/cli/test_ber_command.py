@@ -127,7 +127,7 @@ LIGHTS = {
               lambda: mt.Daylight.moon(zenith_deg=95.0), "sun_zenith_deg: 95.0, allowed: 0 <= "),
     "nan": ("--daylight overcast --sun-zenith nan",
             '[daylight]\nmodel = "overcast"\nsun_zenith_deg = nan',
-            lambda: mt.Daylight.overcast(float("nan")), "sun_zenith_deg: nan, allowed: finite"),
+            lambda: mt.Daylight.overcast(float("nan")), "sun_zenith_deg: nan, allowed: "),
     "wavelength": ("--daylight night --set transmitter.wavelength_nm=1200.0",
                    'daylight = "night"\n[transmitter]\nkind = "led"\nwavelength_nm = 1200.0',
                    lambda: mt.Daylight.night(wavelength_nm=1200.0),

@@ -3,7 +3,6 @@
 import json
 import math
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -82,15 +81,10 @@ GAINS = {
 }
 
 
-class Seen(NamedTuple):
-    """A background of given radiance."""
-
-    radiance: float
-    wavelength_nm: float = 470.0
-
-    def count_rate(self, ook):
-        power = ook.optics.background_power(self.radiance, ook.sipm.area)
-        return float(ook.sipm.count_rate(power, 470e-9))
+def seen_light(radiance):
+    """Return a background of given radiance."""
+    parts = np.array([radiance, 0.0, 0.0, 0.0, 0.0])
+    return mt.Background(parts, 0.0 * parts, radiance, 0.0, 1e-3, 470.0)
 
 
 def transmission(fov_deg, width_nm=10.0, **fields):
@@ -151,14 +145,14 @@ def test_ranges_of_the_reference(name, radiance, width, fov, noise, wanted):
         assert wanted == pytest.approx(REFERENCE["ranges_m_ber1e-3"][name], abs=1e-9)
     for rate, far in zip((1e6, 5e6, 1e7), wanted, strict=True):
         ook = transmission(fov, width, bit_rate=rate, saturation_noise=noise)
-        ook = with_background(ook, Seen(radiance))
+        ook = with_background(ook, seen_light(radiance))
         found = _range(DEPTHS, ook.ber(ook.received_power(np.array(GAINS[fov]))), 1e-3)
         assert found == pytest.approx(far, abs=0.5, nan_ok=True)
 
 
 def test_renewal_noise_needs_background_light_and_a_gaussian_model():
     dark = transmission(60.0)
-    lit = with_background(dark, Seen(0.0171))
+    lit = with_background(dark, seen_light(0.0171))
     assert (dark.renewal_noise, lit.renewal_noise) == (False, True)
     assert not lit.replace(saturation=False).renewal_noise
     assert not lit.replace(model="GP").renewal_noise
@@ -181,32 +175,32 @@ def test_renewal_noise_quiets_the_shot_noise_by_the_fano_factor(model):
 
 
 def test_occupancy_of_the_design():
-    assert occupancy(with_background(transmission(60.0), Seen(0.0171))) == pytest.approx(
+    assert occupancy(with_background(transmission(60.0), seen_light(0.0171))) == pytest.approx(
         8.4, abs=0.05
     )
 
 
 def test_counts_behind_the_etendue_limit_do_not_depend_on_the_field_of_view():
-    wide, narrow = (Seen(0.01).count_rate(transmission(fov)) for fov in (60.0, 20.0))
+    wide, narrow = (seen_light(0.01).count_rate(transmission(fov)) for fov in (60.0, 20.0))
     assert wide == pytest.approx(narrow)
 
 
 def test_widest_filter_brings_the_limit():
-    dark, seen, power = transmission(20.0, 2.0), Seen(0.013), 4e-8
+    dark, seen, power = transmission(20.0, 2.0), seen_light(0.013), 4e-8
     width = widest_filter_nm(dark, seen, power, 1e-3)
     fixed = dark.replace("optics.filter_width_nm", width).replace(window=dark.averaging_window)
     assert float(with_background(fixed, seen).ber(power)) == pytest.approx(1e-3, rel=1e-2)
     assert widest_filter_nm(dark, seen, 1e-13, 1e-3) == 0.0
-    assert widest_filter_nm(dark, Seen(1e-12), power, 1e-3) == math.inf
+    assert widest_filter_nm(dark, seen_light(1e-12), power, 1e-3) == math.inf
 
 
 def test_warnings_of_shifted_filters_and_large_currents():
     ook = transmission(60.0)
     with pytest.warns(mt.DaylightWarning, match=r"shift .* 14\.9 nm"):
-        warn_of_background(ook, Seen(1e-9))
-    bright = with_background(transmission(5.967, 10.0), Seen(0.0171))
+        warn_of_background(ook, seen_light(1e-9))
+    bright = with_background(transmission(5.967, 10.0), seen_light(0.0171))
     with pytest.warns(mt.DaylightWarning, match="mA of bias current"):
-        warn_of_background(bright, Seen(0.0171))
+        warn_of_background(bright, seen_light(0.0171))
 
 
 @pytest.mark.parametrize("distance", [0.5, 2.0, 6.0])
@@ -226,7 +220,7 @@ def test_decisions_by_huge_counts(distance):
 
 
 def test_soft_rates_bound_hard_ones_under_background():
-    lit = with_background(transmission(20.0, 2.0), Seen(0.013))
+    lit = with_background(transmission(20.0, 2.0), seen_light(0.013))
     gains = np.array([3e-6, 1e-5])
     found = capacity(lit, gains)
     assert 0.0 < found.hard <= found.soft <= lit.bit_rate

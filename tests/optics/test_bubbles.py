@@ -494,7 +494,7 @@ def test_mean_level_ends_above_the_highest_crest():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"dz": 0.0}, r"^dz: 0.0, allowed: 0 < dz < inf$"),
+        ({"dz": 0.0}, r"^dz: 0.0, allowed: > 0$"),
         ({"dz": np.nan}, r"^dz: nan"),
         ({"dz": 0.1, "max_depth": -1.0}, r"^max_depth: -1.0, allowed: max_depth > 0 m$"),
         ({"dz": 0.1, "max_depth": np.nan}, r"^max_depth: nan"),

@@ -146,7 +146,7 @@ def test_wrong_size_parameters(x):
 
 
 def test_wrong_cosine():
-    with pytest.raises(ValueError, match=r"^cos_theta: 1.5, allowed: -1 <= cos_theta <= 1$"):
+    with pytest.raises(ValueError, match=r"^cos_theta\[1\]: 1.5, allowed: -1 <= cos_theta <= 1$"):
         mie.phase_intensity(M, 10.0, [0.0, 1.5])
     with pytest.raises(ValueError, match=r"^cos_theta: nan"):
         mie.phase_intensity(M, 10.0, np.nan)

@@ -2,6 +2,7 @@
 
 import doctest
 import importlib
+import inspect
 from pathlib import Path
 
 import pytest
@@ -33,7 +34,22 @@ def marks_of(name):
     return [pytest.mark.slow] * (name in LONG) + [pytest.mark.thorough] * (name in SLOW)
 
 
+class Finder(doctest.DocTestFinder):
+    """Finder that sees behind decorators, whose functions belong to another module."""
+
+    def _from_module(self, module, object):
+        return super()._from_module(module, inspect.unwrap(object))
+
+
 @pytest.mark.parametrize("name", [pytest.param(n, marks=marks_of(n)) for n in MODULES])
 def test_examples_of_a_module(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert doctest.testmod(importlib.import_module(name)).failed == 0
+    runner = doctest.DocTestRunner()
+    for test in Finder().find(importlib.import_module(name)):
+        runner.run(test)
+    assert runner.failures == 0
+
+
+def test_examples_of_decorated_functions_are_found():
+    found = Finder().find(importlib.import_module("meshtrace.optics.fresnel"))
+    assert any(test.name.endswith("hemispheric_reflectance") and test.examples for test in found)

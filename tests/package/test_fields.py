@@ -5,6 +5,7 @@ import re
 import pytest
 
 from meshtrace import fields
+from meshtrace.errors import Refused
 
 # The unit words of the registry in the spelling of UDUNITS: words and powers, blank between.
 UNIT = re.compile(r"(1|[A-Za-z]+(-?[0-9]+)?( [A-Za-z]+(-?[0-9]+)?)*)")
@@ -56,9 +57,9 @@ def test_attrs_are_a_fresh_dictionary():
 
 
 def test_an_unknown_name_is_named_with_its_neighbours():
-    with pytest.raises(KeyError, match=r"wind_sped: not in .* did you mean wind_speed"):
+    with pytest.raises(Refused, match=r"name: 'wind_sped', did you mean wind_speed"):
         fields.attrs("wind_sped")
-    with pytest.raises(KeyError, match=r"qqqq: not in meshtrace\.fields\.FIELDS'$"):
+    with pytest.raises(Refused, match=r"name: 'qqqq', allowed: the keys of meshtrace\.fields"):
         fields.field("qqqq")
 
 

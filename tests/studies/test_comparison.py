@@ -83,7 +83,7 @@ def test_files(tmp_path):
     [
         ({"a": LINK}, {}, "links"),
         ([LINK, LINK], {}, "links"),
-        ({"a": LINK, "b": 3}, {}, "links.b.link"),
+        ({"a": LINK, "b": 3}, {}, "links.b"),
         ({"a": LINK, "b": LINK.replace(receiver=(mt.Receiver(), mt.Receiver(height=6)))}, {},
          "links.b.receiver"),
         ({"a": LINK, "b": LINK}, {"realizations": 0}, "realizations"),

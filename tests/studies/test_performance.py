@@ -451,7 +451,7 @@ def test_the_response_is_that_of_the_chains():
         ({"coupled": True}, "coupled: true, no such key"),
         ({"depths": (30.0, 20.0)}, "depths"),
         ({"depths": ()}, "depths"),
-        ({"ook": "printed"}, "name"),
+        ({"ook": "printed"}, "ook: 'printed', allowed: an OokLink or physical, paper"),
         ({"bit_rate": -1.0}, "bit_rate: -1.0, allowed: "),
         ({"bit_rate": 1e7, "ook": OokLink(window=1e-6)}, "window: 1e-06, allowed"),
         ({"depths": (-5.0, 5.0)}, "depth"),

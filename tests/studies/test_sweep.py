@@ -248,7 +248,7 @@ def test_file_that_is_no_store_is_refused(address, tmp_path, content):
     [
         ({}, {}, r"parameters: none, allowed"),
         ({"water.b": []}, {}, r"water\.b: \[\], allowed"),
-        ({"water.b": 0.1}, {}, r"parameters: 0\.1, allowed"),
+        ({"water.b": 0.1}, {}, r"parameters\.water\.b: 0\.1, allowed: a list"),
         ({"water.bb": [0.1, 0.2]}, {}, r"water\.bb: 0\.1, no such key"),
         ({"water.b": [-1.0, -2.0]}, {}, r"water\.b: -1\.0, allowed"),
         ({"water.b": [0.1]}, {"realizations": 0}, r"realizations: 0, allowed"),

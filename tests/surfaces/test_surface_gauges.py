@@ -129,7 +129,7 @@ def plain(gauges=1):
     [
         (plain(), {}, "spreading: None, allowed: a spreading: one gauge does not see"),
         (plain(), {"spreading": "itc"}, "kind: 'itc', did you mean ittc"),
-        (plain(), {"spreading": "elfouhaily"}, "wind_speed: nan"),
+        (plain(), {"spreading": "elfouhaily"}, "wind_speed: None, allowed: a wind speed"),
         (plain(), {"spreading": "ittc", "unit": "kPa"}, "unit: kPa, allowed: .*pressures as"),
         (plain(), {"spreading": "ittc", "segments": 1000}, "segments: 1000, allowed: .* 300"),
         (plain(), {"spreading": "ittc", "segments": 300}, "peak: .* fewer segments"),

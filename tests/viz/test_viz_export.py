@@ -102,7 +102,7 @@ def test_unsuitable_files_are_refused(tmp_path, mesh, paths, coverage):
     for source, name in ((mesh, "a.vti"), (paths, "a.stl"), (coverage, "a.vtp")):
         with pytest.raises(ValueError, match=r"path: .*allowed: a file name in"):
             viz.save_vtk(source, tmp_path / name)
-    with pytest.raises(ValueError, match="source: 3, allowed: TriangleMesh or PhotonPaths"):
+    with pytest.raises(ValueError, match="source: 3, allowed: a TriangleMesh or a PhotonPaths"):
         viz.to_pyvista(3)
 
 

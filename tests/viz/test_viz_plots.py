@@ -260,7 +260,7 @@ def test_every_kind_of_result_has_a_plot():
     from meshtrace.viz import plots_studies as plots
 
     assert plots._PLOTS.keys() == stored._HOMES.keys()
-    with pytest.raises(Refused, match="result: 3, allowed: Stored or Dataset"):
+    with pytest.raises(Refused, match="result: 3, allowed: a Stored or a Dataset"):
         viz.plot(3)
 
 

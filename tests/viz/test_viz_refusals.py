@@ -201,7 +201,7 @@ def test_wrong_values_are_refused(name, sound, tmp_path, monkeypatch):
 
 def test_functions_are_checked_whenever_they_are_taken():
     for _ in range(3):
-        with pytest.raises(Refused, match="result: 3, allowed: GainResult"):
+        with pytest.raises(Refused, match="result: 3, allowed: a GainResult"):
             viz.plot_gain(3)
     assert viz.plot_gain is viz.plot_gain
 

@@ -21,11 +21,13 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache, partial
-from typing import Any, NamedTuple, Unpack, overload
+from typing import Annotated, Any, NamedTuple, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
+from meshtrace.checks import Seed, check_call
 from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, sky_radiance
 from meshtrace.daylight.upward import Refraction, by_slopes, slopes_of
 from meshtrace.engine.backward.view import (
@@ -53,7 +55,7 @@ from meshtrace.engine.setup.options import (
     resolve,
 )
 from meshtrace.engine.setup.tinting import CommonPaths, photon_paths
-from meshtrace.errors import Refused, require_kind, require_whole, require_word
+from meshtrace.errors import Refused, require_word
 from meshtrace.kernels.interface import split_rays
 from meshtrace.kernels.sources import BUBBLE_SCORE, SKY_SCORE, SUN_SCORE, Backward
 from meshtrace.kernels.tally import Tallies
@@ -477,13 +479,14 @@ def background(
 ) -> ByWavelength[Background]: ...
 
 
+@check_call
 def background(
     link: Link | HasCase,
     surface: MeshSource | TriangleMesh | None = None,
     daylight: Daylight | None = None,
     *,
-    photons: int = 4096,
-    seed: int = 1,
+    photons: Annotated[int, Field(ge=SHIFTS, le=10_000_000)] = 4096,
+    seed: Seed = 1,
     water: str | None = None,
     wavelengths_nm: ArrayLike | None = None,
     mesh: Meshing | None = None,
@@ -540,11 +543,8 @@ def background(
     '2.08e-03'
     """
     day = getattr(link, "daylight", None) if daylight is None else daylight
-    require_kind(day, Daylight | None, "daylight")
     if day is None:
         raise Refused("daylight", None, "a Daylight")
-    require_whole(photons, SHIFTS, 10_000_000, "photons")
-    require_whole(seed, 0, 2**64 - 1, "seed")
     if water is not None:
         require_word(water, ("quasi-single", "walk", "none"), "water")
         day = day.replace(water=water)

@@ -25,7 +25,8 @@ from typing import (
 import numpy as np
 from pydantic import Field, model_validator
 
-from meshtrace.errors import Described, Refused, require_keys, require_kind
+from meshtrace.checks import Inside
+from meshtrace.errors import Described, Refused, require_keys
 from meshtrace.fading.spectral import resolve_band
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh, require_surface
@@ -188,18 +189,18 @@ class IrradianceMap(Record, frozen=True):
 
 
 class Shortcuts(TypedDict, total=False):
-    """Fields of `Meshing` and of the estimators that `simulate` accepts as keywords."""
+    """Keywords of `simulate` that are fields of `Meshing` or of an estimator, which check them."""
 
-    time: float
-    extent: float | None
-    spacing: float | None
-    normals: Literal["vertex", "facet"]
-    waves: str | float | Band | None
-    batch_size: int
-    first_photon: int
-    max_surface_events: int
-    max_events: int
-    roulette: float | None
+    time: Annotated[float, Inside()]
+    extent: Annotated[float | None, Inside()]
+    spacing: Annotated[float | None, Inside()]
+    normals: Annotated[Literal["vertex", "facet"], Inside()]
+    waves: Annotated[str | float | Band | None, Inside()]
+    batch_size: Annotated[int, Inside()]
+    first_photon: Annotated[int, Inside()]
+    max_surface_events: Annotated[int, Inside()]
+    max_events: Annotated[int, Inside()]
+    roulette: Annotated[float | None, Inside()]
 
 
 class BackgroundOptions(Shortcuts, total=False):
@@ -389,7 +390,6 @@ class Case(NamedTuple):
 
     def with_options(self, mesh: Meshing | None = None, **options: Any) -> Case:
         """Return the case with fields of `Run`, of its estimator and of `Meshing` replaced."""
-        require_kind(mesh, Meshing | None, "mesh")
         require_keys(options, list(dict.fromkeys([*Meshing.model_fields, *run_keys()])))
         given = {key: options.pop(key) for key in Meshing.model_fields if key in options}
         meshing = (self.meshing if mesh is None else mesh).replace(**given)

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import NamedTuple, Unpack
+from typing import Annotated, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy.interpolate import PchipInterpolator
 
+from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms.background import filter_shift_nm
 from meshtrace.comms.capacity import capacity, hard_information
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
     Described,
     Refused,
-    require_between,
     require_keys,
-    require_whole,
 )
 from meshtrace.link import Link
 from meshtrace.models import Floats
@@ -53,13 +53,14 @@ _NEAR_DB = 0.3  # reserve, or its error, of a depth that counts as the greatest
 _FAR_DB = 3.0  # short at the surface, by chains, where no depth is sought
 
 
+@check_call
 def design(
     scenario: Scenario,
     *,
-    outage: float = 0.01,
-    limit: float = 1e-3,
+    outage: Probability = 0.01,
+    limit: ErrorRate = 1e-3,
     over: Bounds | None = None,
-    realizations: int = 64,
+    realizations: Annotated[int, Field(ge=8, le=100_000)] = 64,
     **run: Unpack[StudyOptions],
 ) -> Design:
     """Answer the questions of a system designer about a link on one page.
@@ -116,9 +117,6 @@ def design(
     """
     if not isinstance(scenario, Scenario):
         raise Refused("scenario", Described(type(scenario).__name__), "a Scenario")
-    require_between(outage, 0.0, 1.0, "outage")
-    require_between(limit, 0.0, 0.5, "limit")
-    require_whole(realizations, 8, 100_000, "realizations")
     options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
     campaign = campaign_of(scenario, None, "design", True, several=False, **options)
     with campaign.workers():

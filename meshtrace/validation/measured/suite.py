@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from meshtrace.checks import check_call
 from meshtrace.errors import DomainWarning, Refused, require_word
 from meshtrace.models import Finite, Floats, Model
 from meshtrace.parallel import announce
@@ -173,6 +174,7 @@ class Experiment(Model, frozen=True):
         return value, stderr
 
 
+@check_call
 @cache
 def experiments() -> dict[str, Experiment]:
     """Return the experiments by name, in the order of the table."""
@@ -188,6 +190,7 @@ class ErrorBand(NamedTuple):
     dominant: tuple[str, ...]
 
 
+@check_call
 def band_of(nominal: Floats, stderr: Floats, ends: Mapping[str, Floats]) -> ErrorBand:
     r"""Return the band of computed values: unknown inputs and Monte Carlo error.
 
@@ -302,6 +305,7 @@ HEADINGS = (
 )  # fmt: skip
 
 
+@check_call
 def run(
     names: Iterable[str] | None = None,
     quick: bool = False,

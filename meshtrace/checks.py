@@ -1,0 +1,646 @@
+"""Arguments of public functions, checked by their annotations; errors of pydantic as `Refused`.
+
+`check_call` decorates a function: pydantic validates each argument by its annotation on the way in,
+with numbers that are stricter than pydantic's (no truth is a number, no text, no nan).
+"""
+
+from __future__ import annotations
+
+import builtins
+import inspect
+import math
+import operator
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import wraps
+from pathlib import Path
+from types import MappingProxyType, NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    NoReturn,
+    ParamSpec,
+    TypeVar,
+    Union,
+    Unpack,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+import numpy as np
+import pydantic
+from numpy.typing import ArrayLike, NDArray
+from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator
+
+from meshtrace.errors import (
+    LARGEST,
+    MISSING,
+    Described,
+    Refused,
+    did_you_mean,
+    require_array,
+    require_keys,
+    require_real,
+)
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Probability = Annotated[float, Field(gt=0.0, lt=1.0)]
+ErrorRate = Annotated[float, Field(gt=0.0, lt=0.5)]
+Index = Annotated[float, Field(ge=0.1, le=10.0)]
+Seed = Annotated[int, Field(ge=0, lt=2**64)]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+T = TypeVar("T")
+
+_BOUNDS = {"gt": "<", "ge": "<=", "lt": "<", "le": "<="}
+_HOLDS = {"gt": operator.gt, "ge": operator.ge, "lt": operator.lt, "le": operator.le}
+_WORDS = {
+    "missing": "a value",
+    "finite_number": "finite numbers",
+    "tuple_type": "a list",
+    "list_type": "a list",
+    "mapping_type": "a table",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "string_type": "a text",
+    "bool": "true or false",
+    "float": "a number",
+    "int": "an integer",
+}
+_PROTOCOLS = {
+    "HasCase": "a Scenario",
+    "MeshSource": "a sea (SurfaceModel)",
+    "SurfaceModel": "a sea (SurfaceModel)",
+    "Surface": "a sea (Surface)",
+}
+_PLAIN = (str, bool, int, float, complex, NoneType, list, tuple, dict)
+
+
+class Allowed(NamedTuple):
+    """What a parameter allows, in words that replace those of its annotation."""
+
+    words: str
+
+
+class Infinite(NamedTuple):
+    """Mark of numbers that may be infinite; with `missing`, of those that may be nan, too."""
+
+    missing: bool = False
+
+
+class Shape(NamedTuple):
+    """Shape of an array, as in "n", "n 3" and "... 3"."""
+
+    sizes: str
+
+    def __str__(self) -> str:
+        sizes = self.sizes.split()
+        return f"({', '.join(sizes)}{',' if len(sizes) == 1 else ''})"
+
+    def holds(self, shape: tuple[int, ...]) -> bool:
+        """Return whether an array has this shape."""
+        sizes = self.sizes.split()
+        if sizes[0] == "...":
+            sizes = sizes[1:]
+            shape = shape[-len(sizes) :] if len(shape) >= len(sizes) else ()
+        pairs = zip(sizes, shape, strict=False)
+        return len(sizes) == len(shape) and all(not s.isdecimal() or int(s) == n for s, n in pairs)
+
+
+class Unit(NamedTuple):
+    """Mark of vectors of length 1, to 1e-3: pictures have directions of single precision."""
+
+
+class Inside(NamedTuple):
+    """Mark of a parameter that the function checks itself: its range depends on others."""
+
+
+Ranged = Annotated[float, Inside()]
+RangedArray = Annotated[ArrayLike, Inside()]
+Directions = Annotated[NDArray[np.float64], Shape("... 3"), Unit()]
+"""Unit vectors."""
+
+
+# ---- functions -------------------------------------------------------------------------------
+
+
+def check_call(function: Callable[P, R], all_named: bool = False) -> Callable[P, R]:
+    """Decorate a function to refuse arguments that do not match its annotations.
+
+    Arrays arrive as float64, numbers as float or int, lists and pairs as list and tuple. Bounds
+    stand in the annotation, `Annotated[float, Field(gt=0.0)]`; what `Any` leaves open, shapes and
+    relations between arguments are up to the function.
+
+    Raises
+    ------
+    Refused
+        By the decorated function: with the name of the first wrong argument.
+
+    Examples
+    --------
+    >>> @check_call
+    ... def fade(rate: Positive, name: str | None = None) -> float:
+    ...     return rate
+    >>> fade(-1)
+    Traceback (most recent call last):
+    meshtrace.errors.Refused: rate: -1, allowed: > 0
+    """
+    known: _Parameters | None = None
+
+    @wraps(function)
+    def call(*args: P.args, **options: P.kwargs) -> R:
+        nonlocal known
+        if known is None:  # not at import: most functions are not called in a run
+            known = _Parameters.of(function, all_named)
+        values: Any = known.values(args)
+        named: Any = known.named(options)
+        return function(*values, **named)
+
+    call.__checked__ = True  # type: ignore[attr-defined]
+    return call
+
+
+def check_methods(cls: type[T]) -> type[T]:
+    """Decorate the public methods of a class of the package by `check_call`."""
+    if not cls.__module__.startswith("meshtrace."):
+        return cls
+    for name, member in list(vars(cls).items()):
+        function = getattr(member, "__func__", member)
+        if name.startswith("_") or not inspect.isfunction(function):
+            continue
+        if not hasattr(function, "__checked__") and len(function.__annotations__) > 1:
+            again = check_call(function)
+            bound = isinstance(member, classmethod | staticmethod)
+            setattr(cls, name, type(member)(again) if bound else again)
+    return cls
+
+
+class _Parameter(NamedTuple):
+    """Validator of a parameter."""
+
+    name: str
+    adapter: pydantic.TypeAdapter[Any]
+
+    def __call__(self, value: Any) -> Any:
+        try:
+            return self.adapter.validate_python(value)
+        except pydantic.ValidationError as error:
+            rows = error.errors(include_url=False)
+        paths = [[key for key in row["loc"] if not _is_alternative(key)] for row in rows]
+        place = min(paths, key=len)
+        found = [row for row, path in zip(rows, paths, strict=True) if path[: len(place)] == place]
+        if len(found) == 1:
+            refuse(found[0], self.name, place)
+        # none of several alternatives
+        for key in place:
+            value = value[key]
+        allowed = " or ".join(dict.fromkeys(map(_allowed_alone, found)))
+        raise Refused("", _shown(value), allowed).inside(self.name, *_words_of(place))
+
+
+class _Parameters(NamedTuple):
+    """Validators of a function's parameters: by place, those behind, and by name."""
+
+    places: list[_Parameter | None]
+    rest: _Parameter | None
+    names: dict[str, _Parameter]
+    keys: tuple[str, ...]  # all keywords, none if any is accepted
+
+    @classmethod
+    def of(cls, function: Callable[..., Any], all_named: bool) -> _Parameters:
+        """Return those of a function; `all_named` refuses keywords that its `Unpack` lacks."""
+        plain = inspect.unwrap(function)
+        hints = {name: _resolved(hint, plain) for name, hint in plain.__annotations__.items()}
+        places: list[_Parameter | None] = []
+        names: dict[str, _Parameter | None] = {}
+        rest, keys = None, True
+        for name, parameter in inspect.signature(plain).parameters.items():
+            hint = hints.get(name, Any)
+            if parameter.kind is parameter.VAR_KEYWORD:
+                if get_origin(hint) is Unpack:
+                    table = get_type_hints(get_args(hint)[0], include_extras=True)
+                    names.update({key: _parameter(key, kind) for key, kind in table.items()})
+                keys = all_named
+            elif parameter.kind is parameter.VAR_POSITIONAL:
+                rest = _parameter(name, hint)
+            else:
+                check = _parameter(name, hint)
+                if parameter.kind is not parameter.KEYWORD_ONLY:
+                    places.append(check)
+                if parameter.kind is not parameter.POSITIONAL_ONLY:
+                    names[name] = check
+        known = {name: check for name, check in names.items() if check is not None}
+        return cls(places, rest, known, tuple(names) if keys else ())
+
+    def values(self, args: tuple[Any, ...]) -> list[Any]:
+        """Return the arguments by place."""
+        checks = [*self.places, *[self.rest] * (len(args) - len(self.places))]
+        return [v if check is None else check(v) for v, check in zip(args, checks, strict=False)]
+
+    def named(self, options: dict[str, Any]) -> dict[str, Any]:
+        """Return the arguments by name."""
+        if self.keys:
+            require_keys(options, self.keys)
+        names = self.names
+        return {k: names[k](v) if k in names else v for k, v in options.items()}
+
+
+def _resolved(hint: Any, function: Callable[..., Any]) -> Any:
+    """Return an annotation; what only type checkers import is known by its name."""
+    if not isinstance(hint, str):
+        return hint
+    return eval(hint, function.__globals__, _Names(function.__globals__))
+
+
+class _Names(dict[str, Any]):
+    """Names of a module, and those that it imports for type checkers alone."""
+
+    def __missing__(self, name: str) -> Any:
+        if hasattr(builtins, name):
+            raise KeyError(name)
+        return _Later(name)
+
+
+class _Later(type):
+    """Class of a module that may not be loaded: its objects have a class of its name."""
+
+    def __new__(cls, name: str) -> Any:
+        return super().__new__(cls, name, (), {})
+
+    def __init__(cls, name: str) -> None:
+        super().__init__(name, (), {})
+
+    def __getattr__(cls, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return _Later(name)
+
+    def __instancecheck__(cls, value: object) -> bool:
+        return cls.__name__ in (kind.__name__ for kind in type(value).__mro__)
+
+
+def _parameter(name: str, hint: Any) -> _Parameter | None:
+    """Return the validator of a parameter, None for any value."""
+    kind = _typed(hint, _Limits(name))
+    return None if kind is Any else _Parameter(name, pydantic.TypeAdapter(kind))
+
+
+# ---- types -----------------------------------------------------------------------------------
+
+
+class _Limits(NamedTuple):
+    """Bounds of numbers, by the names of pydantic's constraints, and words for what is allowed."""
+
+    name: str
+    bounds: Mapping[str, Any] = MappingProxyType({})
+    words: str = ""
+    infinite: Infinite | None = None
+    shape: Shape | None = None
+    unit: bool = False
+
+    def allowed(self, words: str) -> str:
+        """Return what is allowed: own words, the range, or else those of the type."""
+        return self.words or range_text(self.bounds, self.name) or words
+
+    def hold(self, numbers: Any) -> Any:
+        """Return whether numbers, or a number, lie between the bounds, infinities if allowed."""
+        most = math.inf if self.infinite else LARGEST
+        good = abs(numbers) <= most  # False for nan
+        if self.infinite and self.infinite.missing:
+            good = good | (numbers != numbers)
+        for key, bound in self.bounds.items():
+            good = good & _HOLDS[key](numbers, bound)
+        return good
+
+
+def _typed(hint: Any, limits: _Limits) -> Any:
+    """Return the type by which pydantic validates an annotation; `Any` says nothing."""
+    kind, parts = get_origin(hint), get_args(hint)
+    if hint is Any:
+        return Any
+    if kind is Annotated:
+        about = [m for part in parts[1:] for m in getattr(part, "metadata", None) or [part]]
+        bounds = {key: getattr(part, key) for part in about for key in _BOUNDS
+                  if getattr(part, key, None) is not None}  # fmt: skip
+        words = "".join(part.words for part in about if isinstance(part, Allowed))
+        if any(isinstance(part, Inside) for part in about):
+            return Any
+        if validators := [part for part in parts[1:] if isinstance(part, AfterValidator)]:
+            rest = tuple(part for part in parts if part not in validators)
+            bare = Annotated[rest] if len(rest) > 1 else rest[0]
+            return Annotated[(_typed(bare, limits), *validators)]
+        infinite = next((part for part in about if isinstance(part, Infinite)), None)
+        shape = next((part for part in about if isinstance(part, Shape)), None)
+        unit = any(isinstance(part, Unit) for part in about)
+        return _typed(parts[0], _Limits(limits.name, bounds, words, infinite, shape, unit))
+    if kind in (Union, UnionType):
+        return _union(parts, limits)
+    if kind is Literal:
+        return _plain(_word, parts)
+    if kind in (Mapping, dict):
+        item = _typed(parts[1], limits)
+        return Annotated[dict[str, item], BeforeValidator(_mapping)]  # type: ignore[valid-type]
+    if kind in (Sequence, list, tuple, Iterable):
+        return _several(kind, parts, limits)
+    if kind is np.ndarray:
+        dtype = next(iter(get_args(parts[1])), Any)
+        if dtype is np.bool_:
+            return _plain(_flags, limits)
+        return _plain(_array, limits, dtype) if dtype in (np.float64, np.float32) else Any
+    if kind is Callable:
+        return _plain(_callable)
+    if hint in _SCALARS:
+        return _plain(_SCALARS[hint], limits)
+    if inspect.isclass(kind or hint):
+        return _plain(_instance, kind or hint, limits)
+    return Any
+
+
+def _plain(convert: Callable[..., Any], *more: Any) -> Any:
+    return Annotated[Any, PlainValidator(lambda value: convert(value, *more))]
+
+
+def _union(parts: tuple[Any, ...], limits: _Limits) -> Any:
+    arrays = set(get_args(ArrayLike))
+    kinds: list[Any] = []
+    if any(map(_is_path, parts)):
+        kinds.append(_plain(_path, limits))
+        parts = tuple(part for part in parts if part is not str and not _is_path(part))
+    if arrays - {str} <= set(parts):  # a union is flat: the parts of ArrayLike stand in it
+        kinds.append(_plain(_array, limits))
+        parts = tuple(part for part in parts if part not in arrays)
+    kinds += [NoneType if part is NoneType else _typed(part, limits) for part in parts]
+    return Any if Any in kinds else Union[tuple(kinds)]  # noqa: UP007
+
+
+def _is_path(hint: Any) -> bool:
+    return (get_origin(hint) or hint) in (os.PathLike, Path)
+
+
+def _several(kind: Any, parts: tuple[Any, ...], limits: _Limits) -> Any:
+    """Return the type of a list or a tuple; arrays are lists, too."""
+    made = tuple if kind is tuple else list
+    fixed = kind is tuple and ... not in parts
+    numbers = [part for part in parts if part is not ...]
+    plain = [get_args(part)[0] if get_origin(part) is Annotated else part for part in numbers]
+    if all(part is float for part in plain):
+        return _plain(_numbers, limits, made, len(parts) if fixed else None)
+    kinds = tuple(_typed(part, limits) for part in numbers)
+    several: Any = list[kinds[0]]  # type: ignore[valid-type]
+    if made is tuple:
+        several = tuple[kinds if fixed else (kinds[0], ...)]  # type: ignore[misc]
+    return Annotated[several, BeforeValidator(_iterated if kind is Iterable else _listed)]
+
+
+def _float(value: Any, limits: _Limits) -> float:
+    allowed = limits.allowed("a number" if limits.infinite else "a finite number")
+    number = require_real(value, "", allowed)
+    if not limits.hold(number):
+        huge = math.isfinite(number) and abs(number) > LARGEST
+        raise Refused("", value, f"at most {LARGEST:g} in magnitude" if huge else allowed)
+    return number
+
+
+def _int(value: Any, limits: _Limits) -> int:
+    allowed = limits.words or f"an integer {range_text(limits.bounds, limits.name)}".rstrip()
+    try:
+        number = None if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        number = None
+    if number is None or not all(_HOLDS[k](number, v) for k, v in limits.bounds.items()):
+        raise Refused("", value, allowed)
+    if not -(2**63) <= number < 2**64:
+        raise Refused("", value, "integers of 64 bits")
+    return number
+
+
+def _bool(value: Any, limits: _Limits) -> bool:
+    if not isinstance(value, bool | np.bool_):
+        raise Refused("", _shown(value), "true or false")
+    return bool(value)
+
+
+def _str(value: Any, limits: _Limits) -> str:
+    if not isinstance(value, str):
+        raise Refused("", _shown(value), limits.allowed("a text"))
+    return value
+
+
+def _complex(value: Any, limits: _Limits) -> complex:
+    allowed = "a finite complex number"
+    number = value if isinstance(value, complex) else require_real(value, "", allowed)
+    if not np.isfinite(number):
+        raise Refused("", value, allowed)
+    return complex(number)
+
+
+def _array(value: Any, limits: _Limits, dtype: Any = np.float64) -> NDArray[Any]:
+    shape = f" {limits.shape}" if limits.shape else ""
+    allowed = limits.allowed("numbers" if limits.infinite else f"finite numbers{shape}")
+    array = require_array(value, "", allowed)
+    if limits.shape and not limits.shape.holds(array.shape):
+        raise Refused("", Described(f"shape {array.shape}"), allowed)
+    good = np.asarray(limits.hold(array))
+    if not good.all():
+        at = np.argwhere(~good)[0]
+        worst = array[tuple(at)]
+        huge = math.isfinite(worst) and abs(worst) > LARGEST
+        words = f"at most {LARGEST:g} in magnitude" if huge else allowed
+        raise Refused("", worst, words).inside(*(at.tolist() if array.size > 1 else ()))
+    if limits.unit and np.any(np.abs(np.linalg.norm(array, axis=-1) - 1.0) > 1e-3):
+        raise Refused("", array, "unit vectors (..., 3)")
+    return array.astype(dtype, copy=False)
+
+
+def _flags(value: Any, limits: _Limits) -> NDArray[np.bool_]:
+    array = np.asarray(value) if isinstance(value, list | tuple | np.ndarray) else None
+    if array is None or array.dtype.kind != "b":
+        raise Refused("", _shown(value), limits.allowed("true or false, one or more"))
+    return array
+
+
+def _numbers(value: Any, limits: _Limits, made: type, n: int | None) -> Any:
+    several = "a list of finite numbers" if n is None else f"{n} finite numbers"
+    allowed = limits.allowed(several)
+    array = _array(value, limits._replace(words=allowed))
+    if array.ndim != 1 or (n is not None and len(array) != n):
+        raise Refused("", _shown(value), allowed)
+    return made(array.tolist())
+
+
+def _path(value: Any, limits: _Limits) -> Any:
+    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    try:
+        if not isinstance(text, str) or not text or "\0" in text:
+            raise ValueError
+        os.stat(text)
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError) as error:  # too long, no text of the file system, in a file
+        reason = getattr(error, "strerror", "")
+        allowed = limits.allowed("the path of a file")
+        raise Refused("", _shown(value), f"{allowed} ({reason})" if reason else allowed) from error
+    return value
+
+
+def _word(value: Any, words: Sequence[Any]) -> Any:
+    if not isinstance(value, str) or value not in words:
+        hint = did_you_mean(value, words) if isinstance(value, str) else ""
+        raise Refused("", _shown(value), ", ".join(map(str, words)), hint)
+    return value
+
+
+def _callable(value: Any) -> Any:
+    if not callable(value):
+        raise Refused("", _shown(value), "a callable")
+    return value
+
+
+def _instance(value: Any, kind: type, limits: _Limits) -> Any:
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIO" else "a"
+        said = _PROTOCOLS.get(kind.__name__, f"{article} {kind.__name__}")
+        raise Refused("", _shown(value), limits.allowed(said))
+    return value
+
+
+def _mapping(value: Any) -> Any:
+    if not isinstance(value, Mapping):
+        raise Refused("", _shown(value), "a table")
+    for key in value:
+        if not isinstance(key, str):
+            raise Refused("", key, "a text as key")
+    return dict(value)
+
+
+def _listed(value: Any) -> Any:
+    if isinstance(value, np.ndarray) and value.ndim:
+        return value.tolist()
+    if isinstance(value, str | bytes | bytearray | memoryview) or not isinstance(value, Sequence):
+        raise Refused("", _shown(value), "a list")
+    return list(value)
+
+
+def _iterated(value: Any) -> Any:
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+        raise Refused("", _shown(value), "a list")
+    return list(value)
+
+
+def _shown(value: Any) -> Any:
+    """Return a value, or the name of its class if its text says little."""
+    plain = type(value) in _PLAIN or isinstance(value, np.generic | np.ndarray)
+    return value if plain else Described(type(value).__name__)
+
+
+_SCALARS: dict[Any, Callable[[Any, _Limits], Any]] = {
+    float: _float,
+    int: _int,
+    bool: _bool,
+    str: _str,
+    complex: _complex,
+    ArrayLike: _array,
+    Path: _path,
+}
+
+
+# ---- errors of pydantic ----------------------------------------------------------------------
+
+
+def refuse(
+    first: Any, name: str, path: list[Any], cls: type[pydantic.BaseModel] | None = None
+) -> NoReturn:
+    """Raise an error of pydantic as field, value, allowed.
+
+    The field is `name` with the path of the error inside it, or for a model (`cls`) that path.
+    """
+    kind, context = first["type"], first.get("ctx", {})
+    own = context.get("error")
+    path = path if cls else [name, *_words_of(path)]
+    if isinstance(own, Refused):
+        if cls and path and own.field == path[-1]:  # validators of a field name it themselves
+            path.pop()
+        raise own.inside(*path) from None
+    value = MISSING if kind == "missing" else first["input"]
+    allowed, hint = str(own) if own else allowed_by(first, cls), ""
+    if kind == "literal_error":
+        hint = did_you_mean(value, allowed.replace(" or ", ", ").split(", "))
+    raise Refused("", value, allowed, hint).inside(*(path or [name])) from None
+
+
+def _words_of(path: list[Any]) -> list[Any]:
+    """Return the keys of a path; those of a table are dotted, as in link files."""
+    dotted = (key.split(".") if isinstance(key, str) else [key] for key in path)
+    return [word for words in dotted for word in words]
+
+
+def _is_alternative(key: Any) -> bool:
+    """Return whether a key in a path of pydantic names one of several types."""
+    return isinstance(key, str) and (key.startswith("function-") or key.endswith(("]", ")")))
+
+
+def _allowed_alone(error: Any) -> str:
+    """Return the allowed values of one of several alternatives."""
+    own = error.get("ctx", {}).get("error")
+    return own.allowed if isinstance(own, Refused) else allowed_by(error)
+
+
+def allowed_by(error: Mapping[str, Any], cls: type[pydantic.BaseModel] | None = None) -> str:
+    """Return the allowed values of one of pydantic's errors, in a model or of a single value."""
+    kind, context = error["type"], error.get("ctx", {})
+    if kind == "literal_error":
+        return str(context["expected"].replace("'", ""))
+    if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
+        return _range(cls, list(error["loc"]), context)
+    if kind == "too_short":
+        return f"at least {context['min_length']} of them"
+    if kind == "too_long":
+        return f"at most {context['max_length']} of them"
+    words = _WORDS.get(kind) or _WORDS.get(kind.partition("_")[0])
+    return words or str(error["msg"].removeprefix("Input should be "))
+
+
+def _range(
+    cls: type[pydantic.BaseModel] | None, path: list[int | str], context: dict[str, Any]
+) -> str:
+    """Return the range of a field, as in "> 0" and "0 < fov_deg <= 180"."""
+    bounds: dict[str, Any] = context
+    model: Any = cls
+    name = ""
+    for key in path:
+        if isinstance(key, int):  # an item of a tuple
+            model = next(iter(get_args(model)), None)
+        field = getattr(model, "model_fields", {}).get(key)
+        if field is not None:
+            model, name = field.annotation, str(key)
+            if type(None) in get_args(model):  # a part, or none
+                model = next(part for part in get_args(model) if part is not type(None))
+            found = {key: getattr(part, key) for part in field.metadata for key in _BOUNDS
+                     if getattr(part, key, None) is not None}  # fmt: skip
+            bounds = found if context.items() <= found.items() else context
+    return range_text(bounds, name)
+
+
+def range_text(bounds: Mapping[str, Any], name: str = "") -> str:
+    """Return a range in words, as in "> 0" and "0 < fov_deg <= 180", "" without bounds."""
+    shown = {key: _bound(bounds[key]) for key in _BOUNDS if key in bounds}
+    low = next((f"{v} {_BOUNDS[k]}" for k, v in shown.items() if k in ("gt", "ge")), "")
+    high = next((f"{_BOUNDS[k]} {v}" for k, v in shown.items() if k in ("lt", "le")), "")
+    if low and high:
+        return f"{low} {name} {high}"
+    return high or (low and f"{low.split()[1].replace('<', '>')} {low.split()[0]}")
+
+
+def _bound(value: Any) -> str:
+    """Return a bound as text, large powers of two as such."""
+    power = isinstance(value, int) and value > 2**20 and value & (value - 1) == 0
+    if power:
+        return f"2^{value.bit_length() - 1}"
+    return str(value) if isinstance(value, int) else f"{value:g}"
