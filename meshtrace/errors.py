@@ -178,6 +178,11 @@ def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> ND
     """Return a value as an array of a type, or refuse it."""
     import numpy as np
 
+    # numpy would drop the mask, the imaginary part, and the names of columns in silence
+    if np.ma.is_masked(value):
+        raise Refused(path, Described("an array with masked entries"), allowed)
+    if getattr(getattr(value, "dtype", None), "kind", "") == "c" and dtype is not complex:
+        raise Refused(path, Described("complex numbers"), allowed)
     try:
         return np.asarray(value, dtype, order="C")
     except (TypeError, ValueError, OverflowError) as error:

@@ -120,6 +120,15 @@ def convert(values: ArrayLike, unit: str, target: str, field: str) -> NDArray[np
     return array * (decimal if exact else factor)
 
 
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit of any kind."""
+    try:
+        _quantity(text, "", "")
+    except Refused:
+        return False
+    return True
+
+
 def is_convertible(unit: str, target: str) -> bool:
     """Return whether a text is a unit that converts to another one."""
     try:
@@ -171,6 +180,19 @@ def _left_out(source: Any, wanted: Any) -> Any:
     if cycles and power != cycles:  # "m2 s" without any direction
         return None
     return _registry().Quantity(1.0, "turn" if cycles else "rad") ** power
+
+
+def is_same(unit: str, target: str) -> bool:
+    """Return whether values in a unit are those in another one."""
+    return is_convertible(unit, target) and float(convert(1.0, unit, target, "")) == 1.0
+
+
+def cycles(unit: str | None) -> float | None:
+    """Return the power of cycles in a unit, 0 for one in radians or degrees; None without angle."""
+    if unit is None or not is_unit(unit):
+        return None
+    quantity = _quantity(unit, "", "")
+    return _cycles(quantity) if "[angle]" in quantity.dimensionality else None
 
 
 def _cycles(quantity: Any) -> float:

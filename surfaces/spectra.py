@@ -10,6 +10,7 @@ directions from the down-wind one; every density integrates to one over the circ
 from __future__ import annotations
 
 import math
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
@@ -22,7 +23,8 @@ from pydantic import BeforeValidator, SerializeAsAny, model_validator
 
 from meshtrace.errors import MISSING, Described, Refused
 from meshtrace.models import Family, NonNegative
-from meshtrace.tables import read_columns
+from meshtrace.tables import Column, read_columns
+from meshtrace.units import convert, cycles
 
 from .parameters import (
     DEPTH,
@@ -629,6 +631,24 @@ class Torsethaugen(Spectrum, frozen=True):
         return _Peak(share * hs, tp, max(1.0, gamma)), _Peak(rest, max(second, 1e-3), 1.0)
 
 
+_IN_HZ = ("f", "freq", "frequency", "frequencies", "fr", "f_p")
+_COLUMNS = (
+    Column(
+        "omega",
+        "rad s-1",
+        ("w", "om", "angular frequency", "angular freq", "radian frequency"),
+        dict.fromkeys(_IN_HZ, "Hz"),
+    ),
+    Column(
+        "density",
+        "m2 s rad-1",
+        ("S", "E", "S(f)", "psd", "spectral density", "variance density", "energy density",
+         "energy", "spectrum", "ef", "sf", "wave spectrum", "energy spectrum", "varden"),
+        relative=True,
+    ),
+)  # fmt: skip
+
+
 class TabulatedSpectrum(Spectrum, frozen=True):
     """Frequency spectrum given by a table, linear between its rows and zero beyond them.
 
@@ -682,17 +702,28 @@ class TabulatedSpectrum(Spectrum, frozen=True):
 
     @classmethod
     def from_file(cls, path: str | PathLike[str]) -> Self:
-        """Read a text file of two columns, frequency and density, see `read_columns`.
+        """Read a text file of two columns, frequency and density, see `tables.read_columns`.
 
-        Columns are omega [rad s-1] and S(omega) [m2 s rad-1], or, where the header of the first
-        one contains "Hz" or begins with "f", f [Hz] and S(f) = 2 pi S(omega) [m2 Hz-1].
+        Columns are omega [rad s-1] and S(omega) [m2 s rad-1], or f [Hz] and S(f) = 2 pi S(omega)
+        [m2 Hz-1], as the headings say by their units or, without units, by names such as "omega"
+        and "f".
         """
         if not isinstance(path, str | PathLike):
             raise Refused("file", path, "the path of a text file")
-        header, values = read_columns(path)
-        first = header[0].lower() if header else ""
-        unit = 2.0 * np.pi if "hz" in first or first.startswith("f") else 1.0
-        return cls(omega=tuple(values[:, 0] * unit), density=tuple(values[:, 1] / unit))
+        table = read_columns(path, _COLUMNS)
+        omega, heading = table["omega"].values, table["omega"].heading
+        in_hz = heading is not None and (
+            heading.name in _IN_HZ if cycles(heading.unit) is None else bool(cycles(heading.unit))
+        )
+        usual = "m2 Hz-1" if in_hz else "m2 s rad-1"
+        density, of = table["density"]
+        unit = usual if of is None or of.unit is None else of.unit
+        where = f"{path}: column {of.text if of else 2}"
+        argument = re.search(r"\((f|w|omega)\)$", of.name) if of and not of.unit else None
+        if argument is not None and (argument[1] == "f") != in_hz:
+            raise Refused(where, Described("over another frequency"), "a unit, [m2/Hz] or [m2 s]")
+        values = convert(convert(density, unit, usual, where), usual, "m2 s rad-1", where)
+        return cls(omega=tuple(omega), density=tuple(values))
 
     @cached_property
     def omega_p(self) -> float:

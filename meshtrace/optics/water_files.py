@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 import re
-from io import StringIO
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, reads_as_number
 from meshtrace.models import Floats
 from meshtrace.optics.constituents import Constituents
 from meshtrace.optics.pure_water import pure_water_absorption, zhang_hu_he
 from meshtrace.optics.spectra import SpectralTable, WaterSpectrum
 from meshtrace.stored import read_dataset
-from meshtrace.tables import read_columns
+from meshtrace.tables import Cells, Column, cells_of_text, read_columns, text_of
+from meshtrace.units import convert
 
-_COLUMNS = ("depth", "wavelength", "a", "b")
+_COLUMNS = (
+    Column("depth", "m", ("z", "depth below surface"), required=False),
+    Column("wavelength", "nm", ("lambda", "wl", "wave", "wavelengths")),
+    Column("a", "m-1", ("absorption", "absorption coefficient", "a_total")),
+    Column("b", "m-1", ("scattering", "scattering coefficient", "b_total")),
+)
 _FIELDS = {"a": ("a", "agp"), "b": ("b", "bp"), "c": ("c", "cgp")}
 """Fields of SeaBASS: the whole coefficient, and that without pure water."""
 
+_DEPTHS = ("depth", "bin_depth")
+_COEFFICIENT = re.compile(r"(?:a|agp|b|bp|c|cgp)(?:\d+(?:\.\d+)?)?")
+_DELIMITERS = {"": " ", "space": " ", "comma": ",", "tab": "\t", "semicolon": ";"}
 _NO_VALUES = ("missing", "below_detection_limit", "above_detection_limit")
 _GOOD = (b"1", b"2", b"5", b"8")  # flags of Argo: good, probably good, changed, estimated
 
@@ -69,39 +77,55 @@ def read_spectrum(path: str | PathLike[str]) -> WaterSpectrum:
         raise Refused(str(path), Described("no such file"), "a file of a water")
     if file.suffix == ".nc":
         return _read_argo(file)
-    text = file.read_text("utf-8-sig", errors="replace")
+    text = text_of(file)
     if "/begin_header" in text[:4096].lower():
         return _read_seabass(file, text)
-    found = read_columns(file, 3)
-    values = found.values
-    if found.header:
-        words = [re.split(r"[\s_(\[]", word.strip().lower())[0] for word in found.header]
-        names = [name for name in _COLUMNS if name in words]
-        if names[-3:] != list(_COLUMNS[1:]):
-            header = Described(", ".join(found.header))
-            raise Refused(str(path), header, "columns depth (if any), wavelength, a, b")
-        values = values[:, [words.index(name) for name in names]]
-    return SpectralTable(table=values[:, :4])
+    table = read_columns(file, _COLUMNS)
+    return SpectralTable(table=np.column_stack([series.values for series in table.values()]))
 
 
 def _read_seabass(file: Path, text: str) -> SpectralTable:
     """Read a SeaBASS file."""
     import pandas as pd
 
-    head, _, body = text.partition("/end_header")
-    lines = [line[1:].partition("=") for line in head.splitlines() if line.startswith("/")]
+    head, end, body = text.partition("/end_header")
+    lines = [line.strip()[1:].partition("=") for line in head.splitlines() if "/" in line[:1]]
     header = {key.strip().lower(): value.strip() for key, _, value in lines}
-    fields = [name.strip().lower() for name in header.get("fields", "").split(",")]
-    frame = pd.read_csv(
-        StringIO(body.partition("\n")[2]),
-        sep={"comma": ",", "tab": "\t"}.get(header.get("delimiter", "").lower(), r"\s+"),
-        names=fields,
-        na_values=[header[key] for key in _NO_VALUES if key in header],
-        skipinitialspace=True,
-    ).apply(pd.to_numeric, errors="coerce")
-    depth = frame["depth"] if "depth" in frame else np.zeros(len(frame))
+    fields = [name.strip().lower() for name in header.get("fields", "").strip(",").split(",")]
+    units = [unit.strip() for unit in header.get("units", "").strip(",").split(",")]
+    if not end or (twice := {name for name in fields if fields.count(name) > 1}):
+        found = Described(f"fields {', '.join(sorted(twice))} twice" if end else "no /end_header")
+        raise Refused(str(file), found, "a SeaBASS file of different fields")
+    if "units" in header and len(units) != len(fields):
+        found = Described(f"{len(fields)} fields and {len(units)} units")
+        raise Refused(str(file), found, "a SeaBASS file with a unit for each field")
+    word = header.get("delimiter", "").lower()
+    if word not in _DELIMITERS:
+        raise Refused(f"{file}: delimiter", word, ", ".join(filter(None, _DELIMITERS)))
+    first = len(re.findall(r"\r\n|\r|\n", head)) + 2
+    rows = re.split(r"\r\n|\r|\n", body, maxsplit=1)
+    cells = cells_of_text(rows[-1] if len(rows) > 1 else "", str(file), _DELIMITERS[word], 0, first)
+    if len(cells.columns) != len(fields):
+        found = Described(f"line {cells.places[0]}: {len(cells.columns)} columns")
+        raise Refused(str(file), found, f"a column for each of {len(fields)} fields")
+    missing = [number for key in _NO_VALUES if (number := _number(file, header, key)) is not None]
+    used = [i for i, name in enumerate(fields) if _unit_of(name)]
+    values = {fields[i]: _values(cells, i, fields[i], missing) for i in used}
+    if "units" in header:
+        for i in used:
+            unit, wanted = units[i], _unit_of(fields[i])
+            converted = convert(values[fields[i]], unit, wanted, f"{file}: field {fields[i]}")
+            if not np.array_equal(converted, values[fields[i]], equal_nan=True):
+                cells.notes.append(f"{fields[i]} in {unit} converted to {wanted}")
+            values[fields[i]] = converted
+    depths = [name for name in fields if name in _DEPTHS]
+    if len(depths) > 1 or (not depths and any(map(_is_like_depth, fields))):
+        found = Described(", ".join(depths or filter(_is_like_depth, fields)))
+        raise Refused(str(file), found, f"one field of the depth, {' or '.join(_DEPTHS)}")
+    frame = pd.DataFrame(values, index=range(len(cells.places)))
+    depth = frame[depths[0]] if depths else np.zeros(len(frame))
     frame = frame.set_index(pd.Index(depth, name="at"))
-    whole = {name: _whole(frame, name) for name in _FIELDS}
+    whole = {name: _whole(frame, name, file) for name in _FIELDS}
     a, b, c = whole.values()
     if a is not None and c is not None and b is None:
         b = (_at(c, a.columns) - a).clip(lower=0.0)
@@ -114,10 +138,46 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
     rows = [(z, w, a.at[z, w], b.at[z, w]) for z in full for w in common]
     if not rows:
         raise Refused(str(file), Described("missing values"), "a depth with all values")
+    cells.tell()
     return SpectralTable(table=rows)
 
 
-def _whole(frame: Any, name: str) -> Any:
+def _unit_of(field: str) -> str:
+    """Return the wanted unit of a field of SeaBASS, "" for fields that are not read."""
+    if field in _DEPTHS:
+        return "m"
+    if field == "wavelength":
+        return "nm"
+    return "m-1" if _COEFFICIENT.fullmatch(field) else ""
+
+
+def _is_like_depth(field: str) -> bool:
+    known = ("water_depth", "bottom_depth", "depth_of_water", "secchi_depth")
+    return field not in known and bool(re.search(r"depth|pressure|^press?$|^z$", field))
+
+
+def _number(file: Path, header: dict[str, str], key: str) -> float | None:
+    """Return the number of a key of the header."""
+    if key not in header or header[key].lower() in ("", "na", "nan", "none"):
+        return None
+    if not reads_as_number(header[key]):
+        raise Refused(f"{file}: {key}", header[key], "a number")
+    return float(header[key])
+
+
+def _values(cells: Cells, index: int, name: str, missing: list[float]) -> Floats:
+    """Return the values of a field, nan for missing ones."""
+    values = cells.numbers(index, name)
+    values = np.where(np.isin(values, missing), np.nan, values)
+    # noise of a coefficient may be below zero, but not by more than 1 m-1
+    wrong = np.isinf(values) | (values < -1.0)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise cells.refused(row, index, name, f"{values[row]:g}", "or /missing with this value")
+    return values
+
+
+def _whole(frame: Any, name: str, file: Path) -> Any:
     """Return a coefficient with pure water, depths by wavelengths; None if it is missing."""
     for field, pure in zip(_FIELDS[name], (False, True), strict=True):
         if "wavelength" in frame and field in frame:
@@ -125,6 +185,9 @@ def _whole(frame: Any, name: str) -> Any:
         else:
             number = re.compile(rf"{field}(\d+(?:\.\d+)?)$")
             known = {f: float(m[1]) for f in frame.columns if (m := number.match(f))}
+            if len(set(known.values())) < len(known):
+                found = Described(", ".join(known))
+                raise Refused(str(file), found, "each wavelength of a field once")
             table = frame[list(known)].rename(columns=known).groupby(level=0).mean()
         if table.shape[1] and pure:
             w = np.asarray(table.columns, np.float64)
