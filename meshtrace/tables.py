@@ -44,7 +44,7 @@ _ARGUMENTS = frozenset(("f", "w", "omega", "lambda", "theta", "psi", "t", "x,t",
 
 _IN_REMARKS = re.compile(
     r"\b(?:rad(?:ians?)?|deg(?:rees?)?|hz|hertz|mm|cm|ft|feet|inch(?:es)?|um|microns?|nm|"
-    r"k?h?pa|d?m?bar|psi|ms)\b|[µμ]m|%|\bper\s*cent",
+    r"k?h?pa|d?m?bar|psi|ms)(?![^\W\d])|[µμ]m|%|\bper\s*cent",
     re.IGNORECASE,
 )
 """Units that would change a column; other words of a remark are read as words."""
@@ -275,7 +275,8 @@ def _matched(
     for column in columns:
         if column.name in match:
             continue
-        by_unit = [i for i in left if _is_of(headings[i], column)]
+        alike = [c for c in columns if not c.relative and is_convertible(c.unit, column.unit)]
+        by_unit = [i for i in left if len(alike) == 1 and _is_of(headings[i], column)]
         if column.relative and len(left) == 1:
             by_unit = left
         if len(by_unit) == 1 and (column.required or headings[by_unit[0]].name == ""):
@@ -302,6 +303,12 @@ def _is_like(heading: Heading, column: Column) -> bool:
 
 
 # ------------------------------------------------------------------------------------- headings
+
+
+def _reads(word: str, comma: bool = True) -> bool:
+    """Return whether a word is a number, of Fortran or with a decimal comma included."""
+    plain = _FORTRAN.sub(r"\1e\2", word)
+    return reads_as_number(plain) or (comma and bool(_DECIMAL_COMMA.fullmatch(plain)))
 
 
 def normal(name: str) -> str:
@@ -357,11 +364,11 @@ def tells(remark: str, columns: Sequence[Column]) -> bool:
             if any(column.unit == "1" for column in columns):
                 return True
             continue
-        forms = (unit, f"1/{unit}", f"{unit}2 s rad-1", f"1/{unit} sr-1")
+        forms = (f"{unit}2 s rad-1", unit, f"1/{unit}", f"1/{unit} sr-1")
         factors = [
             float(convert(1.0, form, column.unit, ""))
             for column in columns
-            for form in forms
+            for form in (forms[:1] if column.relative else forms)
             if is_convertible(form, column.unit)
         ]
         lengths = any(column.unit == "m" for column in columns)
@@ -414,7 +421,7 @@ def heading_of(text: str, columns: Sequence[Column]) -> Heading:
         for spelled in (unit.replace("_", " "), unit.replace("_", "/")):
             if any(c.is_named(name) and _is_unit(spelled, c) for c in columns):
                 return Heading(text, name, spelled)
-    if any(_is_unit(plain, column) for column in columns if not column.relative):
+    if any(_is_unit(plain, c) for c in columns if not c.relative or plain in ("%", "percent")):
         return Heading(text, "", plain)
     return Heading(text, normal(plain))
 
@@ -431,14 +438,15 @@ def _is_unit(text: str, column: Column) -> bool:
 def headings_in(line: str, cells: Cells) -> list[str]:
     """Return the words of a line, by the separator that gives as many as there are columns."""
     width = len(cells.columns)
-    ways = [_bracketed(line, way) for way in dict.fromkeys((cells.separator, *_SEPARATORS))]
+    usual = [cells.separator] if cells.separator != " " else []
+    ways = [_bracketed(line, way) for way in dict.fromkeys((*usual, *_SEPARATORS))]
     ways.append([word.strip() for word in re.split(r"\s{2,}|\t", line.strip())])
     for words in ways:
         if len(words) == width + 1 and not words[-1]:
             words.pop()
         if len(words) == width:
             return words
-    return ways[0]
+    return next((words for words in ways if len(words) > 1), ways[0])
 
 
 def _bracketed(line: str, separator: str) -> list[str]:
@@ -554,26 +562,22 @@ def _separator(line: str) -> str:
     """Return the separator that gives the most numbers."""
 
     def count(separator: str) -> int:
-        words, comma = _split(line, separator), separator in (";", "\t")
-        numbers = [reads_as_number(w) or (comma and _DECIMAL_COMMA.fullmatch(w)) for w in words]
-        return sum(map(bool, numbers)) if len(words) > 1 else 0
+        words = _split(line, separator)
+        numbers = [_reads(word, separator in (";", "\t")) for word in words]
+        return sum(numbers) if len(words) > 1 else 0
 
     return max(_SEPARATORS, key=count)
 
 
 def _heads(rows: list[list[str]]) -> int:
     """Return the number of rows above the numbers: of words where the last row has numbers."""
-
-    def is_number(word: str) -> bool:
-        return reads_as_number(word) or bool(_DECIMAL_COMMA.fullmatch(word))
-
-    of_numbers = [i for i, word in enumerate(rows[-1]) if is_number(word)]
+    of_numbers = [i for i, word in enumerate(rows[-1]) if _reads(word)]
     for above, row in enumerate(rows[:3]):
         words = [row[i] for i in of_numbers if i < len(row)]
-        if words and all(is_number(w) or w.lower() in _MISSING for w in words):
+        if words and all(_reads(w) or w.lower() in _MISSING for w in words):
             return above
     # the last row has a wrong word, or the first ones
-    return next((i for i, row in enumerate(rows) if any(map(is_number, row))), len(rows))
+    return next((i for i, row in enumerate(rows) if any(map(_reads, row))), len(rows))
 
 
 def _cells_of_frame(frame: Any, name: str) -> Cells:

@@ -114,7 +114,12 @@ def convert(values: ArrayLike, unit: str, target: str, field: str) -> NDArray[np
     if wanted.dimensionality == _registry().kelvin.dimensionality:  # has offsets
         in_wanted = _registry().Quantity(array * source.m, source.u).m_as(wanted.u)
         return np.asarray(in_wanted, np.float64)
-    factor = float(source.m_as(wanted.u))
+    zero, factor = (
+        float(_registry().Quantity(value * source.m, source.u).m_as(wanted.u))
+        for value in (0.0, 1.0)
+    )
+    if zero != 0.0:  # decibels
+        raise _refusal(field, unit, target)
     decimal = float(f"{factor:.12g}")  # 1000 rather than the product 999.9999999999999
     exact = abs(decimal - factor) <= 4.0 * np.finfo(float).eps * factor
     return array * (decimal if exact else factor)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 import warnings
@@ -558,9 +559,9 @@ def _read_gauges(source: Any, unit: str | None) -> _Record:
     headings = headings_of(cells, (_TIME, _ELEVATION))
     at, gauges = _columns_of_gauges(name, headings, len(cells.columns))
     stated = _unit(name, [headings[i] for i in gauges] if headings else [], unit)
-    rows = _without_masked_ends(cells, [at, *gauges])
-    time, *each = (cells.finite(i, headings[i].text if headings else "")[rows]
-                   for i in (at, *gauges))  # fmt: skip
+    texts = [heading.text for heading in headings] or [""] * len(cells.columns)
+    cells = _without_missing_ends(cells, {index: texts[index] for index in (at, *gauges)})
+    time, *each = (cells.finite(index, texts[index]) for index in (at, *gauges))
     elevation = convert(np.column_stack(each), stated, "m", name)
     if not is_same(stated, "m"):
         cells.notes.append(f"elevations in {stated} converted to m")
@@ -602,16 +603,18 @@ def _columns_of_gauges(name: str, headings: Sequence[Heading], width: int) -> tu
     return times[0], gauges
 
 
-def _without_masked_ends(cells: Cells, columns: Sequence[int]) -> slice:
-    """Return the rows between the first and the last that are complete."""
-    missing = np.zeros(len(cells.places), bool)
-    for index in columns:
-        missing |= np.isnan(cells.numbers(index))
-    complete = np.flatnonzero(~missing)
-    if not len(complete):
-        return slice(None)
-    first, last = int(complete[0]), int(complete[-1])
-    return slice(first, last + 1)
+def _without_missing_ends(cells: Cells, columns: dict[int, str]) -> Cells:
+    """Return the cells of the rows from the first to the last that are complete."""
+    values = {index: cells.numbers(index, text) for index, text in columns.items()}
+    complete = np.flatnonzero(~np.any([np.isnan(column) for column in values.values()], axis=0))
+    if len(complete) in (0, len(cells.places)):
+        return cells
+    rows = slice(int(complete[0]), int(complete[-1]) + 1)
+    left_out = len(cells.places) - (rows.stop - rows.start)
+    if left_out:
+        cells.notes.append(f"{left_out} rows without values at the ends left out")
+    columns_of = [values[i][rows] if i in values else () for i in range(len(cells.columns))]
+    return dataclasses.replace(cells, columns=columns_of, places=cells.places[rows])
 
 
 def _unit(name: str, headings: Sequence[Heading], unit: str | None) -> str:

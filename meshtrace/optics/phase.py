@@ -409,7 +409,9 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
         if unit and any(is_convertible(unit, density) for density in ("rad-1", "m-1 rad-1", "dB")):
             allowed = "values per solid angle, such as [sr-1] or [m-1 sr-1], or relative ones"
             raise Refused(str(path), Described(f"values in {unit}"), allowed)
-        return cls(theta_deg=theta.values, value=value.values)
+        # 180 degrees, as radians of four digits or more
+        largest = 180.0 if theta.values[-1] < 180.03 else np.inf
+        return cls(theta_deg=np.minimum(theta.values, largest), value=value.values)
 
     def _segments(self) -> Segments:
         theta = np.radians(self.theta_deg)
