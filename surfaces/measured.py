@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.cells import Cells, cells_of
 from meshtrace.errors import (
     Described,
     DomainWarning,
@@ -27,10 +28,8 @@ from meshtrace.errors import (
 )
 from meshtrace.stored import read_dataset
 from meshtrace.tables import (
-    Cells,
     Column,
     Heading,
-    cells_of,
     heading_of,
     headings_in,
     headings_of,
@@ -619,7 +618,7 @@ def _without_missing_ends(cells: Cells, columns: dict[int, str]) -> Cells:
 
 def _unit(name: str, headings: Sequence[Heading], unit: str | None) -> str:
     """Return the unit of the elevations, which is that of all gauges."""
-    units = {heading.unit for heading in headings if heading.unit is not None}
+    units = {str(heading.unit) for heading in headings if heading.unit is not None}
     wrong = sorted(unit for unit in units if not is_convertible(unit, "m"))
     if wrong or len(units | {unit} - {None}) > 1:
         raise Refused(

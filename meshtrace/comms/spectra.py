@@ -38,8 +38,8 @@ _COLUMNS = (
     Column(
         "value",
         "1",
-        ("power", "intensity", "pde", "transmission", "transmittance", "gain", "response", "spectrum",
-         "responsivity", "qe", "eqe", "efficiency", "quantum efficiency"),
+        ("power", "intensity", "pde", "transmission", "transmittance", "gain", "response",
+         "spectrum", "responsivity", "qe", "eqe", "efficiency", "quantum efficiency"),
         relative=True,
     ),
 )  # fmt: skip

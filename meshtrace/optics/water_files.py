@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from meshtrace.cells import Cells, cells_of_text, text_of
 from meshtrace.errors import Described, Refused, reads_as_number
 from meshtrace.models import Floats
 from meshtrace.optics.constituents import Constituents
 from meshtrace.optics.pure_water import pure_water_absorption, zhang_hu_he
 from meshtrace.optics.spectra import SpectralTable, WaterSpectrum
 from meshtrace.stored import read_dataset
-from meshtrace.tables import Cells, Column, cells_of_text, read_columns, text_of
+from meshtrace.tables import Column, read_columns
 from meshtrace.units import convert
 
 _COLUMNS = (
