@@ -174,15 +174,28 @@ def require_function(value: Any, path: str) -> None:
         raise Refused(path, value, "a function of the number done")
 
 
+def require_plain(value: Any, path: str, allowed: str) -> None:
+    """Refuse arrays with a part that numpy drops in silence: masks, units, names of columns."""
+    if value is None or isinstance(value, str | int | float | list | tuple | dict):
+        return
+    labels, lost = getattr(getattr(value, "columns", None), "dtype", None), ""
+    if hasattr(value, "mask") and getattr(value.mask, "any", bool)():
+        lost = "masked entries"
+    elif getattr(getattr(value, "dtype", None), "kind", "") == "c":
+        lost = "complex numbers"
+    elif hasattr(value, "m_as") or hasattr(value, "to_value"):  # of pint and astropy
+        lost = "units"
+    elif labels is not None and labels.kind not in "iu":
+        lost = "names of columns"
+    if lost:
+        raise Refused(path, Described(f"an array with {lost}"), f"{allowed}; plain numbers")
+
+
 def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> NDArray[Any]:
     """Return a value as an array of a type, or refuse it."""
     import numpy as np
 
-    # numpy would drop the mask, the imaginary part, and the names of columns in silence
-    if np.ma.is_masked(value):
-        raise Refused(path, Described("an array with masked entries"), allowed)
-    if getattr(getattr(value, "dtype", None), "kind", "") == "c" and dtype is not complex:
-        raise Refused(path, Described("complex numbers"), allowed)
+    require_plain(value, path, allowed)
     try:
         return np.asarray(value, dtype, order="C")
     except (TypeError, ValueError, OverflowError) as error:

@@ -50,6 +50,8 @@ class Column(NamedTuple):
         ``{"f": "Hz"}`` of a column of angular frequencies.
     required : bool
         Whether the table has to have the column.
+    numbered : bool
+        Whether a number or a letter may follow the name, as in "wg_1".
     relative : bool
         Whether the scale of the values is without meaning: their unit is not converted, and they
         may have any name if no other column is left.
@@ -60,13 +62,14 @@ class Column(NamedTuple):
     aliases: tuple[str, ...] = ()
     units: Mapping[str, str] = {}
     required: bool = True
+    numbered: bool = False
     relative: bool = False
 
     def is_named(self, name: str) -> bool:
         """Return whether the name of a heading is that of this column."""
-        return re.sub(r"_?\(.*\)$", "", name) in map(
-            normal, (self.name, *self.aliases, *self.units)
-        )
+        plain = re.sub(r"_?\(.*\)$", "", name)
+        names = {plain, re.sub(r"(_?\d+|_[a-h])+$", "", plain)} if self.numbered else {plain}
+        return not names.isdisjoint(map(normal, (self.name, *self.aliases, *self.units)))
 
     def __str__(self) -> str:
         """Return name and unit as a heading has them."""
@@ -320,14 +323,19 @@ def heading_of(text: str, columns: Sequence[Column]) -> Heading:
         for spelled in (unit.replace("_", " "), unit.replace("_", "/")):
             if any(c.is_named(name) and _is_unit(spelled, c) for c in columns):
                 return Heading(text, name, spelled)
-    if any(_is_unit(plain, c) for c in columns if not c.relative or plain in ("%", "percent")):
+    ratio = bool(re.search(r"[/%]|^percent$", plain))
+    if any(_is_unit(plain, column) for column in columns if ratio or not column.relative):
         return Heading(text, "", plain)
+    # of an unknown name, what is a unit without doubt
+    match = re.fullmatch(r"(.*?)(?:\s+in\s+|/|[\s_]+(?=\S*[/%]|per\s?cent))(.+)", plain)
+    if match and is_unit(match[2]) and re.search(r"[^\W\d_]|[%°]", match[2]):
+        return Heading(text, normal(match[1]), match[2])
     return Heading(text, normal(plain))
 
 
 def _is_unit(text: str, column: Column) -> bool:
     """Return whether a text is a unit of a column."""
-    if not re.search(r"[^\W\d_]|%", text):
+    if not re.match(r"1\s*/|[^\W\d_]|[%°]", text.strip()):
         return False
     if column.relative:
         return is_unit(text)
@@ -335,17 +343,14 @@ def _is_unit(text: str, column: Column) -> bool:
 
 
 def headings_in(line: str, cells: Cells) -> list[str]:
-    """Return the words of a line, by the separator that gives as many as there are columns."""
+    """Return the words of a line, by the separator of the columns or another one in the line."""
     width = len(cells.columns)
-    usual = [cells.separator] if cells.separator != " " else []
-    ways = [_bracketed(line, way) for way in dict.fromkeys((*usual, *SEPARATORS))]
-    ways.append([word.strip() for word in re.split(r"\s{2,}|\t", line.strip())])
-    for words in ways:
-        if len(words) == width + 1 and not words[-1]:
-            words.pop()
-        if len(words) == width:
-            return words
-    return next((words for words in ways if len(words) > 1), ways[0])
+    order = dict.fromkeys((cells.separator, *SEPARATORS)) if cells.separator != " " else SEPARATORS
+    words = next((w for way in order if len(w := _bracketed(line, way)) > 1), [line.strip()])
+    if len(words) == width + 1 and not words[-1]:
+        words.pop()
+    apart = re.split(r"\s{2,}|\t", line.strip())  # names of several words
+    return apart if len(words) != width == len(apart) else words
 
 
 def _bracketed(line: str, separator: str) -> list[str]:

@@ -353,6 +353,7 @@ _ELEVATION = Column(
      "surface", "zeta", "h", "height", "level", "water level", "wl", "ssh", "sea_surface_height",
      "heave", "displacement", "wg", "gauge", "gage", "wave gauge", "wave gage", "wave", "probe",
      "wp", "wave probe", "surface height"),
+    numbered=True,
 )  # fmt: skip
 _DIRECTIONS = 72
 _FEWEST = 16  # samples of a segment
@@ -595,8 +596,7 @@ def _columns_of_gauges(name: str, headings: Sequence[Heading], width: int) -> tu
     if len(set(names)) < len(names):
         raise Refused(name, texts, "different headings")
     for i in gauges:
-        known = re.sub(r"(_?\d+|_[a-z])+$", "", headings[i].name)
-        if headings[i].unit is None and not _ELEVATION.is_named(known):
+        if headings[i].unit is None and not _ELEVATION.is_named(headings[i].name):
             allowed = f"headings such as eta or eta [mm]; {_LENGTHS}"
             raise Refused(name, Described(f"a column {headings[i].text}"), allowed)
     return times[0], gauges
@@ -620,11 +620,10 @@ def _unit(name: str, headings: Sequence[Heading], unit: str | None) -> str:
     """Return the unit of the elevations, which is that of all gauges."""
     units = {str(heading.unit) for heading in headings if heading.unit is not None}
     wrong = sorted(unit for unit in units if not is_convertible(unit, "m"))
-    if wrong or len(units | {unit} - {None}) > 1:
-        raise Refused(
-            "unit", Described(", ".join(wrong or sorted(units | {unit} - {None}))), _LENGTHS
-        )
-    return unit or (units.pop() if units else "m")
+    units |= set() if unit is None else {unit}
+    if wrong or len(units) > 1:
+        raise Refused("unit", Described(", ".join(wrong or sorted(units))), _LENGTHS)
+    return units.pop() if units else "m"
 
 
 def _step(name: str, time: Floats) -> float:

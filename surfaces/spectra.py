@@ -23,7 +23,7 @@ from pydantic import BeforeValidator, SerializeAsAny, model_validator
 
 from meshtrace.errors import MISSING, Described, Refused
 from meshtrace.models import Family, NonNegative
-from meshtrace.tables import Column, read_columns
+from meshtrace.tables import Column, Heading, read_columns
 from meshtrace.units import convert, cycles
 
 from .parameters import (
@@ -649,6 +649,21 @@ _COLUMNS = (
 )  # fmt: skip
 
 
+def _unit_of_density(path: str, frequency: Heading | None, density: Heading | None) -> str:
+    """Return the unit of densities over the frequency of a heading; refuse contradictions."""
+    if frequency is None:
+        return "m2 s rad-1"
+    by_name, by_unit = frequency.name in _IN_HZ, cycles(frequency.unit)
+    in_hz = by_name if by_unit is None else bool(by_unit)
+    argument = re.search(r"\((f|w|omega)\)$", density.name) if density else None
+    unclear = in_hz != by_name if frequency.name else False
+    unclear |= argument is not None and (argument[1] == "f") != in_hz
+    if unclear and (density is None or cycles(density.unit) is None):
+        found = Described(f"{density.text if density else 2} over {frequency.text}")
+        raise Refused(path, found, "a unit with Hz or rad in the heading, [m2/Hz] or [m2 s/rad]")
+    return "m2 Hz-1" if in_hz else "m2 s rad-1"
+
+
 class TabulatedSpectrum(Spectrum, frozen=True):
     """Frequency spectrum given by a table, linear between its rows and zero beyond them.
 
@@ -711,19 +726,12 @@ class TabulatedSpectrum(Spectrum, frozen=True):
         if not isinstance(path, str | PathLike):
             raise Refused("file", path, "the path of a text file")
         table = read_columns(path, _COLUMNS)
-        omega, heading = table["omega"].values, table["omega"].heading
-        in_hz = heading is not None and (
-            heading.name in _IN_HZ if cycles(heading.unit) is None else bool(cycles(heading.unit))
-        )
-        usual = "m2 Hz-1" if in_hz else "m2 s rad-1"
         density, of = table["density"]
-        unit = usual if of is None or of.unit is None else of.unit
+        usual = _unit_of_density(str(path), table["omega"].heading, of)
+        stated = usual if of is None or of.unit is None else of.unit
         where = f"{path}: column {of.text if of else 2}"
-        argument = re.search(r"\((f|w|omega)\)$", of.name) if of and not of.unit else None
-        if argument is not None and (argument[1] == "f") != in_hz:
-            raise Refused(where, Described("over another frequency"), "a unit, [m2/Hz] or [m2 s]")
-        values = convert(convert(density, unit, usual, where), usual, "m2 s rad-1", where)
-        return cls(omega=tuple(omega), density=tuple(values))
+        values = convert(convert(density, stated, usual, where), usual, "m2 s rad-1", where)
+        return cls(omega=tuple(table["omega"].values), density=tuple(values))
 
     @cached_property
     def omega_p(self) -> float:

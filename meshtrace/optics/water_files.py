@@ -14,17 +14,11 @@ from meshtrace.errors import Described, Refused, reads_as_number
 from meshtrace.models import Floats
 from meshtrace.optics.constituents import Constituents
 from meshtrace.optics.pure_water import pure_water_absorption, zhang_hu_he
-from meshtrace.optics.spectra import SpectralTable, WaterSpectrum
+from meshtrace.optics.spectra import TABLE_COLUMNS, SpectralTable, WaterSpectrum
 from meshtrace.stored import read_dataset
-from meshtrace.tables import Column, read_columns
+from meshtrace.tables import read_columns
 from meshtrace.units import convert
 
-_COLUMNS = (
-    Column("depth", "m", ("z", "depth below surface"), required=False),
-    Column("wavelength", "nm", ("lambda", "wl", "wave", "wavelengths")),
-    Column("a", "m-1", ("absorption", "absorption coefficient", "a_total")),
-    Column("b", "m-1", ("scattering", "scattering coefficient", "b_total")),
-)
 _FIELDS = {"a": ("a", "agp"), "b": ("b", "bp"), "c": ("c", "cgp")}
 """Fields of SeaBASS: the whole coefficient, and that without pure water."""
 
@@ -81,7 +75,7 @@ def read_spectrum(path: str | PathLike[str]) -> WaterSpectrum:
     text = text_of(file)
     if "/begin_header" in text[:4096].lower():
         return _read_seabass(file, text)
-    table = read_columns(file, _COLUMNS)
+    table = read_columns(file, TABLE_COLUMNS)
     return SpectralTable(table=np.column_stack([series.values for series in table.values()]))
 
 

@@ -82,6 +82,8 @@ GAUGES = {
     "cm": framed({"time": TIME, "elevation (cm)": 100.0 * ETA}, index=False),
     "ft": framed({"time": TIME, "elevation_ft": ETA / 0.3048}, index=False),
     "um": framed({"time": TIME, "probe 1 [µm]": 1e6 * ETA}, index=False),
+    "numbered": rows("t,wg_2_mm", TIME, MM),
+    "numbered, spaces": rows("Time sec\tProbe 2 in mm", TIME, MM, delimiter="\t"),
     "masked ends": framed({"time": TIME, "eta": np.where(abs(TIME - 102.0) < 102.0, ETA, np.nan)}, index=False),
 }  # fmt: skip
 
@@ -250,6 +252,9 @@ SPECTRA = {
     "degrees": rows("omega [deg/s],S [m2 s/deg]", np.degrees(OMEGA), np.radians(DENSITY)),
     "greek": rows("ω [rad/s],S(ω) [m2 s rad-1]", OMEGA, DENSITY),
     "no heading": rows("# from the model", OMEGA, DENSITY),
+    "unit against name": rows("f [rad/s],S [m2 s/rad]", OMEGA, DENSITY),
+    "Hz": rows("Hz,S", F, S_F),
+    "index of R": "E[m2 s rad-1]\tangular frequency[1/s]\n" + saved("", np.arange(27), DENSITY, OMEGA, delimiter="\t"),
     "frequency": rows("Frequency (Hz);Energy density (m^2/Hz)", F, S_F, delimiter=";"),
 }  # fmt: skip
 
@@ -272,7 +277,9 @@ BAD_SPECTRA = {
     "unknown remark": (saved("period, power", F, S_F), "# period, power"),
     "remark with unit": (saved("frequencies in Hz", F, S_F), "# frequencies in Hz"),
     "half a remark": (saved("period, S", F, S_F), "period, S"),
-    "contradiction": (rows("omega,S(f)", OMEGA, S_F), "over another frequency"),
+    "contradiction": (rows("omega,S(f)", OMEGA, S_F), "a unit with Hz or rad"),
+    "unit against name": (rows("f [rad/s],S", OMEGA, DENSITY), "a unit with Hz or rad"),
+    "unit against name, without angle": (rows("omega [Hz],S [m2 s]", F, S_F), "a unit with Hz or rad"),
     "twice": (rows("f [Hz],omega [rad/s],S", F, OMEGA, S_F), r"f \[Hz\] and omega"),
     "two densities": (rows("f [Hz],S,psd", F, S_F, S_F), "S and psd"),
     "three columns": (rows("", np.arange(27), F, S_F).lstrip(), "3 columns without headings"),
@@ -517,6 +524,7 @@ BAD_CURVES = {
     "energy": (rows("E [eV],pde", NM, PDE), "E"),
     "responsivity": (rows("wavelength [nm],responsivity [A/W]", NM, PDE), "in A/W"),
     "responsivity, name": (rows("wavelength_nm,responsivity_A/W", NM, PDE), "A/W"),
+    "responsivity, in": (rows("wavelength in nm;R in A/W", NM, PDE, delimiter=";"), "A/W"),
     "decibel": (rows("wavelength [nm],T [dB]", NM, PDE), "in dB"),
     "per cent without unit": (rows("wavelength [nm],PDE", NM, 100.0 * PDE), "shares"),
     "per cent, remark": (rows("# PDE in %", NM, PDE), "# PDE in %"),
