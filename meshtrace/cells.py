@@ -24,6 +24,7 @@ from meshtrace.errors import (
 )
 
 _LARGEST = 16 * 2**20  # bytes
+_MOST_COMMENTS = 10_000  # each of which may be a heading
 TEXT = "a text file of columns of numbers"
 SEPARATORS = (";", "\t", ",", " ")
 _COMMENTS = ("#", "%", "!", "//")
@@ -168,6 +169,12 @@ def cells_of_text(
             lines.append((number, words))
     if not lines:
         raise Refused(name, Described("no rows"), TEXT)
+    if len(comments) > _MOST_COMMENTS:
+        raise Refused(
+            name,
+            Described(f"{len(comments)} comments"),
+            f"{TEXT}, of {_MOST_COMMENTS} comments at most",
+        )
     separator = delimiter or _separator(lines[-1][1])
     rows = [split(line, separator) for _, line in lines]
     above = _heads(rows) if heads is None else heads

@@ -24,6 +24,8 @@ _GREEK = str.maketrans({"θ": "theta", "λ": "lambda", "ω": "omega", "η": "eta
 _ARGUMENTS = frozenset(("f", "w", "omega", "lambda", "theta", "psi", "t", "x,t", "x"))
 """Symbols in round brackets that are arguments, as in S(f), and no units."""
 
+_LONGEST = 200  # characters of a heading
+
 _IN_REMARKS = re.compile(
     r"\b(?:rad(?:ians?)?|deg(?:rees?)?|hz|hertz|mm|cm|ft|feet|inch(?:es)?|um|microns?|nm|"
     r"k?h?pa|d?m?bar|psi|ms)(?![^\W\d])|[µμ]m|%|\bper\s*cent",
@@ -248,8 +250,8 @@ def headings_of(cells: Cells, columns: Sequence[Column]) -> list[Heading]:
         following = cells.remarks[number + 1 : number + 2]
         if len(words) == width == len(list(filter(None, words))):
             headings = _with_units(cells, words, following, columns)
-            count = sum(any(c.is_named(h.name) for c in columns) or bool(h.unit) for h in headings)
-            if count >= max(known, 1):
+            count = sum(any(c.is_named(h.name) for c in columns) + bool(h.unit) for h in headings)
+            if count > known:
                 best, known = headings, count
     for remark in () if best else cells.remarks:
         words = headings_in(remark, cells)
@@ -310,6 +312,8 @@ def _with_units(
 def heading_of(text: str, columns: Sequence[Column]) -> Heading:
     """Return a heading: a name with a unit in brackets or behind the name, or one of both."""
     plain = text.strip(" \t\"'")
+    if len(plain) > _LONGEST:
+        return Heading(text, plain[:_LONGEST])
     if match := re.fullmatch(r"(.*?)[\s_/:,;]*[\[{<](.*)[\]}>]", plain):
         return Heading(text, normal(match[1]), match[2].strip())
     match = re.fullmatch(r"(.*?)[\s_/:,;]*\(((?:[^()]|\([^()]*\))*)\)", plain)

@@ -125,6 +125,7 @@ def convert(values: ArrayLike, unit: str, target: str, field: str) -> NDArray[np
     return array * (decimal if exact else factor)
 
 
+@functools.lru_cache(maxsize=1024)
 def is_unit(text: str) -> bool:
     """Return whether a text is a unit of any kind."""
     try:
@@ -134,6 +135,7 @@ def is_unit(text: str) -> bool:
     return True
 
 
+@functools.lru_cache(maxsize=1024)
 def is_convertible(unit: str, target: str) -> bool:
     """Return whether a text is a unit that converts to another one."""
     try:

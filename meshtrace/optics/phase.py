@@ -397,7 +397,13 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
     def from_file(cls, path: str | Path, *, delimiter: str | None = None) -> Self:
         """Read a text file of the columns theta [deg] and value, see `tables.read_columns`.
 
-        The unit of the angles may be another one, such as "theta [rad]".
+        The unit of the angles may be another one, such as "theta [rad]". Values are per solid
+        angle, of any scale.
+
+        Raises
+        ------
+        Refused
+            If the table cannot be read, angles without unit end at pi, or values are per angle.
         """
         table = read_columns(path, _COLUMNS, delimiter=delimiter)
         theta, value = table["theta"], table["value"]

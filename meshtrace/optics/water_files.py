@@ -36,8 +36,8 @@ def read_spectrum(path: str | PathLike[str]) -> WaterSpectrum:
     ----------
     path : path
         A BGC-Argo profile (netCDF, .nc), a SeaBASS file, or a text table with the columns
-        wavelength [nm], a, b [m-1], or depth [m], wavelength, a, b; a header may name them in
-        another order.
+        wavelength [nm], a, b [m-1], or depth [m], wavelength, a, b; headings may name them in
+        another order and with other units, see `meshtrace.tables.read_columns`.
 
     Returns
     -------
@@ -53,9 +53,10 @@ def read_spectrum(path: str | PathLike[str]) -> WaterSpectrum:
     -----
     SeaBASS: fields a, or agp, which lacks pure water; and b, or bp, or c or cgp less a; the
     wavelength appended to the field or in a column of its own. b is linear between its wavelengths.
-    Rows of one depth are averaged, depths with missing values left out; without a column of depth
-    the water is uniform. Pure water, where it is lacking, is that of `pure_water_absorption` and
-    `zhang_hu_he` at 20 degrees and 35 g/kg; b = c - a is 0 where it would be negative.
+    Units are converted. Rows of one depth (`depth` or `bin_depth`) are averaged, depths with
+    missing values left out; without a field of depth the water is uniform. Pure water, where it is
+    lacking, is that of `pure_water_absorption` and `zhang_hu_he` at 20 degrees and 35 g/kg;
+    b = c - a is 0 where it would be negative.
 
     BGC-Argo: PRES (1 dbar as 1 m), CHLA, and BBP700 if it is there, of the first profile that has
     chlorophyll; adjusted values before raw ones, of the quality flags 1, 2, 5 and 8; negative

@@ -254,6 +254,7 @@ SPECTRA = {
     "no heading": rows("# from the model", OMEGA, DENSITY),
     "unit against name": rows("f [rad/s],S [m2 s/rad]", OMEGA, DENSITY),
     "Hz": rows("Hz,S", F, S_F),
+    "savetxt, units below": saved("freq psd\n1/s cm2/Hz", F, 1e4 * S_F),
     "index of R": "E[m2 s rad-1]\tangular frequency[1/s]\n" + saved("", np.arange(27), DENSITY, OMEGA, delimiter="\t"),
     "frequency": rows("Frequency (Hz);Energy density (m^2/Hz)", F, S_F, delimiter=";"),
 }  # fmt: skip
