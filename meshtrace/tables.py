@@ -33,6 +33,9 @@ _IN_REMARKS = re.compile(
 )
 """Units that would change a column; other words of a remark are read as words."""
 
+PLAUSIBLE_NM = (100.0, 2e4)
+"""Range of wavelengths of light [nm]: smaller numbers are in um or m."""
+
 Floats = NDArray[np.float64]
 
 
@@ -52,6 +55,8 @@ class Column(NamedTuple):
         ``{"f": "Hz"}`` of a column of angular frequencies.
     required : bool
         Whether the table has to have the column.
+    plausible : (float, float)
+        Least and largest value where no unit is stated: others are in another unit.
     numbered : bool
         Whether a number or a letter may follow the name, as in "wg_1".
     relative : bool
@@ -64,6 +69,7 @@ class Column(NamedTuple):
     aliases: tuple[str, ...] = ()
     units: Mapping[str, str] = {}
     required: bool = True
+    plausible: tuple[float, float] = (-np.inf, np.inf)
     numbered: bool = False
     relative: bool = False
 
@@ -146,6 +152,11 @@ def read_columns(
 
 def _converted(values: Floats, column: Column, heading: Heading | None, cells: Cells) -> Floats:
     """Return values in the wanted unit of their column."""
+    least, most = column.plausible
+    ends = float(values.min()), float(values.max())
+    if (heading is None or heading.unit is None) and not (least <= ends[0] and ends[1] <= most):
+        found = Described(f"{column.name} {ends[0]:g} ... {ends[1]:g} without unit")
+        raise Refused(cells.name, found, f"a heading with its unit, such as {column.name} [m]")
     if column.relative or heading is None:
         return values
     usual = {normal(name): unit for name, unit in column.units.items()}.get(

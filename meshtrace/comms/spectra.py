@@ -19,7 +19,7 @@ from meshtrace.errors import (
     warn_of_input,
 )
 from meshtrace.models import Floats, Model, NonNegative, Positive
-from meshtrace.tables import Column, read_columns
+from meshtrace.tables import PLAUSIBLE_NM, Column, read_columns
 from meshtrace.units import convert, cycles, is_convertible
 
 _NODES = 2001  # over the spectrum of a source or a band
@@ -28,12 +28,12 @@ _WIDTHS = 4.0  # of half a Gaussian spectrum, in full widths at half maximum
 _FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))
 
 
-_SHORTEST, _LONGEST = 100.0, 2e4  # nm, of wavelengths without unit: others are in um or m
 _COLUMNS = (
     Column(
         "wavelength",
         "nm",
         ("lambda", "wl", "wave", "wavelengths", "lambda_0", "wvl", "wlen"),
+        plausible=PLAUSIBLE_NM,
     ),
     Column(
         "value",
@@ -101,10 +101,6 @@ def _read_curve(data: dict[str, Any], *, share: bool = False) -> dict[str, Any]:
         raise Refused("file", path, "the path of a text file")
     table = read_columns(path, _COLUMNS)
     nm, (value, of) = table["wavelength"], table["value"]
-    stated = nm.heading is not None and nm.heading.unit is not None
-    if not stated and not (nm.values.min() >= _SHORTEST and nm.values.max() <= _LONGEST):
-        found = Described(f"wavelengths {nm.values.min():g} ... {nm.values.max():g} without unit")
-        raise Refused(path, found, "a heading with their unit, such as wavelength [um]")
     unit = of.unit if of else None
     if unit and (share or is_convertible(unit, "1")):
         scaled = convert(value, unit, "1", f"{path}: column {of.text if of else 2}")

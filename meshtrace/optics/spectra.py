@@ -18,7 +18,7 @@ from meshtrace.optics.pure_water import (
     read_table,
     sea_water_scattering,
 )
-from meshtrace.tables import Column, read_columns
+from meshtrace.tables import PLAUSIBLE_NM, Column, read_columns
 
 _JERLOV = ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
 PETZOLD = {"clear": (0.114, 0.037), "coastal": (0.179, 0.219), "harbour": (0.366, 1.824)}
@@ -137,7 +137,12 @@ class WaterType(WaterSpectrum, frozen=True):
 
 TABLE_COLUMNS = (
     Column("depth", "m", ("z", "depth below surface"), required=False),
-    Column("wavelength", "nm", ("lambda", "wl", "wave", "wavelengths")),
+    Column(
+        "wavelength",
+        "nm",
+        ("lambda", "wl", "wave", "wavelengths"),
+        plausible=PLAUSIBLE_NM,
+    ),
     Column("a", "m-1", ("absorption", "absorption coefficient", "a_total")),
     Column("b", "m-1", ("scattering", "scattering coefficient", "b_total")),
 )

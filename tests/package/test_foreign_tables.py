@@ -387,6 +387,8 @@ BAD_WATERS = {
     "backscattering": (framed(LONG, index=False).replace("b [1/m]", "b_b [1/m]"), "b_b"),
     "volume scattering": (framed(LONG, index=False).replace("b [1/m]", "b [1/m/sr]"), "in 1/m/sr"),
     "twice": (framed(LONG, index=False).replace("b [1/m]", "a [1/m]"), "and a"),
+    "micrometres without unit": (framed({**LONG, "wavelength [nm]": 0.5}, index=False).replace(" [nm]", ""), "0.5 ... 0.5 without unit"),
+    "no wavelengths": ("1 1 1\n2 4 8\n3 9 27\n", "wavelength 1 ... 3 without unit"),
     "index alone": (framed({k: v for k, v in LONG.items() if "depth" not in k}, header=False), "w.csv|rows"),
     "ragged": (framed(LONG, index=False) + "20,450,.1\n", "line 8: 3 columns"),
     "negative": (framed({**LONG, "a [1/m]": -1.0}, index=False), "rows of"),
