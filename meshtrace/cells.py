@@ -137,15 +137,15 @@ def cells_of(
     return _cells_of_array(source, name)
 
 
-def text_of(path: str | PathLike[str]) -> str:
-    """Return the text of a file, or refuse it."""
+def text_of(path: str | PathLike[str], errors: str = "strict") -> str:
+    """Return the text of a file in UTF-8, or refuse it; `errors` as in `bytes.decode`."""
     file = Path(path)
     try:
         if not file.is_file():
             raise Refused(str(path), Described("no such file"), TEXT)
         if file.stat().st_size > _LARGEST:
             raise Refused(str(path), Described("above 16 MB"), TEXT)
-        text = file.read_bytes().decode("utf-8-sig")
+        text = file.read_bytes().decode("utf-8-sig", errors)
     except UnicodeDecodeError as error:
         raise Refused(str(path), Described("no text in UTF-8"), TEXT) from error
     except (OSError, ValueError) as error:

@@ -400,8 +400,8 @@ class InputWarning(UserWarning):
 def warn_of_input(text: str) -> None:
     """Say in one line what was made of an input, at the line that calls the package."""
     level, frame = 2, sys._getframe(1)
-    own = ("meshtrace", "pydantic", "contextlib")
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(own):
+    inside = ("meshtrace", "pydantic", "contextlib")
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(inside):
         level, frame = level + 1, frame.f_back
     warnings.warn(one_line(text), InputWarning, stacklevel=level)
 

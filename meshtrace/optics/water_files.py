@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from os import PathLike
 from pathlib import Path
@@ -73,51 +74,26 @@ def read_spectrum(path: str | PathLike[str]) -> WaterSpectrum:
         raise Refused(str(path), Described("no such file"), "a file of a water")
     if file.suffix == ".nc":
         return _read_argo(file)
-    text = text_of(file)
-    if "/begin_header" in text[:4096].lower():
+    # names of persons and ships in the header of SeaBASS files are not always UTF-8
+    text = text_of(file, errors="replace" if _is_seabass(file) else "strict")
+    if _is_seabass(file):
         return _read_seabass(file, text)
     table = read_columns(file, TABLE_COLUMNS)
     return SpectralTable(table=np.column_stack([series.values for series in table.values()]))
+
+
+def _is_seabass(file: Path) -> bool:
+    """Return whether a file begins as SeaBASS files do."""
+    with file.open("rb") as stream:
+        return b"/begin_header" in stream.read(4096).lower()
 
 
 def _read_seabass(file: Path, text: str) -> SpectralTable:
     """Read a SeaBASS file."""
     import pandas as pd
 
-    head, end, body = text.partition("/end_header")
-    lines = [line.strip()[1:].partition("=") for line in head.splitlines() if "/" in line[:1]]
-    header = {key.strip().lower(): value.strip() for key, _, value in lines}
-    fields = [name.strip().lower() for name in header.get("fields", "").strip(",").split(",")]
-    units = [unit.strip() for unit in header.get("units", "").strip(",").split(",")]
-    if not end or (twice := {name for name in fields if fields.count(name) > 1}):
-        found = Described(f"fields {', '.join(sorted(twice))} twice" if end else "no /end_header")
-        raise Refused(str(file), found, "a SeaBASS file of different fields")
-    if "units" in header and len(units) != len(fields):
-        found = Described(f"{len(fields)} fields and {len(units)} units")
-        raise Refused(str(file), found, "a SeaBASS file with a unit for each field")
-    word = header.get("delimiter", "").lower()
-    if word not in _DELIMITERS:
-        raise Refused(f"{file}: delimiter", word, ", ".join(filter(None, _DELIMITERS)))
-    first = len(re.findall(r"\r\n|\r|\n", head)) + 2
-    rows = re.split(r"\r\n|\r|\n", body, maxsplit=1)
-    cells = cells_of_text(rows[-1] if len(rows) > 1 else "", str(file), _DELIMITERS[word], 0, first)
-    if len(cells.columns) != len(fields):
-        found = Described(f"line {cells.places[0]}: {len(cells.columns)} columns")
-        raise Refused(str(file), found, f"a column for each of {len(fields)} fields")
-    missing = [number for key in _NO_VALUES if (number := _number(file, header, key)) is not None]
-    used = [i for i, name in enumerate(fields) if _unit_of(name)]
-    values = {fields[i]: _values(cells, i, fields[i], missing) for i in used}
-    if "units" in header:
-        for i in used:
-            unit, wanted = units[i], _unit_of(fields[i])
-            converted = convert(values[fields[i]], unit, wanted, f"{file}: field {fields[i]}")
-            if not np.array_equal(converted, values[fields[i]], equal_nan=True):
-                cells.notes.append(f"{fields[i]} in {unit} converted to {wanted}")
-            values[fields[i]] = converted
-    depths = [name for name in fields if name in _DEPTHS]
-    if len(depths) > 1 or (not depths and any(map(_is_like_depth, fields))):
-        found = Described(", ".join(depths or filter(_is_like_depth, fields)))
-        raise Refused(str(file), found, f"one field of the depth, {' or '.join(_DEPTHS)}")
+    cells, values = _fields_of_seabass(file, text)
+    depths = [name for name in values if name in _DEPTHS]
     frame = pd.DataFrame(values, index=range(len(cells.places)))
     depth = frame[depths[0]] if depths else np.zeros(len(frame))
     frame = frame.set_index(pd.Index(depth, name="at"))
@@ -126,7 +102,7 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
     if a is not None and c is not None and b is None:
         b = (_at(c, a.columns) - a).clip(lower=0.0)
     if a is None or b is None:
-        found = Described(", ".join(fields))
+        found = Described(", ".join(cells.labels))
         raise Refused(str(file), found, "fields a or agp, and b, bp, c or cgp, with wavelengths")
     b = _at(b, a.columns)
     common = a.columns[a.notna().any() & b.notna().any()]
@@ -136,6 +112,66 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
         raise Refused(str(file), Described("missing values"), "a depth with all values")
     cells.tell()
     return SpectralTable(table=rows)
+
+
+def _fields_of_seabass(file: Path, text: str) -> tuple[Cells, dict[str, Floats]]:
+    """Return the cells of a SeaBASS file and the values of the fields that are read."""
+    head, end, body = text.partition("/end_header")
+    lines = [line.strip()[1:].partition("=") for line in head.splitlines() if "/" in line[:1]]
+    header = {key.strip().lower(): value.strip() for key, _, value in lines}
+    fields = [name.strip().lower() for name in header.get("fields", "").strip(",").split(",")]
+    delimiter = header.get("delimiter", "").lower()
+    if delimiter not in _DELIMITERS:
+        raise Refused(f"{file}: delimiter", delimiter, ", ".join(filter(None, _DELIMITERS)))
+    if not end:
+        raise Refused(str(file), Described("no /end_header"), "a SeaBASS file")
+    _require_fields(file, fields)
+    first = len(re.findall(r"\r\n|\r|\n", head)) + 2
+    body = "".join(re.split(r"\r\n|\r|\n", body, maxsplit=1)[1:])
+    cells = cells_of_text(body, str(file), _DELIMITERS[delimiter], 0, first)
+    if len(cells.columns) != len(fields):
+        found = Described(f"line {cells.places[0]}: {len(cells.columns)} columns")
+        raise Refused(str(file), found, f"a column for each of {len(fields)} fields")
+    missing = [number for key in _NO_VALUES if (number := _number(file, header, key)) is not None]
+    values = {
+        name: _values(cells, index, name, missing)
+        for index, name in enumerate(fields)
+        if _unit_of(name)
+    }
+    if "units" in header:
+        values = _in_wanted_units(
+            file, cells, fields, header["units"].strip(",").split(","), values
+        )
+    return dataclasses.replace(cells, labels=fields), values
+
+
+def _require_fields(file: Path, fields: list[str]) -> None:
+    """Refuse fields that stand twice, and depths of other names or several."""
+    twice = sorted({name for name in fields if fields.count(name) > 1})
+    if twice:
+        found = Described(f"fields {', '.join(twice)} twice")
+        raise Refused(str(file), found, "a SeaBASS file of different fields")
+    depths = [name for name in fields if name in _DEPTHS]
+    alike = depths or [name for name in fields if _is_like_depth(name)]
+    if len(depths) != 1 and alike:
+        allowed = f"one field of the depth, {' or '.join(_DEPTHS)}"
+        raise Refused(str(file), Described(", ".join(alike)), allowed)
+
+
+def _in_wanted_units(
+    file: Path, cells: Cells, fields: list[str], units: list[str], values: dict[str, Floats]
+) -> dict[str, Floats]:
+    """Return the values of fields in m, nm and m-1."""
+    if len(units) != len(fields):
+        found = Described(f"{len(fields)} fields and {len(units)} units")
+        raise Refused(str(file), found, "a SeaBASS file with a unit for each field")
+    stated, converted = dict(zip(fields, map(str.strip, units), strict=True)), dict[str, Floats]()
+    for name, numbers in values.items():
+        wanted = _unit_of(name)
+        converted[name] = convert(numbers, stated[name], wanted, f"{file}: field {name}")
+        if not np.array_equal(converted[name], numbers, equal_nan=True):
+            cells.notes.append(f"{name} in {stated[name]} converted to {wanted}")
+    return converted
 
 
 def _unit_of(field: str) -> str:

@@ -453,6 +453,12 @@ def test_seabass(tmp_path, text):
     np.testing.assert_allclose(found, np.column_stack([np.zeros(3), NM, A, B]), rtol=1e-12)
 
 
+def test_seabass_of_other_encodings(tmp_path):
+    text = SEABASS["commas"].replace("! a remark", "/investigators=Jos\xe9_Mu\xf1oz")
+    (tmp_path / "w.sb").write_bytes(text.encode("latin-1"))
+    assert read_spectrum(tmp_path / "w.sb").table[0] == (0.0, 450.0, 0.12, 0.5)
+
+
 @pytest.mark.parametrize("name", ["depth", "bin_depth"])
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("cm", 100.0)])
 def test_seabass_profiles(tmp_path, name, unit, factor):
