@@ -13,8 +13,7 @@ import pandas as pd
 import pytest
 
 import meshtrace as mt
-from meshtrace.comms.devices import SiPM as Sipm
-from meshtrace.comms.spectra import Curve
+from meshtrace.comms import Curve, SiPM
 from meshtrace.errors import InputWarning, Refused
 from meshtrace.optics import Water
 from meshtrace.optics.water_files import read_spectrum
@@ -521,7 +520,7 @@ CURVES = {
 def test_curves_of_devices(tmp_path, text):
     file = tmp_path / "c.csv"
     file.write_text(text, encoding="utf-8")
-    curve = Sipm(pde={"file": str(file)}).pde
+    curve = SiPM(pde={"file": str(file)}).pde
     np.testing.assert_allclose(curve.wavelength_nm, NM, rtol=1e-12)
     np.testing.assert_allclose(curve.value, PDE, rtol=1e-12)
 
@@ -546,7 +545,7 @@ BAD_CURVES = {
 def test_curves_that_are_refused(tmp_path, text, message):
     (tmp_path / "c.csv").write_text(text)
     with pytest.raises(ValueError, match=message):
-        Sipm(pde={"file": str(tmp_path / "c.csv")})
+        SiPM(pde={"file": str(tmp_path / "c.csv")})
 
 
 def test_spectra_of_lamps_have_any_scale(tmp_path):
@@ -618,7 +617,7 @@ def test_a_conversion_is_said_in_one_line(tmp_path):
         "p.csv": (PHASES["radians"], mt.TabulatedPhase.from_file, "theta in rad converted to deg"),
         "w.csv": (WATERS["per cm"], read_spectrum, "a in cm-1 converted to m-1"),
         "w.sb": (SEABASS["per cm"], read_spectrum, "a in 1/cm converted to m-1"),
-        "c.csv": (CURVES["per cent"], lambda c: Sipm(pde={"file": str(c)}), r"value in % converted"),
+        "c.csv": (CURVES["per cent"], lambda c: SiPM(pde={"file": str(c)}), r"value in % converted"),
     }  # fmt: skip
     for name, (text, read, message) in cases.items():
         (tmp_path / name).write_text(text)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.comms.devices import SiPM
+from meshtrace.comms import SiPM
 from meshtrace.errors import Refused
 from meshtrace.optics.water_files import read_spectrum
 from meshtrace.surfaces import TabulatedSpectrum, gauge_spectrum
