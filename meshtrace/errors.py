@@ -12,6 +12,8 @@ import operator
 import os
 import re
 import stat
+import sys
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -171,6 +173,23 @@ def require_kind(value: Any, kind: type | UnionType, path: str) -> None:
         raise Refused(path, Described(type(value).__name__), f"a {name}")
 
 
+def require_plain(value: Any, path: str, allowed: str) -> None:
+    """Refuse arrays with a part that numpy drops in silence: masks, units, names of columns."""
+    if value is None or isinstance(value, str | int | float | list | tuple | dict):
+        return
+    labels, lost = getattr(getattr(value, "columns", None), "dtype", None), ""
+    if hasattr(value, "mask") and getattr(value.mask, "any", bool)():
+        lost = "masked entries"
+    elif getattr(getattr(value, "dtype", None), "kind", "") == "c":
+        lost = "complex numbers"
+    elif hasattr(value, "m_as") or hasattr(value, "to_value"):  # of pint and astropy
+        lost = "units"
+    elif labels is not None and labels.kind not in "iu":
+        lost = "names of columns"
+    if lost:
+        raise Refused(path, Described(f"an array with {lost}"), f"{allowed}; plain numbers")
+
+
 def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> NDArray[Any]:
     """Return a value as an array of a type, or refuse it.
 
@@ -180,6 +199,7 @@ def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> ND
     import numpy as np
 
     try:
+        require_plain(value, path, allowed)
         if dtype is float and not _is_numeric(value):
             raise TypeError
         array = np.asarray(value)
@@ -192,6 +212,8 @@ def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> ND
         if converted.dtype.kind in "iu" and not np.array_equal(converted, array):
             raise TypeError
         return converted
+    except Refused:
+        raise
     except Exception as error:  # what a foreign object raises, too
         raise Refused(path, value, allowed) from error
 
@@ -410,6 +432,19 @@ def one_line(value: object) -> str:
 def reason_of(error: Exception) -> str:
     """Return the text of an error as one line, or else its type."""
     return one_line(error) or type(error).__name__
+
+
+class InputWarning(UserWarning):
+    """Input was converted or chosen from: its units, left out columns and rows, other forms."""
+
+
+def warn_of_input(text: str) -> None:
+    """Say in one line what was made of an input, at the line that calls the package."""
+    level, frame = 2, sys._getframe(1)
+    inside = ("meshtrace", "pydantic", "contextlib")
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(inside):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(one_line(text), InputWarning, stacklevel=level)
 
 
 class DomainWarning(UserWarning):

@@ -47,6 +47,7 @@ from meshtrace.errors import (
     did_you_mean,
     require_keys,
     require_number,
+    require_plain,
     within,
 )
 from meshtrace.fields import entries
@@ -294,6 +295,8 @@ def _require_numbers(value: Any, path: str) -> None:
                 _require_numbers(item, f"{path}[{i}]")
     else:
         require_number(value, path)
+        if not hasattr(value, "columns"):  # the fields that read data frames refuse others
+            require_plain(value, path, "numbers")
 
 
 def _replaced(part: Any, name: str, path: list[str], value: Any) -> Any:

@@ -1,77 +1,379 @@
-"""Tables of text: files of numbers in columns are read, aligned rows are written."""
+"""Tables of text, arrays and data frames are read by their headings; aligned rows are written.
+
+A subject declares its columns (`Column`); `read_columns` finds them by name and unit, converts
+their units, and refuses what it does not understand by file, row and column. Without any heading
+columns are read by place.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from io import StringIO
-from os import PathLike
-from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.errors import Described, Refused, reads_as_number, reason_of
+from meshtrace.cells import SEPARATORS, TEXT, Cells, cells_of, split
+from meshtrace.errors import Described, Refused, reads_as_number
+from meshtrace.units import convert, is_convertible, is_same, is_unit
 
-_LARGEST = 16 * 2**20  # bytes
+_GREEK = str.maketrans({"θ": "theta", "λ": "lambda", "ω": "omega", "η": "eta", "ζ": "zeta",
+                        "β": "beta", "ψ": "psi"})  # fmt: skip
+_ARGUMENTS = frozenset(("f", "w", "omega", "lambda", "theta", "psi", "t", "x,t", "x"))
+"""Symbols in round brackets that are arguments, as in S(f), and no units."""
+
+_LONGEST = 200  # characters of a heading
+
+_IN_REMARKS = re.compile(
+    r"\b(?:rad(?:ians?)?|deg(?:rees?)?|hz|hertz|mm|cm|ft|feet|inch(?:es)?|um|microns?|nm|"
+    r"k?h?pa|d?m?bar|psi|ms)(?![^\W\d])|[µμ]m|%|\bper\s*cent",
+    re.IGNORECASE,
+)
+"""Units that would change a column; other words of a remark are read as words."""
+
+PLAUSIBLE_NM = (100.0, 2e4)
+"""Range of wavelengths of light [nm]: smaller numbers are in um or m."""
+
+Floats = NDArray[np.float64]
 
 
-class Columns(NamedTuple):
-    """Numbers of a file, shape (rows, columns), and the words of its header, if it has one."""
-
-    header: tuple[str, ...]
-    values: NDArray[np.float64]
-
-
-def read_columns(
-    path: str | PathLike[str], least: int = 2, delimiter: str | None = None
-) -> Columns:
-    """Read a text file of numbers in columns.
+class Column(NamedTuple):
+    """Column that a subject needs.
 
     Parameters
     ----------
-    path : path
-        Columns separated by commas, semicolons (numbers may then have decimal commas), tabs or
-        spaces; ``#`` begins a comment, and a first line with words is a header.
-    least : int
-        Number of columns needed.
+    name : str
+        Name in the result, and the first name of a heading.
+    unit : str
+        Wanted unit.
+    aliases : tuple of str
+        Other names of headings.
+    units : mapping of str to str
+        Units of names that stand for another unit than the wanted one, where none is stated:
+        ``{"f": "Hz"}`` of a column of angular frequencies.
+    required : bool
+        Whether the table has to have the column.
+    plausible : (float, float)
+        Least and largest value where no unit is stated: others are in another unit.
+    numbered : bool
+        Whether a number or a letter may follow the name, as in "wg_1".
+    relative : bool
+        Whether the scale of the values is without meaning: their unit is not converted, and they
+        may have any name if no other column is left.
+    """
+
+    name: str
+    unit: str
+    aliases: tuple[str, ...] = ()
+    units: Mapping[str, str] = {}
+    required: bool = True
+    plausible: tuple[float, float] = (-np.inf, np.inf)
+    numbered: bool = False
+    relative: bool = False
+
+    def is_named(self, name: str) -> bool:
+        """Return whether the name of a heading is that of this column."""
+        plain = re.sub(r"_?\(.*\)$", "", name)
+        names = {plain, re.sub(r"(_?\d+|_[a-h])+$", "", plain)} if self.numbered else {plain}
+        return not names.isdisjoint(map(normal, (self.name, *self.aliases, *self.units)))
+
+    def __str__(self) -> str:
+        """Return name and unit as a heading has them."""
+        unit = "" if self.relative or self.unit == "1" else f" [{self.unit}]"
+        return f"{self.name}{unit}{'' if self.required else ' (if any)'}"
+
+
+class Heading(NamedTuple):
+    """Text of a heading, the name in it in lower case, and its unit if it states one."""
+
+    text: str
+    name: str
+    unit: str | None = None
+
+
+class Series(NamedTuple):
+    """Values of a column in its wanted unit, and the heading that they had, if any."""
+
+    values: Floats
+    heading: Heading | None
+
+
+def read_columns(
+    source: Any, columns: Sequence[Column], name: str = "source", delimiter: str | None = None
+) -> dict[str, Series]:
+    """Read columns of numbers from a text file, an array or a data frame.
+
+    Parameters
+    ----------
+    source : path, array_like of shape (rows, columns), or pandas.DataFrame
+        Text: columns separated by commas, semicolons or tabs (numbers may then have decimal
+        commas) or spaces. A first line of words, labels of a data frame or names of a structured
+        array are headings, and so is a comment (``#``) with a name for each column, as
+        `numpy.savetxt` writes it. A heading is a name with or without unit: "a [1/m]", "a (1/m)",
+        "a_1/m", "a 1/m"; a second line may hold the units.
+    columns : sequence of Column
+        Wanted columns; without headings they are read by place, in this order.
+    name : str
+        Name of the argument, for errors about arrays.
     delimiter : str, optional
-        Separator of the columns, by default the one in use.
+        Separator of the columns of a text, by default the one in use.
 
     Returns
     -------
-    Columns
+    dict of str to Series
+        By the names of the columns, those that are not there left out.
 
     Raises
     ------
     Refused
-        If it is no such file, has fewer columns, or a value is no finite number.
+        If the table cannot be read, a heading is not understood, a column is missing or there
+        twice, a unit is of another kind, or a number is missing or not finite.
+
+    Warns
+    -----
+    InputWarning
+        If a unit was converted or a column left out.
     """
-    file, allowed = Path(path), f"a text file of {least} or more columns of numbers"
-    if not file.is_file():
-        raise Refused(str(path), Described("no such file"), allowed)
-    if file.stat().st_size > _LARGEST:
-        raise Refused(str(path), Described("above 16 MB"), allowed)
-    try:
-        rows = [line.partition("#")[0].strip() for line in file.read_text("utf-8-sig").splitlines()]
-    except (OSError, ValueError) as error:
-        raise Refused(str(path), Described(reason_of(error)), allowed) from error
-    rows = [row for row in rows if row]
-    separator = delimiter or next((s for s in ";,\t" if rows and s in rows[-1]), None)
-    cells = [
-        [word.strip().replace(",", ".") if separator == ";" else word.strip() for word in words]
-        for words in (row.split(separator) for row in rows)
-    ]
-    header = () if not cells or all(map(reads_as_number, cells[0])) else tuple(cells.pop(0))
-    try:
-        width = min(map(len, cells), default=0)  # remarks may follow
-        values = np.array([row[:width] for row in cells], dtype=np.float64)
-    except ValueError as error:
-        raise Refused(str(path), Described(reason_of(error)), allowed) from error
-    if values.ndim != 2 or values.shape[1] < least or not np.isfinite(values).all():
-        found = " x ".join(map(str, values.shape))
-        raise Refused(str(path), Described(f"{found} values"), f"{allowed}, all finite")
-    return Columns(header, values)
+    cells = cells_of(source, name, delimiter)
+    headings = headings_of(cells, columns)
+    table = dict[str, Series]()
+    match = _matched(cells, headings, columns)
+    for column in columns:
+        if (index := match.get(column.name)) is None:
+            continue
+        heading = headings[index] if headings else None
+        values = cells.finite(index, heading.text if heading else "")
+        table[column.name] = Series(_converted(values, column, heading, cells), heading)
+    cells.tell()
+    return table
+
+
+def _converted(values: Floats, column: Column, heading: Heading | None, cells: Cells) -> Floats:
+    """Return values in the wanted unit of their column."""
+    least, most = column.plausible
+    ends = float(values.min()), float(values.max())
+    if (heading is None or heading.unit is None) and not (least <= ends[0] and ends[1] <= most):
+        found = Described(f"{column.name} {ends[0]:g} ... {ends[1]:g} without unit")
+        raise Refused(cells.name, found, f"a heading with its unit, such as {column.name} [m]")
+    if column.relative or heading is None:
+        return values
+    usual = {normal(name): unit for name, unit in column.units.items()}.get(
+        re.sub(r"_?\(.*\)$", "", heading.name), column.unit
+    )
+    unit = usual if heading.unit is None else heading.unit
+    where = f"{cells.name}: column {heading.text}"
+    usual_values = convert(values, unit, usual, where)
+    if not is_convertible(usual, column.unit):
+        return usual_values
+    wanted = convert(usual_values, usual, column.unit, where)
+    if not np.array_equal(wanted, values):
+        cells.notes.append(f"{column.name} in {unit} converted to {column.unit}")
+    return wanted
+
+
+def _matched(
+    cells: Cells, headings: Sequence[Heading], columns: Sequence[Column]
+) -> dict[str, int]:
+    """Return the places of the columns by their names."""
+    wanted = f"columns {', '.join(map(str, columns))}"
+    if not headings:
+        width, needed = len(cells.columns), [c for c in columns if c.required]
+        if width == len(columns):
+            needed = list(columns)
+        if width != len(needed):
+            found = Described(f"{width} columns without headings")
+            allowed = f"{TEXT}: {wanted} in this order, or headings"
+            raise Refused(cells.name, found, allowed)
+        return {column.name: index for index, column in enumerate(needed)}
+    match = dict[str, int]()
+    for index, heading in enumerate(headings):
+        for column in columns:
+            if heading.name and column.is_named(heading.name):
+                if column.name in match:
+                    twice = f"{headings[match[column.name]].text} and {heading.text}"
+                    raise Refused(cells.name, Described(twice), f"one column {column}")
+                match[column.name] = index
+    left = [i for i in range(len(headings)) if i not in match.values() and headings[i].name != "#"]
+    for column in columns:
+        if column.name in match:
+            continue
+        alike = [c for c in columns if not c.relative and is_convertible(c.unit, column.unit)]
+        by_unit = [i for i in left if len(alike) == 1 and _is_of(headings[i], column)]
+        if column.relative and len(left) == 1:
+            by_unit = left
+        if len(by_unit) == 1 and (column.required or headings[by_unit[0]].name == ""):
+            match[column.name] = by_unit[0]
+            left = [i for i in left if i != by_unit[0]]
+        elif column.required or by_unit or any(_is_like(headings[i], column) for i in left):
+            texts = Described(", ".join(h.text or "(none)" for h in headings))
+            raise Refused(cells.name, texts, wanted)
+    return match
+
+
+def _is_of(heading: Heading, column: Column) -> bool:
+    """Return whether a heading states the unit of a column; any unit of its kind if required."""
+    if column.relative or column.unit == "1" or heading.unit is None:
+        return False
+    kind = is_convertible if column.required else is_same
+    return kind(heading.unit, column.unit)
+
+
+def _is_like(heading: Heading, column: Column) -> bool:
+    """Return whether the name of a heading contains one of a column that may be left out."""
+    names = (normal(name) for name in (column.name, *column.aliases))
+    return heading.name == "" or any(len(n) > 3 and n in heading.name for n in names)
+
+
+def normal(name: str) -> str:
+    """Return a name in lower case, with underscores for spaces and points."""
+    text = name.translate(_GREEK).strip(" \t\"'$\\").replace("\\", "")
+    return re.sub(r"[\s_.:\-]+", "_", text.lower()).strip("_")
+
+
+def headings_of(cells: Cells, columns: Sequence[Column]) -> list[Heading]:
+    """Return a heading for each column of a table, or none.
+
+    A column that only counts rows has the name "#".
+
+    Raises
+    ------
+    Refused
+        If the headings are not as many as the columns, or a comment may be a heading but is not
+        understood.
+    """
+    if cells.labels:
+        return [heading_of(label, columns) for label in cells.labels]
+    allowed = "a heading with name and unit for each column: " + ", ".join(map(str, columns))
+    width = len(cells.columns)
+    if cells.heads:
+        words = headings_in(cells.heads[0], cells)
+        if len(words) == width - 1 and cells.counts(0):
+            words.insert(0, "")
+        if len(words) != width or len(cells.heads) > 2:
+            found = " / ".join(cells.heads)
+            raise Refused(cells.name, Described(f"{found} over {width} columns"), allowed)
+        return _with_units(cells, words, cells.heads[1:], columns)
+    best, known = list[Heading](), 0
+    for number, remark in enumerate(cells.remarks):
+        words = headings_in(remark, cells)
+        following = cells.remarks[number + 1 : number + 2]
+        if len(words) == width == len(list(filter(None, words))):
+            headings = _with_units(cells, words, following, columns)
+            count = sum(any(c.is_named(h.name) for c in columns) + bool(h.unit) for h in headings)
+            if count > known:
+                best, known = headings, count
+    for remark in () if best else cells.remarks:
+        words = headings_in(remark, cells)
+        separated = len(words) == width > 1 and not any(map(reads_as_number, words))
+        if (separated and remark == cells.remarks[-1]) or tells(remark, columns):
+            raise Refused(cells.name, Described(f"# {remark}"), allowed)
+    return best
+
+
+def tells(remark: str, columns: Sequence[Column]) -> bool:
+    """Return whether a remark names a unit, and none of the columns has it."""
+    for unit in _IN_REMARKS.findall(remark):
+        if unit == "%" or unit.lower().startswith("per"):
+            if any(column.unit == "1" for column in columns):
+                return True
+            continue
+        forms = (f"{unit}2 s rad-1", unit, f"1/{unit}", f"1/{unit} sr-1")
+        factors = [
+            float(convert(1.0, form, column.unit, ""))
+            for column in columns
+            for form in (forms[:1] if column.relative else forms)
+            if is_convertible(form, column.unit)
+        ]
+        lengths = any(column.unit == "m" for column in columns)
+        if (factors and 1.0 not in factors) or (lengths and is_convertible(unit, "Pa")):
+            return True
+    return False
+
+
+def _with_units(
+    cells: Cells, words: Sequence[str], below: Sequence[str], columns: Sequence[Column]
+) -> list[Heading]:
+    """Return the headings of words, with the units of the line below if it has some."""
+    headings = [heading_of(word, columns) for word in words]
+    for line in below:
+        units = [u.strip("[](){} ") for u in headings_in(line, cells)]
+        known = [is_unit(unit) for unit in units]
+        if len(units) == len(words) and (all(known) or (line in cells.heads and any(known))):
+            for index, unit in enumerate(units):
+                stated = headings[index].unit
+                if unit and stated not in (None, unit):
+                    found = Described(f"{headings[index].text} in {unit}")
+                    raise Refused(cells.name, found, "one unit for each column")
+                headings[index] = headings[index]._replace(unit=unit or stated)
+        elif line in cells.heads:
+            raise Refused(cells.name, Described(line), f"a unit for each of {', '.join(words)}")
+    for index, heading in enumerate(headings):
+        if heading.name in ("", "unnamed_0", "index") and heading.unit is None:
+            if cells.counts(index):
+                headings[index] = heading._replace(name="#")
+                cells.notes.append(f"column {index + 1}, which counts the rows, left out")
+            elif not heading.name:
+                found = Described(f"column {index + 1} without heading")
+                raise Refused(cells.name, found, ", ".join(map(str, columns)))
+    return headings
+
+
+def heading_of(text: str, columns: Sequence[Column]) -> Heading:
+    """Return a heading: a name with a unit in brackets or behind the name, or one of both."""
+    plain = text.strip(" \t\"'")
+    if len(plain) > _LONGEST:
+        return Heading(text, plain[:_LONGEST])
+    if match := re.fullmatch(r"(.*?)[\s_/:,;]*[\[{<](.*)[\]}>]", plain):
+        return Heading(text, normal(match[1]), match[2].strip())
+    match = re.fullmatch(r"(.*?)[\s_/:,;]*\(((?:[^()]|\([^()]*\))*)\)", plain)
+    if match and match[2].translate(_GREEK).strip() not in _ARGUMENTS:
+        return Heading(text, normal(match[1]), re.sub(r"^in\s+", "", match[2].strip()))
+    if any(column.is_named(normal(plain)) for column in columns):
+        return Heading(text, normal(plain))
+    for cut in re.finditer(r"[\s_/,:.]+(?:in\s+)?", plain):
+        name, unit = normal(plain[: cut.start()]), plain[cut.end() :]
+        # underscores of names stand for products or quotients: omega_rad_s
+        for spelled in (unit.replace("_", " "), unit.replace("_", "/")):
+            if any(c.is_named(name) and _is_unit(spelled, c) for c in columns):
+                return Heading(text, name, spelled)
+    ratio = bool(re.search(r"[/%]|^percent$", plain))
+    if any(_is_unit(plain, column) for column in columns if ratio or not column.relative):
+        return Heading(text, "", plain)
+    # of an unknown name, what is a unit without doubt
+    match = re.fullmatch(r"(.*?)(?:\s+in\s+|/|[\s_]+(?=\S*[/%]|per\s?cent))(.+)", plain)
+    if match and is_unit(match[2]) and re.search(r"[^\W\d_]|[%°]", match[2]):
+        return Heading(text, normal(match[1]), match[2])
+    return Heading(text, normal(plain))
+
+
+def _is_unit(text: str, column: Column) -> bool:
+    """Return whether a text is a unit of a column."""
+    if not re.match(r"1\s*/|[^\W\d_]|[%°]", text.strip()):
+        return False
+    if column.relative:
+        return is_unit(text)
+    return any(is_convertible(text, unit) for unit in (column.unit, *column.units.values()))
+
+
+def headings_in(line: str, cells: Cells) -> list[str]:
+    """Return the words of a line, by the separator of the columns or another one in the line."""
+    width = len(cells.columns)
+    order = dict.fromkeys((cells.separator, *SEPARATORS)) if cells.separator != " " else SEPARATORS
+    words = next((w for way in order if len(w := _bracketed(line, way)) > 1), [line.strip()])
+    if len(words) == width + 1 and not words[-1]:
+        words.pop()
+    apart = re.split(r"\s{2,}|\t", line.strip())  # names of several words
+    return apart if len(words) != width == len(apart) else words
+
+
+def _bracketed(line: str, separator: str) -> list[str]:
+    """Return the words of a line, each with the unit in brackets that follows it."""
+    if separator != " " or '"' in line:
+        return split(line, separator)
+    word, unit = r"[^\s\[\](){}]+(?:\([^()\s]*\))?", r"\[[^\[\]]*\]|\((?:[^()]|\([^()]*\))*\)"
+    return re.findall(rf"{word}\s*(?:{unit})|{word}|\S+", line)
 
 
 def text_table(rows: Iterable[Sequence[str]], headings: Sequence[str] = ()) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 import warnings
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meshtrace.cells import Cells, cells_of
 from meshtrace.checks import Probability, check_call
 from meshtrace.errors import (
     Described,
@@ -26,7 +28,15 @@ from meshtrace.errors import (
     require_whole,
 )
 from meshtrace.stored import read_dataset
-from meshtrace.tables import read_columns
+from meshtrace.tables import (
+    Column,
+    Heading,
+    heading_of,
+    headings_in,
+    headings_of,
+    tells,
+)
+from meshtrace.units import convert, is_convertible, is_same
 
 from .parameters import DEPTH, Floats, Mss
 from .seas import MeasuredSea
@@ -207,16 +217,33 @@ def _text_table(path: str | PathLike[str]) -> xarray.Dataset:
     """Return the dataset of a text file with directions in its header."""
     import xarray as xr
 
-    header, values = read_columns(path)
-    try:
-        directions = [float(word) for word in header[1:]]
-    except ValueError:
-        directions = []
-    if len(directions) != values.shape[1] - 1:
-        found = Described(" ".join(header) or "no header")
-        raise Refused(str(path), found, "a header with a direction [deg] for each column but one")
-    coords = {"freq": values[:, 0], "dir": directions}
-    return xr.Dataset({"efth": (("freq", "dir"), values[:, 1:])}, coords)
+    cells = cells_of(path, "source")
+    if not cells.heads and cells.columns[0][0] == "":  # an index without name
+        cells = cells_of(path, "source", heads=1)
+    allowed = "a header with a direction [deg] for each column but one, f [Hz]"
+    lines = [headings_in(line, cells) for line in cells.heads or cells.remarks]
+    header, directions, first = list[str](), list[float](), 0
+    for words in lines if len(cells.heads) < 2 else ():
+        matches = [_DIRECTION.fullmatch(word) for word in words]
+        start = 1 if len(words) < 2 or matches[1] else 2  # an index before the frequencies
+        if len(words) == len(cells.columns) and all(matches[start:]):
+            header, first = words, start
+            directions = [float(match[1]) for match in matches[start:] if match]
+    index_before = first == 2 and header[0] in ("", "index") and cells.counts(0)
+    if not directions or (first == 2 and not index_before) or (first == 1 and cells.counts(0)):
+        found = Described(" ".join(lines[0]) if lines else "no header")
+        raise Refused(str(path), found, allowed)
+    heading = heading_of(header[first - 1], (_FREQUENCY,))
+    if heading.unit is not None and not is_same(heading.unit, "Hz"):
+        raise Refused(str(path), Described(header[first - 1]), allowed)
+    if heading.unit is None and heading.name and not heading.name.startswith("f"):
+        raise Refused(str(path), Described(header[first - 1]), allowed)
+    for remark in cells.remarks:
+        if tells(remark, (_FREQUENCY, Column("dir", "deg"), Column("efth", "m2 Hz-1 deg-1"))):
+            raise Refused(str(path), Described(f"# {remark}"), "density [m2 Hz-1 deg-1], f [Hz]")
+    freq, *rows = (cells.finite(i) for i in range(first - 1, len(cells.columns)))
+    coords = {"freq": freq, "dir": directions}
+    return xr.Dataset({"efth": (("freq", "dir"), np.column_stack(rows))}, coords)
 
 
 def _reader(name: str) -> Any:
@@ -314,7 +341,22 @@ def _direction_width(direction: Floats) -> float:
     return width
 
 
-_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
+_FREQUENCY = Column("f", "Hz", ("freq", "frequency"))
+_DIRECTION = re.compile(
+    r"(?:dir(?:ection)?)?[\s_]*(-?\d+(?:\.\d*)?)[\s_]*\[?(?:deg(?:ree)?s?T?|°)?\]?"
+)
+_LENGTHS = "one of m, cm, mm, ft, ...; pressures as elevations by linear wave theory"
+_HIGHEST = 50.0  # m; beyond it the unit is another one
+_TIME = Column("time", "s", ("t", "elapsed time", "seconds", "time_since_start", "elapsed"))
+_ELEVATION = Column(
+    "eta",
+    "m",
+    ("elevation", "surface elevation", "wave elevation", "water elevation", "free surface", "z",
+     "surface", "zeta", "h", "height", "level", "water level", "wl", "ssh", "sea_surface_height",
+     "heave", "displacement", "wg", "gauge", "gage", "wave gauge", "wave gage", "wave", "probe",
+     "wp", "wave probe", "surface height"),
+    numbered=True,
+)  # fmt: skip
 _DIRECTIONS = 72
 _FEWEST = 16  # samples of a segment
 _DEEP = 1e4  # m; deep water for diwasp, which has no such option
@@ -353,7 +395,8 @@ def gauge_spectrum(
     ----------
     source : path or array_like, shape (n, 1 + gauges)
         Time [s] at equal steps, then the elevation of each gauge; or a text file of these columns,
-        see `meshtrace.tables.read_columns`. A heading such as "eta [mm]" states the unit.
+        see `meshtrace.tables.read_columns`, an array or a data frame. A heading such as "eta [mm]"
+        or "eta_mm" states the unit. Masked and missing rows at the ends are left out.
     depth : float, optional
         Water depth [m]; None is deep water. Only the directions of an array depend on it.
     spreading : Spreading or str or dict, optional
@@ -365,8 +408,8 @@ def gauge_spectrum(
         Wind speed at 10 m [m s-1] of spreadings that depend on it.
     positions : sequence of (float, float), optional
         Positions (x, y) [m] of three or more gauges that are not on a line.
-    unit : {"m", "cm", "mm", "ft"}, optional
-        Unit of the elevations, by default that of the heading, or m.
+    unit : str, optional
+        Unit of the elevations, such as "mm", by default that of the heading, or m.
     segments : int
         Lengths of a segment within the record. More segments have smaller errors; the resolution
         is segments / duration.
@@ -509,32 +552,80 @@ def from_gauge(
 
 
 def _read_gauges(source: Any, unit: str | None) -> _Record:
-    name, header = "source", tuple[str, ...]()
-    if isinstance(source, str | PathLike):
-        name = Path(source).name
-        header, values = read_columns(source)
-    else:
-        values = require_array(source, name, "(n, 1 + gauges) numbers")
-    if values.ndim != 2 or values.shape[1] < 2 or not values.size or not np.isfinite(values).all():
-        found = Described(f"shape {values.shape}")
+    if unit is not None and not is_convertible(unit, "m"):
+        raise Refused("unit", Described(str(unit)), _LENGTHS)
+    name = Path(source).name if isinstance(source, str | PathLike) else "source"
+    cells = cells_of(source, "source")
+    if len(cells.columns) < 2:
+        found = Described(f"{len(cells.columns)} column")
         raise Refused(name, found, "(n, 1 + gauges) finite numbers: time [s], elevations")
-    factor = _UNITS[_unit(name, header, unit)]
-    elevation = factor * values[:, 1:]
+    headings = headings_of(cells, (_TIME, _ELEVATION))
+    at, gauges = _columns_of_gauges(name, headings, len(cells.columns))
+    stated = _unit(name, [headings[i] for i in gauges] if headings else [], unit)
+    texts = [heading.text for heading in headings] or [""] * len(cells.columns)
+    cells = _without_missing_ends(cells, {index: texts[index] for index in (at, *gauges)})
+    time, *each = (cells.finite(index, texts[index]) for index in (at, *gauges))
+    elevation = convert(np.column_stack(each), stated, "m", name)
+    if not is_same(stated, "m"):
+        cells.notes.append(f"elevations in {stated} converted to m")
     if not (np.ptp(elevation, axis=0) > 0.0).all():
         raise Refused(name, Described("a gauge that does not vary"), "elevations of waves")
-    return _Record(name, elevation, _step(name, values[:, 0]))
+    if np.abs(elevation - np.median(elevation, axis=0)).max() > _HIGHEST:
+        found = Described(f"elevations over {np.ptp(elevation, axis=0).max():.3g} m")
+        raise Refused(
+            name, found, f"within {_HIGHEST:g} m of their median: a heading with the unit"
+        )
+    if not headings and (np.diff(elevation, axis=0) > 0.0).all(axis=0).any():
+        raise Refused(name, Described("a gauge that rises in all rows"), "headings of the columns")
+    cells.tell()
+    return _Record(name, elevation, _step(name, time))
 
 
-def _unit(name: str, header: tuple[str, ...], unit: str | None) -> str:
-    """Return the unit of the elevations; refuse pressures and times that are not in seconds."""
-    found = [re.findall(r"[\[(]\s*([^\])]*?)\s*[\])]", word) for word in header]
-    if found and found[0] and found[0][0] not in ("s", "sec"):
-        raise Refused(name, Described(f"time in {found[0][0]}"), "time [s]")
-    units = {words[0] for words in found[1:] if words} if unit is None else {unit}
-    wrong = sorted(units - _UNITS.keys())
+def _columns_of_gauges(name: str, headings: Sequence[Heading], width: int) -> tuple[int, list[int]]:
+    """Return the places of the time and of the elevations."""
+    if not headings:
+        return 0, list(range(1, width))
+    named = [i for i, h in enumerate(headings) if _TIME.is_named(h.name)]
+    by_unit = [i for i, h in enumerate(headings) if h.unit and is_convertible(h.unit, "s")]
+    times = named or by_unit
+    texts = Described(", ".join(heading.text for heading in headings))
+    if len(times) != 1:
+        raise Refused(name, texts, "one column time [s]")
+    unit = headings[times[0]].unit
+    if unit is not None and not is_same(unit, "s"):
+        raise Refused(name, Described(f"time in {unit}"), "time [s]")
+    gauges = [i for i, h in enumerate(headings) if i != times[0] and h.name != "#"]
+    names = [headings[i].name for i in gauges if headings[i].name]
+    if len(set(names)) < len(names):
+        raise Refused(name, texts, "different headings")
+    for i in gauges:
+        if headings[i].unit is None and not _ELEVATION.is_named(headings[i].name):
+            allowed = f"headings such as eta or eta [mm]; {_LENGTHS}"
+            raise Refused(name, Described(f"a column {headings[i].text}"), allowed)
+    return times[0], gauges
+
+
+def _without_missing_ends(cells: Cells, columns: dict[int, str]) -> Cells:
+    """Return the cells of the rows from the first to the last that are complete."""
+    values = {index: cells.numbers(index, text) for index, text in columns.items()}
+    complete = np.flatnonzero(~np.any([np.isnan(column) for column in values.values()], axis=0))
+    if len(complete) in (0, len(cells.places)):
+        return cells
+    rows = slice(int(complete[0]), int(complete[-1]) + 1)
+    left_out = len(cells.places) - (rows.stop - rows.start)
+    if left_out:
+        cells.notes.append(f"{left_out} rows without values at the ends left out")
+    columns_of = [values[i][rows] if i in values else () for i in range(len(cells.columns))]
+    return dataclasses.replace(cells, columns=columns_of, places=cells.places[rows])
+
+
+def _unit(name: str, headings: Sequence[Heading], unit: str | None) -> str:
+    """Return the unit of the elevations, which is that of all gauges."""
+    units = {str(heading.unit) for heading in headings if heading.unit is not None}
+    wrong = sorted(unit for unit in units if not is_convertible(unit, "m"))
+    units |= set() if unit is None else {unit}
     if wrong or len(units) > 1:
-        allowed = f"one of {', '.join(_UNITS)}; pressures as elevations by linear wave theory"
-        raise Refused("unit", Described(", ".join(wrong or sorted(units))), allowed)
+        raise Refused("unit", Described(", ".join(wrong or sorted(units))), _LENGTHS)
     return units.pop() if units else "m"
 
 

@@ -10,6 +10,7 @@ directions from the down-wind one; every density integrates to one over the circ
 from __future__ import annotations
 
 import math
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
@@ -23,7 +24,8 @@ from pydantic import model_validator
 from meshtrace.checks import check_call
 from meshtrace.errors import MISSING, Described, Refused
 from meshtrace.models import Family, NonNegative
-from meshtrace.tables import read_columns
+from meshtrace.tables import Column, Heading, read_columns
+from meshtrace.units import convert, cycles
 
 from .parameters import (
     DEPTH,
@@ -636,6 +638,39 @@ class Torsethaugen(Spectrum, frozen=True):
         return _Peak(share * hs, tp, max(1.0, gamma)), _Peak(rest, max(second, 1e-3), 1.0)
 
 
+_IN_HZ = ("f", "freq", "frequency", "frequencies", "fr", "f_p")
+_COLUMNS = (
+    Column(
+        "omega",
+        "rad s-1",
+        ("w", "om", "angular frequency", "angular freq", "radian frequency"),
+        dict.fromkeys(_IN_HZ, "Hz"),
+    ),
+    Column(
+        "density",
+        "m2 s rad-1",
+        ("S", "E", "S(f)", "psd", "spectral density", "variance density", "energy density",
+         "energy", "spectrum", "ef", "sf", "wave spectrum", "energy spectrum", "varden"),
+        relative=True,
+    ),
+)  # fmt: skip
+
+
+def _unit_of_density(path: str, frequency: Heading | None, density: Heading | None) -> str:
+    """Return the unit of densities over the frequency of a heading; refuse contradictions."""
+    if frequency is None:
+        return "m2 s rad-1"
+    by_name, by_unit = frequency.name in _IN_HZ, cycles(frequency.unit)
+    in_hz = by_name if by_unit is None else bool(by_unit)
+    argument = re.search(r"\((f|w|omega)\)$", density.name) if density else None
+    unclear = in_hz != by_name if frequency.name else False
+    unclear |= argument is not None and (argument[1] == "f") != in_hz
+    if unclear and (density is None or cycles(density.unit) is None):
+        found = Described(f"{density.text if density else 2} over {frequency.text}")
+        raise Refused(path, found, "a unit with Hz or rad in the heading, [m2/Hz] or [m2 s/rad]")
+    return "m2 Hz-1" if in_hz else "m2 s rad-1"
+
+
 class TabulatedSpectrum(Spectrum, frozen=True):
     """Frequency spectrum given by a table, linear between its rows and zero beyond them.
 
@@ -691,15 +726,21 @@ class TabulatedSpectrum(Spectrum, frozen=True):
 
     @classmethod
     def from_file(cls, path: str | PathLike[str]) -> Self:
-        """Read a text file of two columns, frequency and density, see `read_columns`.
+        """Read a text file of two columns, frequency and density, see `tables.read_columns`.
 
-        Columns are omega [rad s-1] and S(omega) [m2 s rad-1], or, where the header of the first
-        one contains "Hz" or begins with "f", f [Hz] and S(f) = 2 pi S(omega) [m2 Hz-1].
+        Columns are omega [rad s-1] and S(omega) [m2 s rad-1], or f [Hz] and S(f) = 2 pi S(omega)
+        [m2 Hz-1], as the headings say by their units or, without units, by names such as "omega"
+        and "f".
         """
-        header, values = read_columns(path)
-        first = header[0].lower() if header else ""
-        unit = 2.0 * np.pi if "hz" in first or first.startswith("f") else 1.0
-        return cls(omega=tuple(values[:, 0] * unit), density=tuple(values[:, 1] / unit))
+        if not isinstance(path, str | PathLike):
+            raise Refused("file", path, "the path of a text file")
+        table = read_columns(path, _COLUMNS)
+        density, of = table["density"]
+        usual = _unit_of_density(str(path), table["omega"].heading, of)
+        stated = usual if of is None or of.unit is None else of.unit
+        where = f"{path}: column {of.text if of else 2}"
+        values = convert(convert(density, stated, usual, where), usual, "m2 s rad-1", where)
+        return cls(omega=tuple(table["omega"].values), density=tuple(values))
 
     @cached_property
     def omega_p(self) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.checks import Inside, check_call
-from meshtrace.errors import Described, Refused, reason_of, require_array
+from meshtrace.errors import Described, Refused, reason_of, require_array, require_plain
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes, vertex_normals
 
 from .parameters import Floats, Range
@@ -351,6 +351,8 @@ def read_mesh(source: Any) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
+    for name, values in (("x", x), ("y", y), ("z", z)):
+        require_plain(values, name, "a grid without gaps")
     x, y, z = (np.asarray(a, dtype=np.float64) for a in (x, y, z))
     if x.ndim == 2:
         if x.shape != z.shape or y.shape != z.shape or z.size == 0:

@@ -12,9 +12,16 @@ import pydantic
 from numpy.typing import ArrayLike
 
 from meshtrace.checks import check_call
-from meshtrace.errors import Described, Refused, require_between, require_keys
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_between,
+    require_keys,
+    warn_of_input,
+)
 from meshtrace.models import Floats, Model, NonNegative, Positive
-from meshtrace.tables import read_columns
+from meshtrace.tables import PLAUSIBLE_NM, Column, read_columns
+from meshtrace.units import convert, cycles, is_convertible
 
 _NODES = 2001  # over the spectrum of a source or a band
 _RAYS = 512  # angles of a filled field of view
@@ -22,11 +29,28 @@ _WIDTHS = 4.0  # of half a Gaussian spectrum, in full widths at half maximum
 _FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))
 
 
+_COLUMNS = (
+    Column(
+        "wavelength",
+        "nm",
+        ("lambda", "wl", "wave", "wavelengths", "lambda_0", "wvl", "wlen"),
+        plausible=PLAUSIBLE_NM,
+    ),
+    Column(
+        "value",
+        "1",
+        ("power", "intensity", "pde", "transmission", "transmittance", "gain", "response",
+         "spectrum", "responsivity", "qe", "eqe", "efficiency", "quantum efficiency"),
+        relative=True,
+    ),
+)  # fmt: skip
+
+
 class Curve(Model, frozen=True):
     """Values over wavelength, linear between them and 0 beyond.
 
-    In link files also ``{file = "led.csv"}``: a text file of two columns, wavelength [nm] and
-    value, see `columns.read_columns`.
+    In link files also ``{file = "led.csv"}``: a text file of the columns wavelength [nm] and value,
+    see `tables.read_columns`. Other units of the wavelength are converted, and per cent.
 
     Parameters
     ----------
@@ -47,13 +71,7 @@ class Curve(Model, frozen=True):
     @pydantic.model_validator(mode="before")
     @classmethod
     def _from_file(cls, data: Any) -> Any:
-        if not isinstance(data, dict) or "file" not in data:
-            return data
-        require_keys(data, ["file"])
-        if not isinstance(data["file"], str):
-            raise Refused("file", data["file"], "the path of a text file")
-        nm, value = read_columns(data["file"]).values[:, :2].T
-        return {"wavelength_nm": nm.tolist(), "value": value.tolist()}
+        return _read_curve(data) if isinstance(data, dict) and "file" in data else data
 
     @pydantic.model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -76,9 +94,30 @@ class Curve(Model, frozen=True):
         return float(np.trapezoid(self.value, self.wavelength_nm))
 
 
+def _read_curve(data: dict[str, Any], *, share: bool = False) -> dict[str, Any]:
+    """Return the fields of a curve in a file; shares may be in per cent, but in no other unit."""
+    require_keys(data, ["file"])
+    path = data["file"]
+    if not isinstance(path, str):
+        raise Refused("file", path, "the path of a text file")
+    table = read_columns(path, _COLUMNS)
+    nm, (value, of) = table["wavelength"], table["value"]
+    unit = of.unit if of else None
+    if unit and (share or is_convertible(unit, "1")):
+        scaled = convert(value, unit, "1", f"{path}: column {of.text if of else 2}")
+        if not np.array_equal(scaled, value):
+            warn_of_input(f"{path}: value in {unit} converted to shares")
+        value = scaled
+    elif cycles(unit):
+        raise Refused(path, Described(f"values in {unit}"), "values over wavelength")
+    return {"wavelength_nm": nm.values.tolist(), "value": value.tolist()}
+
+
 def _share_or_curve(value: Any, _: Any, info: pydantic.ValidationInfo) -> float | Curve:
     """Return a share 0 < x <= 1, or shares over wavelength; refuse other values by name."""
     if isinstance(value, dict | Curve):
+        if isinstance(value, dict) and "file" in value:
+            value = _read_curve(value, share=True)
         curve = Curve.model_validate(value)
         if max(curve.value) > 1.0:
             raise Refused("value", max(curve.value), "shares 0 ... 1")

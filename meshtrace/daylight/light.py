@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import inspect
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
+from datetime import datetime
 from functools import lru_cache
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -274,7 +276,7 @@ def sun_position(time: Any, latitude: float, longitude: float) -> SunPosition:
     Parameters
     ----------
     time : str or datetime
-        Time with its zone, such as "2026-06-21T10:00Z".
+        Time of ISO 8601 with its zone, such as "2026-06-21T10:00Z".
     latitude, longitude : float
         Place [deg], north and east positive.
 
@@ -293,15 +295,24 @@ def sun_position(time: Any, latitude: float, longitude: float) -> SunPosition:
     pvlib = _pvlib()
     import pandas as pd
 
-    try:
-        stamp = pd.Timestamp(time)
-    except (TypeError, ValueError) as error:
-        raise Refused("time", time, "a time such as 2026-06-21T10:00Z") from error
-    if stamp is pd.NaT or stamp.tzinfo is None:
-        raise Refused("time", time, "a time with its zone, such as 2026-06-21T10:00Z")
+    stamp = pd.Timestamp(_time_with_zone(time))
     row = pvlib.solarposition.get_solarposition(pd.DatetimeIndex([stamp]), latitude, longitude)
     zenith, azimuth = float(row["apparent_zenith"].iloc[0]), float(row["azimuth"].iloc[0])
     return SunPosition(zenith, (90.0 - azimuth) % 360.0, stamp.day_of_year)
+
+
+def _time_with_zone(time: Any) -> datetime:
+    """Return a time of ISO 8601 with its zone, or refuse it."""
+    allowed = "a time of ISO 8601 with its zone, such as 2026-06-21T10:00Z"
+    try:
+        # other forms, such as 05/06/2026, are of a month or a day by the country
+        found = datetime.fromisoformat(time) if isinstance(time, str) else time
+    except ValueError as error:
+        raise Refused("time", time, allowed) from error
+    has_zone = isinstance(found, datetime) and found.tzinfo is not None
+    if not has_zone or (isinstance(time, str) and not re.match(r"[\dW-]{7,10}[T ]", time)):
+        raise Refused("time", time, allowed)
+    return found
 
 
 WaterLight = Literal["quasi-single", "walk", "none"]

@@ -24,7 +24,8 @@ from meshtrace.errors import Described, Refused, require_range
 from meshtrace.kernels.medium import PhaseTables
 from meshtrace.models import Family, FamilyTuple, Floats, Numbers
 from meshtrace.optics.pure_water import read_table
-from meshtrace.tables import read_columns
+from meshtrace.tables import Column, read_columns
+from meshtrace.units import is_convertible
 
 _QUANTILE_TOLERANCE = 5e-7
 _FEWEST_INTERVALS, _MOST_INTERVALS, _FINER = 4096, 65536, 4
@@ -320,6 +321,18 @@ def s_of(theta: RangedArray) -> Floats:
     return np.sin(0.5 * checked) ** 2
 
 
+_COLUMNS = (
+    Column("theta", "deg", ("angle", "scattering angle", "angles", "psi", "theta_s")),
+    Column(
+        "value",
+        "m-1 sr-1",
+        ("vsf", "beta", "phase function", "phase", "p", "pf", "p11", "f11", "s11", "intensity",
+         "volume scattering function"),
+        relative=True,
+    ),
+)  # fmt: skip
+
+
 class TabulatedPhase(BuiltInPhase, frozen=True):
     """Phase function given by a table of angles and values, of any normalisation.
 
@@ -373,9 +386,29 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
 
     @classmethod
     def from_file(cls, path: str | Path, *, delimiter: str | None = None) -> Self:
-        """Read a text file of two columns, angle [degree] and value, see `read_columns`."""
-        values = read_columns(path, 2, delimiter).values
-        return cls(theta_deg=values[:, 0], value=values[:, 1])
+        """Read a text file of the columns theta [deg] and value, see `tables.read_columns`.
+
+        The unit of the angles may be another one, such as "theta [rad]". Values are per solid
+        angle, of any scale.
+
+        Raises
+        ------
+        Refused
+            If the table cannot be read, angles without unit end at pi, or values are per angle.
+        """
+        table = read_columns(path, _COLUMNS, delimiter=delimiter)
+        theta, value = table["theta"], table["value"]
+        end = abs(float(theta.values[-1]) - np.pi)
+        if (theta.heading is None or theta.heading.unit is None) and end < 0.01:
+            found = Described(f"angles that end at {theta.values[-1]:g}, without unit")
+            raise Refused(str(path), found, "a heading theta [deg] or theta [rad]")
+        unit = value.heading.unit if value.heading else None
+        if unit and any(is_convertible(unit, density) for density in ("rad-1", "m-1 rad-1", "dB")):
+            allowed = "values per solid angle, such as [sr-1] or [m-1 sr-1], or relative ones"
+            raise Refused(str(path), Described(f"values in {unit}"), allowed)
+        # 180 degrees, as radians of four digits or more
+        largest = 180.0 if theta.values[-1] < 180.03 else np.inf
+        return cls(theta_deg=np.minimum(theta.values, largest), value=value.values)
 
     def _segments(self) -> Segments:
         theta = np.radians(self.theta_deg)

@@ -18,6 +18,7 @@ from meshtrace.optics.pure_water import (
     read_table,
     sea_water_scattering,
 )
+from meshtrace.tables import PLAUSIBLE_NM, Column, read_columns
 
 _JERLOV = ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
 PETZOLD = {"clear": (0.114, 0.037), "coastal": (0.179, 0.219), "harbour": (0.366, 1.824)}
@@ -130,6 +131,19 @@ class WaterType(WaterSpectrum, frozen=True):
         return {"a": float(a), "b": float(b), "phase": self.phase}
 
 
+TABLE_COLUMNS = (
+    Column("depth", "m", ("z", "depth below surface"), required=False),
+    Column(
+        "wavelength",
+        "nm",
+        ("lambda", "wl", "wave", "wavelengths"),
+        plausible=PLAUSIBLE_NM,
+    ),
+    Column("a", "m-1", ("absorption", "absorption coefficient", "a_total")),
+    Column("b", "m-1", ("scattering", "scattering coefficient", "b_total")),
+)
+
+
 class SpectralTable(WaterSpectrum, frozen=True):
     """Spectrum given by a table of measured a and b.
 
@@ -164,10 +178,14 @@ class SpectralTable(WaterSpectrum, frozen=True):
     @classmethod
     def _full(cls, value: Any) -> Any:
         allowed = "rows of [depth, wavelength, a, b], all finite and >= 0"
+        if hasattr(value, "columns"):  # of a data frame
+            value = [s.values for s in read_columns(value, TABLE_COLUMNS, "table").values()]
+            value = np.column_stack(value)
         rows = np.atleast_2d(require_array(value, "", allowed))
         if rows.ndim == 2 and rows.shape[1] == 3:
             rows = np.column_stack([np.zeros(len(rows)), rows])
-        if rows.ndim != 2 or rows.shape[1] != 4 or not rows.size or not np.all(rows >= 0.0):
+        good = np.isfinite(rows) & (rows >= 0.0)
+        if rows.ndim != 2 or rows.shape[1] != 4 or not rows.size or not good.all():
             raise Refused("", value, allowed)
         depths, wavelengths = np.unique(rows[:, 0]), np.unique(rows[:, 1])
         different = len(np.unique(rows[:, :2], axis=0))

@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
-from io import StringIO
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from meshtrace.cells import Cells, cells_of_text, text_of
 from meshtrace.checks import check_call
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, reads_as_number
 from meshtrace.models import Floats
 from meshtrace.optics.constituents import Constituents
 from meshtrace.optics.pure_water import pure_water_absorption, zhang_hu_he
-from meshtrace.optics.spectra import SpectralTable, WaterSpectrum
+from meshtrace.optics.spectra import TABLE_COLUMNS, SpectralTable, WaterSpectrum
 from meshtrace.stored import read_dataset
 from meshtrace.tables import read_columns
+from meshtrace.units import convert
 
-_COLUMNS = ("depth", "wavelength", "a", "b")
 _FIELDS = {"a": ("a", "agp"), "b": ("b", "bp"), "c": ("c", "cgp")}
 """Fields of SeaBASS: the whole coefficient, and that without pure water."""
 
+_DEPTHS = ("depth", "bin_depth")
+_COEFFICIENT = re.compile(r"(?:a|agp|b|bp|c|cgp)(?:\d+(?:\.\d+)?)?")
+_DELIMITERS = {"": " ", "space": " ", "comma": ",", "tab": "\t", "semicolon": ";"}
 _NO_VALUES = ("missing", "below_detection_limit", "above_detection_limit")
 _GOOD = (b"1", b"2", b"5", b"8")  # flags of Argo: good, probably good, changed, estimated
 
@@ -35,8 +39,8 @@ def read_spectrum(path: str | PathLike[str]) -> WaterSpectrum:
     ----------
     path : path
         A BGC-Argo profile (netCDF, .nc), a SeaBASS file, or a text table with the columns
-        wavelength [nm], a, b [m-1], or depth [m], wavelength, a, b; a header may name them in
-        another order.
+        wavelength [nm], a, b [m-1], or depth [m], wavelength, a, b; headings may name them in
+        another order and with other units, see `meshtrace.tables.read_columns`.
 
     Returns
     -------
@@ -52,9 +56,10 @@ def read_spectrum(path: str | PathLike[str]) -> WaterSpectrum:
     -----
     SeaBASS: fields a, or agp, which lacks pure water; and b, or bp, or c or cgp less a; the
     wavelength appended to the field or in a column of its own. b is linear between its wavelengths.
-    Rows of one depth are averaged, depths with missing values left out; without a column of depth
-    the water is uniform. Pure water, where it is lacking, is that of `pure_water_absorption` and
-    `zhang_hu_he` at 20 degrees and 35 g/kg; b = c - a is 0 where it would be negative.
+    Units are converted. Rows of one depth (`depth` or `bin_depth`) are averaged, depths with
+    missing values left out; without a field of depth the water is uniform. Pure water, where it is
+    lacking, is that of `pure_water_absorption` and `zhang_hu_he` at 20 degrees and 35 g/kg;
+    b = c - a is 0 where it would be negative.
 
     BGC-Argo: PRES (1 dbar as 1 m), CHLA, and BBP700 if it is there, of the first profile that has
     chlorophyll; adjusted values before raw ones, of the quality flags 1, 2, 5 and 8; negative
@@ -71,44 +76,35 @@ def read_spectrum(path: str | PathLike[str]) -> WaterSpectrum:
         raise Refused(str(path), Described("no such file"), "a file of a water")
     if file.suffix == ".nc":
         return _read_argo(file)
-    text = file.read_text("utf-8-sig", errors="replace")
-    if "/begin_header" in text[:4096].lower():
+    # names of persons and ships in the header of SeaBASS files are not always UTF-8
+    text = text_of(file, errors="replace" if _is_seabass(file) else "strict")
+    if _is_seabass(file):
         return _read_seabass(file, text)
-    found = read_columns(file, 3)
-    values = found.values
-    if found.header:
-        words = [re.split(r"[\s_(\[]", word.strip().lower())[0] for word in found.header]
-        names = [name for name in _COLUMNS if name in words]
-        if names[-3:] != list(_COLUMNS[1:]):
-            header = Described(", ".join(found.header))
-            raise Refused(str(path), header, "columns depth (if any), wavelength, a, b")
-        values = values[:, [words.index(name) for name in names]]
-    return SpectralTable(table=values[:, :4])
+    table = read_columns(file, TABLE_COLUMNS)
+    return SpectralTable(table=np.column_stack([series.values for series in table.values()]))
+
+
+def _is_seabass(file: Path) -> bool:
+    """Return whether a file begins as SeaBASS files do."""
+    with file.open("rb") as stream:
+        return b"/begin_header" in stream.read(4096).lower()
 
 
 def _read_seabass(file: Path, text: str) -> SpectralTable:
     """Read a SeaBASS file."""
     import pandas as pd
 
-    head, _, body = text.partition("/end_header")
-    lines = [line[1:].partition("=") for line in head.splitlines() if line.startswith("/")]
-    header = {key.strip().lower(): value.strip() for key, _, value in lines}
-    fields = [name.strip().lower() for name in header.get("fields", "").split(",")]
-    frame = pd.read_csv(
-        StringIO(body.partition("\n")[2]),
-        sep={"comma": ",", "tab": "\t"}.get(header.get("delimiter", "").lower(), r"\s+"),
-        names=fields,
-        na_values=[header[key] for key in _NO_VALUES if key in header],
-        skipinitialspace=True,
-    ).apply(pd.to_numeric, errors="coerce")
-    depth = frame["depth"] if "depth" in frame else np.zeros(len(frame))
+    cells, values = _fields_of_seabass(file, text)
+    depths = [name for name in values if name in _DEPTHS]
+    frame = pd.DataFrame(values, index=range(len(cells.places)))
+    depth = frame[depths[0]] if depths else np.zeros(len(frame))
     frame = frame.set_index(pd.Index(depth, name="at"))
-    whole = {name: _whole(frame, name) for name in _FIELDS}
+    whole = {name: _whole(frame, name, file) for name in _FIELDS}
     a, b, c = whole.values()
     if a is not None and c is not None and b is None:
         b = (_at(c, a.columns) - a).clip(lower=0.0)
     if a is None or b is None:
-        found = Described(", ".join(fields))
+        found = Described(", ".join(cells.labels))
         raise Refused(str(file), found, "fields a or agp, and b, bp, c or cgp, with wavelengths")
     b = _at(b, a.columns)
     common = a.columns[a.notna().any() & b.notna().any()]
@@ -116,10 +112,106 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
     rows = [(z, w, a.at[z, w], b.at[z, w]) for z in full for w in common]
     if not rows:
         raise Refused(str(file), Described("missing values"), "a depth with all values")
+    cells.tell()
     return SpectralTable(table=rows)
 
 
-def _whole(frame: Any, name: str) -> Any:
+def _fields_of_seabass(file: Path, text: str) -> tuple[Cells, dict[str, Floats]]:
+    """Return the cells of a SeaBASS file and the values of the fields that are read."""
+    head, end, body = text.partition("/end_header")
+    lines = [line.strip()[1:].partition("=") for line in head.splitlines() if "/" in line[:1]]
+    header = {key.strip().lower(): value.strip() for key, _, value in lines}
+    fields = [name.strip().lower() for name in header.get("fields", "").strip(",").split(",")]
+    delimiter = header.get("delimiter", "").lower()
+    if delimiter not in _DELIMITERS:
+        raise Refused(f"{file}: delimiter", delimiter, ", ".join(filter(None, _DELIMITERS)))
+    if not end:
+        raise Refused(str(file), Described("no /end_header"), "a SeaBASS file")
+    _require_fields(file, fields)
+    first = len(re.findall(r"\r\n|\r|\n", head)) + 2
+    body = "".join(re.split(r"\r\n|\r|\n", body, maxsplit=1)[1:])
+    cells = cells_of_text(body, str(file), _DELIMITERS[delimiter], 0, first)
+    if len(cells.columns) != len(fields):
+        found = Described(f"line {cells.places[0]}: {len(cells.columns)} columns")
+        raise Refused(str(file), found, f"a column for each of {len(fields)} fields")
+    missing = [number for key in _NO_VALUES if (number := _number(file, header, key)) is not None]
+    values = {
+        name: _values(cells, index, name, missing)
+        for index, name in enumerate(fields)
+        if _unit_of(name)
+    }
+    if "units" in header:
+        values = _in_wanted_units(
+            file, cells, fields, header["units"].strip(",").split(","), values
+        )
+    return dataclasses.replace(cells, labels=fields), values
+
+
+def _require_fields(file: Path, fields: list[str]) -> None:
+    """Refuse fields that stand twice, and depths of other names or several."""
+    twice = sorted({name for name in fields if fields.count(name) > 1})
+    if twice:
+        found = Described(f"fields {', '.join(twice)} twice")
+        raise Refused(str(file), found, "a SeaBASS file of different fields")
+    depths = [name for name in fields if name in _DEPTHS]
+    alike = depths or [name for name in fields if _is_like_depth(name)]
+    if len(depths) != 1 and alike:
+        allowed = f"one field of the depth, {' or '.join(_DEPTHS)}"
+        raise Refused(str(file), Described(", ".join(alike)), allowed)
+
+
+def _in_wanted_units(
+    file: Path, cells: Cells, fields: list[str], units: list[str], values: dict[str, Floats]
+) -> dict[str, Floats]:
+    """Return the values of fields in m, nm and m-1."""
+    if len(units) != len(fields):
+        found = Described(f"{len(fields)} fields and {len(units)} units")
+        raise Refused(str(file), found, "a SeaBASS file with a unit for each field")
+    stated, converted = dict(zip(fields, map(str.strip, units), strict=True)), dict[str, Floats]()
+    for name, numbers in values.items():
+        wanted = _unit_of(name)
+        converted[name] = convert(numbers, stated[name], wanted, f"{file}: field {name}")
+        if not np.array_equal(converted[name], numbers, equal_nan=True):
+            cells.notes.append(f"{name} in {stated[name]} converted to {wanted}")
+    return converted
+
+
+def _unit_of(field: str) -> str:
+    """Return the wanted unit of a field of SeaBASS, "" for fields that are not read."""
+    if field in _DEPTHS:
+        return "m"
+    if field == "wavelength":
+        return "nm"
+    return "m-1" if _COEFFICIENT.fullmatch(field) else ""
+
+
+def _is_like_depth(field: str) -> bool:
+    known = ("water_depth", "bottom_depth", "depth_of_water", "secchi_depth")
+    return field not in known and bool(re.search(r"depth|pressure|^press?$|^z$", field))
+
+
+def _number(file: Path, header: dict[str, str], key: str) -> float | None:
+    """Return the number of a key of the header."""
+    if key not in header or header[key].lower() in ("", "na", "nan", "none"):
+        return None
+    if not reads_as_number(header[key]):
+        raise Refused(f"{file}: {key}", header[key], "a number")
+    return float(header[key])
+
+
+def _values(cells: Cells, index: int, name: str, missing: list[float]) -> Floats:
+    """Return the values of a field, nan for missing ones."""
+    values = cells.numbers(index, name)
+    values = np.where(np.isin(values, missing), np.nan, values)
+    # noise of a coefficient may be below zero, but not by more than 1 m-1
+    wrong = np.isinf(values) | (values < -1.0)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise cells.refused(row, index, name, f"{values[row]:g}", "or /missing with this value")
+    return values
+
+
+def _whole(frame: Any, name: str, file: Path) -> Any:
     """Return a coefficient with pure water, depths by wavelengths; None if it is missing."""
     for field, pure in zip(_FIELDS[name], (False, True), strict=True):
         if "wavelength" in frame and field in frame:
@@ -127,6 +219,9 @@ def _whole(frame: Any, name: str) -> Any:
         else:
             number = re.compile(rf"{field}(\d+(?:\.\d+)?)$")
             known = {f: float(m[1]) for f in frame.columns if (m := number.match(f))}
+            if len(set(known.values())) < len(known):
+                found = Described(", ".join(known))
+                raise Refused(str(file), found, "each wavelength of a field once")
             table = frame[list(known)].rename(columns=known).groupby(level=0).mean()
         if table.shape[1] and pure:
             w = np.asarray(table.columns, np.float64)

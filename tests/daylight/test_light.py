@@ -1,6 +1,7 @@
 """Daylight above the sea: patterns, spectra, moon, night, refusals."""
 
 import builtins
+import datetime
 import json
 import math
 from pathlib import Path
@@ -225,11 +226,29 @@ def test_faint_skies_have_a_background():
     assert mt.background(mt.Link(), FlatSea(), faint, photons=32).radiance < 1e-300
 
 
-@pytest.mark.parametrize("time", ["2026-06-21T10:00", "noon", "NaT"])
-def test_times_without_zone_are_refused(time):
+@pytest.mark.parametrize(
+    "time",
+    [
+        *("2026-06-21T10:00", "noon", "NaT", "now", "2026-06-21", "10:00Z", "2026-06-21x10:00Z"),
+        *("05/06/2026 10:00Z", "21/06/2026 10:00Z", "2026/06/21 10:00Z", "June 21 2026 10:00Z"),
+        *("2026-6-21T10:00Z", "2026-13-21T10:00Z", "2026-06-21T10:00 UTC", 1.7e9, None),
+        *(np.datetime64("NaT"), np.datetime64("2026-06-21T10:00"), datetime.datetime(2026, 6, 21)),
+        *(datetime.date(2026, 6, 21), b"2026-06-21T10:00Z", ["2026-06-21T10:00Z"]),
+    ],
+)
+def test_times_that_are_no_iso_dates_with_a_zone_are_refused(time):
     pytest.importorskip("pvlib")
-    with pytest.raises(Refused, match="time: "):
+    with pytest.raises(Refused, match=r"^time: .*ISO 8601"):
         mt.Daylight.at(time, 43.1, 5.9)
+
+
+def test_one_time_in_several_forms():
+    pytest.importorskip("pvlib")
+    stamp = datetime.datetime(2026, 6, 21, 10, tzinfo=datetime.UTC)
+    forms = ("2026-06-21T10:00Z", "2026-06-21 12:00+02:00", "20260621T1000Z", "2026-W25-7T10:00Z")
+    assert {light.sun_position(time, 43.1, 5.9) for time in forms} == {
+        light.sun_position(stamp, 43.1, 5.9)
+    }
 
 
 def test_a_place_is_needed():

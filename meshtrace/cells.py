@@ -1,0 +1,295 @@
+"""Cells of tables: texts, arrays and data frames as columns, with the texts above them."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.errors import (
+    Described,
+    Refused,
+    reads_as_number,
+    reason_of,
+    require_array,
+    show,
+    warn_of_input,
+)
+
+_LARGEST = 16 * 2**20  # bytes
+_MOST_COMMENTS = 10_000  # each of which may be a heading
+TEXT = "a text file of columns of numbers"
+SEPARATORS = (";", "\t", ",", " ")
+_COMMENTS = ("#", "%", "!", "//")
+_MISSING = frozenset(("", "nan", "na", "n/a", "<na>", "nat", "null", "none", "-", "--", "---"))
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]([+-]?\d+)")
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells of a table by columns, and the texts above them.
+
+    Columns are sequences of words, or arrays with nan for missing numbers. `places` are the lines
+    of a file, or the rows of an array from 1 on. `heads` are lines of words above the columns,
+    `remarks` the comments before them, `labels` the names of the columns of a data frame.
+    """
+
+    name: str
+    columns: Sequence[Any]
+    places: Sequence[int]
+    heads: Sequence[str] = ()
+    remarks: Sequence[str] = ()
+    labels: Sequence[str] = ()
+    place: str = "line"
+    separator: str = " "
+    decimal_comma: bool = False
+    notes: list[str] = field(default_factory=list)
+
+    def numbers(self, index: int, text: str = "") -> Floats:
+        """Return a column as numbers, nan where they are missing."""
+        column = self.columns[index]
+        if isinstance(column, np.ndarray):
+            return column
+        try:
+            if self.decimal_comma or any("_" in word for word in column):
+                raise ValueError
+            return np.array(column, dtype=np.float64)
+        except ValueError:
+            return np.array([self._number(row, index, text) for row in range(len(column))])
+
+    def _number(self, row: int, index: int, text: str) -> float:
+        word = self.columns[index][row].strip()
+        if word.lower() in _MISSING:
+            return np.nan
+        number = _FORTRAN.sub(r"\1e\2", word)
+        if self.decimal_comma:
+            if "." in word:
+                raise self.refused(row, index, text, show(word), "with decimal commas alone")
+            number = number.replace(",", ".", 1)
+        if "_" in number or not reads_as_number(number):
+            raise self.refused(row, index, text, show(word), "all finite")
+        return float(number)
+
+    def finite(self, index: int, text: str = "") -> Floats:
+        """Return a column of finite numbers; refuse the first that is none."""
+        values = self.numbers(index, text)
+        if wrong := np.flatnonzero(~np.isfinite(values)).tolist():
+            found = "missing" if np.isnan(values[wrong[0]]) else str(values[wrong[0]])
+            raise self.refused(wrong[0], index, text, found, "all finite")
+        return values
+
+    def refused(self, row: int, index: int, text: str, found: str, allowed: str) -> Refused:
+        """Return the refusal of a cell."""
+        where = f"{self.place} {self.places[row]}, column {text or index + 1}"
+        kind = TEXT if self.place == "line" else "columns of numbers"
+        return Refused(self.name, Described(f"{where}: {found}"), f"{kind}, {allowed}")
+
+    def counts(self, index: int) -> bool:
+        """Return whether a column counts the rows, from 0 or 1 on."""
+        try:
+            values = self.numbers(index)
+        except Refused:
+            return False
+        first = values[0] if len(values) else np.nan
+        return first in (0.0, 1.0) and np.array_equal(values, first + np.arange(len(values)))
+
+    def tell(self) -> None:
+        """Say in one line what was made of the table."""
+        if self.notes:
+            warn_of_input(f"{self.name}: {'; '.join(self.notes)}")
+
+
+def _reads(word: str, comma: bool = True) -> bool:
+    """Return whether a word is a number, of Fortran or with a decimal comma included."""
+    plain = _FORTRAN.sub(r"\1e\2", word)
+    return reads_as_number(plain) or (comma and bool(_DECIMAL_COMMA.fullmatch(plain)))
+
+
+def cells_of(
+    source: Any, name: str, delimiter: str | None = None, heads: int | None = None
+) -> Cells:
+    """Return the cells of a text file, an array, a structured array or a data frame.
+
+    Parameters
+    ----------
+    source, name, delimiter
+        As in `tables.read_columns`; masked entries of arrays are missing.
+    heads : int, optional
+        Number of lines of headings in a text, by default those without numbers.
+    """
+    if isinstance(source, str | PathLike):
+        return cells_of_text(text_of(source), str(source), delimiter, heads)
+    if hasattr(source, "columns") and hasattr(source, "iloc"):
+        return _cells_of_frame(source, name)
+    if hasattr(source, "dims") or hasattr(source, "units") or hasattr(source, "unit"):
+        found = Described(f"{type(source).__name__} with attributes")
+        raise Refused(name, found, "a path, a plain array or a data frame")
+    return _cells_of_array(source, name)
+
+
+def text_of(path: str | PathLike[str], errors: str = "strict") -> str:
+    """Return the text of a file in UTF-8, or refuse it; `errors` as in `bytes.decode`."""
+    file = Path(path)
+    try:
+        if not file.is_file():
+            raise Refused(str(path), Described("no such file"), TEXT)
+        if file.stat().st_size > _LARGEST:
+            raise Refused(str(path), Described("above 16 MB"), TEXT)
+        text = file.read_bytes().decode("utf-8-sig", errors)
+    except UnicodeDecodeError as error:
+        raise Refused(str(path), Described("no text in UTF-8"), TEXT) from error
+    except (OSError, ValueError) as error:
+        if isinstance(error, Refused):
+            raise
+        raise Refused(str(path), Described(reason_of(error)), TEXT) from error
+    if "\0" in text:
+        raise Refused(str(path), Described("no text"), TEXT)
+    return text
+
+
+def cells_of_text(
+    text: str, name: str, delimiter: str | None = None, heads: int | None = None, first: int = 1
+) -> Cells:
+    """Return the cells of a text whose first line has the number `first`."""
+    lines, comments = list[tuple[int, str]](), list[tuple[int, str]]()
+    for number, line in enumerate(re.split(r"\r\n|\r|\n", text), first):
+        if line.lstrip(" \t").startswith(_COMMENTS):
+            comments.append((number, re.sub(r"^\s*(?:[#%!]|//)+", "", line).strip()))
+        elif (words := line.partition("#")[0].strip(" ")).strip():
+            lines.append((number, words))
+    if not lines:
+        raise Refused(name, Described("no rows"), TEXT)
+    if len(comments) > _MOST_COMMENTS:
+        raise Refused(
+            name,
+            Described(f"{len(comments)} comments"),
+            f"{TEXT}, of {_MOST_COMMENTS} comments at most",
+        )
+    separator = delimiter or _separator(lines[-1][1])
+    rows = [split(line, separator) for _, line in lines]
+    above = _heads(rows) if heads is None else heads
+    body, places = rows[above:], [number for number, _ in lines[above:]]
+    if not body:
+        raise Refused(name, Described(f"no numbers below {lines[-1][1]}"), TEXT)
+    if all(len(row) > 1 and row[-1] == "" for row in body):  # rows that end with the separator
+        body = [row[:-1] for row in body]
+    return Cells(
+        name,
+        list(zip(*_even(body, places, name), strict=True)),
+        places,
+        [line for _, line in lines[:above]],
+        [line for number, line in comments if number < places[0] and line],
+        separator=separator,
+        decimal_comma=separator in (";", "\t")
+        and any(_DECIMAL_COMMA.fullmatch(word) for row in body for word in row),
+    )
+
+
+def _even(rows: list[list[str]], places: Sequence[int], name: str) -> list[list[str]]:
+    """Return rows of as many columns, without the words that follow some; refuse others."""
+    width = min(map(len, rows))
+    for place, row in zip(places, rows, strict=True):
+        if not all(word[:1].isalpha() and not reads_as_number(word) for word in row[width:]):
+            short = places[[len(row) for row in rows].index(width)]
+            found = Described(f"line {short}: {width} columns, line {place}: {len(row)}")
+            raise Refused(name, found, f"{TEXT}, as many in each line")
+    return [row[:width] for row in rows]
+
+
+def split(line: str, separator: str) -> list[str]:
+    """Return the stripped words of a line; those in quotes may hold the separator."""
+    if '"' in line and len(separator) == 1:
+        text = " ".join(line.split()) if separator == " " else line
+        try:
+            words = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
+        except csv.Error:  # longer than it reads
+            words = line.split(separator)
+    else:
+        words = line.split(None if separator == " " else separator)
+    return [word.strip() for word in words]
+
+
+def _separator(line: str) -> str:
+    """Return the separator that gives the most numbers."""
+
+    def count(separator: str) -> int:
+        words = split(line, separator)
+        numbers = [_reads(word, separator in (";", "\t")) for word in words]
+        return sum(numbers) if len(words) > 1 else 0
+
+    return max(SEPARATORS, key=count)
+
+
+def _heads(rows: list[list[str]]) -> int:
+    """Return the number of rows above the numbers: of words where the last row has numbers."""
+    of_numbers = [i for i, word in enumerate(rows[-1]) if _reads(word)]
+    for above, row in enumerate(rows[:3]):
+        words = [row[i] for i in of_numbers if i < len(row)]
+        if words and all(_reads(w) or w.lower() in _MISSING for w in words):
+            return above
+    # the last row has a wrong word, or the first ones
+    return next((i for i, row in enumerate(rows) if any(map(_reads, row))), len(rows))
+
+
+def _cells_of_frame(frame: Any, name: str) -> Cells:
+    """Return the cells of a data frame; an index with a name or of times is a column as well."""
+    import pandas as pd
+
+    if isinstance(frame.columns, pd.MultiIndex) or isinstance(frame.index, pd.MultiIndex):
+        raise Refused(name, Described("labels of several levels"), "labels of one level")
+    named = isinstance(frame.columns, pd.RangeIndex)
+    columns = [(str(label), frame.iloc[:, i]) for i, label in enumerate(frame.columns)]
+    if frame.index.name is not None or frame.index.dtype.kind in "mM":
+        columns.insert(0, (str(frame.index.name or "time"), frame.index.to_series()))
+    elif frame.index.dtype.kind == "f":
+        raise Refused(
+            name, Described("an index without name"), "an index with the name of a column"
+        )
+    cells = Cells(
+        name,
+        [_of_series(series) for _, series in columns],
+        range(1, len(frame) + 1),
+        labels=()
+        if named and len(columns) == len(frame.columns)
+        else [label for label, _ in columns],
+        place="row",
+    )
+    if any(series.dtype.kind in "mM" for _, series in columns):
+        cells.notes.append("times counted in seconds from the first")
+    return cells
+
+
+def _of_series(series: Any) -> Any:
+    """Return a column of a data frame as numbers, or else as words."""
+    import pandas as pd
+
+    if series.dtype.kind in "mM":
+        return ((series - series.iloc[0]) / pd.Timedelta("1s")).to_numpy(np.float64)
+    if pd.api.types.is_numeric_dtype(series) and series.dtype.kind in "iuf":
+        return series.to_numpy(np.float64, na_value=np.nan)
+    return tuple(map(str, series))
+
+
+def _cells_of_array(source: Any, name: str) -> Cells:
+    """Return the cells of an array of numbers; masked entries are missing."""
+    labels = getattr(getattr(source, "dtype", None), "names", None) or ()
+    if labels:
+        source = np.ma.stack([np.ma.asarray(source[label]) for label in labels], axis=-1)
+    allowed = "(rows, columns) of numbers"
+    mask = np.ma.getmaskarray(source) if isinstance(source, np.ma.MaskedArray) else False
+    array = require_array(np.ma.getdata(source) if labels or mask is not False else source,
+                          name, allowed)  # fmt: skip
+    if array.ndim != 2 or not array.size:
+        raise Refused(name, Described(f"shape {array.shape}"), allowed)
+    columns = list(np.where(mask, np.nan, array).T)
+    return Cells(name, columns, range(1, len(array) + 1), labels=labels, place="row")
