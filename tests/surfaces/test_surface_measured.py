@@ -7,7 +7,7 @@ import xarray as xr
 
 import meshtrace as mt
 from meshtrace.surfaces import Elfouhaily, MeasuredSea, from_wavespectra, sea_from_config
-from meshtrace.surfaces.measured import TAIL_OMEGA_MAX
+from meshtrace.surfaces.directional import TAIL_OMEGA_MAX
 from meshtrace.surfaces.statistics import components_hs, components_slope_variance, cox_munk
 
 SHORT = pytest.mark.filterwarnings("ignore:source. the spectrum ends:meshtrace.DomainWarning")
