@@ -10,8 +10,6 @@ import hashlib
 import html
 import io
 import json
-import mmap
-import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -34,9 +32,10 @@ from typing import (
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.errors import Described, Refused, one_line, reason_of, show
+from meshtrace.errors import Described, Refused, one_line
 from meshtrace.fields import attrs
 from meshtrace.files import atomic
+from meshtrace.netcdf import opened, reading
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -80,8 +79,6 @@ Variables = dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]]
 
 _MARK = b"meshtrace-sha256"
 _TRAILER = len(_MARK) + hashlib.sha256().digest_size
-_HEAP, _HEAP_OBJECT = b"GCOL\x01\0\0\0", struct.Struct("<H6xQ")
-_ALLOWED = "an undamaged netCDF file"
 
 
 class Variable(NamedTuple):
@@ -536,28 +533,11 @@ def read_dataset(path: str | PathLike[str], **options: Any) -> xr.Dataset:
     Refused
         If there is no such file, or it is damaged or no netCDF file.
     """
-    import h5py
-    import xarray as xr
-
-    known = False
-    with suppress(TypeError, ValueError, OSError):
-        known = Path(path).is_file()
-    if not known:
-        name = str(path) if isinstance(path, str | PathLike) else show(path)
-        raise Refused(name, Described("no such file"), _ALLOWED)
-    try:
+    with reading(path):
         if _is_damaged(path):
             raise OSError("damaged: its checksum differs")
-        with open(path, "rb") as file:
-            engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
-        if engine == "h5netcdf":
-            _check_heaps(path)
-            with h5py.File(path, "r") as found:  # h5netcdf leaves a traceback where this fails
-                found.attrs.get("_nc3_strict")
-        with xr.open_dataset(path, engine=engine, decode_timedelta=False, **options) as opened:
-            return opened.load()
-    except Exception as error:  # the readers raise any exception
-        raise Refused(str(path), Described(reason_of(error)), _ALLOWED) from error
+        with opened(path, **options) as data:
+            return data.load()
 
 
 def _is_damaged(path: str | PathLike[str]) -> bool:
@@ -579,24 +559,3 @@ def _is_damaged(path: str | PathLike[str]) -> bool:
         trailer = file.read()
     expected = trailer.startswith(_MARK) or (end is not None and end < size + _TRAILER)
     return expected and trailer != _MARK + digest.digest()
-
-
-def _check_heaps(path: str | PathLike[str]) -> None:
-    """Refuse an HDF5 file with an object of no size in a global heap.
-
-    HDF5 loops for ever over it (H5HG__cache_heap_deserialize); one wrong bit in a file without a
-    digest is enough.
-    """
-    if Path(path).stat().st_size == 0:
-        raise OSError("the file is empty")
-    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        start = content.find(_HEAP)
-        while start >= 0:
-            end = start + int.from_bytes(content[start + 8 : start + 16], "little")
-            at = start + 16
-            while at + 16 <= end <= len(content):
-                index, size = _HEAP_OBJECT.unpack_from(content, at)
-                if index == 0 and size < 16:
-                    raise OSError("damaged: an object of a global heap has no size")
-                at += 16 + -(-size // 8) * 8 if index else size
-            start = content.find(_HEAP, start + 1)

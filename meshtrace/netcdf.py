@@ -1,0 +1,195 @@
+"""Files of netCDF and HDF5: sizes are checked before anything is read.
+
+A file of a few kilobytes can state arrays of any size: HDF5 stores no chunk that was never written,
+and deflate packs a thousand bytes into one.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from meshtrace.errors import Described, Refused, reason_of, show
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MOST_BYTES = 2**31
+"""Size of all arrays of a file that is read whole [B]."""
+
+_HARMLESS = 2**26  # [B]: any file may state as much
+_DENSEST = 1100  # deflate expands a byte to at most 1032
+_TEXT = 1024  # [B] assumed for a text of variable length, which HDF5 counts as a pointer
+ALLOWED = "an undamaged netCDF file"
+_HEAP, _HEAP_OBJECT = b"GCOL\x01\0\0\0", struct.Struct("<H6xQ")
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_PLACEHOLDER = "This is a netCDF dimension but not a netCDF variable"
+
+
+def require_size(stated: int, stored: int, name: str, most: int | None = MOST_BYTES) -> None:
+    """Refuse arrays that no memory should hold, or that their stored bytes cannot hold.
+
+    Parameters
+    ----------
+    stated : int
+        Size of the arrays [B], uncompressed.
+    stored : int
+        Size of the file or the store [B].
+    name : str
+        File or variable, for the message.
+    most : int, optional
+        Bound on `stated` [B]; None where arrays are read in parts.
+    """
+    if most is not None and stated > most:
+        raise Refused(name, Described(f"arrays of {_bytes(stated)}"), f"at most {_bytes(most)}")
+    if stated > max(_HARMLESS, _DENSEST * stored):
+        found = Described(f"arrays of {_bytes(stated)} in {_bytes(stored)}")
+        raise Refused(name, found, "arrays that the file holds: compression saves a factor of 1000")
+
+
+def _bytes(n: int) -> str:
+    """Return a size as text."""
+    size, units = float(n), ["B", "kB", "MB", "GB", "TB", "PB"]
+    while size >= 1000.0 and len(units) > 1:
+        size, units = size / 1000.0, units[1:]
+    return f"{size:.3g} {units[0]}"
+
+
+@contextmanager
+def reading(path: str | PathLike[str], allowed: str = ALLOWED) -> Iterator[None]:
+    """Refuse a path that is no file, and turn all errors of a block into refusals of the file."""
+    name = str(path) if isinstance(path, str | PathLike) else show(path)
+    is_file = is_folder = False
+    with suppress(TypeError, ValueError, OSError):
+        is_file, is_folder = Path(path).is_file(), Path(path).is_dir()
+    if is_folder:
+        raise Refused(name, Described("a folder"), "a file; a Zarr store as xarray.open_zarr(path)")
+    if not is_file:
+        raise Refused(name, Described("no such file"), allowed)
+    try:
+        yield
+    except Refused:
+        raise
+    except Exception as error:  # the readers raise any exception
+        raise Refused(name, Described(reason_of(error)), allowed) from error
+
+
+@contextmanager
+def opened(
+    path: str | PathLike[str], most: int | None = MOST_BYTES, **options: Any
+) -> Iterator[xr.Dataset]:
+    """Yield the lazy dataset of a netCDF or HDF5 file whose sizes were checked.
+
+    Parameters
+    ----------
+    path : path
+        Regular file: netCDF-4, HDF5 or classic netCDF.
+    most : int, optional
+        Bound on the size of all arrays [B]; None where they are read in parts.
+    **options
+        Options of `xarray.open_dataset`.
+
+    Raises
+    ------
+    Refused
+        If there is no such file, it is damaged or no netCDF file, states arrays that it cannot
+        hold, or refers to other files.
+    """
+    import xarray as xr
+
+    with reading(path):
+        check_file(path, most)
+        with open(path, "rb") as file:
+            is_classic = file.read(3) == b"CDF"
+        # pure HDF5 files name no dimensions
+        hdf5: dict[str, Any] = {"engine": "h5netcdf", "phony_dims": "sort"}
+        engine: dict[str, Any] = {"engine": "scipy"} if is_classic else hdf5
+        with xr.open_dataset(path, **{"decode_timedelta": False, **engine, **options}) as data:
+            yield data
+
+
+def check_file(path: str | PathLike[str], most: int | None = MOST_BYTES) -> None:
+    """Refuse a netCDF or HDF5 file that states arrays which it cannot hold; others pass."""
+    stored = Path(path).stat().st_size
+    if stored == 0:
+        raise OSError("the file is empty")
+    with open(path, "rb") as file:
+        head = file.read(8)
+    if head.startswith(b"CDF"):
+        require_size(_classic_size(path), stored, str(path), most)
+    elif head == _HDF5:
+        _check_heaps(path)
+        total, largest_chunk = _hdf5_size(path)
+        require_size(total, stored, str(path), most)
+        # one value of a chunk is read by expanding all of it
+        require_size(largest_chunk, stored, str(path))
+
+
+def _classic_size(path: str | PathLike[str]) -> int:
+    """Return the size of all variables of a classic file, which may share its bytes."""
+    from scipy.io import netcdf_file
+
+    file = netcdf_file(path, mmap=True)
+    sizes = [v.data.size * max(v.data.itemsize, 8) for v in file.variables.values()]
+    file.variables.clear()  # else closing warns of arrays in use
+    file.close()
+    return sum(sizes)
+
+
+def _hdf5_size(path: str | PathLike[str]) -> tuple[int, int]:
+    """Return the size of all arrays as numbers of 8 bytes, and that of the largest chunk.
+
+    Files that refer to others are refused: whoever made them would choose what is read.
+    """
+    import h5py
+
+    def check_link(name: str, link: Any) -> None:
+        if isinstance(link, h5py.ExternalLink):
+            raise Refused(str(path), Described(f"a link to {link.filename}"), "arrays of its own")
+
+    def add(name: str, found: Any) -> None:
+        if not isinstance(found, h5py.Dataset):
+            return
+        if found.is_virtual or found.external:
+            raise Refused(str(path), Described(f"{name} in other files"), "arrays of its own")
+        label = found.attrs.get("NAME", "")
+        label = label.decode("latin-1") if isinstance(label, bytes) else str(label)
+        if label.startswith(_PLACEHOLDER):
+            return  # the length of a dimension, never read
+        item = _TEXT if found.dtype.hasobject else max(found.dtype.itemsize, 8)
+        sizes.append(int(found.size or 0) * item)
+        if found.chunks is not None:
+            chunks.append(int(np.prod(found.chunks, dtype=object)) * item)
+
+    sizes, chunks = [0], [0]
+    with h5py.File(path, "r") as file:
+        file.attrs.get("_nc3_strict")  # h5netcdf leaves a traceback where this fails
+        file.visititems_links(check_link)
+        file.visititems(add)
+    return sum(sizes), max(chunks)
+
+
+def _check_heaps(path: str | PathLike[str]) -> None:
+    """Refuse an HDF5 file with an object of no size in a global heap.
+
+    HDF5 loops for ever over it (H5HG__cache_heap_deserialize); one wrong bit in a file without a
+    digest is enough.
+    """
+    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        start = content.find(_HEAP)
+        while start >= 0:
+            end = start + int.from_bytes(content[start + 8 : start + 16], "little")
+            at = start + 16
+            while at + 16 <= end <= len(content):
+                index, size = _HEAP_OBJECT.unpack_from(content, at)
+                if index == 0 and size < 16:
+                    raise OSError("damaged: an object of a global heap has no size")
+                at += 16 + -(-size // 8) * 8 if index else size
+            start = content.find(_HEAP, start + 1)
