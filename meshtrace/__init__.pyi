@@ -24,6 +24,7 @@ from .engine.setup.options import Meshing as Meshing
 from .engine.simulate import simulate as simulate
 from .engine.simulate import trace_paths as trace_paths
 from .errors import DomainWarning as DomainWarning
+from .errors import InputWarning as InputWarning
 from .errors import Refused as Refused
 from .explorer import explore as explore
 from .link import AirBeam as AirBeam

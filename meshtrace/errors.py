@@ -12,6 +12,8 @@ import operator
 import os
 import re
 import stat
+import sys
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -371,6 +373,19 @@ def one_line(value: object) -> str:
 def reason_of(error: Exception) -> str:
     """Return the text of an error as one line, or else its type."""
     return one_line(error) or type(error).__name__
+
+
+class InputWarning(UserWarning):
+    """Input was converted or chosen from: its units, left out columns and rows, other forms."""
+
+
+def warn_of_input(text: str) -> None:
+    """Say in one line what was made of an input, at the line that calls the package."""
+    level, frame = 2, sys._getframe(1)
+    own = ("meshtrace", "pydantic", "contextlib")
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(own):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(one_line(text), InputWarning, stacklevel=level)
 
 
 class DomainWarning(UserWarning):
