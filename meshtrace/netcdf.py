@@ -7,8 +7,9 @@ and deflate packs a thousand bytes into one.
 from __future__ import annotations
 
 import mmap
+import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
@@ -73,12 +74,19 @@ def reading(path: str | PathLike[str], allowed: str = ALLOWED) -> Iterator[None]
         raise Refused(name, Described("a folder"), "a file; a Zarr store as xarray.open_zarr(path)")
     if not is_file:
         raise Refused(name, Described("no such file"), allowed)
+    with refusing(name, allowed):
+        yield
+
+
+@contextmanager
+def refusing(field: str, allowed: str) -> Iterator[None]:
+    """Turn all errors of a block, whose readers raise any exception, into refusals of a field."""
     try:
         yield
     except Refused:
         raise
-    except Exception as error:  # the readers raise any exception
-        raise Refused(name, Described(reason_of(error)), allowed) from error
+    except Exception as error:
+        raise Refused(field, Described(reason_of(error)), allowed) from error
 
 
 @contextmanager
@@ -193,3 +201,70 @@ def _check_heaps(path: str | PathLike[str]) -> None:
                     raise OSError("damaged: an object of a global heap has no size")
                 at += 16 + -(-size // 8) * 8 if index else size
             start = content.find(_HEAP, start + 1)
+
+
+def unit_of(variable: xr.DataArray) -> str:
+    """Return the unit in the attributes of a variable, "" if there is none."""
+    unit = variable.attrs.get("units", variable.attrs.get("unit", ""))
+    unit = unit.decode("latin-1") if isinstance(unit, bytes) else str(unit)
+    return "" if unit.strip().lower() in ("", "none", "unknown", "unk") else unit.strip()
+
+
+_TURNS = re.compile(
+    r"(relative|with respect|respect|referred|reference) to|(counter-?|anti-?)?clockwise( from)?"
+    r"|from (the )?(true |geographic |grid )?(north|east|x)|magnetic declination"
+)
+_FROM = re.compile(r"from[_ ]direction|from[_ ]which|(coming|come|comes|arriving|blow\w*)[_ -]from"
+                   r"|direction[_ (]+from|\(from\)|nautical|meteorological")  # fmt: skip
+_TO = re.compile(r"to[_ ]direction|to[_ ]which|(going|coming|moving)[_ -]to|direction[_ (]+to\b"
+                 r"|\(to\)|towards?|propagat|travell?ing|heading|ocean(ograph)?ic")  # fmt: skip
+_CARTESIAN = re.compile(
+    r"cartesian|mathematic|trigonometric|(counter|anti)-?clockwise|from (the )?(east|x)"
+)
+
+
+def convention_of(direction: xr.DataArray, attributes: Mapping[Any, Any]) -> str:
+    """Return the convention of directions that attributes state, "" if they state none.
+
+    Parameters
+    ----------
+    direction : xarray.DataArray
+        Directions of waves, with their attributes.
+    attributes : mapping
+        Attributes of the dataset, of which only those about a convention of directions count.
+
+    Returns
+    -------
+    str
+        "from" or "to", clockwise from north; "cartesian" for the direction of travel and
+        "cartesian from" for that of origin, counter-clockwise from east.
+
+    Raises
+    ------
+    Refused
+        If attributes contradict each other, or directions count from magnetic north.
+    """
+    about = [
+        str(v)
+        for k, v in attributes.items()
+        if "convention" in str(k).lower() and "dir" in str(k).lower()
+    ]
+    about += [str(v) for k, v in direction.attrs.items() if k not in ("units", "unit")]
+    texts = [text.lower() for text in about]
+    if any("magnetic north" in text or "degrees_magnetic" in text for text in texts):
+        raise Refused("dir", Described("relative to magnetic north"), "relative to true north")
+    ways = set()
+    for text in texts:
+        bare = _TURNS.sub(" ", text)
+        if _FROM.search(bare):
+            ways.add("from")
+        elif _TO.search(bare):
+            ways.add("to")
+    is_cartesian = any(_CARTESIAN.search(text) for text in texts)
+    if len(ways) > 1:
+        found = Described("; ".join(about))
+        raise Refused("dir", found, "attributes that agree whether waves come from there or go to")
+    way = next(iter(ways), "to" if is_cartesian else "")
+    if not is_cartesian:
+        return way
+    return "cartesian" if way == "to" else "cartesian from"

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from meshtrace.errors import Described, DomainWarning, Refused, did_you_mean, extra, reason_of
-from meshtrace.stored import read_dataset
-from meshtrace.tables import read_columns
+from meshtrace.errors import DomainWarning, Refused
 
 from .parameters import Floats, Mss
 from .seas import MeasuredSea
 from .spectra import Elfouhaily, ElfouhailySpreading, sea_state
+from .spectra_files import read_spectrum
 from .statistics import components_slope_variance, cox_munk
 
 if TYPE_CHECKING:
@@ -51,7 +50,7 @@ def from_wavespectra(
     *,
     reader: str | None = None,
     time: Any = None,
-    site: int | tuple[float, float] | None = None,
+    site: int | str | tuple[float, float] | None = None,
     tail: Literal["elfouhaily"] | None = None,
     wind_speed: float | None = None,
     mss: Mss | None = None,
@@ -145,107 +144,11 @@ def from_wavespectra(
 def _read(
     source: Any, reader: str | None, time: Any, site: Any, x_axis_deg: float
 ) -> tuple[_Table, str | None]:
-    if reader is not None:
-        read = _reader(reader)
-        try:
-            dataset = read(source)
-        except Exception as error:  # the readers raise any exception
-            found = Described(reason_of(error))
-            raise Refused(str(source), found, f"a file that read_{reader} reads") from error
-    elif isinstance(source, str | PathLike):
-        is_text = str(source).lower().endswith((".csv", ".txt"))
-        dataset = _text_table(source) if is_text else read_dataset(source)
-    elif not hasattr(source, "variables"):
-        raise Refused("source", source, "a path or an xarray.Dataset")
-    else:
-        dataset = source
-    missing = [name for name in ("efth", "freq", "dir") if name not in dataset.variables]
-    if missing:
-        raise Refused(
-            "source", Described(f"without {missing}"), "efth over freq [Hz] and dir [deg]"
-        )
-    efth, record = dataset["efth"], []
-    if time is not None:
-        efth = _at_time(efth, time)
-    if site is not None:
-        efth = _at_site(dataset, efth, site)
-    for name in ("time", "site", "lon", "lat"):
-        if name in efth.coords and efth[name].size == 1 and (time is not None or site is not None):
-            record.append(f"{name} {np.atleast_1d(efth[name].values)[0]}")
-    efth = efth.squeeze(drop=True)
-    if set(efth.dims) != {"freq", "dir"} or not efth.size:
-        raise Refused("efth", efth.dims, "dimensions (freq, dir); select one time and site first")
-    efth = efth.transpose("freq", "dir").sortby("freq").sortby("dir")
-    freq, direction = (np.asarray(efth[name], dtype=np.float64) for name in ("freq", "dir"))
-    variance = efth.values * np.gradient(freq)[:, None] * _direction_width(direction)
-    if not (np.isfinite(freq) & (freq > 0.0)).all():
-        raise Refused("freq", Described("not positive"), "finite numbers > 0 [Hz]")
-    if not (np.isfinite(variance) & (variance >= 0.0)).all():
-        raise Refused("efth", Described("negative or not finite"), "finite variance densities >= 0")
+    """Return the table of a spectrum, and the label of its record."""
+    freq, direction, density, record = read_spectrum(source, reader, time, site)
+    width = 360.0 / len(direction)
     theta = np.radians(180.0 + x_axis_deg - direction)
-    return _Table(freq, theta, variance), ", ".join(record) or None
-
-
-def _text_table(path: str | PathLike[str]) -> xarray.Dataset:
-    """Return the dataset of a text file with directions in its header."""
-    import xarray as xr
-
-    header, values = read_columns(path)
-    try:
-        directions = [float(word) for word in header[1:]]
-    except ValueError:
-        directions = []
-    if len(directions) != values.shape[1] - 1:
-        found = Described(" ".join(header) or "no header")
-        raise Refused(str(path), found, "a header with a direction [deg] for each column but one")
-    coords = {"freq": values[:, 0], "dir": directions}
-    return xr.Dataset({"efth": (("freq", "dir"), values[:, 1:])}, coords)
-
-
-def _reader(name: str) -> Any:
-    with extra("measured", "reader", name, "formats of wavespectra: {}"):
-        import wavespectra
-    names = sorted(n.removeprefix("read_") for n in dir(wavespectra) if n.startswith("read_"))
-    if name not in names:
-        raise Refused("reader", name, ", ".join(names), did_you_mean(name, names))
-    return getattr(wavespectra, f"read_{name}")
-
-
-def _at_time(efth: xarray.DataArray, time: Any) -> xarray.DataArray:
-    if "time" not in efth.coords:
-        raise Refused("time", time, "a record with times")
-    times = np.atleast_1d(efth["time"].values)
-    first, last = times.min(), times.max()
-    try:
-        wanted = np.datetime64(time, "ns")
-    except ValueError as error:
-        raise Refused("time", time, f"a date from {first} to {last}") from error
-    distance = np.abs(times - wanted)
-    step = np.diff(np.sort(times)).max() if len(times) > 1 else np.timedelta64(0, "ns")
-    if distance.min() > step / 2:
-        raise Refused("time", time, f"within half a step of {first} to {last}")
-    return efth.isel(time=int(distance.argmin())) if "time" in efth.dims else efth
-
-
-def _at_site(
-    dataset: xarray.Dataset, efth: xarray.DataArray, site: int | tuple[float, float]
-) -> xarray.DataArray:
-    if isinstance(site, int):
-        stations = dataset.sizes.get("site", 0)
-        if not 0 <= site < stations:
-            raise Refused("site", site, f"0 to {stations - 1}, of {stations} stations")
-        return efth.isel(site=site)
-    if "lon" not in dataset.variables or "lat" not in dataset.variables:
-        raise Refused("site", site, "a record with lon and lat")
-    lon, lat = site
-    off_lon, off_lat = dataset["lon"] - lon, dataset["lat"] - lat
-    # longitudes of 0 to 360 and of -180 to 180 deg name the same meridians
-    distance: Any = np.hypot((off_lon + 180.0) % 360.0 - 180.0, off_lat)
-    if "time" in distance.dims:
-        distance = distance.isel(time=0)
-    if float(distance.min()) > 1.0:
-        raise Refused("site", site, "within 1 deg of a station or grid point")
-    return efth.isel(distance.argmin(dim=...))
+    return _Table(freq, theta, density * np.gradient(freq)[:, None] * width), record
 
 
 def _mean_direction(table: _Table) -> float:
@@ -286,12 +189,3 @@ def _warn_of_missing_slopes(table: _Table, wind_speed: float | None, depth: floa
         missing = 100.0 * max(0.0, 1.0 - resolved / sum(cox_munk(wind_speed)))
         text = f"source: {end}, beyond which {missing:.0f} % of the slope variance lies: {advice}"
     warnings.warn(text, DomainWarning, stacklevel=3)
-
-
-def _direction_width(direction: Floats) -> float:
-    width = 360.0 / len(direction)
-    turn = np.diff(direction, append=direction[0] + 360.0)
-    if not np.allclose(turn, width, atol=1e-3 * width):
-        found = Described(f"steps of {turn.min():g} to {turn.max():g} deg")
-        raise Refused("dir", found, "equal steps round the circle")
-    return width
