@@ -83,7 +83,7 @@ def refusing(field: str, allowed: str) -> Iterator[None]:
     """Turn all errors of a block, whose readers raise any exception, into refusals of a field."""
     try:
         yield
-    except Refused:
+    except (Refused, Warning):
         raise
     except Exception as error:
         raise Refused(field, Described(reason_of(error)), allowed) from error
@@ -158,15 +158,15 @@ def _hdf5_size(path: str | PathLike[str]) -> tuple[int, int]:
     """
     import h5py
 
-    def check_link(name: str, link: Any) -> None:
+    def add_link(name: str, link: Any) -> None:
         if isinstance(link, h5py.ExternalLink):
-            raise Refused(str(path), Described(f"a link to {link.filename}"), "arrays of its own")
+            elsewhere.append(f"{name} in {link.filename}")
 
     def add(name: str, found: Any) -> None:
         if not isinstance(found, h5py.Dataset):
             return
         if found.is_virtual or found.external:
-            raise Refused(str(path), Described(f"{name} in other files"), "arrays of its own")
+            elsewhere.append(f"{name} in other files")
         label = found.attrs.get("NAME", "")
         label = label.decode("latin-1") if isinstance(label, bytes) else str(label)
         if label.startswith(_PLACEHOLDER):
@@ -176,11 +176,14 @@ def _hdf5_size(path: str | PathLike[str]) -> tuple[int, int]:
         if found.chunks is not None:
             chunks.append(int(np.prod(found.chunks, dtype=object)) * item)
 
+    elsewhere: list[str] = []
     sizes, chunks = [0], [0]
     with h5py.File(path, "r") as file:
         file.attrs.get("_nc3_strict")  # h5netcdf leaves a traceback where this fails
-        file.visititems_links(check_link)
+        file.visititems_links(add_link)
         file.visititems(add)
+    if elsewhere:
+        raise Refused(str(path), Described(f"array {elsewhere[0]}"), "arrays of its own")
     return sum(sizes), max(chunks)
 
 

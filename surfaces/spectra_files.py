@@ -10,6 +10,7 @@ import gzip
 import json
 import math
 import re
+import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, date, datetime
@@ -47,7 +48,8 @@ _MOST_TEXT = 2**28  # [B] of an uncompressed file of text
 _STANDARD = ("", "none", "standard", "gregorian", "proleptic_gregorian")  # calendars
 _FARTHEST = 1.0  # [deg] from a place to its grid point
 _ROUNDED = 1e-6  # of the highest density: packed files round zeros to either sign
-_SHARPEST, _POINTS = 0.99, 40  # of maximum entropy: |c1|, and points within a bin
+_SHARPEST, _NEAREST = 0.99, 0.95  # of maximum entropy: |c1|, and its limit of c2
+_POINTS = 400  # within a bin of 10 degrees
 _DIRECTIONS = 36  # of buoys that measure two Fourier coefficients
 _STATIONS = ("site", "station")
 _PLACES = (*_STATIONS, "lon", "lat", "longitude", "latitude")
@@ -118,7 +120,10 @@ def _opened(source: Any, reader: str | None) -> Iterator[xarray.Dataset]:
                 dataset = dataset.rename({k: v for k, v in _NDBC.items() if k in dataset})
             yield dataset
     else:
-        with refusing(str(source), f"a file that read_{reader} reads"):
+        with (
+            refusing(str(source), f"a file that read_{reader} reads"),
+            warnings.catch_warnings(action="ignore"),  # of what its packages deprecate
+        ):
             _check_text(source)
             if reader == "ndbc_ascii":
                 dataset = _ndbc_ascii(source)
@@ -197,6 +202,7 @@ def _formatted(dataset: xarray.Dataset, reader: str) -> xarray.Dataset:
 def _without_attributes(dataset: xarray.Dataset) -> xarray.Dataset:
     """Return a dataset that a reader of wavespectra converted, whose old attributes are wrong."""
     dataset = dataset.copy()
+    dataset.attrs = {}
     for name in ("efth", "freq", "dir"):
         if name in dataset.variables:
             dataset[name].attrs = {}
@@ -296,8 +302,10 @@ def _one_record(dataset: xarray.Dataset, time: Any, site: Any) -> tuple[xarray.D
     labels = []
     for name in ("time", "site", "station", "lon", "lat") if (time, site) != (None, None) else ():
         if name in data.variables and data[name].size == 1:
-            value = _times(data[name]) if name == "time" else data[name].values
-            labels.append(f"{name} {np.ravel(value)[0]}")
+            value = np.ravel(data[name].values)[0]
+            if name == "time" and time is not None:
+                value = _shown(_times(data[name]).ravel()[0])
+            labels.append(f"{name} {value}")
     return data, ", ".join(labels) or None
 
 
@@ -309,21 +317,26 @@ def _at_time(data: xarray.Dataset, time: Any) -> xarray.Dataset:
     dated = times[~np.isnat(times)]
     if not dated.size:
         raise Refused("time", Described("no dates in the record"), "a record with times")
-    dates = f"a date from {dated.min()} to {dated.max()}"
-    distance = np.abs(times - _date(time, dates))
+    dates = f"{_shown(dated.min())} to {_shown(dated.max())}"
+    distance = np.abs(times - _date(time, f"a date from {dates}"))
     distance[np.isnat(distance)] = np.timedelta64(2**62, "us")
     # the usual step: a gap in the record is no reason to take what is far away
     steps = np.diff(np.unique(dated))
     step = np.median(steps.astype(np.int64)) if steps.size else 0.0
     if float(distance.min().astype(np.int64)) > 0.5 * step:
-        raise Refused("time", time, f"within half a step of {dated.min()} to {dated.max()}")
+        raise Refused("time", time, f"within half a step of {dates}")
     i = int(distance.argmin())
     if (times == times[i]).sum() > 1:
         raise Refused(
-            "time", Described(f"{times[i]} twice in the record"), "one spectrum at a time"
+            "time", Described(f"{_shown(times[i])} twice in the record"), "one spectrum at a time"
         )
     dims = data["time"].dims
     return data.isel({dims[0]: i}) if dims else data
+
+
+def _shown(time: np.datetime64) -> str:
+    """Return a date as text, without empty seconds."""
+    return str(np.datetime_as_string(time, "s")).removesuffix(":00")
 
 
 def _times(time: xarray.DataArray) -> NDArray[np.datetime64]:
@@ -438,6 +451,8 @@ def _canonical(data: xarray.Dataset) -> tuple[Floats, Floats, Floats]:
             Described("no directions"),
             'directions, or spectrum = "tabulated" with a spreading',
         )
+    if not is_fourier and "dir" not in data.variables:
+        raise Refused("dir", Described("missing"), "directions [deg]")
     if set(efth.dims) != set(axes) or not efth.size:
         raise Refused("efth", efth.dims, f"dimensions {axes}; select one time and site first")
     freq = _frequencies(data["freq"], unit_of(efth))
@@ -451,11 +466,11 @@ def _canonical(data: xarray.Dataset) -> tuple[Floats, Floats, Floats]:
         density = _from_fourier(values, direction, *coefficients)
         return _checked(freq[order], direction, density[order])
     unit = unit_of(efth)
+    is_angular = unit_of(data["dir"]).lower().startswith("rad")
+    if (unit or is_angular) and not _ANGLE.search(unit):
+        found = Described(f"in {unit}" if unit else "without units over radians")
+        raise Refused("efth", found, f"units that name the angle, such as {_DENSITY}")
     if unit:
-        if not _ANGLE.search(unit):
-            raise Refused(
-                "efth", Described(f"in {unit}"), f"units that name the angle, such as {_DENSITY}"
-            )
         per_degree = convert(values, unit, _DENSITY, "efth")
         if not np.array_equal(per_degree, values, equal_nan=True):
             warn_of_input(f"efth: {unit} converted to {_DENSITY}")
@@ -502,8 +517,8 @@ def _coefficient(variable: xarray.DataArray, name: str) -> Floats:
     """Return a direction [rad] or a ratio of the Fourier coefficients of a buoy."""
     values, unit = np.ravel(_valid(variable.squeeze(drop=True))), unit_of(variable)
     if name.startswith("alpha"):
-        # NDBC: alpha1, alpha2 are the directions that waves come from [deg]
-        return np.radians(convert(values, unit, "deg", name) if unit else values)
+        bearing = convert(values, unit, "deg", name) if unit else values
+        return np.radians(_coming_from(bearing, convention_of(variable, {}) or "from"))
     return convert(values, unit, "1", name) if unit else values
 
 
@@ -566,6 +581,11 @@ def _checked(freq: Floats, direction: Floats, density: Floats) -> tuple[Floats, 
     """Return a spectrum of positive frequencies whose densities are finite, not negative, not 0."""
     is_zero = (freq == 0.0) & ~(np.nan_to_num(density) > 0.0).any(axis=1)  # the mean level
     freq, density = freq[~is_zero], density[~is_zero]
+    measured = np.flatnonzero(~np.isnan(density).all(axis=1))
+    if 0 < len(measured) and measured[-1] - measured[0] + 1 < len(freq):  # of another buoy's band
+        freq = freq[measured[0] : measured[-1] + 1]
+        density = density[measured[0] : measured[-1] + 1]
+        warn_of_input(f"efth: values from {freq[0]:.3g} to {freq[-1]:.3g} Hz alone")
     if len(freq) < 2 or not (np.isfinite(freq) & (freq > 0.0)).all():
         raise Refused("freq", Described("not positive"), "two or more finite numbers > 0 [Hz]")
     if not (np.diff(freq) > 0.0).all():
@@ -592,7 +612,7 @@ def _from_fourier(
     The truncated series S (1/2 + r1 cos(theta - alpha1) + r2 cos 2 (theta - alpha2)) / pi is
     negative in places. The maximum entropy form has these coefficients and is positive.
     """
-    calm = spectrum == 0.0
+    calm = (spectrum == 0.0) | np.isnan(spectrum)
     lacking = np.isnan(alpha1 + alpha2 + r1 + r2) & ~calm
     if lacking.any():
         found = Described(
@@ -625,9 +645,9 @@ def maximum_entropy(c1: NDArray[Any], c2: NDArray[Any], theta: Floats) -> Floats
     ndarray, shape (m, n)
     """
     # noise makes coefficients that no density has: the nearest possible ones keep the mean
-    # direction. At the limit the density is a line, which 40 points in a bin would miss
+    # direction. At the limit the density is a line, which points within a bin would miss
     c1 = c1 * np.minimum(1.0, _SHARPEST / np.maximum(np.abs(c1), 1e-12))
-    apart, most = c2 - c1**2, _SHARPEST * (1.0 - np.abs(c1) ** 2)
+    apart, most = c2 - c1**2, _NEAREST * (1.0 - np.abs(c1) ** 2)
     c2 = c1**2 + apart * np.minimum(1.0, most / np.maximum(np.abs(apart), 1e-12))
     phi1 = (c1 - c2 * c1.conj()) / (1.0 - np.abs(c1) ** 2)
     phi2 = c2 - c1 * phi1
