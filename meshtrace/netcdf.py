@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused, reason_of, show
 
@@ -211,6 +212,19 @@ def unit_of(variable: xr.DataArray) -> str:
     unit = variable.attrs.get("units", variable.attrs.get("unit", ""))
     unit = unit.decode("latin-1") if isinstance(unit, bytes) else str(unit)
     return "" if unit.strip().lower() in ("", "none", "unknown", "unk") else unit.strip()
+
+
+def valid_values(variable: xr.DataArray) -> NDArray[np.float64]:
+    """Return the values of a variable, nan outside the valid range of its attributes."""
+    values = np.asarray(variable.values, np.float64)
+    low, high = variable.attrs.get("valid_min"), variable.attrs.get("valid_max")
+    low, high = variable.attrs.get("valid_range", (low, high))
+    with np.errstate(invalid="ignore"):
+        if low is not None:
+            values = np.where(values < float(low), np.nan, values)
+        if high is not None:
+            values = np.where(values > float(high), np.nan, values)
+    return values
 
 
 _TURNS = re.compile(

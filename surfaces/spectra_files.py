@@ -33,7 +33,15 @@ from meshtrace.errors import (
     require_whole,
     warn_of_input,
 )
-from meshtrace.netcdf import check_file, convention_of, opened, refusing, require_size, unit_of
+from meshtrace.netcdf import (
+    check_file,
+    convention_of,
+    opened,
+    refusing,
+    require_size,
+    unit_of,
+    valid_values,
+)
 from meshtrace.tables import read_columns
 from meshtrace.units import convert
 
@@ -456,7 +464,7 @@ def _canonical(data: xarray.Dataset) -> tuple[Floats, Floats, Floats]:
     if set(efth.dims) != set(axes) or not efth.size:
         raise Refused("efth", efth.dims, f"dimensions {axes}; select one time and site first")
     freq = _frequencies(data["freq"], unit_of(efth))
-    values = _valid(efth.transpose(*axes))
+    values = valid_values(efth.transpose(*axes))
     if is_fourier:
         unit = unit_of(efth)
         values = convert(values, unit, "m2 Hz-1", "efth") if unit else values
@@ -480,23 +488,10 @@ def _canonical(data: xarray.Dataset) -> tuple[Floats, Floats, Floats]:
     return _checked(freq[order], *_round_the_circle(direction, values[order]))
 
 
-def _valid(variable: xarray.DataArray) -> Floats:
-    """Return values; those outside the valid range of the attributes are missing."""
-    values = np.asarray(variable.values, np.float64)
-    low, high = variable.attrs.get("valid_min"), variable.attrs.get("valid_max")
-    low, high = variable.attrs.get("valid_range", (low, high))
-    with np.errstate(invalid="ignore"):
-        if low is not None:
-            values = np.where(values < float(low), np.nan, values)
-        if high is not None:
-            values = np.where(values > float(high), np.nan, values)
-    return values
-
-
 def _frequencies(variable: xarray.DataArray, density_unit: str) -> Floats:
     """Return frequencies [Hz]; over angular ones the unit of densities names the frequency."""
     unit = unit_of(variable)
-    freq = _valid(variable)
+    freq = valid_values(variable)
     if unit:
         if _ANGLE.search(unit):
             angles = _ANGLE.findall(density_unit)
@@ -515,7 +510,7 @@ def _frequencies(variable: xarray.DataArray, density_unit: str) -> Floats:
 
 def _coefficient(variable: xarray.DataArray, name: str) -> Floats:
     """Return a direction [rad] or a ratio of the Fourier coefficients of a buoy."""
-    values, unit = np.ravel(_valid(variable.squeeze(drop=True))), unit_of(variable)
+    values, unit = np.ravel(valid_values(variable.squeeze(drop=True))), unit_of(variable)
     if name.startswith("alpha"):
         bearing = convert(values, unit, "deg", name) if unit else values
         return np.radians(_coming_from(bearing, convention_of(variable, {}) or "from"))
