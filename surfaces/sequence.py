@@ -412,6 +412,8 @@ class MeshSequence(Model, frozen=True):
             at = np.arange(n) / self.frame_rate
         elif at is None and n == 1:
             at = np.zeros(1)
+        if n == 0:
+            raise unfit(f"no frames in {self.source!r}", "one or more meshes")
         if at is None:
             raise Refused("times", None, "times [s] or frame_rate, for frames without times")
         if len(at) != n:
