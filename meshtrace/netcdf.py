@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.errors import Described, Refused, reason_of, show
+from meshtrace.errors import Described, Refused, refusing, show
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -77,17 +77,6 @@ def reading(path: str | PathLike[str], allowed: str = ALLOWED) -> Iterator[None]
         raise Refused(name, Described("no such file"), allowed)
     with refusing(name, allowed):
         yield
-
-
-@contextmanager
-def refusing(field: str, allowed: str) -> Iterator[None]:
-    """Turn all errors of a block, whose readers raise any exception, into refusals of a field."""
-    try:
-        yield
-    except (Refused, Warning):
-        raise
-    except Exception as error:
-        raise Refused(field, Described(reason_of(error)), allowed) from error
 
 
 @contextmanager

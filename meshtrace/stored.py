@@ -32,7 +32,7 @@ from typing import (
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.errors import Described, Refused, one_line
+from meshtrace.errors import LARGEST, Described, Refused, one_line, show
 from meshtrace.fields import attrs
 from meshtrace.files import atomic
 from meshtrace.netcdf import opened, reading
@@ -150,8 +150,32 @@ def _row(kind: Any, values: Iterator[Any]) -> Any:
     found = []
     for hint in _hints(kind).values():
         value = _row(hint, values) if hasattr(hint, "_fields") else next(values)
+        if hint in (int, float, str) and isinstance(value, str) != (hint is str):
+            raise TypeError(f"{value!r:.40} for a {hint.__name__}")
         found.append(bool(value) if hint is bool else value)
     return kind(*found)
+
+
+def _check_array(array: xr.DataArray, dims: list[str], hint: Any) -> None:
+    """Refuse an array of other dimensions than a result writes, or of text for numbers."""
+    # values with fewer dimensions have the first ones; a number has none
+    few = array.ndim or not dims
+    # a link may have no receivers
+    is_empty = any(size == 0 for name, size in array.sizes.items() if name != "receiver")
+    if not few or list(array.dims) != dims[: array.ndim] or is_empty:
+        shape = ", ".join(f"{name} {size}" for name, size in array.sizes.items())
+        raise ValueError(f"{array.name} of dimensions ({shape}), not ({', '.join(dims)})")
+    is_text = hint is str or str in get_args(hint)
+    if array.dtype.kind not in ("UOST" if is_text else "biuf"):
+        raise TypeError(f"{array.name} of {array.dtype}")
+    if array.dtype.kind == "f":
+        _check_range(str(array.name), array.to_numpy())
+
+
+def _check_range(name: str, values: NDArray[Any]) -> None:
+    """Refuse numbers whose squares overflow in statistics."""
+    if (np.isfinite(values) & (np.abs(values) > LARGEST)).any():
+        raise ValueError(f"{name} beyond {LARGEST:g}")
 
 
 class Attribute(NamedTuple):
@@ -211,6 +235,7 @@ class WithArrays:
             name = variable.name or attribute
             name = name.format(**data.attrs) if "{" in name else name
             if name in data.variables:
+                _check_array(data[name], variable.dims.format(**data.attrs).split(), hint)
                 value = data[name].to_numpy()
                 found[attribute] = tuple(value.tolist()) if get_origin(hint) is tuple else value
                 if not value.ndim:
@@ -327,16 +352,18 @@ class Stored(WithArrays, ABC):
         Refused
             If the dataset is of another kind or format, or incomplete.
         """
-        kind, version = dataset.attrs.get("kind"), dataset.attrs.get("format_version")
-        if kind != cls.kind or version != FORMAT_VERSION:
+        kind, version = dataset.attrs.get("kind"), dataset.attrs.get("format_version", 0)
+        is_version = np.ndim(version) == 0 and version == FORMAT_VERSION
+        if not isinstance(kind, str) or kind != cls.kind or not is_version:
             found = f"a {kind} of format_version {version}" if kind else "no result"
             allowed = f"{cls.kind} of format_version {FORMAT_VERSION}"
             raise Refused(name, Described(found), allowed)
         try:
             result = cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
             result._origin_lines()
+            result._content()  # fits together: sizes of all arrays
             return result
-        except (LookupError, ValueError, TypeError, AttributeError) as error:
+        except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
             reason = f"{type(error).__name__}: {one_line(error)}"
             raise Refused(
                 name, Described(reason), f"a complete result of kind {cls.kind}"
@@ -438,6 +465,8 @@ def _typed(value: Any, hint: Any) -> Any:
     """Return an attribute of a file as a value of a type."""
     from pydantic import TypeAdapter
 
+    if np.asarray(value).dtype.kind == "f":
+        _check_range("an attribute", np.asarray(value))
     if hint is Any:
         return value
     if isinstance(value, str) and hint is not str:
@@ -478,8 +507,8 @@ def kind_of(kind: Any, name: str = "kind") -> type[Stored]:
     Refused
         If there is no such kind.
     """
-    if kind not in _HOMES:
-        found = Described(f"kind {kind}" if kind else "no result")
+    if not isinstance(kind, str) or kind not in _HOMES:
+        found = Described("no result" if kind is None else f"kind {show(kind)}")
         raise Refused(name, found, f"results of kind {', '.join(_HOMES)}")
     import_module(_HOMES[kind])
     return Stored._classes[kind]

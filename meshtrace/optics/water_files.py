@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from meshtrace.errors import Described, Refused, warn_of_input
+from meshtrace.errors import Described, Refused, refusing, warn_of_input
 from meshtrace.models import Floats
-from meshtrace.netcdf import refusing, unit_of, valid_values
+from meshtrace.netcdf import unit_of, valid_values
 from meshtrace.optics.constituents import Constituents
 from meshtrace.optics.pure_water import pure_water_absorption, zhang_hu_he
 from meshtrace.optics.spectra import SpectralTable, WaterSpectrum

@@ -626,7 +626,7 @@ def forged_stores(random, folder):
     lines = []
     for line in _store(folder.parent / "kept.store").splitlines():
         content = json.loads(line.partition(b" ")[2])
-        if random.random() < 0.7:
+        if random.random() < 0.3:
             if random.random() < 0.2:
                 key = random.choice(list(content))
                 changes.append(f"without {key}")
