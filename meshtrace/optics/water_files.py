@@ -146,6 +146,7 @@ def _at(table: Any, wavelengths: Any) -> Any:
     return type(table)(values, index=table.index, columns=wavelengths)
 
 
+_MISSING = 99999.0  # of Argo
 _ARGO = {"PRES": "dbar", "CHLA": "mg m-3", "BBP700": "m-1", "TEMP": "degC", "PSAL": "psu"}
 
 
@@ -191,7 +192,7 @@ def _good(data: Any, name: str, profile: int) -> Floats:
                 lengths = Described(f"{values.size} values with {flags.size} flags")
                 raise Refused(variable, lengths, "a flag for each value")
             values = np.where(np.isin(flags, _GOOD), values, np.nan)
-        values = np.where(np.abs(values) < 99999.0, values, np.nan)
+        values = np.where((values == _MISSING) | ~np.isfinite(values), np.nan, values)
         if np.isfinite(values).any():
             unit = unit_of(part[variable])
             if name == "PSAL" and unit in ("1", "1e-3"):  # the practical scale has no unit
@@ -199,7 +200,7 @@ def _good(data: Any, name: str, profile: int) -> Floats:
             converted = convert(values, unit, _ARGO[name], variable) if unit else values
             if not np.array_equal(converted, values, equal_nan=True):
                 warn_of_input(f"{variable}: {unit} converted to {_ARGO[name]}")
-            return np.atleast_1d(converted)
+            return np.atleast_1d(np.where(np.abs(converted) < _MISSING, converted, np.nan))
     return np.full(data.sizes.get("N_LEVELS", 1), np.nan)
 
 
