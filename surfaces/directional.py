@@ -64,11 +64,14 @@ def from_wavespectra(
 
     Parameters
     ----------
-    source : path or xarray.Dataset
+    source : path, list of path or xarray.Dataset
         netCDF file or dataset with `efth` [m2 Hz-1 deg-1] over `freq` [Hz] and `dir` [deg], the
-        nautical direction the waves come from, clockwise from north; or, with `reader`, a file;
+        nautical direction the waves come from, clockwise from north; or, with `reader`, a file,
+        with "ndbc_ascii" the five files of a buoy: densities, swdir, swdir2, swr1 and swr2;
         or a text file (.csv, .txt) whose header holds the directions and whose first column the
-        frequencies, see `meshtrace.tables.read_columns`.
+        frequencies, see `meshtrace.tables.read_columns`. Attributes of other units and conventions
+        are heeded: `units`, `standard_name`, `long_name`, `_FillValue`, `scale_factor`,
+        `valid_max`, `Directional_convention`.
     seed : int
         Seed of the random phases.
     depth : float, optional
@@ -78,10 +81,11 @@ def from_wavespectra(
         "datawell": the function `read_<reader>` of wavespectra (`pip install
         "meshtrace[measured]"`).
     time : optional
-        Time of the spectrum, in any form that numpy reads as a date; the nearest one within half a
-        step of the record is taken.
-    site : int or (float, float), optional
-        Number of a station, or longitude and latitude [deg]; the nearest one within 1 deg is taken.
+        Date of the spectrum in ISO 8601, without an offset in universal time, or of datetime, numpy
+        or pandas; the nearest one within half a usual step of the record is taken.
+    site : int, str or (float, float), optional
+        Label of a station, its number from 0 in a record without labels, or longitude and latitude
+        [deg]; the nearest one within 1 deg of a great circle is taken.
     tail : "elfouhaily", optional
         Continue the spectrum from its last frequency to `TAIL_OMEGA_MAX` with the spectrum and
         spreading of Elfouhaily et al. for `wind_speed`, about the mean direction of the last
@@ -105,19 +109,33 @@ def from_wavespectra(
     Raises
     ------
     Refused
-        If a variable is missing, time or site is outside of the record or has to be selected, the
-        directions are not equally spaced round the circle, or wavespectra is missing.
+        If a variable is missing or in units of another kind, directions are missing, contradict
+        each other or are not equally spaced round the circle, values are missing or negative, time
+        or site is outside of the record or has to be selected, the calendar is not the standard
+        one, the file states arrays that it cannot hold, or wavespectra is missing.
 
     Warns
     -----
     DomainWarning
         If there is neither `tail` nor `mss`: slopes are missing.
+    InputWarning
+        If units or directions were converted.
 
     Notes
     -----
     The width of a frequency bin is half the distance of its neighbours, at the ends the distance
     of the only neighbour, as wavespectra counts it, so that Hs agrees with its `hs()`.
     Buoys end at 0.5 to 1 Hz and models at 0.4 to 0.6 Hz, where hardly any light fades yet.
+
+    Buoys of NDBC measure two Fourier coefficients of the directions. Their truncated series, which
+    wavespectra sums, is negative in places; here directions have the maximum entropy form of these
+    coefficients [1]_, with the same density over frequency and the same mean direction.
+    Coefficients that no distribution has are reduced to the nearest possible ones.
+
+    References
+    ----------
+    .. [1] Lygre, A., Krogstad, H. E. (1986), J. Phys. Oceanogr. 16, 2052-2060,
+       doi:10.1175/1520-0485(1986)016<2052:MEEOTD>2.0.CO;2.
     """
     if tail is not None and tail != "elfouhaily":
         raise Refused("tail", tail, "elfouhaily")
@@ -145,7 +163,7 @@ def _read(
     source: Any, reader: str | None, time: Any, site: Any, x_axis_deg: float
 ) -> tuple[_Table, str | None]:
     """Return the table of a spectrum, and the label of its record."""
-    freq, direction, density, record = read_spectrum(source, reader, time, site)
+    (freq, direction, density), record = read_spectrum(source, reader, time, site)
     width = 360.0 / len(direction)
     theta = np.radians(180.0 + x_axis_deg - direction)
     return _Table(freq, theta, density * np.gradient(freq)[:, None] * width), record

@@ -339,8 +339,8 @@ class MeshSequence(Model, frozen=True):
         Increasing times of the frames [s]; by default i / frame_rate, else those in the files,
         else the numbers in their names [s].
     scale : float
-        Unit of length of the files [m], > 0. By default that which netCDF and HDF5 files name,
-        and 1 m for others.
+        Unit of length of the files [m], > 0. By default those which netCDF and HDF5 files name
+        for x, y and z, and 1 m for others.
     up : {"z", "y", "x"}
         Axis of the files that points up. The others follow in their cyclic order.
     normals : {"area", "angle"}
@@ -354,7 +354,8 @@ class MeshSequence(Model, frozen=True):
     Raises
     ------
     Refused
-        If no frames are found, or the times do not increase.
+        If no frames are found, the times do not increase, or a file states arrays that it cannot
+        hold.
 
     Notes
     -----

@@ -56,10 +56,11 @@ def read_spectrum(path: str | PathLike[str]) -> WaterSpectrum:
     the water is uniform. Pure water, where it is lacking, is that of `pure_water_absorption` and
     `zhang_hu_he` at 20 degrees and 35 g/kg; b = c - a is 0 where it would be negative.
 
-    BGC-Argo: PRES (1 dbar as 1 m), CHLA, and BBP700 if it is there, of the first profile that has
-    chlorophyll; adjusted values before raw ones, of the quality flags 1, 2, 5 and 8; negative
-    values count as 0. TEMP and PSAL of the highest level, if they are there and in range. By day
-    chlorophyll near the surface is too low where it is not corrected for quenching (flag 5).
+    BGC-Argo: PRES (1 dbar as 1 m), CHLA, and BBP700 if it is there, converted to dbar, mg m-3 and
+    m-1 by their attribute `units`, of the first profile that has chlorophyll; adjusted values
+    before raw ones, of the quality flags 1, 2, 5 and 8; negative values count as 0. TEMP and PSAL
+    of the highest level, if they are there and in range. By day chlorophyll near the surface is too
+    low where it is not corrected for quenching (flag 5).
 
     References
     ----------
