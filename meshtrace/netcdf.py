@@ -7,10 +7,12 @@ and deflate packs a thousand bytes into one.
 from __future__ import annotations
 
 import mmap
+import os
 import re
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -115,19 +117,25 @@ def opened(
 
 def check_file(path: str | PathLike[str], most: int | None = MOST_BYTES) -> None:
     """Refuse a netCDF or HDF5 file that states arrays which it cannot hold; others pass."""
-    stored = Path(path).stat().st_size
-    if stored == 0:
+    status = os.stat(path)
+    if status.st_size == 0:
         raise OSError("the file is empty")
+    _check(str(path), most, status.st_size, (status.st_ino, status.st_mtime_ns))
+
+
+@lru_cache(maxsize=64)  # frames of one file are read one by one
+def _check(path: str, most: int | None, stored: int, version: tuple[int, int]) -> None:
+    """Check a file of some bytes, once for each version of it."""
     with open(path, "rb") as file:
         head = file.read(8)
     if head.startswith(b"CDF"):
-        require_size(_classic_size(path), stored, str(path), most)
+        require_size(_classic_size(path), stored, path, most)
     elif head == _HDF5:
         _check_heaps(path)
         total, largest_chunk = _hdf5_size(path)
-        require_size(total, stored, str(path), most)
+        require_size(total, stored, path, most)
         # one value of a chunk is read by expanding all of it
-        require_size(largest_chunk, stored, str(path))
+        require_size(largest_chunk, stored, path)
 
 
 def _classic_size(path: str | PathLike[str]) -> int:

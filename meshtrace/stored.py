@@ -359,6 +359,9 @@ class Stored(WithArrays, ABC):
             allowed = f"{cls.kind} of format_version {FORMAT_VERSION}"
             raise Refused(name, Described(found), allowed)
         try:
+            for label in dataset.dims:
+                if label in dataset.variables and bool(dataset[label].isnull().any()):
+                    raise ValueError(f"{label} without a number")
             result = cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
             result._origin_lines()
             result._content()  # fits together: sizes of all arrays
