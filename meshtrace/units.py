@@ -114,10 +114,24 @@ def convert(values: ArrayLike, unit: str, target: str, field: str) -> NDArray[np
     if wanted.dimensionality == _registry().kelvin.dimensionality:  # has offsets
         in_wanted = _registry().Quantity(array * source.m, source.u).m_as(wanted.u)
         return np.asarray(in_wanted, np.float64)
-    factor = float(source.m_as(wanted.u))
+    zero, factor = (
+        float(_registry().Quantity(value * source.m, source.u).m_as(wanted.u))
+        for value in (0.0, 1.0)
+    )
+    if zero != 0.0:  # decibels
+        raise _refusal(field, unit, target)
     decimal = float(f"{factor:.12g}")  # 1000 rather than the product 999.9999999999999
     exact = abs(decimal - factor) <= 4.0 * np.finfo(float).eps * factor
     return array * (decimal if exact else factor)
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit of any kind."""
+    try:
+        _quantity(text, "", "")
+    except Refused:
+        return False
+    return True
 
 
 def is_convertible(unit: str, target: str) -> bool:
@@ -171,6 +185,19 @@ def _left_out(source: Any, wanted: Any) -> Any:
     if cycles and power != cycles:  # "m2 s" without any direction
         return None
     return _registry().Quantity(1.0, "turn" if cycles else "rad") ** power
+
+
+def is_same(unit: str, target: str) -> bool:
+    """Return whether values in a unit are those in another one."""
+    return is_convertible(unit, target) and float(convert(1.0, unit, target, "")) == 1.0
+
+
+def cycles(unit: str | None) -> float | None:
+    """Return the power of cycles in a unit, 0 for one in radians or degrees; None without angle."""
+    if unit is None or not is_unit(unit):
+        return None
+    quantity = _quantity(unit, "", "")
+    return _cycles(quantity) if "[angle]" in quantity.dimensionality else None
 
 
 def _cycles(quantity: Any) -> float:

@@ -78,6 +78,7 @@ def test_temperatures_have_an_offset():
         ("m2 s-1", "m2 Hz-1", "a density over frequency"),
         ("degC", "m2 Hz-1", "a density over frequency"),
         ("A/W", "1", "a ratio"),
+        ("dB", "1", "a ratio"),
         ("9**9**9**9", "m", "length"),
         ("m**99999999", "m", "length"),
         ("__import__('os')", "m", "length"),
