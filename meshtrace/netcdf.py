@@ -54,8 +54,10 @@ def require_size(stated: int, stored: int, name: str, most: int | None = MOST_BY
     if most is not None and stated > most:
         raise Refused(name, Described(f"arrays of {_bytes(stated)}"), f"at most {_bytes(most)}")
     if stated > max(_HARMLESS, _DENSEST * stored):
-        found = Described(f"arrays of {_bytes(stated)} in {_bytes(stored)}")
-        raise Refused(name, found, "arrays that the file holds: compression saves a factor of 1000")
+        problem = Described(f"arrays of {_bytes(stated)} in {_bytes(stored)}")
+        raise Refused(
+            name, problem, "arrays that the file holds: compression saves a factor of 1000"
+        )
 
 
 def _bytes(n: int) -> str:
@@ -160,19 +162,19 @@ def _hdf5_size(path: str | PathLike[str]) -> tuple[int, int]:
         if isinstance(link, h5py.ExternalLink):
             elsewhere.append(f"{name} in {link.filename}")
 
-    def add(name: str, found: Any) -> None:
-        if not isinstance(found, h5py.Dataset):
+    def add(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset):
             return
-        if found.is_virtual or found.external:
+        if item.is_virtual or item.external:
             elsewhere.append(f"{name} in other files")
-        label = found.attrs.get("NAME", "")
+        label = item.attrs.get("NAME", "")
         label = label.decode("latin-1") if isinstance(label, bytes) else str(label)
         if label.startswith(_PLACEHOLDER):
             return  # the length of a dimension, never read
-        item = _TEXT if found.dtype.hasobject else max(found.dtype.itemsize, 8)
-        sizes.append(int(found.size or 0) * item)
-        if found.chunks is not None:
-            chunks.append(int(np.prod(found.chunks, dtype=object)) * item)
+        width = _TEXT if item.dtype.hasobject else max(item.dtype.itemsize, 8)
+        sizes.append(int(item.size or 0) * width)
+        if item.chunks is not None:
+            chunks.append(int(np.prod(item.chunks, dtype=object)) * width)
 
     elsewhere: list[str] = []
     sizes, chunks = [0], [0]
@@ -276,8 +278,10 @@ def convention_of(direction: xr.DataArray, attributes: Mapping[Any, Any]) -> str
             ways.add("to")
     is_cartesian = any(_CARTESIAN.search(text) for text in texts)
     if len(ways) > 1:
-        found = Described("; ".join(about))
-        raise Refused("dir", found, "attributes that agree whether waves come from there or go to")
+        problem = Described("; ".join(about))
+        raise Refused(
+            "dir", problem, "attributes that agree whether waves come from there or go to"
+        )
     way = next(iter(ways), "to" if is_cartesian else "")
     if not is_cartesian:
         return way

@@ -86,9 +86,9 @@ def _times(time: xarray.DataArray) -> NDArray[np.datetime64]:
     else:
         calendar = str(time.attrs.get("calendar", "")).lower()
     if values.ndim > 1 or (values.dtype.kind != "M" and calendar not in _STANDARD):
-        found = Described(f"calendar {calendar}" if values.ndim < 2 else f"shape {values.shape}")
+        problem = Described(f"calendar {calendar}" if values.ndim < 2 else f"shape {values.shape}")
         allowed = "dates of the standard calendar; or select a record by isel and give no time"
-        raise Refused("time", found, allowed)
+        raise Refused("time", problem, allowed)
     if values.dtype.kind == "O":
         values = np.array([np.datetime64(str(t.isoformat())) for t in values.flat]).reshape(
             values.shape
@@ -113,12 +113,12 @@ def _date(time: Any, allowed: str) -> np.datetime64:
             raise TypeError(type(time).__name__)
         if isinstance(value, datetime) and value.tzinfo is not None:
             value = value.astimezone(UTC).replace(tzinfo=None)
-        found = np.datetime64(value, "us")
+        instant = np.datetime64(value, "us")
     except (TypeError, ValueError, OverflowError) as error:
         raise Refused("time", time, allowed) from error
-    if np.isnat(found):
+    if np.isnat(instant):
         raise Refused("time", time, allowed)
-    return found
+    return instant
 
 
 def _at_site(data: xarray.Dataset, site: Any) -> xarray.Dataset:

@@ -84,9 +84,15 @@ def read_spectrum(
     with _opened(source, reader) as dataset:
         missing = [name for name in ("efth", "freq") if name not in dataset.variables]
         if missing:
-            found = Described(f"without {missing}")
-            raise Refused("source", found, 'efth over freq [Hz] and dir [deg], or a reader ("ww3")')
+            problem = Described(f"without {missing}")
+            raise Refused(
+                "source", problem, 'efth over freq [Hz] and dir [deg], or a reader ("ww3")'
+            )
         record, label = one_record(dataset, ("efth", "freq", "dir", *FOURIER), time, site)
+        sizes = record["efth"].sizes
+        if any(size > 1 for name, size in sizes.items() if name not in ("freq", "dir")):
+            allowed = "dimensions (freq, dir); select one time and site first"
+            raise Refused("efth", tuple(sizes), allowed)
         require_size(8 * record["efth"].size, 8 * record["efth"].size, "efth", 8 * _MOST_BINS)
         return on_grid(record.load()), label
 
@@ -155,18 +161,18 @@ def _formatted(dataset: xarray.Dataset, reader: str) -> xarray.Dataset:
     Its readers take the units of a format for granted: files of other units are converted first.
     """
     form = _FORMATS[reader]
+    lazy = dataset.chunk()  # else all times would be read and computed
     convention = form.convention
     if form.direction in dataset.variables:
         convention = convention_of(dataset[form.direction], dataset.attrs) or convention
     for name, unit in form.units.items():
-        own = unit_of(dataset[name]) if name in dataset.variables else ""
-        factor = float(convert(1.0, own, unit, name)) if own else 1.0
+        stated = unit_of(lazy[name]) if name in lazy.variables else ""
+        factor = float(convert(1.0, stated, unit, name)) if stated else 1.0
         if factor != 1.0:
             if reader == "era5":
-                raise Refused(name, Described(f"logarithms of {own}"), f"logarithms of {unit}")
-            warn_of_input(f"{name}: {own} converted to {unit}")
-            dataset = dataset.assign({name: dataset[name] * factor})
-    lazy = dataset.chunk()  # else wavespectra computes with all times at once
+                raise Refused(name, Described(f"logarithms of {stated}"), f"logarithms of {unit}")
+            warn_of_input(f"{name}: {stated} converted to {unit}")
+            lazy = lazy.assign({name: lazy[name] * factor})
     if reader == "era5":
         # wavespectra reads missing values as no waves: records on land would be calm
         absent = lazy["d2fd"].isnull()
@@ -197,20 +203,23 @@ def _without_attributes(dataset: xarray.Dataset) -> xarray.Dataset:
 
 def _check_text(source: Any) -> None:
     """Refuse files whose content is too large, compressed ones by their content."""
-    for path in source if isinstance(source, list | tuple) else [source]:
+    sources = list(source) if isinstance(source, list | tuple) else [source]
+    for path in sources:
         if not isinstance(path, str | PathLike):
             raise Refused("source", path, "a path")
-        if not Path(path).is_file():
-            continue  # a pattern, or missing: the readers say so
-        size = Path(path).stat().st_size
+    paths = [
+        path for item in sources for path in ([item], glob(str(item)))[not Path(item).exists()]
+    ]
+    for path in paths:
+        size, most = Path(path).stat().st_size, 4 * _MOST_TEXT
         with open(path, "rb") as file:
             is_gzip = file.read(2) == b"\x1f\x8b"
         if is_gzip:
-            size = 0
+            size, most = 0, _MOST_TEXT
             with gzip.open(path) as file:
                 while size <= _MOST_TEXT and (block := file.read(2**20)):
                     size += len(block)
-        require_size(size, size, str(path), _MOST_TEXT)
+        require_size(size, size, str(path), most)
         check_file(path)
 
 
@@ -219,8 +228,8 @@ def _by_wavespectra(source: Any, reader: str, package: Any) -> xarray.Dataset:
     dataset = getattr(package, f"read_{reader}")(source)
     if reader == "ww3_station" and dataset.sizes.get("site", 1) > 1:
         # it fills a grid of sorted latitudes and longitudes in the order of the file
-        found = Described(f"{dataset.sizes['site']} stations")
-        raise Refused("source", found, "a file of one station: wavespectra confuses several")
+        problem = Described(f"{dataset.sizes['site']} stations")
+        raise Refused("source", problem, "a file of one station: wavespectra confuses several")
     dataset = _without_attributes(dataset)
     if reader == "json":
         with open(source) as file:
@@ -240,15 +249,15 @@ def _ndbc_ascii(source: Any) -> xarray.Dataset:
     paths = list(source) if isinstance(source, list | tuple) else [source]
     names = ["efth", *FOURIER]
     if len(paths) not in (1, len(names)):
-        found = Described(f"{len(paths)} files")
+        problem = Described(f"{len(paths)} files")
         raise Refused(
-            "source", found, "the file of densities, or that with swdir, swdir2, swr1, swr2"
+            "source", problem, "the file of densities, or that with swdir, swdir2, swr1, swr2"
         )
     arrays = {}
     for name, path in zip(names, paths, strict=False):
         frame = read_file(str(path)).drop(columns="Sep_Freq", errors="ignore")
         values = frame.to_numpy(np.float64)
-        values[values >= 99.0 if name == "efth" else values == 999.0] = np.nan
+        values[values == 999.0] = np.nan
         freq = np.array([float(column) for column in frame.columns]).round(6)
         arrays[name] = xr.DataArray(
             values, {"time": frame.index.to_numpy("datetime64[us]"), "freq": freq}, ("time", "freq")
@@ -269,7 +278,7 @@ def text_table(path: str | PathLike[str]) -> xarray.Dataset:
     except ValueError:
         directions = []
     if len(directions) != values.shape[1] - 1:
-        found = Described(" ".join(header) or "no header")
-        raise Refused(str(path), found, "a header with a direction [deg] for each column but one")
+        problem = Described(" ".join(header) or "no header")
+        raise Refused(str(path), problem, "a header with a direction [deg] for each column but one")
     coords = {"freq": values[:, 0], "dir": directions}
     return xr.Dataset({"efth": (("freq", "dir"), values[:, 1:])}, coords)

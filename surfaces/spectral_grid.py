@@ -24,6 +24,7 @@ FOURIER = ("alpha1", "alpha2", "r1", "r2")
 _DENSITY = "m2 Hz-1 deg-1"
 _ROUNDED = 1e-6  # of the highest density: packed files round zeros to either sign
 _SHARPEST, _NEAREST = 0.99, 0.95  # of maximum entropy: |c1|, and its limit of c2
+_MOST_RATIO = 1.1  # of Fourier coefficients, which noise lifts above 1
 _POINTS = 400  # within a bin of 10 degrees
 _DIRECTIONS = 36  # of buoys that measure two Fourier coefficients
 _ANGLE = re.compile(r"(rad|deg|°)\w*\s*[\^*{(]*\s*-?(\d?)", re.IGNORECASE)
@@ -66,8 +67,8 @@ def on_grid(data: xarray.Dataset) -> GriddedSpectrum:
     unit = unit_of(efth)
     is_angular = unit_of(data["dir"]).lower().startswith("rad")
     if (unit or is_angular) and not _ANGLE.search(unit):
-        found = Described(f"in {unit}" if unit else "without units over radians")
-        raise Refused("efth", found, f"units that name the angle, such as {_DENSITY}")
+        problem = Described(f"in {unit}" if unit else "without units over radians")
+        raise Refused("efth", problem, f"units that name the angle, such as {_DENSITY}")
     if unit:
         per_degree = convert(values, unit, _DENSITY, "efth")
         if not np.array_equal(per_degree, values, equal_nan=True):
@@ -80,22 +81,17 @@ def on_grid(data: xarray.Dataset) -> GriddedSpectrum:
 
 def _frequencies(variable: xarray.DataArray, density_unit: str) -> Floats:
     """Return frequencies [Hz]; over angular ones the unit of densities names the frequency."""
-    unit = unit_of(variable)
-    freq = valid_values(variable)
-    if unit:
-        if _ANGLE.search(unit):
-            angles = _ANGLE.findall(density_unit)
-            if (
-                "hz" not in density_unit.lower()
-                and len(angles) < 2
-                and not any(p == "2" for _, p in angles)
-            ):
-                found = Described(f"in {density_unit or 'no unit'} over {unit}")
-                raise Refused(
-                    "efth", found, f"units with Hz-1 or s rad-1, such as {_DENSITY} or m2 s rad-2"
-                )
-        freq = convert(freq, unit, "Hz", "freq")
-    return freq
+    unit, freq = unit_of(variable), valid_values(variable)
+    if not unit:
+        return freq
+    if _ANGLE.search(unit) and "hz" not in density_unit.lower():
+        # m2 s rad-1 may be a density per Hz and radian, or per rad/s
+        powers = sum(int(power or 1) for _, power in _ANGLE.findall(density_unit))
+        if powers < 2:
+            problem = Described(f"in {density_unit or 'no unit'} over {unit}")
+            allowed = f"units with Hz-1 or s rad-1, such as {_DENSITY} or m2 s rad-2"
+            raise Refused("efth", problem, allowed)
+    return convert(freq, unit, "Hz", "freq")
 
 
 def _coefficient(variable: xarray.DataArray, name: str) -> Floats:
@@ -155,8 +151,8 @@ def _round_the_circle(direction: Floats, density: Floats) -> tuple[Floats, Float
     rounding = 0.5 if (direction == np.round(direction)).all() else 0.3
     if n < 2 or np.ptp(offset) > 2.0 * min(max(rounding, 1e-3 * width), 0.25 * width):
         turn = np.diff(direction, append=direction[0] + 360.0)
-        found = Described(f"steps of {turn.min():g} to {turn.max():g} deg")
-        raise Refused("dir", found, "equal steps round the circle; radians need units = radian")
+        problem = Described(f"steps of {turn.min():g} to {turn.max():g} deg")
+        raise Refused("dir", problem, "equal steps round the circle; radians need units = radian")
     if np.ptp(offset) > 1e-3 * width:
         direction = offset.mean() + width * np.arange(n)
     return direction, density
@@ -179,8 +175,8 @@ def _checked(freq: Floats, direction: Floats, density: Floats) -> GriddedSpectru
         )
     missing = int((~np.isfinite(density) | (np.abs(density) > LARGEST)).sum())
     if missing:
-        found = Described(f"{missing} of {density.size} values missing or not finite")
-        raise Refused("efth", found, "finite variance densities >= 0")
+        problem = Described(f"{missing} of {density.size} values missing or not finite")
+        raise Refused("efth", problem, "finite variance densities >= 0")
     most = float(density.max())
     if most <= 0.0 and float(density.min()) == 0.0:
         raise Refused("efth", Described("zero everywhere"), "a record with waves")
@@ -200,10 +196,14 @@ def _from_fourier(
     calm = (spectrum == 0.0) | np.isnan(spectrum)
     lacking = np.isnan(alpha1 + alpha2 + r1 + r2) & ~calm
     if lacking.any():
-        found = Described(
+        problem = Described(
             f"no directions at {lacking.sum()} of {len(spectrum)} frequencies with waves"
         )
-        raise Refused("efth", found, "directions at all frequencies with waves")
+        raise Refused("efth", problem, "directions at all frequencies with waves")
+    for name, ratio in (("r1", r1), ("r2", r2)):
+        beyond = ~calm & ~((ratio >= 0.0) & (ratio <= _MOST_RATIO))
+        if beyond.any():
+            raise Refused(name, float(ratio[beyond][0]), f"0 <= {name} <= 1")
     c1 = np.where(calm, 0.0, r1 * np.exp(1j * alpha1))
     c2 = np.where(calm, 0.0, r2 * np.exp(2j * alpha2))
     shares = maximum_entropy(c1, c2, np.radians(direction))

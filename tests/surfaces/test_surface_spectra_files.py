@@ -7,6 +7,7 @@ import gzip
 import json
 import math
 import warnings
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -409,6 +410,34 @@ def test_fourier_coefficients_of_a_buoy(tmp_path):
         spectral_wave_density=(1e4 * data.spectral_wave_density).assign_attrs(units="cm2/Hz")
     )
     check(cm, hs, direction, "ndbc", degrees=0.1, time="2024-05-01")
+
+
+@pytest.mark.parametrize(("name", "values"), [("r1", 1.5), ("r2", 90.0), ("r1", -0.2)])
+def test_coefficients_above_one(name, values):
+    """Of other units, or of files in another order."""
+    data = ndbc()[0]
+    variable = f"wave_spectrum_{name}"
+    data[variable] = xr.full_like(data[variable], values)
+    refuse(data, rf"{name}: .*, allowed: 0 <= {name} <= 1", "ndbc", "2024-05-01")
+
+
+def test_storms_are_not_missing(tmp_path):
+    """Densities of waves of 10 m exceed 99 m2/Hz."""
+    paths, hs, direction = ndbc_text(tmp_path, True)
+    text = gzip.decompress(Path(paths[0]).read_bytes()).decode().splitlines()
+    rows = [line.split() for line in text[1:]]
+    high = [" ".join(row[:5] + [f"{2e4 * float(v):.3f}" for v in row[5:]]) for row in rows]
+    assert max(float(v) for v in high[0].split()[5:]) > 99.0
+    Path(paths[0]).write_bytes(gzip.compress("\n".join([text[0], *high, ""]).encode()))
+    check(
+        paths,
+        math.sqrt(2e4) * hs,
+        direction,
+        "ndbc_ascii",
+        rel=5e-3,
+        degrees=1.0,
+        time="2024-05-01",
+    )
 
 
 def numbers_1d(density):
