@@ -140,6 +140,17 @@ def extra(
         raise Refused(field, shown, allowed.format(command)) from error
 
 
+@contextmanager
+def refusing(field: str, allowed: str) -> Iterator[None]:
+    """Turn all errors of a block, whose readers raise any exception, into refusals of a field."""
+    try:
+        yield
+    except (Refused, Warning):
+        raise
+    except Exception as error:
+        raise Refused(field, Described(reason_of(error)), allowed) from error
+
+
 def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:
     """Refuse all but tables with certain keys."""
     if not isinstance(table, Mapping):

@@ -10,8 +10,6 @@ import hashlib
 import html
 import io
 import json
-import mmap
-import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -35,9 +33,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.checks import check_call, check_methods
-from meshtrace.errors import Described, Refused, one_line, reason_of, require_writable, show
+from meshtrace.errors import (
+    LARGEST,
+    Described,
+    Refused,
+    one_line,
+    require_writable,
+    show,
+)
 from meshtrace.fields import attrs
 from meshtrace.files import atomic
+from meshtrace.netcdf import opened, reading
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -81,8 +87,6 @@ Variables = dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]]
 
 _MARK = b"meshtrace-sha256"
 _TRAILER = len(_MARK) + hashlib.sha256().digest_size
-_HEAP, _HEAP_OBJECT = b"GCOL\x01\0\0\0", struct.Struct("<H6xQ")
-_ALLOWED = "an undamaged netCDF file"
 
 
 class Variable(NamedTuple):
@@ -154,8 +158,32 @@ def _row(kind: Any, values: Iterator[Any]) -> Any:
     found = []
     for hint in _hints(kind).values():
         value = _row(hint, values) if hasattr(hint, "_fields") else next(values)
+        if hint in (int, float, str) and isinstance(value, str) != (hint is str):
+            raise TypeError(f"{value!r:.40} for a {hint.__name__}")
         found.append(bool(value) if hint is bool else value)
     return kind(*found)
+
+
+def _check_array(array: xr.DataArray, dims: list[str], hint: Any) -> None:
+    """Refuse an array of other dimensions than a result writes, or of text for numbers."""
+    # values with fewer dimensions have the first ones; a number has none
+    few = array.ndim or not dims
+    # a link may have no receivers
+    is_empty = any(size == 0 for name, size in array.sizes.items() if name != "receiver")
+    if not few or list(array.dims) != dims[: array.ndim] or is_empty:
+        shape = ", ".join(f"{name} {size}" for name, size in array.sizes.items())
+        raise ValueError(f"{array.name} of dimensions ({shape}), not ({', '.join(dims)})")
+    is_text = hint is str or str in get_args(hint)
+    if array.dtype.kind not in ("UOST" if is_text else "biuf"):
+        raise TypeError(f"{array.name} of {array.dtype}")
+    if array.dtype.kind == "f":
+        _check_range(str(array.name), array.to_numpy())
+
+
+def _check_range(name: str, values: NDArray[Any]) -> None:
+    """Refuse numbers whose squares overflow in statistics."""
+    if (np.isfinite(values) & (np.abs(values) > LARGEST)).any():
+        raise ValueError(f"{name} beyond {LARGEST:g}")
 
 
 class Attribute(NamedTuple):
@@ -215,6 +243,7 @@ class WithArrays:
             name = variable.name or attribute
             name = name.format(**data.attrs) if "{" in name else name
             if name in data.variables:
+                _check_array(data[name], variable.dims.format(**data.attrs).split(), hint)
                 value = data[name].to_numpy()
                 found[attribute] = tuple(value.tolist()) if get_origin(hint) is tuple else value
                 if not value.ndim:
@@ -333,16 +362,21 @@ class Stored(WithArrays, ABC):
         Refused
             If the dataset is of another kind or format, or incomplete.
         """
-        kind, version = dataset.attrs.get("kind"), dataset.attrs.get("format_version")
-        if kind != cls.kind or version != FORMAT_VERSION:
+        kind, version = dataset.attrs.get("kind"), dataset.attrs.get("format_version", 0)
+        is_version = np.ndim(version) == 0 and version == FORMAT_VERSION
+        if not isinstance(kind, str) or kind != cls.kind or not is_version:
             found = f"a {kind} of format_version {version}" if kind else "no result"
             allowed = f"{cls.kind} of format_version {FORMAT_VERSION}"
             raise Refused(name, Described(found), allowed)
         try:
+            for label in dataset.dims:
+                if label in dataset.variables and bool(dataset[label].isnull().any()):
+                    raise ValueError(f"{label} without a number")
             result = cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
             result._origin_lines()
+            result._content()  # fits together: sizes of all arrays
             return result
-        except (LookupError, ValueError, TypeError, AttributeError) as error:
+        except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
             reason = f"{type(error).__name__}: {one_line(error)}"
             raise Refused(
                 name, Described(reason), f"a complete result of kind {cls.kind}"
@@ -444,6 +478,8 @@ def _typed(value: Any, hint: Any) -> Any:
     """Return an attribute of a file as a value of a type."""
     from pydantic import TypeAdapter
 
+    if np.asarray(value).dtype.kind == "f":
+        _check_range("an attribute", np.asarray(value))
     if hint is Any:
         return value
     if isinstance(value, str) and hint is not str:
@@ -485,8 +521,8 @@ def kind_of(kind: Any, name: str = "kind") -> type[Stored]:
     Refused
         If there is no such kind.
     """
-    if kind not in _HOMES:
-        found = Described(f"kind {kind}" if kind else "no result")
+    if not isinstance(kind, str) or kind not in _HOMES:
+        found = Described("no result" if kind is None else f"kind {show(kind)}")
         raise Refused(name, found, f"results of kind {', '.join(_HOMES)}")
     import_module(_HOMES[kind])
     return Stored._classes[kind]
@@ -545,28 +581,11 @@ def read_dataset(path: str | PathLike[str], **options: Any) -> xr.Dataset:
     Refused
         If there is no such file, or it is damaged or no netCDF file.
     """
-    import h5py
-    import xarray as xr
-
-    known = False
-    with suppress(TypeError, ValueError, OSError):
-        known = Path(path).is_file()
-    if not known:
-        name = str(path) if isinstance(path, str | PathLike) else show(path)
-        raise Refused(name, Described("no such file"), _ALLOWED)
-    try:
+    with reading(path):
         if _is_damaged(path):
             raise OSError("damaged: its checksum differs")
-        with open(path, "rb") as file:
-            engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
-        if engine == "h5netcdf":
-            _check_heaps(path)
-            with h5py.File(path, "r") as found:  # h5netcdf leaves a traceback where this fails
-                found.attrs.get("_nc3_strict")
-        with xr.open_dataset(path, engine=engine, decode_timedelta=False, **options) as opened:
-            return opened.load()
-    except Exception as error:  # the readers raise any exception
-        raise Refused(str(path), Described(reason_of(error)), _ALLOWED) from error
+        with opened(path, **options) as data:
+            return data.load()
 
 
 def _is_damaged(path: str | PathLike[str]) -> bool:
@@ -588,24 +607,3 @@ def _is_damaged(path: str | PathLike[str]) -> bool:
         trailer = file.read()
     expected = trailer.startswith(_MARK) or (end is not None and end < size + _TRAILER)
     return expected and trailer != _MARK + digest.digest()
-
-
-def _check_heaps(path: str | PathLike[str]) -> None:
-    """Refuse an HDF5 file with an object of no size in a global heap.
-
-    HDF5 loops for ever over it (H5HG__cache_heap_deserialize); one wrong bit in a file without a
-    digest is enough.
-    """
-    if Path(path).stat().st_size == 0:
-        raise OSError("the file is empty")
-    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        start = content.find(_HEAP)
-        while start >= 0:
-            end = start + int.from_bytes(content[start + 8 : start + 16], "little")
-            at = start + 16
-            while at + 16 <= end <= len(content):
-                index, size = _HEAP_OBJECT.unpack_from(content, at)
-                if index == 0 and size < 16:
-                    raise OSError("damaged: an object of a global heap has no size")
-                at += 16 + -(-size // 8) * 8 if index else size
-            start = content.find(_HEAP, start + 1)

@@ -1,7 +1,7 @@
 from .bands import Band as Band
+from .directional import from_wavespectra as from_wavespectra
 from .gram_charlier import GramCharlier as GramCharlier
 from .measured import from_gauge as from_gauge
-from .measured import from_wavespectra as from_wavespectra
 from .measured import gauge_spectrum as gauge_spectrum
 from .seas import JonswapSea as JonswapSea
 from .seas import MeasuredSea as MeasuredSea

@@ -21,9 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import PrivateAttr
 
 from meshtrace.checks import Inside
-from meshtrace.errors import Described, Refused, extra, reason_of, require_whole
+from meshtrace.errors import Described, Refused, extra, reason_of, require_whole, warn_of_input
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Model
+from meshtrace.netcdf import opened, require_size, unit_of, valid_values
+from meshtrace.units import convert
 
 from .parameters import TIME, Floats, Positive
 from .triangulate import from_trimesh, grid_faces, read_mesh, unfit
@@ -43,8 +45,6 @@ _ALLOWED = (
     "HDF5 file"
 )
 _HEIGHT = ("z", "eta", "elevation", "zeta")
-_METRES = {"m": 1.0, "metre": 1.0, "meter": 1.0, "cm": 0.01, "mm": 0.001, "millimetre": 0.001,
-           "millimeter": 0.001, "centimetre": 0.01, "centimeter": 0.01}  # fmt: skip
 _SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "ms": 1e-3, "millisecond": 1e-3, "min": 60.0,
             "minute": 60.0, "h": 3600.0, "hour": 3600.0, "day": 86400.0}  # fmt: skip
 
@@ -219,56 +219,71 @@ def _triangles(blocks: Any) -> NDArray[np.int64]:
 
 def _grids(path: Path) -> Frames:
     """Return heights z(t, i, j) over a grid x(i, j), y(i, j), or over axes, of netCDF or HDF5."""
-    with _opened(path) as data:
+    with opened(path, None, decode_times=False) as data:
         names = {name.lower(): name for name in map(str, data.variables)}
         z = data[_height(data, names)]
         missing = [axis for axis in "xy" if axis not in names]
         if missing:
             raise unfit(f"without {missing}", "x, y and z(t, i, j)")
         variables = names["x"], names["y"], str(z.name)
-        units = [str(data[name].attrs.get("units")).lower() for name in variables]
-        metres = {_METRES.get(unit.removesuffix("s")) for unit in units}
+        factors, metres = _lengths([data[name] for name in variables])
         time = next((names[name] for name in ("time", "t") if name in names), None)
         times = None
         if time is not None and z.ndim == 3 and data[time].shape == z.shape[:1]:
             times = _seconds(data[time])
         n = z.shape[0] if z.ndim == 3 else 1
+    require_size(64 * n, n, str(path))  # of the names of the frames
 
     def read(i: int) -> Facets:
-        with _opened(path) as data:
+        with opened(path, None, decode_times=False) as data:
             x, y, z = (data[name] for name in variables)
-            return _grid_facets(x, y, z, i)
+            return _grid_facets(x, y, z, i, factors)
 
-    unit = metres.pop() if len(metres) == 1 else None
-    return Frames(_numbered(path, n), read, times, unit)
+    return Frames(_numbered(path, n), read, times, metres)
 
 
-def _opened(path: Path) -> xarray.Dataset:
-    import xarray
-
-    with open(path, "rb") as file:
-        classic = file.read(3) == b"CDF"
-    own: Any = {"engine": "h5netcdf", "phony_dims": "sort"}
-    options = {"engine": "scipy"} if classic else own
-    return xarray.open_dataset(path, decode_times=False, **options)
+def _lengths(axes: list[xarray.DataArray]) -> tuple[Floats, float | None]:
+    """Return the units of x, y and z in that of x, and that of x [m], None if one has none."""
+    units = [unit_of(axis) for axis in axes]
+    if not all(units):
+        return np.ones(3), None
+    metres = [
+        float(convert(1.0, unit, "m", str(a.name))) for unit, a in zip(units, axes, strict=True)
+    ]
+    if len(set(metres)) > 1:
+        warn_of_input(f"x, y, z in {', '.join(units)} converted to m")
+    factors = np.array(metres) / metres[0]
+    if str(axes[2].attrs.get("positive", "up")).lower() == "down":
+        warn_of_input(f"{axes[2].name}: positive downwards, turned upwards")
+        factors[2] *= -1.0
+    return factors, metres[0]
 
 
 def _grid_facets(
-    along: xarray.DataArray, across: xarray.DataArray, heights: xarray.DataArray, i: int
+    along: xarray.DataArray,
+    across: xarray.DataArray,
+    heights: xarray.DataArray,
+    i: int,
+    factors: Floats,
 ) -> Facets:
     """Return a frame as triangles that face up, cells split."""
     z = heights[i] if heights.ndim == 3 else heights
     first, second = along.dims, across.dims
     if len(first) == len(second) == 1 and (*second, *first) == z.dims:
         z = z.transpose()
-    x, y, height = (np.asarray(axis.values, np.float64) for axis in (along, across, z))
+    grid = (along.size, across.size) if along.ndim == across.ndim == 1 else along.shape
+    if z.ndim != 2 or z.shape != grid or (along.ndim != 1 and across.shape != grid):
+        raise unfit(f"shapes {along.shape}, {across.shape}, {z.shape}", "x, y and z of one grid")
+    require_size(8 * z.size, 8 * z.size, str(z.name))
+    arrays = zip((along, across, z), factors, strict=True)
+    x, y, height = (factor * valid_values(axis) for axis, factor in arrays)
     if x.ndim == y.ndim == 1:
         x, y = np.meshgrid(x, y, indexing="ij")
-    if not x.shape == y.shape == height.shape:
-        raise unfit(f"shapes {x.shape}, {y.shape}, {height.shape}", "x, y and z of one grid")
     gaps = np.count_nonzero(~np.isfinite(height))
     if gaps:
         raise unfit(f"{gaps} gaps (nan) in z", "none: fill them first")
+    if min(height.shape) < 2:
+        raise unfit(f"a grid of shape {height.shape}", "two or more points along x and y")
     vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3)
     faces = grid_faces(*height.shape).astype(np.int64)
     step, side = np.diff(x, axis=0)[0, 0], np.diff(x, axis=1)[0, 0]
@@ -294,7 +309,7 @@ def _seconds(time: xarray.DataArray) -> Floats:
     unit = _SECONDS.get(word) or _SECONDS.get(word.removesuffix("s"))
     if unit is None:
         raise unfit(f"time in {word!r}", ", ".join(_SECONDS))
-    values = np.asarray(time.values, np.float64)
+    values = valid_values(time)
     return unit * (values - values[0] if rest.startswith("since") else values)
 
 
@@ -325,8 +340,8 @@ class MeshSequence(Model, frozen=True):
         Increasing times of the frames [s]; by default i / frame_rate, else those in the files,
         else the numbers in their names [s].
     scale : float
-        Unit of length of the files [m], > 0. By default that which netCDF and HDF5 files name,
-        and 1 m for others.
+        Unit of length of the files [m], > 0. By default those which netCDF and HDF5 files name
+        for x, y and z, and 1 m for others.
     up : {"z", "y", "x"}
         Axis of the files that points up. The others follow in their cyclic order.
     normals : {"area", "angle"}
@@ -340,7 +355,8 @@ class MeshSequence(Model, frozen=True):
     Raises
     ------
     Refused
-        If no frames are found, or the times do not increase.
+        If no frames are found, the times do not increase, or a file states arrays that it cannot
+        hold.
 
     Notes
     -----
@@ -398,6 +414,8 @@ class MeshSequence(Model, frozen=True):
             at = np.arange(n) / self.frame_rate
         elif at is None and n == 1:
             at = np.zeros(1)
+        if n == 0:
+            raise unfit(f"no frames in {self.source!r}", "one or more meshes")
         if at is None:
             raise Refused("times", None, "times [s] or frame_rate, for frames without times")
         if len(at) != n:

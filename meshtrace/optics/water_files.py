@@ -12,8 +12,9 @@ import numpy as np
 
 from meshtrace.cells import Cells, cells_of_text, text_of
 from meshtrace.checks import check_call
-from meshtrace.errors import Described, Refused, reads_as_number
+from meshtrace.errors import Described, Refused, reads_as_number, refusing, warn_of_input
 from meshtrace.models import Floats
+from meshtrace.netcdf import unit_of, valid_values
 from meshtrace.optics.constituents import Constituents
 from meshtrace.optics.pure_water import pure_water_absorption, zhang_hu_he
 from meshtrace.optics.spectra import TABLE_COLUMNS, SpectralTable, WaterSpectrum
@@ -61,10 +62,11 @@ def read_spectrum(path: str | PathLike[str]) -> WaterSpectrum:
     lacking, is that of `pure_water_absorption` and `zhang_hu_he` at 20 degrees and 35 g/kg;
     b = c - a is 0 where it would be negative.
 
-    BGC-Argo: PRES (1 dbar as 1 m), CHLA, and BBP700 if it is there, of the first profile that has
-    chlorophyll; adjusted values before raw ones, of the quality flags 1, 2, 5 and 8; negative
-    values count as 0. TEMP and PSAL of the highest level, if they are there and in range. By day
-    chlorophyll near the surface is too low where it is not corrected for quenching (flag 5).
+    BGC-Argo: PRES (1 dbar as 1 m), CHLA, and BBP700 if it is there, converted to dbar, mg m-3 and
+    m-1 by their attribute `units`, of the first profile that has chlorophyll; adjusted values
+    before raw ones, of the quality flags 1, 2, 5 and 8; negative values count as 0. TEMP and PSAL
+    of the highest level, if they are there and in range. By day chlorophyll near the surface is too
+    low where it is not corrected for quenching (flag 5).
 
     References
     ----------
@@ -241,48 +243,73 @@ def _at(table: Any, wavelengths: Any) -> Any:
     return type(table)(values, index=table.index, columns=wavelengths)
 
 
+_MISSING = 99999.0  # of Argo
+_ARGO = {"PRES": "dbar", "CHLA": "mg m-3", "BBP700": "m-1", "TEMP": "degC", "PSAL": "psu"}
+
+
 def _read_argo(file: Path) -> Constituents:
     """Read a BGC-Argo profile."""
     levels = read_dataset(file, decode_times=False)
-    count = levels.sizes.get("N_PROF", 1)
-    for profile in range(count):
-        found = {name: _good(levels, name, profile) for name in
-                 ("PRES", "CHLA", "BBP700", "TEMP", "PSAL")}  # fmt: skip
-        chlorophyll = _over_depth(found["PRES"], found["CHLA"])
-        if chlorophyll is not None:
-            break
-    else:
-        names = Described(", ".join(map(str, levels.data_vars)) or "no variables")
-        raise Refused(str(file), names, "PRES and CHLA with good values (flags 1, 2, 5, 8)")
-    given: dict[str, Any] = {"chlorophyll": chlorophyll}
-    if (bbp700 := _over_depth(found["PRES"], found["BBP700"])) is not None:
-        given["bbp700"] = bbp700
+    with refusing(str(file), "a BGC-Argo profile"):
+        for profile in range(levels.sizes.get("N_PROF", 1)):
+            pressure = _good(levels, "PRES", profile)
+            rows = {
+                name: _over_depth(pressure, _good(levels, name, profile), name) for name in _ARGO
+            }
+            if rows["CHLA"] is not None:
+                break
+        else:
+            names = Described(", ".join(map(str, levels.data_vars)) or "no variables")
+            raise Refused(str(file), names, "PRES and CHLA with good values (flags 1, 2, 5, 8)")
+    given: dict[str, Any] = {"chlorophyll": rows["CHLA"]}
+    if rows["BBP700"] is not None:
+        given["bbp700"] = rows["BBP700"]
     for field, name, most in (("temperature_c", "TEMP", 30.0), ("salinity", "PSAL", 40.0)):
-        rows = _over_depth(found["PRES"], found[name])
-        if rows is not None and 0.0 <= rows[0][1] <= most:
-            given[field] = rows[0][1]
+        profile_rows = rows[name]
+        if profile_rows is not None and 0.0 <= profile_rows[0][1] <= most:
+            given[field] = profile_rows[0][1]
     return Constituents(**given)
 
 
 def _good(data: Any, name: str, profile: int) -> Floats:
-    """Return good values of a variable of a profile, nan for all others."""
+    """Return good values of a variable of a profile in the unit of Argo, nan for all others."""
     for variable in (f"{name}_ADJUSTED", name):
         if variable not in data:
             continue
         part = data[[v for v in (variable, f"{variable}_QC") if v in data]]
         part = part.isel(N_PROF=profile) if "N_PROF" in part.dims else part
-        values = np.asarray(part[variable], np.float64)
+        values = valid_values(part[variable])
+        if values.ndim > 1:
+            raise Refused(
+                variable, Described(f"dimensions {part[variable].dims}"), "levels of a profile"
+            )
         if f"{variable}_QC" in part:
             flags = np.asarray(part[f"{variable}_QC"]).astype("S1")
+            if flags.shape != values.shape:
+                lengths = Described(f"{values.size} values with {flags.size} flags")
+                raise Refused(variable, lengths, "a flag for each value")
             values = np.where(np.isin(flags, _GOOD), values, np.nan)
-        values = np.where(np.abs(values) < 99999.0, values, np.nan)
+        values = np.where((values == _MISSING) | ~np.isfinite(values), np.nan, values)
         if np.isfinite(values).any():
-            return values
+            unit = unit_of(part[variable])
+            if name == "PSAL" and unit in ("1", "1e-3"):  # the practical scale has no unit
+                unit = ""
+            converted = convert(values, unit, _ARGO[name], variable) if unit else values
+            if not np.array_equal(converted, values, equal_nan=True):
+                warn_of_input(f"{variable}: {unit} converted to {_ARGO[name]}")
+            return np.atleast_1d(np.where(np.abs(converted) < _MISSING, converted, np.nan))
     return np.full(data.sizes.get("N_LEVELS", 1), np.nan)
 
 
-def _over_depth(pressure: Floats, values: Floats) -> tuple[tuple[float, float], ...] | None:
+def _over_depth(
+    pressure: Floats, values: Floats, name: str
+) -> tuple[tuple[float, float], ...] | None:
     """Return rows (depth, value) from 0 m downwards; None without good values."""
+    if np.isnan(values).all():
+        return None
+    if pressure.shape != values.shape:
+        lengths = Described(f"{values.size} values over {pressure.size} pressures")
+        raise Refused(name, lengths, "a value for each pressure")
     good = np.isfinite(pressure) & np.isfinite(values)
     if not good.any():
         return None

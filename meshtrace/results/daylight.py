@@ -77,7 +77,7 @@ class Background(Stored):
         return str(self.provenance["daylight"]["light"])
 
     def _origin_lines(self) -> list[str]:
-        return [self.light]
+        return [self.light, *self.parts, *self.parts_stderr]
 
     @property
     def power_per_nm(self) -> float:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
+import operator
 import os
 import socket
 import time
@@ -24,7 +26,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, Refused, show
+from meshtrace.errors import Described, Refused, one_line, show
 from meshtrace.files import atomic
 from meshtrace.kernels.jit import sources
 from meshtrace.models import Floats
@@ -219,13 +221,31 @@ class Store:
         digest, _, content = line.removesuffix(b"\n").partition(b" ")
         if not line.endswith(b"\n") or digest.decode("latin-1") != _digest(content):
             return False
-        found = json.loads(content)
-        if "loop" in found:
-            self.identities[found["loop"]] = found["identity"]
-            return True
-        numbers = np.frombuffer(b64decode(found["numbers"])).reshape(found["shape"])
-        self._items.setdefault(found["of"], {})[found["item"]] = Item(numbers, found["text"])
+        try:
+            self._take_content(json.loads(content))
+        except (LookupError, ValueError, TypeError, AttributeError, RecursionError) as error:
+            # sound, but written by another program: no damage that a new computation mends
+            found = f"{str(self.path)!r}: a line that no study wrote ({one_line(error)})"
+            raise _unusable(Path(self.path or ""), found) from error
         return True
+
+    def _take_content(self, content: dict[str, Any]) -> None:
+        """Take up the identity of a loop, or the numbers of an item."""
+        if "loop" in content:
+            name, identity = content["loop"], content["identity"]
+            if not isinstance(name, str) or not isinstance(identity["study"], str):
+                raise TypeError("no name of a loop and of its study")
+            self.identities[name] = identity
+            return
+        names = content["of"], content["item"], content["text"]
+        if not all(isinstance(name, str) for name in names):
+            raise TypeError("names and texts that are none")
+        of, item, text = names
+        numbers = np.frombuffer(b64decode(content["numbers"], validate=True))
+        shape = [operator.index(n) for n in content["shape"]]
+        if min(shape, default=0) < 0 or math.prod(shape) != numbers.size:
+            raise ValueError(f"{numbers.size} numbers of shape {shape}")
+        self._items.setdefault(of, {})[item] = Item(numbers.reshape(shape), text)
 
 
 def is_store(path: Path) -> bool:

@@ -33,6 +33,7 @@ from meshtrace.errors import (
     MISSING,
     Described,
     Refused,
+    refusing,
     require_keys,
     require_seed,
     require_whole,
@@ -252,7 +253,8 @@ class Sweep:
                     else:
                         found[task] = kept.keep(task.key, *result)
                     advance(1)
-        return dataset(self.identity(), found)
+        with refusing("store", "items of this sweep, or a new path"):
+            return dataset(self.identity(), found)
 
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies this sweep, as plain data."""
@@ -465,8 +467,9 @@ def read_store(path: Path) -> xr.Dataset:
         other = Described(f"{str(path)!r} is not that of a sweep")
         raise Refused("store", other, "one, or a new path")
     items, identity = store.items("sweep"), store.identities["sweep"]
-    tasks = tasks_of(identity["parameters"], identity["realizations"])
-    return dataset(identity, {task: items[task.key] for task in tasks if task.key in items})
+    with refusing("store", "the items of a sweep"):
+        tasks = tasks_of(identity["parameters"], identity["realizations"])
+        return dataset(identity, {task: items[task.key] for task in tasks if task.key in items})
 
 
 @check_call

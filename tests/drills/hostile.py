@@ -1,4 +1,4 @@
-"""Hostile inputs of ten kinds, drawn by a fixed seed.
+"""Hostile inputs of fifteen kinds, drawn by a fixed seed.
 
 Each kind is a function of a random generator and a folder of its own; it returns a description,
 which reproduces the input, and a function without arguments that puts the input in. That function
@@ -14,6 +14,7 @@ import os
 import shlex
 import subprocess
 import sys
+import warnings
 from functools import cache
 
 import numpy as np
@@ -390,6 +391,260 @@ def spectra(random, folder):
     return how, lambda: from_wavespectra(path).elevation(np.zeros(3), np.arange(3.0))
 
 
+ATTRIBUTES = ["units", "standard_name", "long_name", "calendar", "_FillValue", "missing_value", "valid_range",
+              "scale_factor", "add_offset", "valid_min", "valid_max", "positive", "coordinates"]  # fmt: skip
+TEXTS = ["", "m", "mm", "deg", "rad/s", "m2 s rad-1", "cm2 s degree-1", "hours since 2024-01-01", "days since", "Hz", "s",
+         "noleap", "sea_surface_wave_to_direction", "from magnetic north", "down", "none", "9" * 300, "\x1b[2J", "m**9**9**9"]  # fmt: skip
+
+
+def _twist(random, data):
+    """Return a dataset with one to three faults in its attributes, values and dimensions."""
+    done = []
+    warnings.simplefilter("ignore")  # of xarray, which makes such datasets
+    for _ in range(random.choice([1, 1, 2, 3])):
+        name = random.choice(list(data.variables))
+        how = random.choice(["attribute"] * 4 + ["value"] * 2 + [
+            "all", "drop", "type", "order", "few", "length", "rename", "copy", "dimension"])  # fmt: skip
+        what = None
+        try:
+            if how == "attribute":
+                key = random.choice(ATTRIBUTES)
+                what = random.choice([*TEXTS, *NUMBERS[:-4], 7, np.arange(3.0), b"m"])
+                data = data.assign({name: data[name].assign_attrs({key: what})})
+                what = f"{key} {what!r:.40}"
+            elif how in ("value", "all"):
+                what = float(random.choice(NUMBERS[:-1]))
+                values = np.array(data[name].values, dtype=np.float64)
+                values.ravel()[slice(None) if how == "all" else random.randrange(values.size)] = (
+                    what
+                )
+                data = data.assign({name: (data[name].dims, values, data[name].attrs)})
+            elif how == "drop":
+                data = data.drop_vars(name)
+            elif how == "type":
+                what = random.choice(["i2", "U8", "S4", "c16", "?", "f4", "O"])
+                data = data.assign({name: data[name].astype(what)})
+            elif how == "order":
+                data = data.transpose(*random.sample(list(data.dims), len(data.dims)))
+            elif how == "few":
+                dim, what = random.choice(list(data.dims)), random.choice([0, 1, 2])
+                data = data.isel({dim: slice(what)})
+            elif how == "length":
+                values = np.ravel(data[name].values)
+                data = data.drop_vars(name).assign({name: ("other", values)})
+            elif how == "rename":
+                what = random.choice([*data.variables, "x", "freq", "time", "t", "site"])
+                data = data.rename({name: what})
+            elif how == "copy":
+                what = random.choice(list(data.variables))
+                data = data.assign({name: data[what]})
+            else:
+                what = random.choice([1, 2])
+                data = data.assign({name: data[name].expand_dims(new=what)})
+        except (ValueError, TypeError, IndexError, KeyError, OverflowError):
+            continue  # no such dataset
+        done.append(f"{how} {name} {what}")
+    return data, "; ".join(done)
+
+
+@cache
+def _records():
+    """Return spectra at two times and stations, and in the forms of models and buoys."""
+    import xarray as xr
+
+    one = _spectrum()
+    coords = {"time": ("time", [0.0, 1.0], {"units": "hours since 2024-05-01"}), "site": [1, 2]}
+    place = {"lon": ("site", [0.0, 9.0]), "lat": ("site", [50.0, 60.0])}
+    ones = xr.DataArray(np.ones((2, 2)), coords, ("time", "site"))
+    plain = (one.efth * ones).to_dataset(name="efth").assign_coords(place)
+    ww3 = plain.rename(
+        freq="frequency", dir="direction", site="station", lon="longitude", lat="latitude"
+    )
+    swan = plain.rename(freq="frequency", dir="direction", site="points", efth="density")
+    rows = {"spectral_wave_density": 1.0, "mean_wave_dir": 200.0, "principal_wave_dir": 205.0,
+            "wave_spectrum_r1": 0.8, "wave_spectrum_r2": 0.6}  # fmt: skip
+    ndbc = xr.Dataset(
+        {name: (("time", "frequency"), np.full((2, 8), value)) for name, value in rows.items()},
+        {"time": coords["time"], "frequency": one.freq.values},
+    )
+    return {None: plain, "ww3": ww3, "ncswan": swan, "ndbc": ndbc, "netcdf": plain}
+
+
+def records(random, folder):
+    """Spectra with hostile attributes, dimensions and selections, as files and as datasets."""
+    from meshtrace.surfaces import from_wavespectra
+
+    reader = random.choice(list(_records()))
+    data, how = _twist(random, _records()[reader])
+    options = {
+        "reader": reader,
+        "time": random.choice(VALUES) if random.random() < 0.1 else "2024-05-01T01",
+        "site": None if reader == "ndbc" else random.choice([1, 2, (0.0, 50.0)]),
+    }
+    if random.random() < 0.1:
+        options["site"] = random.choice(VALUES)
+    if random.random() < 0.1:
+        options["reader"] = random.choice(
+            ["swan", "era5", "wwm", "json", "spotter", "octopus", "funwave"]
+        )
+    source = _written(random, data, folder)
+    text = f"{how}; {options!r:.200}; {'file' if source is not data else 'dataset'}"
+    return text, lambda: from_wavespectra(source, **options).elevation(np.zeros(3), np.arange(3.0))
+
+
+def _written(random, data, folder):
+    """Return a file of a dataset, sometimes damaged, or the dataset if it cannot be written."""
+    path = folder / "data.nc"
+    engine = random.choice(["h5netcdf", "h5netcdf", "scipy"])
+    if random.random() < 0.4:
+        return data
+    try:
+        data.to_netcdf(path, engine=engine)
+    except Exception:  # names and types that no file holds
+        return data
+    if random.random() < 0.3:
+        path.write_bytes(_damage(random, path.read_bytes())[0])
+    return path
+
+
+@cache
+def _grids():
+    import xarray as xr
+
+    axis = np.linspace(-3.0, 3.0, 7)
+    z = 0.1 * np.cos(axis[:, None] + axis + np.arange(3.0)[:, None, None])
+    metres = {"units": "m"}
+    coords = {
+        "time": ("time", np.arange(3.0), {"units": "s"}),
+        "x": ("x", axis, metres),
+        "y": ("y", axis, metres),
+    }
+    return xr.Dataset({"z": (("time", "x", "y"), z, metres)}, coords)
+
+
+def sequences(random, folder):
+    """Meshes in time in hostile grids, collections and damaged files."""
+    from meshtrace.surfaces import MeshSequence, from_trimesh
+
+    suffix = random.choice(["nc"] * 6 + ["ply", "pvd", "xdmf", "vtp"])
+    options = {"blend": random.choice(["nearest", "linear"])}
+    if random.random() < 0.3:
+        key = random.choice(["times", "scale", "up", "frame_rate", "normals"])
+        options[key] = random.choice([*VALUES, (0.0, 1.0, 2.0), "y", 0.5])
+    if suffix == "nc":
+        data, how = _twist(random, _grids())
+        path = _written(random, data, folder)
+        path = folder / "none.nc" if path is data else path
+    else:
+        how, path = suffix, folder / f"a_0.{suffix}"
+        mesh = from_trimesh((np.arange(7.0), np.arange(7.0), 0.1 * np.eye(7)))
+        for i in range(3):
+            mesh.to_trimesh().export(folder / f"a_{i}.ply")
+        text = "".join(f'<DataSet timestep="{i}" file="a_{i}.ply"/>' for i in range(3))
+        if suffix != "ply":
+            path.write_text(f"<VTKFile><Collection>{text}</Collection></VTKFile>")
+        path.write_bytes(_damage(random, path.read_bytes())[0])
+        path = str(folder / "a_*.ply") if suffix == "ply" else path
+    time = random.choice(VALUES) if random.random() < 0.1 else random.choice([0.0, 0.5, 1.5])
+
+    def call():
+        return (MeshSequence(path, **options).mesh(time=time).vertices,)
+
+    return f"{how}; {options!r:.100}; {time!r:.60}", call
+
+
+@cache
+def _profile():
+    import xarray as xr
+
+    dims = ("N_PROF", "N_LEVELS")
+    rows = {"PRES": [3.0, 10.0, 30.0], "CHLA": [0.4, 0.6, 0.2], "BBP700": [1.2e-3, 1.0e-3, 5e-4],
+            "TEMP": [20.0, 19.0, 15.0], "PSAL": [36.5, 36.5, 36.0]}  # fmt: skip
+    units = {
+        "PRES": "decibar",
+        "CHLA": "mg/m3",
+        "BBP700": "m-1",
+        "TEMP": "degree_Celsius",
+        "PSAL": "psu",
+    }
+    data = {
+        name: (dims, np.array([values]), {"units": units[name]}) for name, values in rows.items()
+    }
+    flags = {f"{name}_QC": (dims, np.array([list("111")], "S1")) for name in rows}
+    return xr.Dataset({**data, **flags})
+
+
+def profiles(random, folder):
+    """BGC-Argo profiles with hostile attributes, values and dimensions."""
+    import xarray as xr
+
+    from meshtrace.optics import Water
+
+    data, how = _twist(random, _profile())
+    path = _written(random, data, folder)
+    if isinstance(path, xr.Dataset):
+        path = folder / "none.nc"
+
+    def call():
+        water = Water.from_file(path, 532.0)
+        return water.a, water.b
+
+    return how, call
+
+
+def forged(random, folder):
+    """Results with other values and dimensions, written with their digests: read and shown."""
+    from meshtrace.stored import load, write_dataset
+
+    data = random.choice(_datasets()).copy()
+    if random.random() < 0.5:
+        data, how = _twist(random, data)
+    else:
+        key = random.choice(list(data.attrs))
+        value = random.choice([*VALUES, "{}", "[1, 2]", np.arange(3.0), np.array(["a", "b"])])
+        data, how = data.assign_attrs({key: value}), f"{key} = {value!r:.60}"
+    path = folder / "result.nc"
+    try:
+        write_dataset(data, path)
+    except Exception:  # values that no file holds
+        path = folder / "none.nc"
+
+    def call():
+        found = load(path)
+        found.summary()
+        found._repr_html_()
+        found.save(folder / "again.nc")
+
+    return f"{data.attrs.get('kind')!r:.30}: {how}", call
+
+
+def forged_stores(random, folder):
+    """Lines of right digests and other values in stores of sweeps."""
+    from meshtrace.studies.store import _line
+
+    store, changes = folder / "kept.store", []
+    lines = []
+    for line in _store(folder.parent / "kept.store").splitlines():
+        content = json.loads(line.partition(b" ")[2])
+        if random.random() < 0.3:
+            if random.random() < 0.2:
+                key = random.choice(list(content))
+                changes.append(f"without {key}")
+                del content[key]
+            elif random.random() < 0.1:
+                content = {"list": [content]}
+            else:
+                changes += _replace(
+                    random, content, [*VALUES, [1, 4], [2, 2], "AAAA", "AAAAAAAAAAA="]
+                )
+        try:
+            lines.append(_line(**content))
+        except (ValueError, TypeError, RecursionError):  # no JSON holds it
+            lines.append(line + b"\n")
+    store.write_bytes(b"".join(lines))
+    return str(changes), lambda: np.asarray(_sweep(store, 3e-5)["gain"]).ravel() * 0.0
+
+
 @cache
 def _results(folder):
     import meshtrace as mt
@@ -575,6 +830,6 @@ KINDS = {
     function.__name__: function
     for function in (
         links, arguments, commands, meshes, spectra, results, origins, stores, studies,
-        environment,
+        environment, records, sequences, profiles, forged, forged_stores,
     )
 }  # fmt: skip

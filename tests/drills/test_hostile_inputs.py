@@ -1,4 +1,4 @@
-"""Ten thousand hostile inputs of ten kinds: each is a number or one line of refusal.
+"""Sixteen thousand hostile inputs of fifteen kinds: each is a number or one line of refusal.
 
 No traceback, no signal, no hang, no nan, and no damaged file that gives another number.
 `python tests/drills/drill.py KIND N N+1` repeats input N of a kind.
@@ -10,9 +10,11 @@ from drill import drill
 pytestmark = [pytest.mark.drill, pytest.mark.process]
 
 SMALL = {"links": 15, "arguments": 60, "commands": 8, "meshes": 12, "spectra": 10,
-         "results": 15, "origins": 4, "stores": 6, "studies": 12, "environment": 1}  # fmt: skip
+         "results": 15, "origins": 4, "stores": 6, "studies": 12, "environment": 1,
+         "records": 20, "sequences": 10, "profiles": 15, "forged": 15, "forged_stores": 10}  # fmt: skip
 LARGE = {"links": 1500, "arguments": 3400, "commands": 1000, "meshes": 1200, "spectra": 1000,
-         "results": 1100, "origins": 900, "stores": 240, "studies": 520, "environment": 40}  # fmt: skip
+         "results": 1100, "origins": 900, "stores": 240, "studies": 520, "environment": 40,
+         "records": 2000, "sequences": 1000, "profiles": 1000, "forged": 1500, "forged_stores": 500}  # fmt: skip
 
 
 def check(*plan):

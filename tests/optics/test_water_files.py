@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from meshtrace.errors import Refused
+from meshtrace.errors import InputWarning, Refused
 from meshtrace.optics import Constituents, SpectralTable, Water
 from meshtrace.optics.pure_water import pure_water_absorption, zhang_hu_he
 from meshtrace.optics.water_files import read_spectrum
@@ -116,3 +116,60 @@ def test_a_file_in_a_link_file_is_beside_it_and_takes_other_values(tmp_path):
     assert Scenario.from_toml(scenario.to_toml()) == scenario  # the values, without the file
     with pytest.raises(Refused, match=r"^water.cdom: 0.05, no such key"):
         Scenario.from_toml(f'[water]\nfile = "{FILES / "table.csv"}"\ncdom = 0.05')
+
+
+def with_units(path, **units):
+    """Write a profile whose values are in other units, with their names."""
+    factors = {"PRES": 1.0, "CHLA_ADJUSTED": 1.0, "BBP700": 1.0, "PSAL": 1.0, "TEMP": 1.0}
+    argo(path)
+    with xr.open_dataset(path, engine="h5netcdf") as opened:
+        data = opened.load()
+    for name, (unit, factor) in units.items():
+        assert name in factors
+        values = xr.where(data[name] == 99999.0, 99999.0, factor * data[name])
+        data[name] = values.assign_attrs(units=unit)
+    data.to_netcdf(path, engine="h5netcdf")
+
+
+@pytest.mark.parametrize(
+    "units",
+    [{"PRES": ("decibar", 1.0), "CHLA_ADJUSTED": ("mg/m3", 1.0), "BBP700": ("m-1", 1.0)},
+     {"PRES": ("Pa", 1e4)}, {"PRES": ("bar", 0.1)}, {"CHLA_ADJUSTED": ("ug/l", 1.0)},
+     {"CHLA_ADJUSTED": ("kg m-3", 1e-6)}, {"CHLA_ADJUSTED": ("g/m3", 1e-3)}, {"BBP700": ("cm-1", 1e-2)},
+     {"PSAL": ("1", 1.0)}, {"PSAL": ("psu", 1.0)}],
+)  # fmt: skip
+@pytest.mark.filterwarnings("ignore:.*converted to:meshtrace.InputWarning")
+def test_units_of_an_argo_profile(units, tmp_path):
+    with_units(tmp_path / "float.nc", **units)
+    found = read_spectrum(tmp_path / "float.nc")
+    np.testing.assert_allclose(found.chlorophyll, ((0.0, 0.2), (10.0, 0.3), (30.0, 0.0)))
+    np.testing.assert_allclose(found.bbp700, ((0.0, 1.2e-3), (30.0, 0.5e-3)))
+    assert (found.temperature_c, found.salinity) == (20.5, 36.5)
+
+
+def test_kelvin_and_units_of_other_kinds(tmp_path):
+    argo(tmp_path / "float.nc", TEMP=np.full((2, 4), 293.15))
+    with xr.open_dataset(tmp_path / "float.nc", engine="h5netcdf") as opened:
+        data = opened.load()
+    data.TEMP.attrs["units"] = "K"
+    data.to_netcdf(tmp_path / "kelvin.nc", engine="h5netcdf")
+    with pytest.warns(InputWarning, match="^TEMP: K converted to degC$"):
+        assert read_spectrum(tmp_path / "kelvin.nc").temperature_c == pytest.approx(20.0)
+    with_units(tmp_path / "wrong.nc", CHLA_ADJUSTED=("m-1", 1.0))
+    with pytest.raises(Refused, match="CHLA_ADJUSTED: in m-1, allowed: a unit"):
+        read_spectrum(tmp_path / "wrong.nc")
+
+
+@pytest.mark.parametrize("name", ["CHLA", "BBP700", "PRES", "CHLA_QC", "TEMP"])
+def test_variables_of_unlike_lengths(name, tmp_path):
+    """Once a traceback of numpy."""
+    argo(tmp_path / "float.nc")
+    with xr.open_dataset(tmp_path / "float.nc", engine="h5netcdf") as opened:
+        data = opened.load().drop_vars(["CHLA_ADJUSTED", "CHLA_ADJUSTED_QC"])
+    values = data[name].values[:, :3]
+    data = data.drop_vars(name).assign({name: (("N_PROF", "N_OTHER"), values)})
+    data.to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
+    if name == "CHLA":
+        data.CHLA_QC[:] = b"1"
+    with pytest.raises(Refused, match=r"(values over|values with) \d+ |levels|PRES and CHLA"):
+        read_spectrum(tmp_path / "other.nc")

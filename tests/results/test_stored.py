@@ -414,3 +414,29 @@ def test_errors_of_groups_are_those_along_an_axis():
     expected = [[np.std(one, ddof=1) / np.sqrt(32) for one in row.T] for row in samples]
     np.testing.assert_allclose(error_of_groups(samples, 1), expected, rtol=1e-12)
     np.testing.assert_array_equal(error_of_groups(samples[0]), error_of_groups(samples, 1)[0])
+
+
+def saved_series():
+    gain = 1e-5 * (1.0 + np.arange(6.0))
+    return mt.GainSeries("time", np.arange(6.0), gain, 0.01 * gain, gain, 1e-7)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [lambda d: d.assign(gain=d.gain.expand_dims(new=2)), lambda d: d.assign(gain=d.gain.isel(time=0, drop=True)),
+     lambda d: d.isel(time=slice(0)), lambda d: d.assign(gain=d.gain.astype(str)),
+     lambda d: d.assign(gain=("other", d.gain.values)), lambda d: d.assign(gain=d.gain.astype(complex)),
+     lambda d: d.assign(gain=1e200 * d.gain), lambda d: d.assign_attrs(mean_stderr=1e300),
+     lambda d: d.assign_attrs(kind=np.arange(3)), lambda d: d.assign_attrs(kind=5), lambda d: d.assign_attrs(kind=[]),
+     lambda d: d.assign_attrs(format_version=[]), lambda d: d.assign_attrs(format_version=np.arange(3)),
+     lambda d: d.assign_attrs(format_version="2"), lambda d: d.assign_attrs(provenance=5),
+     lambda d: d.drop_vars("gain"), lambda d: d.assign_attrs(provenance="[")],
+)  # fmt: skip
+def test_forged_results_are_refused(change, tmp_path):
+    """Their digest is right: once tracebacks of several kinds, when read or shown."""
+    data = saved_series().to_dataset()
+    write_dataset(data, tmp_path / "sound.nc")
+    load(tmp_path / "sound.nc").summary()
+    write_dataset(change(data), tmp_path / "forged.nc")
+    with pytest.raises(Refused, match=r"forged.nc: "):
+        load(tmp_path / "forged.nc")

@@ -20,7 +20,7 @@ import pytest
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.studies import fading_study
-from meshtrace.studies.store import Kept, Store, is_store, locked
+from meshtrace.studies.store import Kept, Store, _line, is_store, locked
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
 
 LINK = mt.Link()
@@ -405,3 +405,39 @@ def test_store_of_a_stopped_process_is_refused_at_once(holder):
     with pytest.raises(Refused, match=rf"in use by {socket.gethostname()}:{process.pid} for"):
         with locked(store):
             pass
+
+
+def forged(**changes):
+    """Return lines of a store with right digests, one of which no study wrote."""
+    item = {
+        "of": "x",
+        "item": "0",
+        "shape": [1, 2],
+        "numbers": "AAAAAAAA8D8AAAAAAADwPw==",
+        "text": "",
+    }
+    loop = {"loop": "sweep", "identity": {"study": "sweep"}}
+    line = {key: value for key, value in {**item, **changes}.items() if value is not None}
+    return _line(**loop) + _line(**line)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"numbers": None}, {"of": None}, {"item": None}, {"shape": None}, {"text": None}, {"of": {}},
+     {"item": 5}, {"text": []}, {"numbers": 5}, {"numbers": "AAA"}, {"numbers": "not base64"},
+     {"numbers": "AAAAAAAA8D8="}, {"shape": []}, {"shape": [2.5]}, {"shape": "12"}, {"shape": [-1, -2]},
+     {"shape": [2**62, 2**62]}, {"shape": 5}, {"loop": 5}, {"loop": "x", "identity": []},
+     {"loop": "x", "identity": {}}, {"loop": "x", "identity": {"study": 5}}, {"loop": "x"}],
+)  # fmt: skip
+def test_lines_of_right_digests_that_no_study_wrote(changes, tmp_path):
+    """Once tracebacks of five kinds."""
+    path = tmp_path / "a.store"
+    path.write_bytes(forged())
+    store = Store(path, "sweep")
+    store.read()
+    assert store._items["x"]["0"].numbers.tolist() == [[1.0, 1.0]]
+    path.write_bytes(forged(**changes))
+    with pytest.raises(
+        Refused, match=r"^store: .*a line that no study wrote .*, allowed: one, or a new path"
+    ):
+        Store(path, "sweep").read()

@@ -458,3 +458,89 @@ def test_minutes_written_as_m_are_no_milliseconds(tmp_path, meshes):
     xr.Dataset({"eta": (("time", "y", "x"), z)}, coords).to_netcdf(tmp_path / "sea.nc")
     with pytest.raises(Refused, match=r"time in 'm', allowed: s, sec, second, ms, .*, min,"):
         MeshSequence(tmp_path / "sea.nc", scale=1.0)
+
+
+def grid(**changes):
+    """Return a sea over a grid in metres, as a dataset of three times."""
+    z = 0.1 * np.cos(AXIS[:, None] + 0.5 * AXIS + np.arange(3.0)[:, None, None])
+    metres = {"units": "m"}
+    coords = {
+        "time": ("time", np.arange(3.0), {"units": "s"}),
+        "x": ("x", AXIS, metres),
+        "y": ("y", AXIS, metres),
+    }
+    return xr.Dataset({"z": (("time", "x", "y"), z, metres)}, coords).assign(changes)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "factor"),
+    [
+        ("x", "km", 1e-3),
+        ("z", "mm", 1e3),
+        ("z", "cm", 100.0),
+        ("z", "centimeters", 100.0),
+        ("y", "ft", 1 / 0.3048),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*converted to m:meshtrace.InputWarning")
+def test_units_that_differ_between_axes(name, unit, factor, tmp_path):
+    data = grid()
+    dims = data[name].dims
+    if name == "z":
+        data = data.assign(z=(dims, factor * data.z.values, {"units": unit}))
+    else:
+        data = data.assign_coords({name: (dims, factor * AXIS, {"units": unit})})
+    grid().to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    data.to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
+    expected, found = (MeshSequence(tmp_path / f"{n}.nc").mesh(1.0) for n in "ab")
+    np.testing.assert_allclose(found.vertices, expected.vertices, rtol=1e-9, atol=1e-12)
+
+
+def test_heights_that_count_downwards(tmp_path):
+    grid().to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    down = grid(z=(-grid().z).assign_attrs(units="m", positive="down"))
+    down.to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
+    expected = MeshSequence(tmp_path / "a.nc").mesh(1.0)
+    with pytest.warns(mt.InputWarning, match="z: positive downwards, turned upwards"):
+        found = MeshSequence(tmp_path / "b.nc").mesh(1.0)
+    np.testing.assert_array_equal(found.vertices, expected.vertices)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda d: d.assign_coords(x=d.x.assign_attrs(units="degrees_east")), "x: in degrees_east"),
+        (lambda d: d.assign(z=d.z.assign_attrs(units="Pa")), "z: in Pa"),
+        (lambda d: d.assign(z=d.z.assign_attrs(units="")), "no units"),
+        (lambda d: d.assign(z=d.z.assign_attrs(valid_max=0.05)), r"\d+ gaps \(nan\) in z"),
+        (
+            lambda d: d.assign_coords(time=d.time.assign_attrs(units="months since 2024-01-01")),
+            "time in 'months'",
+        ),
+        (lambda d: d.isel(time=slice(0)), "no frames|source"),
+        (lambda d: d.isel(x=slice(1)), "two or more points"),
+        (
+            lambda d: d.drop_vars("x").assign(
+                x=("n", np.arange(99_999.0), {"units": "m"}),
+                y=("m", np.arange(99_999.0), {"units": "m"}),
+            ),
+            "one grid|shapes|source",
+        ),
+        (lambda d: d.assign(z=(("x", "y", "time"), d.z.values.T, {"units": "m"})), "times: None"),
+    ],
+)
+def test_grids_that_are_not_understood(change, match, tmp_path):
+    change(grid()).to_netcdf(tmp_path / "sea.nc", engine="h5netcdf")
+    with pytest.raises(Refused, match=match):
+        MeshSequence(tmp_path / "sea.nc").mesh(1.0)
+
+
+def test_a_collection_without_meshes_is_refused(tmp_path):
+    """Once an IndexError."""
+    (tmp_path / "a.xdmf").write_text(
+        '<Xdmf><Domain><Grid CollectionType="Temporal"/></Domain></Xdmf>'
+    )
+    (tmp_path / "b.xdmf").write_text("<Xdmf/>")
+    for name in ("a", "b"):
+        with pytest.raises(Refused):
+            MeshSequence(tmp_path / f"{name}.xdmf").mesh()

@@ -1,0 +1,288 @@
+"""Files of netCDF and HDF5: sizes are checked before anything is read.
+
+A file of a few kilobytes can state arrays of any size: HDF5 stores no chunk that was never written,
+and deflate packs a thousand bytes into one.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import re
+import struct
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import lru_cache
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.errors import Described, Refused, refusing, show
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MOST_BYTES = 2**31
+"""Size of all arrays of a file that is read whole [B]."""
+
+_HARMLESS = 2**26  # [B]: any file may state as much
+_DENSEST = 1100  # deflate expands a byte to at most 1032
+_TEXT = 1024  # [B] assumed for a text of variable length, which HDF5 counts as a pointer
+ALLOWED = "an undamaged netCDF file"
+_HEAP, _HEAP_OBJECT = b"GCOL\x01\0\0\0", struct.Struct("<H6xQ")
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_PLACEHOLDER = "This is a netCDF dimension but not a netCDF variable"
+
+
+def require_size(stated: int, stored: int, name: str, most: int | None = MOST_BYTES) -> None:
+    """Refuse arrays that no memory should hold, or that their stored bytes cannot hold.
+
+    Parameters
+    ----------
+    stated : int
+        Size of the arrays [B], uncompressed.
+    stored : int
+        Size of the file or the store [B].
+    name : str
+        File or variable, for the message.
+    most : int, optional
+        Bound on `stated` [B]; None where arrays are read in parts.
+    """
+    if most is not None and stated > most:
+        raise Refused(name, Described(f"arrays of {_bytes(stated)}"), f"at most {_bytes(most)}")
+    if stated > max(_HARMLESS, _DENSEST * stored):
+        problem = Described(f"arrays of {_bytes(stated)} in {_bytes(stored)}")
+        raise Refused(
+            name, problem, "arrays that the file holds: compression saves a factor of 1000"
+        )
+
+
+def _bytes(n: int) -> str:
+    """Return a size as text."""
+    size, units = float(n), ["B", "kB", "MB", "GB", "TB", "PB"]
+    while size >= 1000.0 and len(units) > 1:
+        size, units = size / 1000.0, units[1:]
+    return f"{size:.3g} {units[0]}"
+
+
+@contextmanager
+def reading(path: str | PathLike[str], allowed: str = ALLOWED) -> Iterator[None]:
+    """Refuse a path that is no file, and turn all errors of a block into refusals of the file."""
+    name = str(path) if isinstance(path, str | PathLike) else show(path)
+    is_file = is_folder = False
+    with suppress(TypeError, ValueError, OSError):
+        is_file, is_folder = Path(path).is_file(), Path(path).is_dir()
+    if is_folder:
+        raise Refused(name, Described("a folder"), "a file; a Zarr store as xarray.open_zarr(path)")
+    if not is_file:
+        raise Refused(name, Described("no such file"), allowed)
+    with refusing(name, allowed):
+        yield
+
+
+@contextmanager
+def opened(
+    path: str | PathLike[str], most: int | None = MOST_BYTES, **options: Any
+) -> Iterator[xr.Dataset]:
+    """Yield the lazy dataset of a netCDF or HDF5 file whose sizes were checked.
+
+    Parameters
+    ----------
+    path : path
+        Regular file: netCDF-4, HDF5 or classic netCDF.
+    most : int, optional
+        Bound on the size of all arrays [B]; None where they are read in parts.
+    **options
+        Options of `xarray.open_dataset`.
+
+    Raises
+    ------
+    Refused
+        If there is no such file, it is damaged or no netCDF file, states arrays that it cannot
+        hold, or refers to other files.
+    """
+    import xarray as xr
+
+    with reading(path):
+        check_file(path, most)
+        with open(path, "rb") as file:
+            is_classic = file.read(3) == b"CDF"
+        # pure HDF5 files name no dimensions
+        hdf5: dict[str, Any] = {"engine": "h5netcdf", "phony_dims": "sort"}
+        engine: dict[str, Any] = {"engine": "scipy"} if is_classic else hdf5
+        with xr.open_dataset(path, **{"decode_timedelta": False, **engine, **options}) as data:
+            yield data
+
+
+def check_file(path: str | PathLike[str], most: int | None = MOST_BYTES) -> None:
+    """Refuse a netCDF or HDF5 file that states arrays which it cannot hold; others pass."""
+    status = os.stat(path)
+    if status.st_size == 0:
+        raise OSError("the file is empty")
+    _check(str(path), most, status.st_size, (status.st_ino, status.st_mtime_ns))
+
+
+@lru_cache(maxsize=64)  # frames of one file are read one by one
+def _check(path: str, most: int | None, stored: int, version: tuple[int, int]) -> None:
+    """Check a file of some bytes, once for each version of it."""
+    with open(path, "rb") as file:
+        head = file.read(8)
+    if head.startswith(b"CDF"):
+        require_size(_classic_size(path), stored, path, most)
+    elif head == _HDF5:
+        _check_heaps(path)
+        total, largest_chunk = _hdf5_size(path)
+        require_size(total, stored, path, most)
+        # one value of a chunk is read by expanding all of it
+        require_size(largest_chunk, stored, path)
+
+
+def _classic_size(path: str | PathLike[str]) -> int:
+    """Return the size of all variables of a classic file, which may share its bytes."""
+    from scipy.io import netcdf_file
+
+    file = netcdf_file(path, mmap=True)
+    sizes = [v.data.size * max(v.data.itemsize, 8) for v in file.variables.values()]
+    file.variables.clear()  # else closing warns of arrays in use
+    file.close()
+    return sum(sizes)
+
+
+def _hdf5_size(path: str | PathLike[str]) -> tuple[int, int]:
+    """Return the size of all arrays as numbers of 8 bytes, and that of the largest chunk.
+
+    Files that refer to others are refused: whoever made them would choose what is read.
+    """
+    import h5py
+
+    def add_link(name: str, link: Any) -> None:
+        if isinstance(link, h5py.ExternalLink):
+            elsewhere.append(f"{name} in {link.filename}")
+
+    def add(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset):
+            return
+        if item.is_virtual or item.external:
+            elsewhere.append(f"{name} in other files")
+        label = item.attrs.get("NAME", "")
+        label = label.decode("latin-1") if isinstance(label, bytes) else str(label)
+        if label.startswith(_PLACEHOLDER):
+            return  # the length of a dimension, never read
+        width = _TEXT if item.dtype.hasobject else max(item.dtype.itemsize, 8)
+        sizes.append(int(item.size or 0) * width)
+        if item.chunks is not None:
+            chunks.append(int(np.prod(item.chunks, dtype=object)) * width)
+
+    elsewhere: list[str] = []
+    sizes, chunks = [0], [0]
+    with h5py.File(path, "r") as file:
+        file.attrs.get("_nc3_strict")  # h5netcdf leaves a traceback where this fails
+        file.visititems_links(add_link)
+        file.visititems(add)
+    if elsewhere:
+        raise Refused(str(path), Described(f"array {elsewhere[0]}"), "arrays of its own")
+    return sum(sizes), max(chunks)
+
+
+def _check_heaps(path: str | PathLike[str]) -> None:
+    """Refuse an HDF5 file with an object of no size in a global heap.
+
+    HDF5 loops for ever over it (H5HG__cache_heap_deserialize); one wrong bit in a file without a
+    digest is enough.
+    """
+    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        start = content.find(_HEAP)
+        while start >= 0:
+            end = start + int.from_bytes(content[start + 8 : start + 16], "little")
+            at = start + 16
+            while at + 16 <= end <= len(content):
+                index, size = _HEAP_OBJECT.unpack_from(content, at)
+                if index == 0 and size < 16:
+                    raise OSError("damaged: an object of a global heap has no size")
+                at += 16 + -(-size // 8) * 8 if index else size
+            start = content.find(_HEAP, start + 1)
+
+
+def unit_of(variable: xr.DataArray) -> str:
+    """Return the unit in the attributes of a variable, "" if there is none."""
+    unit = variable.attrs.get("units", variable.attrs.get("unit", ""))
+    unit = unit.decode("latin-1") if isinstance(unit, bytes) else str(unit)
+    return "" if unit.strip().lower() in ("", "none", "unknown", "unk") else unit.strip()
+
+
+def valid_values(variable: xr.DataArray) -> NDArray[np.float64]:
+    """Return the values of a variable, nan outside the valid range of its attributes."""
+    values = np.asarray(variable.values, np.float64)
+    low, high = variable.attrs.get("valid_min"), variable.attrs.get("valid_max")
+    low, high = variable.attrs.get("valid_range", (low, high))
+    with np.errstate(invalid="ignore"):
+        if low is not None:
+            values = np.where(values < float(low), np.nan, values)
+        if high is not None:
+            values = np.where(values > float(high), np.nan, values)
+    return values
+
+
+_TURNS = re.compile(
+    r"(relative|with respect|respect|referred|reference) to|(counter-?|anti-?)?clockwise( from)?"
+    r"|from (the )?(true |geographic |grid )?(north|east|x)|magnetic declination"
+)
+_FROM = re.compile(r"from[_ ]direction|from[_ ]which|(coming|come|comes|arriving|blow\w*)[_ -]from"
+                   r"|direction[_ (]+from|\(from\)|nautical|meteorological")  # fmt: skip
+_TO = re.compile(r"to[_ ]direction|to[_ ]which|(going|coming|moving)[_ -]to|direction[_ (]+to\b"
+                 r"|\(to\)|towards?|propagat|travell?ing|heading|ocean(ograph)?ic")  # fmt: skip
+_CARTESIAN = re.compile(
+    r"cartesian|mathematic|trigonometric|(counter|anti)-?clockwise|from (the )?(east|x)"
+)
+
+
+def convention_of(direction: xr.DataArray, attributes: Mapping[Any, Any]) -> str:
+    """Return the convention of directions that attributes state, "" if they state none.
+
+    Parameters
+    ----------
+    direction : xarray.DataArray
+        Directions of waves, with their attributes.
+    attributes : mapping
+        Attributes of the dataset, of which only those about a convention of directions count.
+
+    Returns
+    -------
+    str
+        "from" or "to", clockwise from north; "cartesian" for the direction of travel and
+        "cartesian from" for that of origin, counter-clockwise from east.
+
+    Raises
+    ------
+    Refused
+        If attributes contradict each other, or directions count from magnetic north.
+    """
+    about = [
+        str(v)
+        for k, v in attributes.items()
+        if "convention" in str(k).lower() and "dir" in str(k).lower()
+    ]
+    about += [str(v) for k, v in direction.attrs.items() if k not in ("units", "unit")]
+    texts = [text.lower() for text in about]
+    if any("magnetic north" in text or "degrees_magnetic" in text for text in texts):
+        raise Refused("dir", Described("relative to magnetic north"), "relative to true north")
+    ways = set()
+    for text in texts:
+        bare = _TURNS.sub(" ", text)
+        if _FROM.search(bare):
+            ways.add("from")
+        elif _TO.search(bare):
+            ways.add("to")
+    is_cartesian = any(_CARTESIAN.search(text) for text in texts)
+    if len(ways) > 1:
+        problem = Described("; ".join(about))
+        raise Refused(
+            "dir", problem, "attributes that agree whether waves come from there or go to"
+        )
+    way = next(iter(ways), "to" if is_cartesian else "")
+    if not is_cartesian:
+        return way
+    return "cartesian" if way == "to" else "cartesian from"
