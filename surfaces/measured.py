@@ -7,13 +7,13 @@ import math
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.cells import Cells, cells_of
-from meshtrace.checks import Probability, check_call
+from meshtrace.checks import Inside, Probability, check_call
 from meshtrace.errors import (
     Described,
     Refused,
@@ -65,7 +65,7 @@ class _Record(NamedTuple):
 
 @check_call
 def gauge_spectrum(
-    source: str | PathLike[str] | ArrayLike,
+    source: Annotated[str | PathLike[str] | ArrayLike, Inside()],
     depth: float | None = None,
     *,
     spreading: Spreading | str | dict[str, Any] | None = None,
@@ -187,7 +187,7 @@ def gauge_spectrum(
 
 @check_call
 def from_gauge(
-    source: str | PathLike[str] | ArrayLike,
+    source: Annotated[str | PathLike[str] | ArrayLike, Inside()],
     seed: int = 0,
     depth: float | None = None,
     *,
