@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, model_validator
 
 from meshtrace.errors import Refused, is_number
 from meshtrace.models import Model
+from meshtrace.quadrature import gauss_legendre
 
 from .parameters import Floats, Positive, Range, named_or_given
 from .spectra import Jonswap, Spectrum, Spreading, sea_state
@@ -224,7 +225,7 @@ def drawn_waves(edges: Floats, d_theta: float, spectrum: Spectrum, spreading: Sp
     spectrum, spreading : Spectrum, Spreading
         The sea.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    nodes, weights = gauss_legendre(_NODES)
     width = np.diff(edges)
     at = edges[:-1, None] + width[:, None] * 0.5 * (nodes + 1.0)
     variance = 0.5 * width * (spectrum(at) * weights).sum(axis=1)

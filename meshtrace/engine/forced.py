@@ -21,7 +21,7 @@ import math
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from operator import call
 from typing import Any, Literal, NamedTuple
 
@@ -320,6 +320,13 @@ class ForcedDetection:
         """Largest expected number of scatterings between a source and the surface."""
         return max(law.expected for law in self.drawer.nominals)
 
+    @cached_property
+    def returned(self) -> Floats:
+        """Estimated gain of light reflected first, of each receiver by that which stands for it."""
+        some = tuple(self.link.receivers[r] for r in self._piloted)
+        found = choice.returned_gain(self.link.model_copy(update={"receiver": some}))
+        return found[np.searchsorted(self._piloted, self.arrays.stands_for_receivers)]
+
     @property
     def serves_neighbours(self) -> bool:
         """Whether its chains alone, of point sources, make the gain: `FrozenForced` keeps them."""
@@ -344,8 +351,7 @@ class ForcedDetection:
         per_chain = self._per_chain if rows else choice.REFLECTED_PER_CHAIN
         if self.reflects and len(rows) < len(every) and self._light is not None:
             # light that the surface reflects first may be too little to be measured
-            some = tuple(self.link.receivers[r] for r in self._piloted)
-            returned = choice.returned_gain(self.link.model_copy(update={"receiver": some}))
+            returned = self.returned[self._piloted]
             counted = choice.counts(returned, self._light)
             lit = set(self._piloted[counted].tolist())
             first = self.arrays.stands_for_receivers.tolist()

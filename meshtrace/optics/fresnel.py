@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from meshtrace.errors import Refused, require_range
 from meshtrace.models import Floats
+from meshtrace.quadrature import gauss_legendre
 
 
 def unit_vector(zenith_deg: float, azimuth_deg: float) -> tuple[float, float, float]:
@@ -220,7 +221,7 @@ def hemispheric_reflectance(n1: float, n2: float) -> float:
     _check_indices(n1, n2)
     if n1 > n2:
         return 1.0 - (1.0 - hemispheric_reflectance(n2, n1)) * (n2 / n1) ** 2
-    x, weight = np.polynomial.legendre.leggauss(64)
+    x, weight = gauss_legendre(64)
     cos_i = (x + 1.0) / 2.0
     return float(np.sum(weight * cos_i * fresnel_reflectance(cos_i, n1, n2)))
 

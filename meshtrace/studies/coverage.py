@@ -42,6 +42,7 @@ from meshtrace.errors import (
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
+from meshtrace.parallel import one_blas_thread
 from meshtrace.results.provenance import provenance
 from meshtrace.results.series import (
     LIT,
@@ -174,7 +175,7 @@ def coverage_map(
     links = [case.link.at_wavelength(nm) for nm in waves] or [case.link]
     campaign = Campaign({}, case.surface, case.run, case.meshing, **loop)
     found = dict[int, CoverageMap]()
-    with campaign.workers():
+    with campaign.workers(), one_blas_thread():
         while waiting := [i for i in range(len(links)) if i not in found]:
             base, common = photon_paths(links, waiting)
             of = campaign._replace(links={str(i): links[i] for i in common.rows})

@@ -17,7 +17,7 @@ from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.meshing import surface_config
 from meshtrace.link import Link
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import held, ordered_map
 from meshtrace.results.impulse import SPEED_OF_LIGHT, ImpulseResponse, response_of
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import SHIFTS
@@ -53,6 +53,7 @@ def mean_response(ook: OokLink, campaign: Campaign, seas: int) -> MeanResponse |
     return over_colours(seen, ook, campaign, seas)
 
 
+@held
 def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
     """Return the responses of the one link of a campaign, or of all its wavelengths.
 
