@@ -35,6 +35,7 @@ from meshtrace.engine.chains.sets import (
     Drawing,
     Request,
     flat_mesh,
+    levels,
     points_of,
     shifted,
 )
@@ -145,7 +146,7 @@ class ForcedDetection:
         self.sea, self.search, self.wanted = sea, search, scattered
         alone = Common(UNTINTED, [link], (1.0,))
         self.common = common or alone
-        self.drawer = ChainDrawer(self.arrays, *_levels(self.arrays, sea), self.common.ratios)
+        self.drawer = ChainDrawer(self.arrays, *levels(self.arrays, sea.crest), self.common.ratios)
         self._per_chain = choice.PER_CHAIN
         self.method: list[choice.Method] = ["joined"] * len(link.receivers)
         # receivers with pilots, and the number of those that each stands for
@@ -562,13 +563,6 @@ class ForcedDetection:
                 chains = self.drawer.drawn(block)
                 rows.append(parts.chain_light(aimed, e, t, chains, tints, block))
         return parts.merged(rows)
-
-
-def _levels(link: ends.ForcedLink, sea: TypicalSea) -> tuple[float, float]:
-    """Return the level of the crests, and the ceiling of the ends of chains below all receivers."""
-    top = max(sea.crest, 0.0) / link.frame.unit
-    lowest = min(t.center[2] for t in link.targets)
-    return top, top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
 
 
 def cut_share(case: Case, mesh: TriangleMesh) -> Floats:

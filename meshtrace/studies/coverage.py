@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property, lru_cache
 from threading import Lock
 from typing import Any, NamedTuple, Unpack
 
@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.cell_chains import FIRST, CellChains, TileSums, further, mean_of_times
 from meshtrace.engine.chains.maps import unscattered_map
+from meshtrace.engine.choice import LITTLE
 from meshtrace.engine.outcome import (
     FEW_PHOTONS,
     FewSamplesWarning,
@@ -186,6 +188,15 @@ def coverage_map(
     return ByWavelength(np.array(waves), results) if waves else results[0]
 
 
+class _TileStep(NamedTuple):
+    """Chains of a tile over the surface of a time, after others that it had before."""
+
+    time: int
+    tile: int
+    first: int
+    chains: int
+
+
 class _Mapped(Restored):
     """Maps of a receiver at wavelengths with common photons, and their unscattered light.
 
@@ -234,6 +245,8 @@ class _Mapped(Restored):
         self._turns = [Lock() for _ in times]
         self._image = self._unscattered() if exact and unscattered is None else None
         self._carry = self._image is None if unscattered is None else unscattered
+        self._chained: tuple[Floats, Floats] | tuple[()] | None = None  # by chains, if these serve
+        self._number = 0  # of the chains
         self.inputs = (campaign.alone, common, receiver, grid, times, exact, self._carry)
 
     def _meshed(self, time: float) -> TriangleMesh:
@@ -282,6 +295,27 @@ class _Mapped(Restored):
             record=[grid or self._grid], **({} if grid else tinted),
         )  # fmt: skip
 
+    @cached_property
+    def cell_chains(self) -> CellChains | None:
+        """Chains of the scattered light; None if they do not follow it in common."""
+        single = len(self._links) == 1 and len(self.times) <= _MESHES
+        if not single:
+            return None
+        link = self._links[0].replace(receiver=self._receiver)
+        options = self._campaign.run.seed, self._campaign.meshing.normals, self._campaign.threads
+        try:
+            found = CellChains(link, [self.mesh(t) for t in self.times], self._grid, *options)
+        except Refused:  # a feature that chains do not follow
+            return None
+        return found if found.serves else None
+
+    def tile_setup(self) -> Callable[[_TileStep], Floats]:
+        """Return the function of the chains of a tile."""
+        chains = self.cell_chains
+        assert chains is not None
+        _ = chains.pilots  # once, before threads share them
+        return lambda step: chains.sums(step.time, step.tile, step.chains, step.first).to_row()
+
     def _unscattered(self) -> Floats | None:
         """Return the unscattered gain of the cells; None if photons have to carry it."""
         options = self._campaign.meshing.normals, self._campaign.threads, self.tinting
@@ -313,11 +347,76 @@ class _Mapped(Restored):
             lack = 0.0 if rtol is None else (max(errors, default=0.0) / rtol) ** 2
             wanted = math.ceil(each * min(1.1 * float(lack), _MOST_AT_ONCE))
             more = max(min(wanted, Analog.most_photons) - each, 0) if lack > 1.0 else 0
+            if more > 0 and rtol is not None and self._chained is None:
+                self._chained = self._by_chains(sums, rtol, each * lack) or ()
+                if self._chained:
+                    more, pairs = 0, [self._chained]
         self._warn(sums)
         return {
             self._common.rows[k]: self._map(self._links[k], *pair, sums, each, rtol)
             for k, pair in zip(kept, pairs, strict=True)
         }
+
+    def _by_chains(
+        self, sums: list[PhotonSums], rtol: float, photons: float
+    ) -> tuple[Floats, Floats] | None:
+        """Return gain and standard error of the cells by chains in place of so many photons.
+
+        None where photons are cheaper, find more light or follow light that chains omit.
+        """
+        if self._image is None or self.cell_chains is None:
+            return None
+        chains, direct, first = self.cell_chains, self._image[:, :, 0], True
+        found, waiting = dict[int, TileSums](), dict.fromkeys(range(len(chains.tiles)), FIRST)
+        while waiting:
+            for tile, more in self._tile_sums(waiting, found).items():
+                found[tile] = found[tile] + more if tile in found else more
+            tiles = [found[tile] for tile in range(len(chains.tiles))]
+            lack = chains.lack(tiles, direct, rtol)
+            if first and not self._prefers_chains(tiles, lack, sums, photons):
+                return None
+            first, waiting = False, further(tiles, lack)
+        scattered, stderr = chains.scattered(tiles)
+        self._number = sum(one.chains for one in tiles)
+        return direct + scattered, stderr
+
+    def _prefers_chains(
+        self, tiles: list[TileSums], lack: Floats, sums: list[PhotonSums], photons: float
+    ) -> bool:
+        """Return whether chains serve all tiles, at less cost than photons."""
+        assert self._image is not None
+        assert self.cell_chains is not None
+        chains, direct = self.cell_chains, self._image[:, :, 0]
+        most = len(self.times) * min(photons, Analog.most_photons)
+        if chains.cost(tiles, lack) > most:
+            return False
+        gain, stderr = (values[:, :, 0] for values in self._mixed(sums))
+        if not chains.agree(tiles, gain, stderr):
+            return False
+        whole = direct + chains.scattered(tiles)[0]
+        middle = np.array([whole[tile].mean() for tile in chains.tiles])
+        returned = chains.returned() > LITTLE * np.maximum(middle, LIT * whole.max())
+        return bool((whole > 0.0).all()) and not returned.any()
+
+    def _tile_sums(
+        self, wanted: dict[int, int], found: Mapping[int, TileSums]
+    ) -> dict[int, TileSums]:
+        """Return the means over the times of further chains of tiles."""
+        first = {tile: found[tile].chains if tile in found else 0 for tile in wanted}
+        steps = [
+            _TileStep(i, tile, first[tile], chains)
+            for i in range(len(self.times))
+            for tile, chains in wanted.items()
+        ]
+        identity = {"map": self._grid.model_dump(mode="json"), "times": self.times}
+        campaign = self._campaign._replace(progress=None)
+        rows = campaign.over(self.tile_setup, steps, "chains", identity, "tiles")
+        sums = dict[int, list[TileSums]]()
+        for step, row in zip(steps, rows, strict=True):
+            sums.setdefault(step.tile, []).append(TileSums.of_row(row))
+            if self._campaign.progress is not None:
+                self._campaign.progress(step.chains)
+        return {tile: mean_of_times(each) for tile, each in sums.items()}
 
     def _well_sampled(self, sums: list[PhotonSums], base: int) -> list[int]:
         """Return which wavelengths have enough effective photons in a typical lit cell."""
@@ -339,7 +438,7 @@ class _Mapped(Restored):
             cells = int((relative_errors(gain, stderr) > rtol).sum())
             if cells:
                 text = f"rtol: {cells} of {gain.size} cells have not reached {rtol:g}"
-                warnings.warn(f"{text} with the most photons", FewSamplesWarning, stacklevel=5)
+                warnings.warn(f"{text} with the most samples", FewSamplesWarning, stacklevel=5)
             bound = self._bound(link, gain, stderr, sum(one.photons for one in sums))
         of, axis = self._campaign, self._grid.axes
         meshing = of.meshing.replace(time=self.times[0]).model_dump()
@@ -349,6 +448,8 @@ class _Mapped(Restored):
         light = "photons" if self._image is None else "image"
         origin = provenance(link, surface_config(of.surface), run)
         origin |= {"times": self.times, "unscattered": light}
+        if self._chained:
+            origin |= {"scattered": "chains", "chains": self._number}
         return CoverageMap(axis, axis, gain, stderr, origin, bound)
 
     def _warn(self, sums: list[PhotonSums]) -> None:
