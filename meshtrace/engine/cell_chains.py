@@ -31,6 +31,7 @@ from meshtrace.engine.chains.sets import (
     levels,
 )
 from meshtrace.engine.choice import (
+    LITTLE,
     PILOT,
     Pilot,
     allotment,
@@ -53,7 +54,8 @@ _TILE = 0.06  # edge of a tile over the height of the map above the sources, see
 _TOGETHER = 2**15  # scores that are found at a time, which stay in the cache of a core
 _REGIONS = 4  # along each side of a map, in which chains are compared with photons
 _DOUBT = 3.5  # standard errors by which they may differ there, as in `choice`
-_TO_CELL, _TO_TILE = 1.4, 12.0  # time of a chain to a cell, and of making it, in analog photons
+_TO_CELL, _TO_TILE = 1.2, 12.0  # time of a chain to a cell, and of making it, in analog photons
+_OF_TILE = 14_000.0  # time of a tile beside its chains, most of it pilots
 _FEWEST = 100.0  # effective chains: the standard error of fewer is uncertain itself
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter
 _MARGIN = 1.2  # of further chains over those that an error asks for
@@ -163,6 +165,8 @@ class CellChains:
         Normals interpolated from the corners, or those of the facets.
     threads : int
         Threads of the pilots; results do not depend on them.
+    stride : int
+        Take one tile of as many along each side alone, to learn the cost of all.
 
     Raises
     ------
@@ -178,11 +182,13 @@ class CellChains:
         seed: int,
         normals: str = "vertex",
         threads: int = 1,
+        stride: int = 1,
     ) -> None:
         require_points(link)
         self._grid, self._seed, self._threads = grid, seed, threads
         receiver = link.receivers[0]
-        self.tiles, middles = _tiles(link, grid)
+        self.cells = grid.n  # along each side
+        self.tiles, middles, self._number = _tiles(link, grid, stride)
         sites = tuple(receiver.replace(position=place) for place in middles)
         self._link = link.replace(receiver=sites)
         arrays = _squares(forced_link(self._link), grid.step)
@@ -218,9 +224,14 @@ class CellChains:
         """Number of tiles along each side of the map."""
         return math.isqrt(len(self.tiles))
 
-    def returned(self) -> Floats:
-        """Estimate the gain of light reflected first in the middle of each tile."""
-        return returned_gain(self._link)
+    def omits(self, gain: Floats) -> bool:
+        """Return whether light that is reflected first, which chains omit, counts in any tile.
+
+        By its estimate in the middle of each, over the gain of its cells (n, n).
+        """
+        middle = np.array([gain[tile].mean() for tile in self.tiles])
+        least = LITTLE * np.maximum(middle, LIT * gain.max())
+        return bool((returned_gain(self._link) > least).any())
 
     def scattered(self, found: Sequence[TileSums]) -> tuple[Floats, Floats]:
         """Return gain and standard error of all cells (n, n) from the sums of their tiles."""
@@ -246,11 +257,11 @@ class CellChains:
             square[region] += np.square(stderr[tile]).sum() + error_of_groups(light) ** 2
         return bool((np.abs(total) <= _DOUBT * np.sqrt(square)).all())
 
-    def cost(self, found: Sequence[TileSums], lack: Floats) -> float:
-        """Return the time of the chains of tiles that lack a factor of them, in analog photons."""
-        cells = np.array([sums.gain.shape[1] for sums in found])
-        chains = np.array([sums.chains for sums in found]) * np.maximum(lack, 1.0)
-        return len(self._aimed) * float(chains @ (_TO_CELL * cells + _TO_TILE))
+    def cost(self, chains: Floats) -> float:
+        """Return the time of a map whose tiles take such numbers of chains, in analog photons."""
+        cells = self._grid.n**2 / self._number
+        each = float(np.mean(chains)) * (_TO_CELL * cells + _TO_TILE) + _OF_TILE
+        return len(self._aimed) * self._number * each
 
     def lack(self, found: Sequence[TileSums], direct: Floats, rtol: float) -> Floats:
         """Return the ratio of the chains that each tile needs to those that it has.
@@ -326,15 +337,21 @@ class CellChains:
         return self._drawer.link.frame.points(np.column_stack([x.ravel(), y.ravel(), height]))
 
 
-def _tiles(link: Link, grid: IrradianceMap) -> tuple[list[Tile], list[tuple[float, float]]]:
-    """Return the tiles of a map, of equal numbers of cells up to one, and their middles [m]."""
+def _tiles(
+    link: Link, grid: IrradianceMap, stride: int
+) -> tuple[list[Tile], list[tuple[float, float]], int]:
+    """Return tiles of a map, their middles [m], and the number of all tiles.
+
+    They have some equal numbers of cells along each side, at least one.
+    """
     level = max(source.center[2] for source in link.transmitters)
     across = max(math.floor(_TILE * (grid.height - level) / grid.step), 1)
     cuts = np.linspace(0, grid.n, math.ceil(grid.n / across) + 1).round().astype(int).tolist()
     parts = [slice(*ends) for ends in pairwise(cuts)]
-    middle = {part.start: float(grid.axes[part].mean()) for part in parts}
-    tiles = [Tile(a, b) for a in parts for b in parts]
-    return tiles, [(middle[a.start], middle[b.start]) for a, b in tiles]
+    number, some = len(parts) ** 2, parts[min(stride // 2, len(parts) - 1) :: stride]
+    middle = {part.start: float(grid.axes[part].mean()) for part in some}
+    tiles = [Tile(a, b) for a in some for b in some]
+    return tiles, [(middle[a.start], middle[b.start]) for a, b in tiles], number
 
 
 def _squares(link: ForcedLink, step: float) -> ForcedLink:

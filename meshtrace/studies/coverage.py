@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.cell_chains import FIRST, CellChains, TileSums, further, mean_of_times
 from meshtrace.engine.chains.maps import unscattered_map
-from meshtrace.engine.choice import LITTLE
 from meshtrace.engine.outcome import (
     FEW_PHOTONS,
     FewSamplesWarning,
@@ -61,6 +60,7 @@ from meshtrace.studies.cluster import Restored
 _FIRST_PHOTONS = 2**20  # at most, before the first comparison with `rtol`
 _MOST_AT_ONCE = 16.0  # times the photons: an error of few hits is uncertain itself
 _MESHES = 4  # that are kept for further photons
+_PROBED = 3  # tiles along each side, of which one is tried first
 _BLOCK = 2**18  # photons of a step: a store has a map for each
 
 
@@ -297,12 +297,15 @@ class _Mapped(Restored):
 
     @cached_property
     def cell_chains(self) -> CellChains | None:
-        """Chains of the scattered light; None if they do not follow it in common."""
-        single = len(self._links) == 1 and len(self.times) <= _MESHES
-        if not single:
+        """Chains to all tiles; None if they do not follow the scattered light in common."""
+        return self._chains_of(1)
+
+    def _chains_of(self, stride: int) -> CellChains | None:
+        """Return the chains to one tile of as many along each side."""
+        if len(self._links) > 1 or len(self.times) > _MESHES:
             return None
-        link = self._links[0].replace(receiver=self._receiver)
-        options = self._campaign.run.seed, self._campaign.meshing.normals, self._campaign.threads
+        link, run = self._links[0].replace(receiver=self._receiver), self._campaign.run
+        options = run.seed, self._campaign.meshing.normals, self._campaign.threads, stride
         try:
             found = CellChains(link, [self.mesh(t) for t in self.times], self._grid, *options)
         except Refused:  # a feature that chains do not follow
@@ -364,7 +367,7 @@ class _Mapped(Restored):
 
         None where photons are cheaper, find more light or follow light that chains omit.
         """
-        if self._image is None or self.cell_chains is None:
+        if self._image is None or not self._cheaper(rtol, photons) or self.cell_chains is None:
             return None
         chains, direct, first = self.cell_chains, self._image[:, :, 0], True
         found, waiting = dict[int, TileSums](), dict.fromkeys(range(len(chains.tiles)), FIRST)
@@ -372,31 +375,33 @@ class _Mapped(Restored):
             for tile, more in self._tile_sums(waiting, found).items():
                 found[tile] = found[tile] + more if tile in found else more
             tiles = [found[tile] for tile in range(len(chains.tiles))]
-            lack = chains.lack(tiles, direct, rtol)
-            if first and not self._prefers_chains(tiles, lack, sums, photons):
+            if first and not self._trusts(chains, tiles, sums):
                 return None
-            first, waiting = False, further(tiles, lack)
+            first, waiting = False, further(tiles, chains.lack(tiles, direct, rtol))
         scattered, stderr = chains.scattered(tiles)
         self._number = sum(one.chains for one in tiles)
         return direct + scattered, stderr
 
-    def _prefers_chains(
-        self, tiles: list[TileSums], lack: Floats, sums: list[PhotonSums], photons: float
-    ) -> bool:
-        """Return whether chains serve all tiles, at less cost than photons."""
+    def _cheaper(self, rtol: float, photons: float) -> bool:
+        """Return whether chains to some tiles promise less cost than photons at each time."""
+        probe, most = self._chains_of(_PROBED), min(photons, Analog.most_photons)
+        most *= len(self.times)
+        if probe is None or self._image is None or probe.cost(np.array([FIRST])) > most:
+            return False
+        tiles = [
+            mean_of_times([probe.sums(i, tile, FIRST, 0) for i in range(len(self.times))])
+            for tile in range(len(probe.tiles))
+        ]
+        factor = np.maximum(probe.lack(tiles, self._image[:, :, 0], rtol), 1.0)
+        return probe.cost(factor * [one.chains for one in tiles]) < most
+
+    def _trusts(self, chains: CellChains, tiles: list[TileSums], sums: list[PhotonSums]) -> bool:
+        """Return whether chains bring light to all cells, as much as photons, and omit little."""
         assert self._image is not None
-        assert self.cell_chains is not None
-        chains, direct = self.cell_chains, self._image[:, :, 0]
-        most = len(self.times) * min(photons, Analog.most_photons)
-        if chains.cost(tiles, lack) > most:
-            return False
         gain, stderr = (values[:, :, 0] for values in self._mixed(sums))
-        if not chains.agree(tiles, gain, stderr):
-            return False
-        whole = direct + chains.scattered(tiles)[0]
-        middle = np.array([whole[tile].mean() for tile in chains.tiles])
-        returned = chains.returned() > LITTLE * np.maximum(middle, LIT * whole.max())
-        return bool((whole > 0.0).all()) and not returned.any()
+        whole = self._image[:, :, 0] + chains.scattered(tiles)[0]
+        lit = bool((whole > 0.0).all())
+        return lit and chains.agree(tiles, gain, stderr) and not chains.omits(whole)
 
     def _tile_sums(
         self, wanted: dict[int, int], found: Mapping[int, TileSums]
