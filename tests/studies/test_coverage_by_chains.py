@@ -11,8 +11,8 @@ from scipy import stats
 
 import meshtrace as mt
 from meshtrace.engine.cell_chains import FIRST, CellChains, TileSums, further
+from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import IrradianceMap
 from meshtrace.stored import SHIFTS
 from meshtrace.studies import coverage as room
 from meshtrace.surfaces import JonswapSea
@@ -36,7 +36,7 @@ HALF, STEP = 2.0, 0.25
 
 def chains_of(link, seed=1, step=STEP, extent=HALF, **options):
     mesh, _ = mesh_for(link, SEA, reach=np.inf)
-    grid = IrradianceMap(height=link.receivers[0].height, extent=extent, step=step)
+    grid = mt.IrradianceMap(height=link.receivers[0].height, extent=extent, step=step)
     return CellChains(link, [mesh], grid, seed, **options)
 
 
@@ -47,14 +47,11 @@ def test_tiles_have_the_scattered_light_of_photons(name):
     """Chi-square over the tiles; cells of a tile are added up with errors that add, too."""
     link = LINKS[name]
     mesh, _ = mesh_for(link, SEA, reach=np.inf)
-    grid = IrradianceMap(height=5.0, extent=HALF, step=STEP)
+    grid = mt.IrradianceMap(height=5.0, extent=HALF, step=STEP)
     chains = chains_of(link)
-    from meshtrace.engine.bvh import EmbreeIntersector
-    from meshtrace.engine.photons.analog import run_analog
-
     found = run_analog(
         link,
-        EmbreeIntersector(mesh, 1),
+        mt.EmbreeIntersector(mesh, 1),
         photons=6_000_000,
         seed=2,
         unscattered=False,
