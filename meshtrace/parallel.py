@@ -1,4 +1,4 @@
-"""Threads and processes: cores, ordered maps, their pace, free memory, other Pythons."""
+"""Threads and processes: cores, ordered maps, their pace, free memory, BLAS, other Pythons."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from functools import cache, wraps
 from math import ceil
 from pathlib import Path
+from threading import Lock
 from time import monotonic, thread_time
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 from meshtrace.errors import require_whole
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
+Options = ParamSpec("Options")
 
 
 _QUOTA = Path("/sys/fs/cgroup/cpu.max")
@@ -109,6 +112,70 @@ def trim_memory() -> None:
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
     if trim is not None:
         trim(0)
+
+
+class _Blas:
+    """Threads of BLAS, held to one by works of any thread, one within another or side by side."""
+
+    def __init__(self) -> None:
+        self._turn, self._works = Lock(), 0
+        self._limit: Any = None
+
+    def hold(self) -> None:
+        with self._turn:
+            if self._works == 0:
+                self._limit = _libraries("scipy.linalg" in sys.modules).limit(limits=1)
+            self._works += 1
+
+    def leave(self) -> None:
+        from threadpoolctl import OpenBLASController
+
+        with self._turn:
+            self._works -= 1
+            if self._works == 0:
+                # a limit can be lifted only by the thread that set it: the last work runs in any
+                OpenBLASController.clear_controlling_thread(force=True)
+                self._limit.restore_original_limits()
+                OpenBLASController.clear_controlling_thread()
+
+
+_BLAS = _Blas()
+
+
+@cache
+def _libraries(scipy: bool) -> Any:
+    """Return the control of the BLAS of numpy and, once it is loaded, of scipy.
+
+    It takes a millisecond to find them among all shared libraries.
+    """
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController().select(user_api="blas")
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Hold BLAS to one thread while a work runs, whose threads are those that its user asked for.
+
+    BLAS would keep all cores busy, by waiting for the most part, and the last digits of its
+    products may change with their number.
+    """
+    _BLAS.hold()
+    try:
+        yield
+    finally:
+        _BLAS.leave()
+
+
+def held(function: Callable[Options, Result]) -> Callable[Options, Result]:
+    """Return a function that runs with BLAS held to one thread."""
+
+    @wraps(function)
+    def alone(*arguments: Options.args, **options: Options.kwargs) -> Result:
+        with one_blas_thread():
+            return function(*arguments, **options)
+
+    return alone
 
 
 def ordered_map(

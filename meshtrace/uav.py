@@ -28,6 +28,7 @@ from meshtrace.errors import (
     require_kind,
 )
 from meshtrace.models import Finite, Floats, Model, Position, Positive
+from meshtrace.quadrature import gauss_legendre
 
 __all__ = ["UAVS", "Dryden", "Flight", "FlightRecord", "Route", "Uav"]
 
@@ -353,12 +354,6 @@ def _half_angle(fov: float) -> float:
     return 0.5 * require_between(fov, 0.0, math.pi, "fov", "(]", "0 < fov <= pi rad (full angle)")
 
 
-@functools.cache
-def _gauss_legendre(points: int) -> tuple[Floats, Floats]:
-    # finding the nodes costs more than most of the integrals taken with them
-    return np.polynomial.legendre.leggauss(points)
-
-
 _Square = Annotated[ArrayLike, Field(ge=0.0)]
 _Angle = Annotated[ArrayLike, Field(ge=0.0, lt=0.5 * math.pi)]
 
@@ -491,7 +486,7 @@ class TiltLaw(abc.ABC):
         """Return nodes alpha and weights f(alpha) d(alpha) over the bulk up to `upper`."""
         low, high = (math.atan(self.tilt_coefficient * v2) for v2 in self._bulk())
         high = max(min(high, upper), low)
-        x, w = _gauss_legendre(400)
+        x, w = gauss_legendre(400)
         tilt = low + 0.5 * (high - low) * (x + 1.0)
         return tilt, 0.5 * (high - low) * w * self.pdf(tilt)
 
@@ -588,7 +583,7 @@ class ExactTiltLaw(TiltLaw):
 
         v2 = np.asarray(v2, dtype=float)
         squared = v2[..., None]
-        x, weight = _gauss_legendre(64)
+        x, weight = gauss_legendre(64)
         reach = np.minimum(np.sqrt(squared), 10.0 * self.std_vertical)
         w = 0.5 * reach * (x + 1.0)
         gauss = np.exp(-0.5 * (w / self.std_vertical) ** 2) / (

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, model_validator
 from meshtrace.checks import Shape, check_call
 from meshtrace.errors import Refused, is_number
 from meshtrace.models import Model
+from meshtrace.quadrature import gauss_legendre
 
 from .parameters import Floats, Positive, Range, named_or_given
 from .spectra import Jonswap, Spectrum, Spreading, sea_state
@@ -237,7 +238,7 @@ def drawn_waves(edges: Edges, d_theta: float, spectrum: Spectrum, spreading: Spr
     spectrum, spreading : Spectrum, Spreading
         The sea.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    nodes, weights = gauss_legendre(_NODES)
     width = np.diff(edges)
     at = edges[:-1, None] + width[:, None] * 0.5 * (nodes + 1.0)
     variance = 0.5 * width * (spectrum(at) * weights).sum(axis=1)

@@ -14,6 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from meshtrace.checks import check_call
 from meshtrace.errors import Refused, require_between
 from meshtrace.mesh import TriangleMesh
+from meshtrace.quadrature import gauss_legendre
 
 from .parameters import WIND_SPEED, Floats, Mss, Range, Variances
 from .spectra import Elfouhaily, Spectrum, Spreading, elfouhaily_delta, sea_state
@@ -612,7 +613,7 @@ def _quadrature(
     # Every spectrum has underflowed to zero below a twentieth of its peak.
     low = max(omega_min, min(_LOWEST * peak, 0.5 * top))
     joints = np.log(sorted({low, min(max(low, peak), top), top}))
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    nodes, weights = gauss_legendre(_NODES)
     panels = [
         np.linspace(a, b, math.ceil((b - a) * _PANELS_PER_E_FOLD) + 1) for a, b in pairwise(joints)
     ]

@@ -27,6 +27,7 @@ from meshtrace.kernels.vectors import Vec3
 from meshtrace.models import Finite, Floats, Model, NonNegative
 from meshtrace.optics.fresnel import unit_vector
 from meshtrace.optics.pure_water import read_table
+from meshtrace.quadrature import gauss_legendre
 
 _GRADATION = ((4.0, -0.70), (1.1, -0.80), (0.0, -1.00), (-1.0, -0.55), (-1.0, -0.32), (-1.0, -0.15))
 _INDICATRIX = ((0.0, -1.0, 0.0), (2.0, -1.5, 0.15), (5.0, -2.5, 0.30), (10.0, -3.0, 0.45),
@@ -108,7 +109,7 @@ def hemisphere(sun_zenith_deg: float) -> tuple[Floats, Floats]:
     The sun stands at azimuth 0. Panels end at the sun, where the radiance has a cusp, and their
     nodes crowd there; the half of negative azimuths is the mirror image of the other.
     """
-    x, w = np.polynomial.legendre.leggauss(_NODES)
+    x, w = gauss_legendre(_NODES)
     x, w = 0.5 * (x + 1.0), 0.5 * w
     crowded, weight = x * x, 2.0 * x * w
     sun = math.radians(sun_zenith_deg)

@@ -20,6 +20,7 @@ from meshtrace.optics.bubbles import BubblePopulation
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.optics.water import Water
+from meshtrace.quadrature import gauss_legendre
 from meshtrace.surfaces.gram_charlier import GramCharlier
 
 _over_gaussian = getattr(over_gaussian, "py_func", over_gaussian)  # as it is without the JIT
@@ -269,7 +270,7 @@ def _beams(day: Daylight, n: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
     Powers are irradiances across the beams, for horizontal ones of 1 of the sky, and of 1 across
     the light of the sun.
     """
-    x, w = np.polynomial.legendre.leggauss(_ZENITHS)
+    x, w = gauss_legendre(_ZENITHS)
     sin2, weight = 0.5 * (x + 1.0), 0.5 * w  # cos dOmega = d(sin^2) d(azimuth) / 2
     azimuth = 2.0 * math.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
     s, phi = np.meshgrid(np.sqrt(sin2), azimuth, indexing="ij")

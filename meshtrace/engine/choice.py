@@ -27,6 +27,7 @@ from meshtrace.link import Link, WaterReceiver
 from meshtrace.link.sources import AirLamp
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
+from meshtrace.quadrature import gauss_legendre
 from meshtrace.stored import SHIFTS
 
 PILOT = 128
@@ -316,7 +317,7 @@ def returned_gain(link: Link) -> Floats:
     down = link.direction == "down"
     scale = (water.n / link.n_air) ** 2 if down else 1.0
     total = sum(t.power_mw for t in link.transmitters)
-    nodes, weights = np.polynomial.legendre.leggauss(64)
+    nodes, weights = gauss_legendre(64)
     mu = 0.5 * (nodes + 1.0)  # of diffuse light from below: reflectance 0.47 at n = 1.33
     diffuse_reflectance = float((weights * mu * fresnel_reflectance(mu, water.n, link.n_air)).sum())
     out = albedo * (1.0 - diffuse_reflectance) / (1.0 - albedo * diffuse_reflectance)

@@ -21,7 +21,7 @@ import math
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from operator import call
 from typing import Any, Literal, NamedTuple
 
@@ -35,6 +35,7 @@ from meshtrace.engine.chains.sets import (
     Drawing,
     Request,
     flat_mesh,
+    levels,
     points_of,
     shifted,
 )
@@ -145,7 +146,7 @@ class ForcedDetection:
         self.sea, self.search, self.wanted = sea, search, scattered
         alone = Common(UNTINTED, [link], (1.0,))
         self.common = common or alone
-        self.drawer = ChainDrawer(self.arrays, *_levels(self.arrays, sea), self.common.ratios)
+        self.drawer = ChainDrawer(self.arrays, *levels(self.arrays, sea.crest), self.common.ratios)
         self._per_chain = choice.PER_CHAIN
         self.method: list[choice.Method] = ["joined"] * len(link.receivers)
         # receivers with pilots, and the number of those that each stands for
@@ -320,6 +321,13 @@ class ForcedDetection:
         """Largest expected number of scatterings between a source and the surface."""
         return max(law.expected for law in self.drawer.nominals)
 
+    @cached_property
+    def returned(self) -> Floats:
+        """Estimated gain of light reflected first, of each receiver by that which stands for it."""
+        some = tuple(self.link.receivers[r] for r in self._piloted)
+        found = choice.returned_gain(self.link.model_copy(update={"receiver": some}))
+        return found[np.searchsorted(self._piloted, self.arrays.stands_for_receivers)]
+
     @property
     def serves_neighbours(self) -> bool:
         """Whether its chains alone, of point sources, make the gain: `FrozenForced` keeps them."""
@@ -344,8 +352,7 @@ class ForcedDetection:
         per_chain = self._per_chain if rows else choice.REFLECTED_PER_CHAIN
         if self.reflects and len(rows) < len(every) and self._light is not None:
             # light that the surface reflects first may be too little to be measured
-            some = tuple(self.link.receivers[r] for r in self._piloted)
-            returned = choice.returned_gain(self.link.model_copy(update={"receiver": some}))
+            returned = self.returned[self._piloted]
             counted = choice.counts(returned, self._light)
             lit = set(self._piloted[counted].tolist())
             first = self.arrays.stands_for_receivers.tolist()
@@ -556,13 +563,6 @@ class ForcedDetection:
                 chains = self.drawer.drawn(block)
                 rows.append(parts.chain_light(aimed, e, t, chains, tints, block))
         return parts.merged(rows)
-
-
-def _levels(link: ends.ForcedLink, sea: TypicalSea) -> tuple[float, float]:
-    """Return the level of the crests, and the ceiling of the ends of chains below all receivers."""
-    top = max(sea.crest, 0.0) / link.frame.unit
-    lowest = min(t.center[2] for t in link.targets)
-    return top, top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
 
 
 def cut_share(case: Case, mesh: TriangleMesh) -> Floats:

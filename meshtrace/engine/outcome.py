@@ -230,7 +230,7 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
             FewSamplesWarning,
         )
     _warn_of_few([row for row in found if row[0] not in worse])
-    warn_of_omitted(chains.link, parts.gain)
+    warn_of_omitted(chains.link, parts.gain, chains.returned)
 
 
 def _warn_of_few(found: list[tuple[int, ScatteredSamples, float]], where: str = "") -> None:
@@ -264,9 +264,12 @@ def _that_matter(
     return [(r, rows[r], float(share[r])) for r in matters]
 
 
-def warn_of_omitted(link: Link, gain: Floats) -> None:
-    """Warn where forced detection leaves out more than 0.1 % of a gain > 0."""
-    returned = returned_gain(link)
+def warn_of_omitted(link: Link, gain: Floats, returned: Floats | None = None) -> None:
+    """Warn where forced detection leaves out more than 0.1 % of a gain > 0.
+
+    `returned` is the estimate of that light, if it is known.
+    """
+    returned = returned_gain(link) if returned is None else returned
     for r in np.flatnonzero(counts(returned, gain)):
         percent = float(f"{100.0 * returned[r] / (gain[r] + returned[r]):.1g}")
         _warn(

@@ -38,7 +38,8 @@ from meshtrace.engine.setup.tinting import clearest
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
-from meshtrace.parallel import default_threads
+from meshtrace.models import Floats
+from meshtrace.parallel import default_threads, one_blas_thread
 from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
 from meshtrace.results.series import ByWavelength, checked_wavelengths
@@ -161,25 +162,26 @@ def simulate(
     at = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     links = [case.link.at_wavelength(nm) for nm in at] or [case.link]
     try:
-        case, made, config = _over_mesh(case._replace(link=clearest(links)))
-        records, first = read_records(record, case.run.estimator), links.index(case.link)
-        if at and "irradiance-map" in records:
-            allowed = "arrivals, with wavelengths_nm; maps by coverage_map"
-            raise Refused("record", Described("a map"), allowed)
-        results = _followed(case, links, made, config, records, progress)
-        outcome.warn_of_few(results, links, first)
-        if isinstance(case.run.estimator, Analog):
-            outcome.warn_of_lost(results[first])
-            over = EmbreeIntersector(made, case.threads)
-            follow = partial(run_analog, case.link, over, case.run.estimator, **case.how)
-            outcome.warn_of_dark_map(results[first], records, follow)
-        else:
-            relative = relative_mesh_error(case.link, made, case.meshing.normals)
-            results = with_mesh_errors(results, links, first, relative)
-            outcome.warn_of_mesh(results[first], case, made)
-            if results[first].gain_reflected is None:
-                outcome.warn_of_omitted(case.link, results[first].gains)
-            outcome.warn_of_cut(cut_share(case, made))
+        with one_blas_thread():
+            case, made, config = _over_mesh(case._replace(link=clearest(links)))
+            records, first = read_records(record, case.run.estimator), links.index(case.link)
+            if at and "irradiance-map" in records:
+                allowed = "arrivals, with wavelengths_nm; maps by coverage_map"
+                raise Refused("record", Described("a map"), allowed)
+            results, returned = _followed(case, links, made, config, records, progress)
+            outcome.warn_of_few(results, links, first)
+            if isinstance(case.run.estimator, Analog):
+                outcome.warn_of_lost(results[first])
+                over = EmbreeIntersector(made, case.threads)
+                follow = partial(run_analog, case.link, over, case.run.estimator, **case.how)
+                outcome.warn_of_dark_map(results[first], records, follow)
+            else:
+                relative = relative_mesh_error(case.link, made, case.meshing.normals)
+                results = with_mesh_errors(results, links, first, relative)
+                outcome.warn_of_mesh(results[first], case, made)
+                if results[first].gain_reflected is None:
+                    outcome.warn_of_omitted(case.link, results[first].gains, returned)
+                outcome.warn_of_cut(cut_share(case, made))
     except ArithmeticError as error:
         raise Refused("link", Described(f"{error}"), "numbers that do not overflow") from error
     for one in results:
@@ -196,8 +198,10 @@ def _followed(
     config: dict[str, Any],
     records: dict[str, Record],
     progress: Callable[[int], None] | None,
-) -> list[GainResult]:
+) -> tuple[list[GainResult], Floats | None]:
     """Return the result of each link, alike but for wavelength and water, with common paths.
+
+    With the estimated gain of light reflected first, where forced detection has made it.
 
     They are repeated with more photons until a relative standard error is met and certain itself.
     Analog photons add to those already traced; chains are drawn again.
@@ -205,6 +209,7 @@ def _followed(
     recorded = [r.model_dump(mode="json") for r in records.values()]
     run: Run | None = case.run
     results: list[GainResult] = []
+    returned: Floats | None = None
     while run is not None:
         whole = {**run.to_config(), **case.meshing.model_dump(), "record": recorded}
         origins = [{**provenance(link, config, whole), **case.origin} for link in links]
@@ -226,6 +231,8 @@ def _followed(
             else:
                 paths = SpectralDetection(links, run.photons, **how)
             gains = paths.at_wavelengths(mesh)
+            if isinstance(paths, ForcedDetection) and not paths.reflects:
+                returned = paths.returned
             none: list[Any] = [None] * len(links)
             light = paths.arrivals_at_wavelengths(mesh) if records else none
             results = [
@@ -234,7 +241,7 @@ def _followed(
             ]
         wanted = [more for one in results if (more := _further(case.run, one)) is not None]
         run = max(wanted, key=lambda more: more.photons, default=None)
-    return results
+    return results, returned
 
 
 def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:
@@ -312,8 +319,9 @@ def trace_paths(
     require_whole(max_vertices, 2, _MOST_VERTICES // n, "max_vertices")
     given: dict[str, Any] = {} if seed is None else {"seed": seed}
     case = resolve(link, surface, mesh=mesh, **given, **options)
-    made, _ = mesh_for(case.link, case.surface, case.meshing, math.inf)
     key, normals = case.run.seed, case.meshing.normals
-    if received_only:
-        return received_paths(case.link, made, n, key, normals)
-    return record_paths(case.link, made, n, key, normals, max_vertices)
+    with one_blas_thread():
+        made, _ = mesh_for(case.link, case.surface, case.meshing, math.inf)
+        if received_only:
+            return received_paths(case.link, made, n, key, normals)
+        return record_paths(case.link, made, n, key, normals, max_vertices)

@@ -22,6 +22,7 @@ from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_array, require_between
 from meshtrace.mesh import PlaneSurface, require_surface
 from meshtrace.models import Floats, Model
+from meshtrace.quadrature import gauss_legendre
 
 _DISTANCES = 130
 _AZIMUTHS = 24  # Gauss nodes in a quadrant
@@ -231,7 +232,7 @@ def _covariance(
     scale = math.sqrt(lever.beta**2 * (variance.max() + max(missing)) + lever.aperture**2)
     low = 1e-4 * min(scale, lever.aperture)
     distance = spectrum.distances(low, 25.0 * scale, _DISTANCES)
-    nodes, weights = np.polynomial.legendre.leggauss(_AZIMUTHS)
+    nodes, weights = gauss_legendre(_AZIMUTHS)
     # the sea is symmetric about the wind; at a lag it has a forward direction
     span = 0.5 * math.pi if not lags.any() else math.pi
     repeat = round(span / (0.5 * math.pi))

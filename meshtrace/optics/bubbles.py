@@ -16,6 +16,7 @@ from meshtrace.errors import Refused, is_number, require_between, require_range
 from meshtrace.models import Family, Floats
 from meshtrace.optics.mie import MieTable, cached_table, population_table
 from meshtrace.optics.phase import HistogramPhase, PhaseFunction, Segments
+from meshtrace.quadrature import gauss_legendre
 
 # Depth of the layer in e-folding depths: `BubblePopulation.profile` ends there.
 LAYER = 12.0
@@ -140,7 +141,7 @@ def integrate(
     function: Callable[[Floats], Floats], lower: Floats, upper: Floats, nodes: int
 ) -> Floats:
     """Return the integral of `function` from `lower` to `upper` by Gauss-Legendre quadrature."""
-    node, weight = np.polynomial.legendre.leggauss(nodes)
+    node, weight = gauss_legendre(nodes)
     half = (upper - lower) / 2.0
     points = lower[..., None] + half[..., None] * (1.0 + node)
     # A product of matrices would add the nodes of one pair and of many in another order.

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from meshtrace.checks import Index, Shape, Unit, check_call
 from meshtrace.models import Floats
+from meshtrace.quadrature import gauss_legendre
 
 
 def unit_vector(zenith_deg: float, azimuth_deg: float) -> tuple[float, float, float]:
@@ -231,6 +232,6 @@ def hemispheric_reflectance(n1: Index, n2: Index) -> float:
     """
     if n1 > n2:
         return 1.0 - (1.0 - hemispheric_reflectance(n2, n1)) * (n2 / n1) ** 2
-    x, weight = np.polynomial.legendre.leggauss(64)
+    x, weight = gauss_legendre(64)
     cos_i = (x + 1.0) / 2.0
     return float(np.sum(weight * cos_i * fresnel_reflectance(cos_i, n1, n2)))

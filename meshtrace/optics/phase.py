@@ -24,6 +24,7 @@ from meshtrace.errors import Described, Refused, require_range
 from meshtrace.kernels.medium import PhaseTables
 from meshtrace.models import Family, FamilyTuple, Floats, Numbers
 from meshtrace.optics.pure_water import read_table
+from meshtrace.quadrature import gauss_legendre
 from meshtrace.tables import Column, read_columns
 from meshtrace.units import is_convertible
 
@@ -580,7 +581,7 @@ class FournierForand(ClosedPhase, frozen=True):
     def _mean_s(self) -> float:
         exponent = self._exponent
         # a composite Gauss rule on [0, 1], finer towards 0
-        x, weight = np.polynomial.legendre.leggauss(20)
+        x, weight = gauss_legendre(20)
         edges = np.linspace(0.0, 1.0, 41) ** 2
         width = np.diff(edges)[:, None]
         y = (edges[:-1, None] + width * (x + 1.0) / 2.0).ravel()

@@ -36,7 +36,7 @@ from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface, SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.parallel import default_threads, ordered_map, paced, trim_memory
+from meshtrace.parallel import default_threads, held, ordered_map, paced, trim_memory
 from meshtrace.results.provenance import provenance
 from meshtrace.results.series import checked_wavelengths
 from meshtrace.scenario import MeshFile, Scenario
@@ -306,7 +306,7 @@ class Campaign(NamedTuple):
     def _computed(self, setup: Setup, steps: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         """Yield the number of each step and its numbers, on a cluster as they finish."""
         if self.cluster is None:
-            yield from enumerate(ordered_map(setup(), steps, self.threads))
+            yield from enumerate(ordered_map(held(held(setup)()), steps, self.threads))
             return
         with closing(self.cluster.map(setup, steps)) as found:
             for i, numbers in found:

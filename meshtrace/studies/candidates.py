@@ -18,7 +18,7 @@ from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Led, Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import held, ordered_map
 from meshtrace.studies.background import Lights
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Restored
@@ -293,6 +293,7 @@ class Sample(Restored):
     def _light(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
         return [one for at in self._links(link, uav, i) for one in self._near.light(at, i)]
 
+    @held
     def some_light(self, at: Variant) -> list[Light]:
         """Return the light of a candidate at all places over some seas, for its response."""
         link, uav = at.link, None if self._flight is None else at.uav

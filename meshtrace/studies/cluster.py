@@ -22,7 +22,7 @@ from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, Any
 
 from meshtrace.errors import Described, Refused, extra, one_line, require_between, require_whole
-from meshtrace.parallel import cores, safe_processes
+from meshtrace.parallel import cores, held, safe_processes
 
 if TYPE_CHECKING:
     import distributed
@@ -235,7 +235,7 @@ def _evaluated(
     setup: Callable[[], Callable[[Any], Any]], waiting: deque[tuple[int, Any]]
 ) -> Iterator[tuple[int, Any]]:
     """Yield the number of each job, and its result or exception, evaluated in this process."""
-    work = setup()
+    work = held(held(setup)())
     for i, job in _drawn(waiting):
         try:
             yield i, work(job)
@@ -333,9 +333,11 @@ def _portable_job() -> Callable[..., Any]:
         found = describe()
         if found != expected:  # of a worker that came late
             return found
+        from meshtrace.parallel import one_blas_thread
         from meshtrace.studies.cluster import prepared
 
-        return prepared(setup)(job)
+        with one_blas_thread():
+            return prepared(setup)(job)
 
     return run
 

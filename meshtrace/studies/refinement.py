@@ -32,6 +32,7 @@ from meshtrace.kernels.scene import Scene
 from meshtrace.link import Link
 from meshtrace.mesh import SurfaceModel, TriangleMesh, WaveSum
 from meshtrace.models import Floats
+from meshtrace.quadrature import gauss_legendre
 from meshtrace.results.gain import Fate
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import SHIFTS, Variable, WithArrays
@@ -332,7 +333,7 @@ def _aperture_points(rings: int) -> Chains:
 
     Gauss-Legendre in the square of the radius, equal steps in azimuth.
     """
-    node, weight = np.polynomial.legendre.leggauss(rings)
+    node, weight = gauss_legendre(rings)
     radius, azimuths = np.sqrt(0.5 * (1.0 + node)), 3 * rings
     azimuth = 2.0 * math.pi * (np.arange(azimuths) + 0.5) / azimuths
     disk = radius[:, None, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)

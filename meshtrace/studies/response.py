@@ -23,7 +23,7 @@ from meshtrace.engine.setup.options import Analog, Arrivals
 from meshtrace.engine.simulate import simulate
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import held, ordered_map
 from meshtrace.results.impulse import SPEED_OF_LIGHT, ImpulseResponse, response_of
 from meshtrace.results.tallies import ArrivalTally, error_of_groups
 from meshtrace.stored import SHIFTS
@@ -60,6 +60,7 @@ def mean_response(ook: OokLink, campaign: Campaign, seas: int) -> MeanResponse |
     return over_colours(seen, ook, campaign, seas)
 
 
+@held
 def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
     """Return the responses of the one link of a campaign, or of all its wavelengths.
 

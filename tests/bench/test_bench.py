@@ -159,6 +159,7 @@ def measured(meshes, threads):
         },
         "downlink": new_sea(LINK.mirrored(), SEA, rtol=0.2, rounds=1),
         "coverage": coverage_cost(LINK, SEA, extent=0.2, rtol=0.2),
+        "fine_coverage": coverage_cost(LINK, SEA, extent=0.2, rtol=0.1),
         "peak_memory_mib": 1.0,
         "thread_scaling": threads,
         "worker_scaling": {
@@ -184,7 +185,8 @@ def test_report_names_every_measurement(measured, threads):
     for name in ("realization", "background", "coverage"):
         assert f"{name} to {measured[name]['rtol']:.2%}" in text
         assert measured[name]["cpu_seconds"] > 0.0
-    refused = dict.fromkeys(("background", "coverage", "first_run", "downlink"))
+    assert f"fine coverage to {measured['fine_coverage']['rtol']:.2%}" in text
+    refused = dict.fromkeys(("background", "coverage", "fine_coverage", "first_run", "downlink"))
     assert "coverage" not in report({**measured, **refused})
     assert 'pip install "meshtrace[batch]"' in report({**measured, "worker_scaling": None})
 
@@ -227,7 +229,7 @@ def test_works_are_compared_in_rays_of_their_run(measured):
             half[name][key] *= 0.5
     works = {
         **dict.fromkeys(("new_sea", "downlink"), "seconds"),
-        **dict.fromkeys(("realization", "background", "coverage"), "cpu_seconds"),
+        **dict.fromkeys(("realization", "background", "coverage", "fine_coverage"), "cpu_seconds"),
         "resolved_sea": "seconds_per_realization",
     }
     for name, key in works.items():
@@ -236,12 +238,14 @@ def test_works_are_compared_in_rays_of_their_run(measured):
         half["merit"][key] *= 2.0
     table, slower = compare(half, measured)
     ratios = [line.split()[-1] for line in table.splitlines()[2:]]
-    assert ratios == ["1.000"] * 10
+    assert ratios == ["1.000"] * 11
     assert slower == []
     half["new_sea"]["seconds"] *= 1.16
     half["realization"]["cpu_seconds"] *= 1.14
     assert compare(half, measured)[1] == ["new sea seconds"]
-    assert len(compare({**half, "coverage": None}, measured)[0].splitlines()) == 11
+    earlier = {name: row for name, row in measured.items() if name != "fine_coverage"}
+    assert len(compare(half, earlier)[0].splitlines()) == 12
+    assert len(compare({**half, "coverage": None}, measured)[0].splitlines()) == 12
 
 
 def test_command_fails_where_a_work_is_slower(tmp_path, monkeypatch, measured):

@@ -66,7 +66,7 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.phase import PhaseFunction
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import one_blas_thread, ordered_map
 from meshtrace.results.daylight import PARTS, Background
 from meshtrace.results.provenance import provenance
 from meshtrace.results.series import ByWavelength, checked_wavelengths
@@ -549,7 +549,6 @@ def background(
         require_word(water, ("quasi-single", "walk", "none"), "water")
         day = day.replace(water=water)
     case = resolve(link, surface, mesh=mesh, **options)
-    found, config = mesh_for(case.link, case.surface, case.meshing)
     run = {"photons": photons, "seed": seed, **case.meshing.model_dump()}
     case = case._replace(run=case.run.replace(seed=seed, threads=threads))
     links, days, waves = [case.link], [day], np.zeros(0)
@@ -557,8 +556,10 @@ def background(
         waves = np.array(checked_wavelengths(wavelengths_nm))
         links = [case.link.at_wavelength(nm) for nm in waves.tolist()]
         days = [day.at_wavelength(nm) for nm in waves.tolist()]
+    with one_blas_thread():
+        found, config = mesh_for(case.link, case.surface, case.meshing)
+        each = list(backgrounds_over(case, found, links, days, photons))
     results = list[Background]()
-    each = backgrounds_over(case, found, links, days, photons)
     for one, at, light in zip(each, links, days, strict=True):
         origin = {**provenance(at, config, run), "daylight": light.model_dump(mode="json")}
         results.append(replace(one, provenance=origin))

@@ -34,6 +34,7 @@ from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
+from meshtrace.quadrature import gauss_legendre
 
 SearchMode = Literal["usual", "thorough"]
 
@@ -442,7 +443,7 @@ def _disk_nodes(blur: float) -> Nodes:
 def _disk_rule(on_disk: tuple[int, int]) -> microfacets.Rule:
     """Return the quadrature over the unit disk, with rings at Gauss's nodes of the area."""
     rings, around = on_disk
-    nodes, weights = np.polynomial.legendre.leggauss(rings)
+    nodes, weights = gauss_legendre(rings)
     azimuth = 2.0 * math.pi * (np.arange(around) + 0.5 * (np.arange(rings)[:, None] % 2)) / around
     circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
     points = np.sqrt(0.5 * (nodes + 1.0))[:, None, None] * circle

@@ -23,6 +23,7 @@ from meshtrace.link import Link, Receiver, WaterSource
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
+from meshtrace.quadrature import gauss_legendre
 
 _COARSEST = 16  # points along a cell that resolve the blur by random slopes
 
@@ -103,5 +104,5 @@ def _rules() -> Rules:
     """Return Gauss's rules of up to `_COARSEST` points."""
     rules = np.zeros((2, _COARSEST, _COARSEST))
     for k in range(1, _COARSEST + 1):
-        rules[:, k - 1, :k] = 0.5 * np.array(np.polynomial.legendre.leggauss(k))
+        rules[:, k - 1, :k] = 0.5 * np.array(gauss_legendre(k))
     return Rules(*rules)

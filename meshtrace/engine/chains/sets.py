@@ -274,8 +274,12 @@ class ChainDrawer:
         law = self.nominals[source]
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
         kernel.make_chains(found.chains, law, self.link.medium, u, component)
+        self.place_points(found.chains)
         for receiver, out in found.flat.items():
             flat_crossings(found.chains, *self._still_water(source, receiver), out)
+
+    def place_points(self, chains: Chains) -> None:
+        """Leave the points that chains aim at in the unit disk of an aperture."""
 
     def _found(self, source: int, chains: Chains, receiver: int) -> NDArray[np.void]:
         """Return the crossings of a flat sea by chains from a source to a receiver."""
@@ -301,6 +305,16 @@ class ChainDrawer:
         _, scene, _ = self._still_water(source, receiver)
         flat_contributions(chains.chains, chains.crossings(receiver), scene, score[0])
         return Aimed(score, np.zeros(0, ARRIVAL))
+
+
+def levels(link: ForcedLink, crest: float) -> tuple[float, float]:
+    """Return the level of a crest [m], and the ceiling of the ends of chains below all receivers.
+
+    In the unit of the link.
+    """
+    top = max(crest, 0.0) / link.frame.unit
+    lowest = min(t.center[2] for t in link.targets)
+    return top, top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
 
 
 def poisson_law(mean: float) -> Floats:

@@ -31,6 +31,7 @@ from meshtrace.mesh import FARTHEST, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.optics.water import Water
+from meshtrace.quadrature import gauss_legendre
 from meshtrace.surfaces.gram_charlier import series_of
 from meshtrace.surfaces.triangulate import grid_faces
 
@@ -375,7 +376,7 @@ def angle_table(phase: PhaseFunction) -> AngleTable:
     per_log = cells / (math.log(math.pi) - log_first)
     edge = np.exp(log_first + np.arange(cells + 1) / per_log)
     edge[-1] = math.pi
-    node, weight = np.polynomial.legendre.leggauss(4)
+    node, weight = gauss_legendre(4)
     half = 0.5 * np.diff(edge)[:, None]
     theta = edge[:-1, None] + half * (1.0 + node)
     solid = weight * np.sin(theta)

@@ -24,7 +24,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.optics.water import Water
-from meshtrace.parallel import ordered_map
+from meshtrace.parallel import held, ordered_map
 from meshtrace.results.daylight import Background
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
@@ -109,6 +109,7 @@ class MeanGains:
                 found = self._logs(some) - self._own
             self._known |= dict(zip(some, found, strict=True))
 
+    @held
     def _logs(self, links: list[Link]) -> Floats:
         """Return the logarithms of gains (links, 1 + groups) of links with one lamp."""
         receivers = tuple(link.receivers[0] for link in links)

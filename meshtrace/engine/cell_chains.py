@@ -1,0 +1,364 @@
+"""Scattered light over the cells of a map, by chains that close cells have in common.
+
+Square tiles of cells take chains of their own, aimed at the middle of the tile and moved to first
+order to each cell: over random slopes a crossing is drawn about that of still water and counts by
+its density there, so that any point will do. Points aimed at are uniform over the cells, whose mean
+gain this is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from meshtrace.engine.chains import gain as kernel
+from meshtrace.engine.chains.aimed import AimedChains
+from meshtrace.engine.chains.sampling import Chains
+from meshtrace.engine.chains.sets import (
+    TURBID,
+    Block,
+    ChainDrawer,
+    ChainSet,
+    Drawing,
+    Request,
+    levels,
+)
+from meshtrace.engine.choice import (
+    LITTLE,
+    PILOT,
+    Pilot,
+    allotment,
+    pilot_statistics,
+    returned_gain,
+)
+from meshtrace.engine.crossing import FLAT, ROOT
+from meshtrace.engine.setup.ends import ForcedLink, forced_link, require_points
+from meshtrace.engine.setup.options import IrradianceMap
+from meshtrace.kernels.vectors import Vec3
+from meshtrace.link import Link
+from meshtrace.mesh import TriangleMesh
+from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map
+from meshtrace.results.series import LIT
+from meshtrace.results.tallies import error_of_groups
+from meshtrace.stored import SHIFTS
+
+_TILE = 0.06  # edge of a tile over the height of the map above the sources, see `representatives`
+_TOGETHER = 2**15  # scores that are found at a time, which stay in the cache of a core
+_REGIONS = 4  # along each side of a map, in which chains are compared with photons
+_DOUBT = 3.5  # standard errors by which they may differ there, as in `choice`
+# times in those of an analog photon, of the default link (0.31, 3.6 and 0.28 microseconds)
+_TO_CELL, _TO_TILE = 1.2, 12.0  # of a chain to a cell, and of making it
+_OF_TILE = 14_000.0  # of a tile beside its chains, most of it pilots
+_FEWEST = 100.0  # effective chains: the standard error of fewer is uncertain itself
+_SMALL = 0.01  # share of the gain below which its scattered part does not matter
+_MARGIN = 1.2  # of further chains over those that an error asks for
+_MOST_CHAINS = 2**20  # of a tile
+FIRST = 512
+"""Chains of a tile before the first comparison with a tolerance."""
+_STREAM = 8  # of the points of chains to tiles, apart from those of the pilots
+
+
+class Tile(NamedTuple):
+    """Cells of a map with common chains."""
+
+    rows: slice
+    columns: slice
+
+
+@dataclass(frozen=True)
+class TileSums:
+    """Scattered light of the cells of a tile, by a number of chains."""
+
+    chains: int
+    gain: Floats  # (shifts, cells)
+    square: Floats  # (cells,) variance of the mean of as many independent chains
+
+    def to_row(self) -> Floats:
+        """Return the sums as one row of numbers."""
+        return np.concatenate([[float(self.chains)], self.square, self.gain.ravel()])
+
+    @classmethod
+    def of_row(cls, row: Floats) -> TileSums:
+        """Return the sums of a row of numbers."""
+        cells = (len(row) - 1) // (SHIFTS + 1)
+        return cls(int(row[0]), row[1 + cells :].reshape(SHIFTS, cells), row[1 : 1 + cells])
+
+    def __add__(self, other: TileSums) -> TileSums:
+        """Return the sums of both sets of chains, which weigh by their numbers."""
+        n, share = self.chains + other.chains, other.chains / (self.chains + other.chains)
+        gain = (1.0 - share) * self.gain + share * other.gain
+        return TileSums(n, gain, (1.0 - share) ** 2 * self.square + share**2 * other.square)
+
+    @property
+    def mean(self) -> Floats:
+        """Scattered gain of the cells."""
+        return np.asarray(self.gain.mean(axis=0))
+
+    @property
+    def stderr(self) -> Floats:
+        """Standard error of each cell; those of a tile are correlated."""
+        return error_of_groups(self.gain, axis=0)
+
+    @property
+    def effective(self) -> Floats:
+        """Number of equal chains with the variance of each cell."""
+        return np.asarray(self.mean**2 / np.maximum(self.square, 1e-300))
+
+
+def mean_of_times(rows: Sequence[TileSums]) -> TileSums:
+    """Return the mean light over surfaces that the same chains cross."""
+    gain = np.mean([one.gain for one in rows], axis=0)
+    # errors of common chains may add up
+    square = np.mean([np.sqrt(one.square) for one in rows], axis=0) ** 2
+    return TileSums(rows[0].chains, gain, square)
+
+
+def further(found: Sequence[TileSums], lack: Floats) -> dict[int, int]:
+    """Return the further chains of tiles that lack some, by tile."""
+    wanted = dict[int, int]()
+    for tile, (sums, factor) in enumerate(zip(found, lack.tolist(), strict=True)):
+        # an error of few chains is itself uncertain: never more than sixteenfold at once
+        total = min(math.ceil(sums.chains * min(_MARGIN * factor, 16.0)), _MOST_CHAINS)
+        if factor > 1.0 and total > sums.chains:
+            wanted[tile] = total - sums.chains
+    return wanted
+
+
+class _SquareDrawer(ChainDrawer):
+    """Sampler of chains that aim at points of squares, of the edge of a target's radius."""
+
+    def place_points(self, chains: Chains) -> None:
+        """Replace points of the unit disk by those of the unit square about the origin."""
+        x, y = chains.disk.T
+        radial, angular = x * x + y * y, np.arctan2(y, x) / (2.0 * math.pi)
+        chains.disk[:] = np.column_stack([radial - 0.5, angular])
+
+    def of_tile(self, tile: int) -> _SquareDrawer:
+        """Return a sampler of chains with crossings of still water to one tile."""
+        found = copy(self)
+        every = np.full(len(self.link.targets), tile)
+        found.link = self.link._replace(stands_for=every)
+        return found
+
+
+class CellChains:
+    """Chains to the cells of a map.
+
+    Parameters
+    ----------
+    link : Link
+        The link; height, radius and field of view of its first receiver, upright, are used.
+    meshes : sequence of TriangleMesh
+        Surfaces at the times of the map, with the same random slopes.
+    grid : IrradianceMap
+        Cells of the map.
+    seed : int
+        Seed of the chains.
+    normals : {"vertex", "facet"}
+        Normals interpolated from the corners, or those of the facets.
+    threads : int
+        Threads of the pilots; results do not depend on them.
+    stride : int
+        Take one tile of as many along each side alone, to learn the cost of all.
+
+    Raises
+    ------
+    Refused
+        If chains do not follow the link.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        meshes: Sequence[TriangleMesh],
+        grid: IrradianceMap,
+        seed: int,
+        normals: str = "vertex",
+        threads: int = 1,
+        stride: int = 1,
+    ) -> None:
+        require_points(link)
+        self._grid, self._seed, self._threads = grid, seed, threads
+        receiver = link.receivers[0]
+        self.cells = grid.n  # along each side
+        self.tiles, middles, self._number = _tiles(link, grid, stride)
+        sites = tuple(receiver.replace(position=place) for place in middles)
+        self._link = link.replace(receiver=sites)
+        arrays = _squares(forced_link(self._link), grid.step)
+        crest = max(float(mesh.bounds[1, 2]) for mesh in meshes)
+        self._drawer = _SquareDrawer(arrays, *levels(arrays, crest))
+        self._orders = [self._drawer.last_order(s) for s in range(len(arrays.emitters))]
+        self._aimed = [
+            AimedChains(arrays, mesh, normals, link.physics.unresolved) for mesh in meshes
+        ]
+
+    @property
+    def serves(self) -> bool:
+        """Whether there is scattered light, in clear water and over slopes that tiles can share."""
+        clear = max(law.expected for law in self._drawer.nominals) < TURBID
+        return clear and all(self._orders) and all(aimed.blurred for aimed in self._aimed)
+
+    @cached_property
+    def pilots(self) -> list[Pilot]:
+        """Pilot of each source over the first surface, by tile and order."""
+        targets, found = list(range(len(self.tiles))), []
+        for s, last in enumerate(self._orders):
+            requests = [
+                Request(s, k, PILOT // SHIFTS, (self._seed, s, k, _STREAM))
+                for k in range(1, last + 1)
+            ]
+            job = partial(pilot_statistics, self._drawer, [self._aimed[0]], targets)
+            rows = ordered_map(job, requests, self._threads)
+            found.append(Pilot.of_orders(np.array([row[0][0] for row in rows])))
+        return found
+
+    @property
+    def n(self) -> int:
+        """Number of tiles along each side of the map."""
+        return math.isqrt(len(self.tiles))
+
+    def omits(self, gain: Floats) -> bool:
+        """Return whether light that is reflected first, which chains omit, counts in any tile.
+
+        By its estimate in the middle of each, over the gain of its cells (n, n).
+        """
+        middle = np.array([gain[tile].mean() for tile in self.tiles])
+        least = LITTLE * np.maximum(middle, LIT * gain.max())
+        return bool((returned_gain(self._link) > least).any())
+
+    def scattered(self, found: Sequence[TileSums]) -> tuple[Floats, Floats]:
+        """Return gain and standard error of all cells (n, n) from the sums of their tiles."""
+        gain, stderr = np.zeros((2, self._grid.n, self._grid.n))
+        for tile, sums in zip(self.tiles, found, strict=True):
+            shape = gain[tile].shape
+            gain[tile], stderr[tile] = sums.mean.reshape(shape), sums.stderr.reshape(shape)
+        return gain, stderr
+
+    def agree(self, found: Sequence[TileSums], gain: Floats, stderr: Floats) -> bool:
+        """Return whether the scattered gains of the cells by photons differ by chance alone.
+
+        In each of some regions of the map: chains may miss light, as that of large angles, without
+        a sign of it in their own errors.
+        """
+        n = min(_REGIONS, self.n)
+        total, square = np.zeros((2, n, n))
+        for k, (tile, sums) in enumerate(zip(self.tiles, found, strict=True)):
+            i, j = divmod(k, self.n)
+            region = i * n // self.n, j * n // self.n
+            light = sums.gain.sum(axis=1)
+            total[region] += gain[tile].sum() - light.mean()
+            square[region] += np.square(stderr[tile]).sum() + error_of_groups(light) ** 2
+        return bool((np.abs(total) <= _DOUBT * np.sqrt(square)).all())
+
+    def cost(self, chains: Floats) -> float:
+        """Return the time of a map whose tiles take such numbers of chains, in analog photons."""
+        cells = self._grid.n**2 / self._number
+        each = float(np.mean(chains)) * (_TO_CELL * cells + _TO_TILE) + _OF_TILE
+        return len(self._aimed) * self._number * each
+
+    def lack(self, found: Sequence[TileSums], direct: Floats, rtol: float) -> Floats:
+        """Return the ratio of the chains that each tile needs to those that it has.
+
+        For a relative error of all of its cells, and scattered light worth `_FEWEST` equal chains
+        where it matters; `direct` is the unscattered gain of the cells (n, n).
+        """
+        gain, _ = self.scattered(found)
+        gain = gain + direct
+        least, rows = LIT * gain.max(), []
+        for tile, sums in zip(self.tiles, found, strict=True):
+            whole = np.maximum(gain[tile].ravel(), least)
+            square = (sums.stderr / (rtol * whole)) ** 2
+            few = np.where(
+                sums.mean > _SMALL * whole, _FEWEST / np.maximum(sums.effective, 1e-9), 0.0
+            )
+            rows.append(float(np.maximum(square, few).max()))
+        return np.array(rows)
+
+    def sums(self, time: int, tile: int, chains: int, first: int) -> TileSums:
+        """Return the light of chains over the surface of a time.
+
+        Parameters
+        ----------
+        time, tile : int
+            Numbers of the surface and of the tile.
+        chains : int
+            Chains in all.
+        first : int
+            Chains that the tile had before: others follow.
+        """
+        places = self._places(self.tiles[tile])
+        found = TileSums(0, np.zeros((SHIFTS, len(places))), np.zeros(len(places)))
+        drawer, share = self._drawer.of_tile(tile), max(chains // len(self.pilots), SHIFTS)
+        alone, one = np.arange(len(self.tiles)) == tile, np.ones(1)
+        for s, pilot in enumerate(self.pilots):
+            expected = self._drawer.nominals[s].expected
+            counts = allotment(share, expected, pilot.of(alone), one, one.astype(np.int64))
+            for k, n in enumerate(counts.tolist(), 1):
+                request = Request(s, k, n, (self._seed, s, k, _STREAM, tile, first))
+                found = replace(found, chains=found.chains + request.number)
+                for block in Drawing(request, None).blocks():
+                    self._add(found, block, drawer.drawn(block), time, tile, places)
+        return found
+
+    def _add(
+        self, found: TileSums, block: Block, chains: ChainSet, time: int, tile: int, places: Floats
+    ) -> None:
+        """Add the light of the chains of a block to places of a tile."""
+        aimed, request, shifts = self._aimed[time], block.request, block.shifts_in
+        scene = aimed.scene(aimed.link.emitters[request.source], aimed.link.targets[tile])
+        flat, share = chains.crossings(tile), aimed.link.share(request.source, tile)
+        near, n = np.zeros(flat.shape[1], FLAT), len(flat)
+        at_once = max(_TOGETHER // n, 1)
+        for i in range(0, len(places), at_once):
+            some = slice(i, min(i + at_once, len(places)))
+            out = kernel.Output(
+                score=np.zeros((some.stop - i) * n),
+                arrivals=np.empty(0, kernel.ARRIVAL),
+                counters=np.zeros(len(kernel.Counter), np.int64),
+                roots=np.zeros(1, ROOT),
+            )
+            kernel.blurred_contributions(
+                chains.chains, flat, places[some], near, aimed.spread, scene, out
+            )
+            score = out.score.reshape(some.stop - i, shifts.stop - shifts.start, -1)
+            found.gain[shifts, some] += share / request.per_shift * score.sum(axis=2).T
+            square = np.einsum("ijk,ijk->i", score, score)
+            found.square[some] += square * (share / request.number) ** 2
+
+    def _places(self, tile: Tile) -> Floats:
+        """Return the middles of the cells of a tile in the frame of the link, (cells, 3)."""
+        x, y = np.meshgrid(*(self._grid.axes[part] for part in tile), indexing="ij")
+        height = np.full(x.size, self._grid.height)
+        return self._drawer.link.frame.points(np.column_stack([x.ravel(), y.ravel(), height]))
+
+
+def _tiles(
+    link: Link, grid: IrradianceMap, stride: int
+) -> tuple[list[Tile], list[tuple[float, float]], int]:
+    """Return tiles of a map, their middles [m], and the number of all tiles.
+
+    They have some equal numbers of cells along each side, at least one.
+    """
+    level = max(source.center[2] for source in link.transmitters)
+    across = max(math.floor(_TILE * (grid.height - level) / grid.step), 1)
+    cuts = np.linspace(0, grid.n, math.ceil(grid.n / across) + 1).round().astype(int).tolist()
+    parts = [slice(*ends) for ends in pairwise(cuts)]
+    number, some = len(parts) ** 2, parts[min(stride // 2, len(parts) - 1) :: stride]
+    middle = {part.start: float(grid.axes[part].mean()) for part in some}
+    tiles = [Tile(a, b) for a in some for b in some]
+    return tiles, [(middle[a.start], middle[b.start]) for a, b in tiles], number
+
+
+def _squares(link: ForcedLink, step: float) -> ForcedLink:
+    """Return a link whose targets are squares along x and y, of the area of its apertures."""
+    x, y, edge = Vec3(1.0, 0.0, 0.0), Vec3(0.0, 1.0, 0.0), step / link.frame.unit
+    targets = [t._replace(radius=edge, e1=x, e2=y) for t in link.targets]
+    return link._replace(targets=targets, stands_for=np.arange(len(targets)))
