@@ -38,13 +38,15 @@ from meshtrace.models import Floats
 SearchMode = Literal["usual", "thorough"]
 
 Nodes = tuple[int, int] | None
-"""Rings and nodes on each of a quadrature over an aperture; None over the slopes."""
+"""Rings and nodes on each of a quadrature over an aperture; None where it is much wider."""
 
 ROOTS = 64  # crossings of one chain at most
 _NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, that blurs
 _POINT = 0.5  # radius of an aperture over the blur, up to which four points stand for it
-_WIDEST = 20.0  # radius of an aperture over the blur, beyond which slopes take fewer points
-_SLOPES = 55, 34  # points of the Fibonacci lattice of slopes, and its generator
+_WIDEST = 20.0  # radius of an aperture over the blur, beyond which Gauss nodes about the light of
+# each part are fewer than those of the whole disk
+_MOST_NODES = 1e8  # of the light of one pair: half a minute of a thread
+_FEWER, _LONGER = 0.75, 1.5  # nodes and lengths of parts of the coarser quadrature, over the usual
 _SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
 _KEPT = (  # of the medium over a surface
     "n_water", "n_air", "raster_x", "raster_y", "raster_step", "raster", "overhangs", "raster_low",
@@ -98,6 +100,7 @@ class AimedChains:
         self._mirrored = _upside_down(self.surface) if link.down else None
         self._serve(link)
         self.nodes: dict[tuple[int, int], Nodes] = {}  # quadratures of the apertures
+        self.work: dict[tuple[int, int], Floats] = {}  # of the last quadratures, see `Work`
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     def _serve(self, link: ForcedLink) -> None:
@@ -299,12 +302,14 @@ class AimedChains:
         receiver: int,
         at: Vec3 | None = None,
         facets: NDArray[np.int64] | None = None,
+        coarser: bool = False,
     ) -> Floats:
         """Return the unscattered gain through each facet, or through some, without noise.
 
         From the centre of the source, or from the point `at`. Random slopes are left out where
         unscattered light is `sampled`. A facet that source or receiver cannot see brings nothing:
-        of those that waves may hide the ways to the centroid are checked.
+        of those that waves may hide the ways to the centroid are checked. `coarser` takes fewer
+        parts and nodes, to tell the error of the usual ones.
         """
         scene = self._forwards(source, receiver, at)
         gain = np.zeros(len(self._mesh.faces))
@@ -313,10 +318,12 @@ class AimedChains:
             nodes = self.nodes.setdefault(
                 (source, receiver), _disk_nodes(scene.target.radius / self.blur(scene))
             )
-            rule = _slope_rule() if nodes is None else _disk_rule(nodes)
+            rule = _rule(nodes, coarser)
             blocks = self._blocks if facets is None else _one_block(facets)
-            coarse = np.zeros(len(gain), bool)
-            microfacets.blurred_gain(scene, rule, blocks, stack, coarse, gain)
+            coarse, work = np.zeros(len(gain), bool), np.zeros(len(microfacets.Work))
+            work[microfacets.Work.LEFT] = _MOST_NODES
+            microfacets.blurred_gain(scene, rule, blocks, stack, coarse, work, gain)
+            self.work[source, receiver] = work
         else:
             stretch, lever, bend = self.bounds_of(scene)
             some = np.arange(len(gain)) if facets is None else facets
@@ -439,24 +446,29 @@ def _disk_nodes(blur: float) -> Nodes:
 
 
 @cache
-def _disk_rule(on_disk: tuple[int, int]) -> microfacets.Rule:
-    """Return the quadrature over the unit disk, with rings at Gauss's nodes of the area."""
-    rings, around = on_disk
+def _rule(on_disk: Nodes, coarser: bool) -> microfacets.Rule:
+    """Return the quadratures over an aperture, with rings at Gauss's nodes of the area."""
+    rings, around = on_disk or (1, 1)
+    if coarser:
+        rings, around = max(rings - 1, 1), max(math.ceil(_FEWER * around), 3)
     nodes, weights = np.polynomial.legendre.leggauss(rings)
     azimuth = 2.0 * math.pi * (np.arange(around) + 0.5 * (np.arange(rings)[:, None] % 2)) / around
     circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
     points = np.sqrt(0.5 * (nodes + 1.0))[:, None, None] * circle
     shares = np.repeat(0.5 * weights / around, around)
-    return microfacets.Rule(points.reshape(-1, 2), shares, False)
+    parts, finer = (_LONGER, _FEWER) if coarser else (1.0, 1.0)
+    wide = on_disk is None
+    return microfacets.Rule(points.reshape(-1, 2), shares, wide, *_gauss_rules(), parts, finer)
 
 
 @cache
-def _slope_rule() -> microfacets.Rule:
-    """Return the quadrature over the slopes, a Fibonacci lattice on the unit square."""
-    n, generator = _SLOPES
-    k = np.arange(n)
-    points = np.column_stack([k / n, k * generator % n / n])
-    return microfacets.Rule(points, np.full(n, 1.0 / n), True)
+def _gauss_rules() -> tuple[Floats, Floats]:
+    """Return Gauss's nodes and weights of the unit interval, those of n nodes in row n - 1."""
+    nodes, weights = np.zeros((2, microfacets.GAUSS, microfacets.GAUSS))
+    for n in range(1, microfacets.GAUSS + 1):
+        x, w = np.polynomial.legendre.leggauss(n)
+        nodes[n - 1, :n], weights[n - 1, :n] = 0.5 * (x + 1.0), 0.5 * w
+    return nodes, weights
 
 
 def on_disk(center: Vec3, end: Emitter | Target, disk: Floats) -> Floats:
