@@ -263,6 +263,17 @@ def _that_matter(
     return [(r, rows[r], float(share[r])) for r in matters]
 
 
+def warn_of_cut_short(result: GainResult) -> None:
+    """Warn of unscattered light whose integral ended before it was as fine as it should be."""
+    pairs = (result.chains or {}).get("cut_short", 0)
+    if pairs:
+        _warn(
+            f"unscattered light of {pairs} pair{'s' * (pairs > 1)} of a source and a receiver took "
+            "too long to be integrated finely; its error is part of the standard error: a wider "
+            'view, a smaller aperture or estimator="analog" lowers it',
+        )
+
+
 def warn_of_omitted(link: Link, gain: Floats) -> None:
     """Warn where forced detection leaves out more than 0.1 % of a gain > 0."""
     returned = returned_gain(link)

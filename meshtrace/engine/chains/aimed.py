@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from copy import copy
 from functools import cache, cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,7 @@ _POINT = 0.5  # radius of an aperture over the blur, up to which four points sta
 _WIDEST = 20.0  # radius of an aperture over the blur, beyond which Gauss nodes about the light of
 # each part are fewer than those of the whole disk
 _MOST_NODES = 1e8  # of the light of one pair: half a minute of a thread
+_LEAST_ERROR = 1e-4  # relative, of light over random slopes: rounded up from what scans showed
 _FEWER, _LONGER = 0.75, 1.5  # nodes and lengths of parts of the coarser quadrature, over the usual
 _SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
 _KEPT = (  # of the medium over a surface
@@ -56,6 +57,15 @@ _TOGETHER = 2**15  # scores of chains to close receivers that are found at a tim
 _IN_BLOCK = 128  # facets that are left out together where they send no light to a receiver
 _FEW_PAIRS = 8  # of a source and a receiver, for which blocks take longer than all facets
 _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
+
+
+class Quadrature(NamedTuple):
+    """Unscattered light of a pair by an integral over random slopes."""
+
+    light: float
+    at: Vec3 | None  # point of the source, None for its centre
+    lenses: bool  # whether the view ends within the aperture, or light there
+    cut_short: float  # light through facets that were not cut as finely as they should be
 
 
 class AimedChains:
@@ -100,7 +110,6 @@ class AimedChains:
         self._mirrored = _upside_down(self.surface) if link.down else None
         self._serve(link)
         self.nodes: dict[tuple[int, int], Nodes] = {}  # quadratures of the apertures
-        self.work: dict[tuple[int, int], Floats] = {}  # of the last quadratures, see `Work`
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     def _serve(self, link: ForcedLink) -> None:
@@ -110,6 +119,7 @@ class AimedChains:
         if self.medium.depth_mode == DepthMode.LOCAL:
             self.medium = with_raster(self.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
+        self._last: dict[tuple[int, int], Quadrature] = {}  # over the slopes, of each pair
         self.counters = np.zeros(len(Counter), np.int64)
 
     def of_link(self, link: ForcedLink) -> AimedChains:
@@ -323,12 +333,36 @@ class AimedChains:
             coarse, work = np.zeros(len(gain), bool), np.zeros(len(microfacets.Work))
             work[microfacets.Work.LEFT] = _MOST_NODES
             microfacets.blurred_gain(scene, rule, blocks, stack, coarse, work, gain)
-            self.work[source, receiver] = work
+            if facets is None and not coarser:
+                light, bound = gain.sum(), work[microfacets.Work.CUT_SHORT]
+                lenses = work[microfacets.Work.LENSES] > 0.0
+                self._last[source, receiver] = Quadrature(float(light), at, lenses, float(bound))
         else:
             stretch, lever, bend = self.bounds_of(scene)
             some = np.arange(len(gain)) if facets is None else facets
             image.image_gain(scene, some, 1.5 * stretch, lever, bend, stack, gain)
         return gain
+
+    def relative_error(self, source: int, receiver: int, alone: bool) -> float:
+        """Return the relative error of the last unscattered light of a pair by its quadrature.
+
+        0 over smooth surfaces, whose facets have images in closed form. Where the view ends within
+        the aperture it is the change by the coarser quadrature, elsewhere it matters where
+        unscattered light is `alone`: scattered light has errors far above it.
+        """
+        last = self._last.get((source, receiver))
+        if last is None or last.light == 0.0 or not (last.lenses or alone):
+            return 0.0
+        change = _LEAST_ERROR
+        if last.lenses:
+            coarser = self.direct_gains(source, receiver, last.at, coarser=True).sum()
+            change = max(change, abs(coarser / last.light - 1.0))
+        return math.hypot(change, last.cut_short / last.light)
+
+    def is_cut_short(self, source: int, receiver: int) -> bool:
+        """Return whether facets of the last unscattered light were left uncut, to end in time."""
+        last = self._last.get((source, receiver))
+        return last is not None and last.cut_short > 0.0
 
     @cached_property
     def _blocks(self) -> microfacets.Blocks:
