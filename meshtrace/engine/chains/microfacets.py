@@ -73,6 +73,8 @@ _FINEST = 1.0 / 64.0  # of the longest edge, at the edge of the field of view
 _LENS_SHARE = 0.25  # longest edge of a part over the smaller of aperture and view: its light
 # changes smoothly over that length where their rims meet
 _BENT = 1.25  # slopes are not quite linear in the landing point
+_BESIDE, _MEETS_RIM, _INSIDE = 0, 1, 2  # place of the light of a part on the aperture
+_LITTLE = 1e-9  # parts along an edge: no cut, but light
 _PROBE = 0.02  # distance over which slopes are taken for linear, over the flight
 _PER_DEVIATION = 1.2  # Gauss nodes per standard deviation of the light on the aperture
 _AT_LEAST = 2.5  # Gauss nodes: light that hardly changes
@@ -181,7 +183,7 @@ class Work(IntEnum):
 
     LEFT = 0  # nodes that may still be evaluated
     LENSES = 1  # parts whose view ends within the aperture, or that light it in part
-    CUT_SHORT = 2  # light through facets for which no nodes were left
+    CUT_SHORT = 2  # light onto facets for which no nodes were left: a bound of their error
 
 
 class Blocks(NamedTuple):
@@ -230,11 +232,11 @@ def blurred_gain(scene, rule, blocks, stack, coarse, work, gain):
             facet = scene.facets[f]
             p = Vec3(facet.x, facet.y, facet.z)
             if is_lit(f, p, unscattered.spatial_radius(facet), dark, scene):
-                before = work[Work.LEFT.value]
                 light, finer = _facet_light(f, first, dark, rule, stack, work, scene)
                 gain[f] = unscattered.unless_hidden(light, f, scene)
-                if before <= 0.0 or work[Work.LEFT.value] <= 0.0:
-                    work[Work.CUT_SHORT.value] += gain[f]
+                if work[Work.LEFT.value] <= 0.0:
+                    part = lit_part(f, _NODES, ZERO, ZERO, _NODES, scene)
+                    work[Work.CUT_SHORT.value] += max(gain[f], part.light * part.omega)
                 coarse[f], most = finer and first > 1.0, max(most, gain[f])
     for f in range(len(gain)):
         if coarse[f] and gain[f] > _DIM * most:
@@ -368,10 +370,19 @@ def _parts_along(f, i, j, side, rule, scene):
     if inside <= _NEAR * (h + scene.target.radius) and share_of_view < scene.target.radius:
         share_of_view = _lens_edge(p, h, scene)
     edge = max(share_of_view, _FINEST * PART_BEAM * width)
+    where = _MEETS_RIM
+    if rule.is_wide:
+        where = _spot_place(lit_part(f, _NODES, i, j, side, scene), f, i, j, side, scene)
+        if where == _BESIDE:
+            return 0.0, 0.0
+        edge = math.inf
     if emitter.kind == SourceKind.TOP_HAT_BEAM:
         seen = math.asin(min(h / norm(minus(p, emitter.position)), 1.0))
         if abs(off_axis(p, emitter) - emitter.spread) <= seen:  # the rim may pass through
             edge = min(edge, RIM_BEAM * width)
+    longest = 2.0 * facet.radius * share
+    if where == _INSIDE:
+        return longest / (PART_BEAM * width), max(longest / edge, _LITTLE)
     a, b, c = unscattered.nodes_of(f, _NODES, i, j, side, scene.surface)
     change, least = slope_change(f, a, b, c, scene)
     from_center = 0.5 if change < _EVEN else 1.0
@@ -387,8 +398,46 @@ def _parts_along(f, i, j, side, rule, scene):
         change = 0.0
     elif change > _FEW * PART_SLOPE:
         change = min(change, _clipped_change(f, a, b, c, scene))
-    longest = 2.0 * facet.radius * share
-    return longest / (PART_BEAM * width), max(change / PART_SLOPE, longest / edge)
+    smooth, sharp = longest / (PART_BEAM * width), max(longest / edge, _LITTLE)
+    if rule.is_wide:  # light changes smoothly where the rim passes through it
+        return max(smooth, change / PART_SLOPE), sharp
+    return smooth, max(change / PART_SLOPE, sharp)
+
+
+@outlined
+def _spot_place(part, f, i, j, side, scene):
+    """Return whether light of a part lies inside the rims of aperture and view, or beside one.
+
+    Array twin: none, a bound.
+    The light of its centre reaches as far as `Spot`, that of its corners is moved by their images.
+    """
+    surface, source, radius = scene.surface, scene.emitter.position, scene.target.radius
+    view = _view_of(part.middle, scene)
+    if view.high <= 0.0:
+        return _BESIDE
+    m = crossing.land_from(part.middle, part.normal, part.w, part.w, part.length, scene)
+    spot = _spot(part, view.ahead, view.high, scene)
+    if not m.ok or math.isinf(spot.half_t):
+        return _MEETS_RIM
+    moves, size = 0.0, 0.0
+    for p in unscattered.nodes_of(f, _NODES, i, j, side, surface):
+        way = minus(p, source)
+        length = norm(way)
+        w, normal = scaled(1.0 / length, way), normal_at(p.x, p.y, f, surface)
+        at = crossing.land_from(p, normal, w, w, length, scene)
+        if not at.ok:
+            return _MEETS_RIM
+        off = minus2(at.at, m.at)
+        moves, size = max(moves, math.sqrt(dot2(off, off))), max(size, norm(minus(p, part.middle)))
+    reach = math.sqrt(spot.half_t * spot.half_t + spot.half_y * spot.half_y) + _BENT * moves
+    from_view = math.sqrt((spot.t - view.apart) * (spot.t - view.apart) + spot.y * spot.y)
+    from_center, slack = math.sqrt(dot2(m.at, m.at)), size * (1.0 + scene.target.tan_half_fov)
+    if from_center - reach > radius:
+        return _BESIDE
+    if view.radius < math.inf and from_view - reach - slack > view.radius:
+        return _BESIDE
+    inside_view = math.isinf(view.radius) or from_view + reach + slack <= view.radius
+    return _INSIDE if from_center + reach <= radius and inside_view else _MEETS_RIM
 
 
 @outlined
