@@ -34,9 +34,9 @@ def test_receivers():
 
 
 def test_other_ways_to_a_depth():
-    with pytest.raises(Refused, match="at least 0.001 m from still water"):
+    with pytest.raises(Refused, match=r"at least 0.001 m from still water"):
         mt.Link().at_depth(1e-5)
-    with pytest.raises(Refused, match="at least 0.001 m from still water"):
+    with pytest.raises(Refused, match=r"at least 0.001 m from still water"):
         mt.Link().replace("transmitter.depth", 1e-5)
     with pytest.raises(Refused, match=r"^transmitter.depth: 1e-05 m, allowed: at least 0.001 m"):
         mt.Scenario.from_toml("[transmitter]\ndepth = 1e-5\n")
@@ -46,9 +46,9 @@ def test_a_link_of_a_millimetre_may_be_closer():
     """All lengths of a link may be scaled; a tenth of the farthest end is left."""
     small = {"transmitter": mt.Led(depth=1e-3), "receiver": mt.Receiver(height=5e-4, radius=1e-5)}
     assert mt.Link(**small).least_distance == pytest.approx(1e-4)
-    with pytest.raises(Refused, match="at least 0.0001 m from still water"):
+    with pytest.raises(Refused, match=r"at least 0.0001 m from still water"):
         mt.Link(transmitter=mt.Led(depth=1e-3), receiver=mt.Receiver(height=9e-5))
-    with pytest.raises(Refused, match="at least 1e-09 m from still water"):
+    with pytest.raises(Refused, match=r"at least 1e-09 m from still water"):
         mt.Link(transmitter=mt.Led(depth=1e-300), receiver=mt.Receiver(height=1e-300))
 
 

@@ -75,7 +75,7 @@ _LENS_SHARE = 0.25  # longest edge of a part over the smaller of aperture and vi
 _BENT = 1.25  # slopes are not quite linear in the landing point
 _BESIDE, _MEETS_RIM, _INSIDE = 0, 1, 2  # place of the light of a part on the aperture
 _LITTLE = 1e-9  # parts along an edge: no cut, but light
-_PROBE = 0.02  # distance over which slopes are taken for linear, over the flight
+_PROBE = 0.5  # distance over which slopes are taken for linear, over the width of the light
 _PER_DEVIATION = 1.2  # Gauss nodes per standard deviation of the light on the aperture
 _AT_LEAST = 2.5  # Gauss nodes: light that hardly changes
 GAUSS = 32
@@ -630,7 +630,7 @@ def _spot(part, ahead, high, scene):
     m = crossing.land_from(middle, normal, w, w, part.length, scene)
     if not m.ok:
         return unknown
-    step = _PROBE * m.flight
+    step = _PROBE * narrow
     x, y = Vec2(m.at.x + step * ahead.x, m.at.y + step * ahead.y), m.at
     z = Vec2(y.x - step * ahead.y, y.y + step * ahead.x)
     o = slope_towards(middle, normal, w, w, part.length, y, scene)
