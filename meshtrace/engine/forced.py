@@ -420,8 +420,8 @@ class ForcedDetection:
         jobs += [partial(self._summed, aimed, job) for job in sums.jobs]
         found = ordered_map(call, jobs, self.threads, ahead=len(jobs))
         for s, r in lit:
-            light, error = next(found)
-            gain = light.mean(axis=1).T
+            from_points, error = next(found)
+            gain = from_points.mean(axis=1).T
             sums.add_direct(s, r, gain, error, aimed.is_cut_short(s, r))
             if gain.shape[-1] == 1 and not gain.any():
                 dark.append((s, r))
