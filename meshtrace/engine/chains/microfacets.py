@@ -677,7 +677,7 @@ def _passed(s, part, scene):
 def _lens_light(part, rule, work, scene):
     """Return the light on the part of the aperture from which light of a point is accepted.
 
-    Array twin: sums over a grid of the aperture in the tests.
+    Array twin: `still_gain` in the tests, over rows of the aperture.
     Both are disks, whose overlap is a lens; light beyond `MOST_SLOPE` is left out. Along the line
     of their centres, t, the chord is half = sqrt(min(r^2 - t^2, R^2 - (t - D)^2)): a root at either
     end, which t = end + L v^2 makes linear in v, and a bend where the rims meet, at which two
@@ -735,7 +735,7 @@ def _chord_light(part, t, half, ahead, s, rule, work, scene):
     return (high - low) * total
 
 
-@outlined
+@inlined
 def _disk_light(part, near, inside, corner, rule, scene):
     """Return the light on the whole aperture, of the share of a part that it sees."""
     p, q, r = corner
