@@ -45,7 +45,7 @@ _NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's
 _POINT = 0.5  # radius of an aperture over the blur, up to which four points stand for it
 _WIDEST = 20.0  # radius of an aperture over the blur, beyond which Gauss nodes about the light of
 # each part are fewer than those of the whole disk
-_MOST_NODES = 1e8  # of the light of one pair: half a minute of a thread
+_MOST_NODES = 3e8  # of the light of one pair: half a minute of a thread
 _LEAST_ERROR = 2e-4  # relative, of light over random slopes: rounded up from what scans showed
 _FEWER, _LONGER = 0.75, 2.0  # nodes and lengths of parts of the coarser quadrature, over the usual
 _SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
