@@ -422,12 +422,14 @@ class ForcedDetection:
         lit, dark = list[tuple[int, int]](), list[tuple[int, int]]()
         for s, r in link.pairs:
             (dark if aimed.sampled and link.sizes[s] == 0.0 else lit).append((s, r))
-        jobs: list[Any] = [partial(self._from_source, aimed, *pair) for pair in lit]
+        alone = not any(self.scattered_sets) and self._joined is None
+        jobs: list[Any] = [partial(self._unscattered_light, aimed, *pair, alone) for pair in lit]
         jobs += [partial(self._summed, aimed, job) for job in sums.jobs]
         found = ordered_map(call, jobs, self.threads, ahead=len(jobs))
         for s, r in lit:
-            gain = next(found).mean(axis=1).T
-            sums.add_direct(s, r, gain)
+            from_points, error = next(found)
+            gain = from_points.mean(axis=1).T
+            sums.add_direct(s, r, gain, error, aimed.is_cut_short(s, r))
             if gain.shape[-1] == 1 and not gain.any():
                 dark.append((s, r))
         pace = Pace(len(sums.jobs), f"{sums.chains:,} chains over one surface")
@@ -457,6 +459,12 @@ class ForcedDetection:
             for target, row in zip(some, np.split(score, len(some), axis=-1), strict=True):
                 found[target] = parts.block_sums(row, block)
         return [found[target] for target in targets]
+
+    def _unscattered_light(
+        self, aimed: AimedChains, s: int, r: int, alone: bool
+    ) -> tuple[Floats, float]:
+        """Return `_from_source`, and the relative error of its quadrature over the surface."""
+        return self._from_source(aimed, s, r), aimed.relative_error(s, r, alone)
 
     def _from_source(self, aimed: AimedChains, s: int, r: int) -> Floats:
         """Return the unscattered light of the points of a source, (shifts, points, wavelengths).

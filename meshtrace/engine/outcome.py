@@ -264,6 +264,17 @@ def _that_matter(
     return [(r, rows[r], float(share[r])) for r in matters]
 
 
+def warn_of_cut_short(result: GainResult) -> None:
+    """Warn of unscattered light whose integral ended before it was as fine as it should be."""
+    pairs = 0 if result.chains is None else result.chains.cut_short
+    if pairs:
+        _warn(
+            f"unscattered light of {pairs} pair{'s' * (pairs > 1)} of a source and a receiver took "
+            "too long to be integrated finely; its error is part of the standard error: a wider "
+            'view, a smaller aperture or estimator="analog" lowers it',
+        )
+
+
 def warn_of_omitted(link: Link, gain: Floats, returned: Floats | None = None) -> None:
     """Warn where forced detection leaves out more than 0.1 % of a gain > 0.
 

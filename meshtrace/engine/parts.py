@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,7 +31,8 @@ class Parts:
     Attributes
     ----------
     direct : ndarray, shape (receivers, shifts)
-        Unscattered gain of each shift of the points; all the same where it is deterministic.
+        Unscattered gain of each shift of the points; all the same where it is deterministic, but
+        for the error of its quadrature.
     scattered : ndarray, shape (receivers, shifts)
         Scattered gain of each shift of the points.
     orders : ndarray, shape (receivers, orders)
@@ -112,10 +114,19 @@ class ChainSums:
         self._squares = np.zeros(shape)
         self._samples, self._scored = np.zeros((2, *shape), np.int64)
         self._sampled = set[tuple[int, int]]()  # pairs whose unscattered light is sampled
+        self._cut_short = 0  # pairs whose unscattered light took too many nodes
 
-    def add_direct(self, e: int, t: int, gain: Floats) -> None:
-        """Add the unscattered gain of a pair (wavelengths, 1 or shifts)."""
-        self._direct[:, self._link.receiver(e, t)] += self._link.share(e, t) * gain
+    def add_direct(self, e: int, t: int, gain: Floats, error: float, is_cut_short: bool) -> None:
+        """Add the unscattered gain of a pair (wavelengths, 1 or shifts).
+
+        Its relative `error` by a quadrature becomes one of the shifts, half of them above and half
+        below: +-a has the standard error a / (SHIFTS - 1)^(1/2). It is the same in all frames of a
+        sea, whose errors so add up.
+        """
+        shifted = np.where(np.arange(SHIFTS) % 2 == 0, 1.0, -1.0) * math.sqrt(SHIFTS - 1)
+        light = gain * (1.0 + error * shifted) if error > 0.0 else gain
+        self._direct[:, self._link.receiver(e, t)] += self._link.share(e, t) * light
+        self._cut_short += is_cut_short
         if gain.shape[-1] > 1:
             self._sampled.add((e, t))
 
@@ -145,7 +156,12 @@ class ChainSums:
         `counters` are the outcomes of the search for crossings.
         """
         outcomes = {c.name.lower(): int(counters[c]) for c in Counter}
-        counts = ChainCounts(drawn=self.chains, sampled=len(self._sampled), **outcomes)
+        counts = ChainCounts(
+            drawn=self.chains,
+            sampled=len(self._sampled),
+            cut_short=self._cut_short,
+            **outcomes,
+        )
         scattered, orders = self._scattered[i].sum(axis=1), self._scattered[i].mean(axis=2)
         effective = scattered.mean(axis=1) ** 2 / np.maximum(self._squares[i], 1e-300)
         columns = self._samples[i], self._scored[i], effective

@@ -179,6 +179,7 @@ def simulate(
                 relative = relative_mesh_error(case.link, made, case.meshing.normals)
                 results = with_mesh_errors(results, links, first, relative)
                 outcome.warn_of_mesh(results[first], case, made)
+                outcome.warn_of_cut_short(results[first])
                 if results[first].gain_reflected is None:
                     outcome.warn_of_omitted(case.link, results[first].gains, returned)
                 outcome.warn_of_cut(cut_share(case, made))

@@ -10,7 +10,13 @@ from pydantic import Field, field_validator, model_validator
 
 from meshtrace.errors import Described, Refused, require_real
 from meshtrace.link.physics import Physics, Whitecaps
-from meshtrace.link.receivers import Aperture, IrradiancePlanes, Receiver, WaterReceiver
+from meshtrace.link.receivers import (
+    Aperture,
+    IrradiancePlanes,
+    Receiver,
+    WaterAperture,
+    WaterReceiver,
+)
 from meshtrace.link.sources import ABOVE, AirLamp, Led, Source, WaterSource
 from meshtrace.models import FamilyField, FamilyFields, Floats, Model, Position, converted
 from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
@@ -20,6 +26,9 @@ _TYPICAL = 16.0  # [m], depth plus height of links that keep the metre
 _SMALL = 8.0  # units below a metre, up to which meshes keep their spacing
 _ASIDE = 20.0  # [m], receivers farther aside have the fine mesh where their light crosses
 _NEAR = 64.0  # depths plus heights: links closer to the origin keep it
+_LEAST_DISTANCE = 1e-3  # [m], of an end from the surface
+_LEAST_SHARE = 0.1  # the same over the farthest end: all lengths of a link may be scaled
+_SHORTEST = 1e-9  # [m], of any link: rays have no meaning below the wavelength
 _PLACED = {"kind", "position", "depth", "height"}
 _PLACED |= {"zenith_deg", "azimuth_deg", "tilt_deg", "tilt_azimuth_deg"}
 
@@ -95,7 +104,21 @@ class Link(Model, frozen=True):
             if bottom is not None and depth >= bottom:
                 allowed = f"less than water.bottom_depth {bottom:g} m"
                 raise Refused(f"{path}.depth", Described(f"{depth:g} m"), allowed)
+            if 0.0 < abs(depth) < self.least_distance and not isinstance(item, WaterAperture):
+                name = "depth" if depth > 0.0 else "height"
+                allowed = f"at least {self.least_distance:g} m from still water"
+                raise Refused(f"{path}.{name}", Described(f"{abs(depth):g} m"), allowed)
         return self
+
+    @property
+    def least_distance(self) -> float:
+        """Least distance of a source or receiver from the surface [m].
+
+        A millimetre, and less for links of a few millimetres: a tenth of the depth or height that
+        is farthest from still water, and a nanometre.
+        """
+        farthest = max(abs(item.center[2]) for _, item in self.items())
+        return max(min(_LEAST_DISTANCE, _LEAST_SHARE * farthest), _SHORTEST)
 
     def items(self) -> list[tuple[str, Source | Aperture]]:
         """Return all sources and apertures with the paths that errors name them by."""

@@ -88,6 +88,8 @@ class ChainCounts(NamedTuple):
         Blocked by a wave.
     sampled : int
         Pairs of source and receiver whose unscattered light was sampled.
+    cut_short : int
+        Pairs whose integral of unscattered light ended before it was as fine as it should be.
     """
 
     drawn: int = 0
@@ -97,6 +99,7 @@ class ChainCounts(NamedTuple):
     extra_roots: int = 0
     blocked: int = 0
     sampled: int = 0
+    cut_short: int = 0
 
 
 _MATTERS = 0.5  # error of the mesh over the standard error: the two together are 12 % larger

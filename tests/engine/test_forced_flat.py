@@ -259,6 +259,6 @@ def test_relative_standard_deviation_per_sample(depth, most):
         parts = forced_.evaluate(mesh)
         errors.append(parts.stderr[0])
         gains.append(parts.gain[0])
-    samples = parts.counts["chains"] / len(parts.orders[0])
+    samples = parts.counts.drawn / len(parts.orders[0])
     deviation = math.sqrt(samples * np.mean(np.square(errors))) / np.mean(gains)
     assert deviation <= most

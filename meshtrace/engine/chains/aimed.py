@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from copy import copy
 from functools import cache, cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,13 +39,16 @@ from meshtrace.quadrature import gauss_legendre
 SearchMode = Literal["usual", "thorough"]
 
 Nodes = tuple[int, int] | None
-"""Rings and nodes on each of a quadrature over an aperture; None over the slopes."""
+"""Rings and nodes on each of a quadrature over an aperture; None where it is much wider."""
 
 ROOTS = 64  # crossings of one chain at most
 _NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, that blurs
 _POINT = 0.5  # radius of an aperture over the blur, up to which four points stand for it
-_WIDEST = 20.0  # radius of an aperture over the blur, beyond which slopes take fewer points
-_SLOPES = 55, 34  # points of the Fibonacci lattice of slopes, and its generator
+_WIDEST = 20.0  # radius of an aperture over the blur, beyond which Gauss nodes about the light of
+# each part are fewer than those of the whole disk
+_MOST_NODES = 3e8  # of the light of one pair: half a minute of a thread
+_LEAST_ERROR = 2e-4  # relative, of light over random slopes: rounded up from what scans showed
+_FEWER, _LONGER = 0.75, 2.0  # nodes and lengths of parts of the coarser quadrature, over the usual
 _SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
 _KEPT = (  # of the medium over a surface
     "n_water", "n_air", "raster_x", "raster_y", "raster_step", "raster", "overhangs", "raster_low",
@@ -55,6 +58,15 @@ _TOGETHER = 2**15  # scores of chains to close receivers that are found at a tim
 _IN_BLOCK = 128  # facets that are left out together where they send no light to a receiver
 _FEW_PAIRS = 8  # of a source and a receiver, for which blocks take longer than all facets
 _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
+
+
+class Quadrature(NamedTuple):
+    """Unscattered light of a pair by an integral over random slopes."""
+
+    light: float
+    at: Vec3 | None  # point of the source, None for its centre
+    lenses: bool  # whether the view ends within the aperture, or light there
+    cut_short: float  # light through facets that were not cut as finely as they should be
 
 
 class AimedChains:
@@ -108,6 +120,7 @@ class AimedChains:
         if self.medium.depth_mode == DepthMode.LOCAL:
             self.medium = with_raster(self.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
+        self._last: dict[tuple[int, int], Quadrature] = {}  # over the slopes, of each pair
         self.counters = np.zeros(len(Counter), np.int64)
 
     def of_link(self, link: ForcedLink) -> AimedChains:
@@ -300,12 +313,14 @@ class AimedChains:
         receiver: int,
         at: Vec3 | None = None,
         facets: NDArray[np.int64] | None = None,
+        coarser: bool = False,
     ) -> Floats:
         """Return the unscattered gain through each facet, or through some, without noise.
 
         From the centre of the source, or from the point `at`. Random slopes are left out where
         unscattered light is `sampled`. A facet that source or receiver cannot see brings nothing:
-        of those that waves may hide the ways to the centroid are checked.
+        of those that waves may hide the ways to the centroid are checked. `coarser` takes fewer
+        parts and nodes, to tell the error of the usual ones.
         """
         scene = self._forwards(source, receiver, at)
         gain = np.zeros(len(self._mesh.faces))
@@ -314,15 +329,41 @@ class AimedChains:
             nodes = self.nodes.setdefault(
                 (source, receiver), _disk_nodes(scene.target.radius / self.blur(scene))
             )
-            rule = _slope_rule() if nodes is None else _disk_rule(nodes)
+            rule = _rule(nodes, coarser)
             blocks = self._blocks if facets is None else _one_block(facets)
-            coarse = np.zeros(len(gain), bool)
-            microfacets.blurred_gain(scene, rule, blocks, stack, coarse, gain)
+            coarse, work = np.zeros(len(gain), bool), np.zeros(len(microfacets.Work))
+            work[microfacets.Work.LEFT] = _MOST_NODES
+            microfacets.blurred_gain(scene, rule, blocks, stack, coarse, work, gain)
+            if facets is None and not coarser:
+                light, bound = gain.sum(), work[microfacets.Work.CUT_SHORT]
+                lenses = work[microfacets.Work.LENSES] > 0.0
+                self._last[source, receiver] = Quadrature(float(light), at, lenses, float(bound))
         else:
             stretch, lever, bend = self.bounds_of(scene)
             some = np.arange(len(gain)) if facets is None else facets
             image.image_gain(scene, some, 1.5 * stretch, lever, bend, stack, gain)
         return gain
+
+    def relative_error(self, source: int, receiver: int, alone: bool) -> float:
+        """Return the relative error of the last unscattered light of a pair by its quadrature.
+
+        0 over smooth surfaces, whose facets have images in closed form. Where the view ends within
+        the aperture it is the change by the coarser quadrature, elsewhere it matters where
+        unscattered light is `alone`: scattered light has errors far above it.
+        """
+        last = self._last.get((source, receiver))
+        if last is None or last.light == 0.0 or not (last.lenses or alone):
+            return 0.0
+        change = _LEAST_ERROR
+        if last.lenses:
+            coarser = self.direct_gains(source, receiver, last.at, coarser=True).sum()
+            change = max(change, abs(coarser / last.light - 1.0))
+        return math.hypot(change, last.cut_short / last.light)
+
+    def is_cut_short(self, source: int, receiver: int) -> bool:
+        """Return whether facets of the last unscattered light were left uncut, to end in time."""
+        last = self._last.get((source, receiver))
+        return last is not None and last.cut_short > 0.0
 
     @cached_property
     def _blocks(self) -> microfacets.Blocks:
@@ -440,24 +481,29 @@ def _disk_nodes(blur: float) -> Nodes:
 
 
 @cache
-def _disk_rule(on_disk: tuple[int, int]) -> microfacets.Rule:
-    """Return the quadrature over the unit disk, with rings at Gauss's nodes of the area."""
-    rings, around = on_disk
+def _rule(on_disk: Nodes, coarser: bool) -> microfacets.Rule:
+    """Return the quadratures over an aperture, with rings at Gauss's nodes of the area."""
+    rings, around = on_disk or (1, 1)
+    if coarser:
+        rings, around = max(rings - 1, 1), max(math.ceil(_FEWER * around), 3)
     nodes, weights = gauss_legendre(rings)
     azimuth = 2.0 * math.pi * (np.arange(around) + 0.5 * (np.arange(rings)[:, None] % 2)) / around
     circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
     points = np.sqrt(0.5 * (nodes + 1.0))[:, None, None] * circle
     shares = np.repeat(0.5 * weights / around, around)
-    return microfacets.Rule(points.reshape(-1, 2), shares, False)
+    parts, finer = (_LONGER, _FEWER) if coarser else (1.0, 1.0)
+    wide = on_disk is None
+    return microfacets.Rule(points.reshape(-1, 2), shares, wide, *_gauss_rules(), parts, finer)
 
 
 @cache
-def _slope_rule() -> microfacets.Rule:
-    """Return the quadrature over the slopes, a Fibonacci lattice on the unit square."""
-    n, generator = _SLOPES
-    k = np.arange(n)
-    points = np.column_stack([k / n, k * generator % n / n])
-    return microfacets.Rule(points, np.full(n, 1.0 / n), True)
+def _gauss_rules() -> tuple[Floats, Floats]:
+    """Return Gauss's nodes and weights of the unit interval, those of n nodes in row n - 1."""
+    nodes, weights = np.zeros((2, microfacets.GAUSS, microfacets.GAUSS))
+    for n in range(1, microfacets.GAUSS + 1):
+        x, w = np.polynomial.legendre.leggauss(n)
+        nodes[n - 1, :n], weights[n - 1, :n] = 0.5 * (x + 1.0), 0.5 * w
+    return nodes, weights
 
 
 def on_disk(center: Vec3, end: Emitter | Target, disk: Floats) -> Floats:

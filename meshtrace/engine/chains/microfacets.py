@@ -17,6 +17,7 @@ References
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -25,12 +26,11 @@ from numpy.typing import NDArray
 from meshtrace.engine import crossing
 from meshtrace.engine.chains import unscattered
 from meshtrace.kernels.interface import (
+    FieldOfView,
     exposure,
     normal_at,
     over_gaussian,
     reflectance,
-    slope_tilt,
-    tilted,
 )
 from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
@@ -70,8 +70,16 @@ _FINE = 1.5  # parts of facets of several: few neighbours of the same cut cancel
 _HALF_FINER = 2.0  # the same where the light is smooth: all facets in a narrow beam are cut alike
 _FINER = 4.0  # parts of those of more than a few: no neighbours of the same cut do
 _FINEST = 1.0 / 64.0  # of the longest edge, at the edge of the field of view
-_SHIFT = 0.7548776662466927  # plastic number^-1: shifts of lattices fill the square evenly
-_APART = 101  # between the shifts of facets
+_LENS_SHARE = 0.25  # longest edge of a part over the smaller of aperture and view: its light
+# changes smoothly over that length where their rims meet
+_BENT = 1.25  # slopes are not quite linear in the landing point
+_BESIDE, _MEETS_RIM, _INSIDE = 0, 1, 2  # place of the light of a part on the aperture
+_LITTLE = 1e-9  # parts along an edge: no cut, but light
+_PROBE = 0.5  # distance over which slopes are taken for linear, over the width of the light
+_PER_DEVIATION = 1.2  # Gauss nodes per standard deviation of the light on the aperture
+_AT_LEAST = 2.5  # Gauss nodes: light that hardly changes
+GAUSS = 32
+"""Gauss nodes along a line at most: those of a Gaussian profile of 2 x 1.25 x 5 deviations fit."""
 _FAINT = 3.5  # least slope of parts that need no cut: their light is some 1e-3 of all
 _EVEN = 5.0  # most change of slope over a part that is half as large from its centre
 _NEAR = 2.0  # sizes of a part within which the edge of the field of view may cross it
@@ -155,15 +163,27 @@ def slope_towards(p, n, w, d, length, goal, scene):
 
 
 class Rule(NamedTuple):
-    """Quadrature over an aperture, or over the slopes for apertures much wider than the blur.
+    """Quadratures over an aperture: over all of it, and over its part that the view accepts.
 
-    Slopes have the sizes and azimuths of a lattice on the unit square, another one on each part of
-    a facet: which of them hit the aperture differs, and errors at its edge average out.
+    The first has fixed nodes. It serves where the whole aperture is in view and at most some
+    widths of the light across. Elsewhere Gauss nodes lie between the rims of aperture and view.
     """
 
-    points: NDArray[np.float64]  # (n, 2) of the unit disk, or of the unit square
+    points: NDArray[np.float64]  # (n, 2) of the unit disk
     shares: NDArray[np.float64]  # (n,) of the area
-    is_of_slopes: bool
+    is_wide: bool  # the aperture is much wider than the light of a facet
+    nodes: NDArray[np.float64]  # (GAUSS, GAUSS), row n - 1 has n nodes of the unit interval
+    weights: NDArray[np.float64]  # (GAUSS, GAUSS)
+    parts: float  # lengths of parts over those that suffice
+    finer: float  # numbers of Gauss nodes over those that suffice
+
+
+class Work(IntEnum):
+    """Places in the array of what `blurred_gain` did."""
+
+    LEFT = 0  # nodes that may still be evaluated
+    LENSES = 1  # parts whose view ends within the aperture, or that light it in part
+    CUT_SHORT = 2  # light onto facets for which no nodes were left: a bound of their error
 
 
 class Blocks(NamedTuple):
@@ -189,10 +209,11 @@ def _block_is_lit(b, blocks, dark, scene):
 
 
 @entry
-def blurred_gain(scene, rule, blocks, stack, coarse, gain):
+def blurred_gain(scene, rule, blocks, stack, coarse, work, gain):
     """Write the unscattered gain of each facet.
 
-    `stack` is room for (STACK, 3) integers, `coarse` for a flag of each facet, False.
+    `stack` is room for (STACK, 3) integers, `coarse` for a flag of each facet, False; for `work`
+    see `Work`. Facets are not cut any more when no nodes are left.
 
     Array twin: chains without scatterings.
     gain = int dOmega I exp(-tau) int_A dx p(s* - s) |det ds*/dx| E T over the facet, E its
@@ -211,12 +232,18 @@ def blurred_gain(scene, rule, blocks, stack, coarse, gain):
             facet = scene.facets[f]
             p = Vec3(facet.x, facet.y, facet.z)
             if is_lit(f, p, unscattered.spatial_radius(facet), dark, scene):
-                light, finer = _facet_light(f, first, dark, rule, stack, scene)
+                light, finer = _facet_light(f, first, dark, rule, stack, work, scene)
                 gain[f] = unscattered.unless_hidden(light, f, scene)
+                if work[Work.LEFT.value] <= 0.0:
+                    part = lit_part(f, _NODES, ZERO, ZERO, _NODES, scene)
+                    work[Work.CUT_SHORT.value] += max(gain[f], part.light * part.omega)
                 coarse[f], most = finer and first > 1.0, max(most, gain[f])
     for f in range(len(gain)):
         if coarse[f] and gain[f] > _DIM * most:
-            gain[f], _ = _facet_light(f, 1.0, dark, rule, stack, scene)
+            if work[Work.LEFT.value] <= 0.0:
+                work[Work.CUT_SHORT.value] += gain[f]
+                continue
+            gain[f], _ = _facet_light(f, 1.0, dark, rule, stack, work, scene)
 
 
 @inlined
@@ -281,18 +308,19 @@ def is_lit(f, p, h, dark, scene):
 
 
 @outlined
-def _facet_light(f, coarse, dark, rule, stack, scene):
+def _facet_light(f, coarse, dark, rule, stack, work, scene):
     """Return (gain, finer) of a facet; quarter parts that need a fine subdivision.
 
     Parts are `coarse` times as long as they should be; `finer` is whether any of them is.
     """
-    total, number, finer = 0.0, ZERO, False
+    total, finer = 0.0, False
+    coarse *= rule.parts
     stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, _NODES
     top = 1
     while top > 0:
         top -= 1
         i, j, side = stack[top, 0], stack[top, 1], stack[top, 2]
-        smooth, sharp = _parts_along(f, i, j, side, scene)
+        smooth, sharp = _parts_along(f, i, j, side, rule, scene)
         if sharp == 0.0:
             continue
         finer = finer or max(smooth, sharp) > 1.0
@@ -304,6 +332,8 @@ def _facet_light(f, coarse, dark, rule, stack, scene):
             h = unscattered.spatial_radius(scene.facets[f]) * abs(side) / _NODES
             if not is_lit(f, p, h, dark, scene):
                 continue
+        if work[Work.LEFT.value] <= 0.0:
+            n = 1.0
         if n > _FEW and abs(side) > 1:
             top = unscattered.push_quarters(stack, top, i, j, side)
             continue
@@ -315,13 +345,12 @@ def _facet_light(f, coarse, dark, rule, stack, scene):
                 x, y, z = unscattered.part_of_row(k, q)
                 # part (x, y, z) of m along the edges of the part (i, j, side)
                 x, y, z = m * i + x * side, m * j + y * side, z * side
-                total += _part_gain(f, m * _NODES, x, y, z, rule, number, scene)
-                number += 1
+                total += _part_gain(f, m * _NODES, x, y, z, rule, work, scene)
     return total, finer
 
 
 @outlined
-def _parts_along(f, i, j, side, scene):
+def _parts_along(f, i, j, side, rule, scene):
     """Return the numbers of parts along an edge of a part of a facet: smooth and sharp.
 
     Smooth for the profile of the beam, over which all facets are cut alike; sharp for edges of
@@ -337,11 +366,23 @@ def _parts_along(f, i, j, side, scene):
         return 1.0, 1.0
     # everywhere in view, see `_FINER`
     view = unscattered.view_radius(flight, scene.target, scene.interface.fov)
-    edge = max(unscattered.VIEW_SHARE * view, _FINEST * PART_BEAM * width)
+    share_of_view = unscattered.VIEW_SHARE * view
+    if inside <= _NEAR * (h + scene.target.radius) and share_of_view < scene.target.radius:
+        share_of_view = _lens_edge(p, h, scene)
+    edge = max(share_of_view, _FINEST * PART_BEAM * width)
+    where = _MEETS_RIM
+    if rule.is_wide:
+        where = _spot_place(lit_part(f, _NODES, i, j, side, scene), f, i, j, side, scene)
+        if where == _BESIDE:
+            return 0.0, 0.0
+        edge = math.inf
     if emitter.kind == SourceKind.TOP_HAT_BEAM:
         seen = math.asin(min(h / norm(minus(p, emitter.position)), 1.0))
         if abs(off_axis(p, emitter) - emitter.spread) <= seen:  # the rim may pass through
             edge = min(edge, RIM_BEAM * width)
+    longest = 2.0 * facet.radius * share
+    if where == _INSIDE:
+        return longest / (PART_BEAM * width), max(longest / edge, _LITTLE)
     a, b, c = unscattered.nodes_of(f, _NODES, i, j, side, scene.surface)
     change, least = slope_change(f, a, b, c, scene)
     from_center = 0.5 if change < _EVEN else 1.0
@@ -357,8 +398,46 @@ def _parts_along(f, i, j, side, scene):
         change = 0.0
     elif change > _FEW * PART_SLOPE:
         change = min(change, _clipped_change(f, a, b, c, scene))
-    longest = 2.0 * facet.radius * share
-    return longest / (PART_BEAM * width), max(change / PART_SLOPE, longest / edge)
+    smooth, sharp = longest / (PART_BEAM * width), max(longest / edge, _LITTLE)
+    if rule.is_wide:  # light changes smoothly where the rim passes through it
+        return max(smooth, change / PART_SLOPE), sharp
+    return smooth, max(change / PART_SLOPE, sharp)
+
+
+@outlined
+def _spot_place(part, f, i, j, side, scene):
+    """Return whether light of a part lies inside the rims of aperture and view, or beside one.
+
+    Array twin: none, a bound.
+    The light of its centre reaches as far as `Spot`, that of its corners is moved by their images.
+    """
+    surface, source, radius = scene.surface, scene.emitter.position, scene.target.radius
+    view = _view_of(part.middle, scene)
+    if view.high <= 0.0:
+        return _BESIDE
+    m = crossing.land_from(part.middle, part.normal, part.w, part.w, part.length, scene)
+    spot = _spot(part, view.ahead, view.high, scene)
+    if not m.ok or math.isinf(spot.half_t):
+        return _MEETS_RIM
+    moves, size = 0.0, 0.0
+    for p in unscattered.nodes_of(f, _NODES, i, j, side, surface):
+        way = minus(p, source)
+        length = norm(way)
+        w, normal = scaled(1.0 / length, way), normal_at(p.x, p.y, f, surface)
+        at = crossing.land_from(p, normal, w, w, length, scene)
+        if not at.ok:
+            return _MEETS_RIM
+        off = minus2(at.at, m.at)
+        moves, size = max(moves, math.sqrt(dot2(off, off))), max(size, norm(minus(p, part.middle)))
+    reach = math.sqrt(spot.half_t * spot.half_t + spot.half_y * spot.half_y) + _BENT * moves
+    from_view = math.sqrt((spot.t - view.apart) * (spot.t - view.apart) + spot.y * spot.y)
+    from_center, slack = math.sqrt(dot2(m.at, m.at)), size * (1.0 + scene.target.tan_half_fov)
+    if from_center - reach > radius:
+        return _BESIDE
+    if view.radius < math.inf and from_view - reach - slack > view.radius:
+        return _BESIDE
+    inside_view = math.isinf(view.radius) or from_view + reach + slack <= view.radius
+    return _INSIDE if from_center + reach <= radius and inside_view else _MEETS_RIM
 
 
 @outlined
@@ -488,49 +567,213 @@ def lit_part(f, n, i, j, side, scene):
     return LitPart(middle, normal, w, length, unscattered.solid_angle(p, q, r), light)
 
 
-@outlined
-def _landing(part, size, turn, scene):
-    """Return the `Slope` of a size and an azimuth in shares of their ranges.
+class View(NamedTuple):
+    """Disk of the aperture's plane from which light of a point is accepted."""
 
-    Its density on the aperture is that of uniform shares there, 0 beside it.
+    high: float  # of the plane, along its axis, from the point [m]
+    apart: float  # centre from that of the aperture [m]
+    ahead: Vec2  # direction of its centre
+    radius: float  # [m], infinite without an edge
+
+
+@inlined
+def _view_of(p, scene):
+    """Return the `View` of a point: the plane cuts the cone about the axis in a circle."""
+    target = scene.target
+    way = minus(p, target.center)
+    high, x, y = -dot(way, target.axis), dot(way, target.e1), dot(way, target.e2)
+    apart = math.sqrt(x * x + y * y)
+    ahead = Vec2(x / apart, y / apart) if apart > 0.0 else Vec2(1.0, 0.0)
+    has_edge = scene.interface.fov == FieldOfView.ANGLE and target.cos_half_fov > 0.0
+    return View(high, apart, ahead, high * target.tan_half_fov if has_edge else math.inf)
+
+
+@inlined
+def _lens_edge(p, h, scene):
+    """Return the longest edge of a part where the view may end within the aperture [m].
+
+    Infinite where the view of all points within h of P lies inside the aperture.
     """
-    r, phi = MOST_SLOPE * size, 2.0 * math.pi * turn
-    along_wind, across_wind = r * math.cos(phi), r * math.sin(phi)
-    tilt = slope_tilt(scene.surface.roughness, along_wind, across_wind)
-    n = tilted(part.normal, tilt)
-    aim = crossing.land_from(part.middle, n, part.w, part.w, part.length, scene)
-    density = 0.0
-    if aim.ok and dot2(aim.at, aim.at) < scene.target.radius**2:
-        density = MOST_SLOPE * r * math.exp(-0.5 * r * r) / scene.target.area
-        density *= over_gaussian(scene.surface.roughness.series, along_wind, across_wind)
-    return Slope(along_wind, across_wind, tilt, density, aim)
+    view, radius = _view_of(p, scene), scene.target.radius
+    moves = h * (1.0 + scene.target.tan_half_fov)  # of the rim of the view, at most
+    if scene.interface.fov != FieldOfView.ANGLE:  # the view does not depend on the direction
+        return unscattered.VIEW_SHARE * unscattered.view_radius(
+            view.high, scene.target, scene.interface.fov
+        )
+    if view.apart + view.radius + moves < radius:
+        return math.inf
+    return _LENS_SHARE * min(radius, max(view.radius, 0.0))
+
+
+class Spot(NamedTuple):
+    """Light of a part on the aperture's plane, along and across the direction to the view."""
+
+    t: float  # centre [m]
+    y: float
+    half_t: float  # half-width beyond which slopes exceed `MOST_SLOPE` [m]
+    half_y: float
+    sigma_t: float  # standard deviation along either axis alone [m]
+    sigma_y: float
 
 
 @outlined
-def _part_gain(f, n, i, j, side, rule, number, scene):
-    """Return the gain of a part of a facet, see `lit_part`; `number` counts its parts."""
-    part = lit_part(f, n, i, j, side, scene)
-    middle, normal, w, light = part.middle, part.normal, part.w, part.light
-    total, radius, source = 0.0, scene.target.radius, scene.emitter.position
-    inside, _ = margin(middle, Vec2(0.0, 0.0), scene)
-    p, q, r = unscattered.nodes_of(f, n, i, j, side, scene.surface)
-    near = _NEAR * (max(norm(minus(p, middle)), norm(minus(q, r))) + radius)
-    if light == 0.0 or inside < -near:
+def _spot(part, ahead, high, scene):
+    """Return the `Spot` of a part, from slopes that are linear in the landing point.
+
+    Array twin: none, a bound.
+    """
+    rough = scene.surface.roughness
+    n = scene.medium.n_water / scene.medium.n_air
+    narrow = abs(n - 1.0) * high * min(rough.along, rough.across)
+    unknown = Spot(0.0, 0.0, math.inf, math.inf, narrow, narrow)
+    middle, normal, w = part.middle, part.normal, part.w
+    m = crossing.land_from(middle, normal, w, w, part.length, scene)
+    if not m.ok:
+        return unknown
+    step = _PROBE * narrow
+    x, y = Vec2(m.at.x + step * ahead.x, m.at.y + step * ahead.y), m.at
+    z = Vec2(y.x - step * ahead.y, y.y + step * ahead.x)
+    o = slope_towards(middle, normal, w, w, part.length, y, scene)
+    a = slope_towards(middle, normal, w, w, part.length, x, scene)
+    b = slope_towards(middle, normal, w, w, part.length, z, scene)
+    if math.isinf(o.along) or math.isinf(a.along) or math.isinf(b.along):
+        return unknown
+    g11, g12 = (a.along - o.along) / step, (b.along - o.along) / step
+    g21, g22 = (a.across - o.across) / step, (b.across - o.across) / step
+    det = abs(g11 * g22 - g12 * g21)
+    if det == 0.0:
+        return unknown
+    along_t, along_y = math.sqrt(g11 * g11 + g21 * g21), math.sqrt(g12 * g12 + g22 * g22)
+    reach = _BENT * MOST_SLOPE / det
+    return Spot(
+        m.at.x * ahead.x + m.at.y * ahead.y,
+        m.at.y * ahead.x - m.at.x * ahead.y,
+        reach * along_y,
+        reach * along_t,
+        1.0 / along_t,
+        1.0 / along_y,
+    )
+
+
+@inlined
+def _number_of_nodes(length, sigma, rule):
+    """Return the Gauss nodes for a length of light of a standard deviation."""
+    wanted = rule.finer * (_AT_LEAST + _PER_DEVIATION * length / sigma)
+    return math.ceil(min(max(wanted, 2.0), GAUSS + 0.0))
+
+
+@inlined
+def _passed(s, part, scene):
+    """Return the light of a `Slope` that crosses the surface, and the water behind it."""
+    share = exposure(part.w, part.normal, s.tilt)
+    share *= crossing.transmittance(s.aim, scene.interface)
+    if scene.mirrored and share > 0.0:
+        source = scene.emitter.position
+        share *= math.exp(-unscattered.straight_depth(part.middle, s.aim, source, scene))
+    return share
+
+
+@outlined
+def _lens_light(part, rule, work, scene):
+    """Return the light on the part of the aperture from which light of a point is accepted.
+
+    Array twin: `still_gain` in the tests, over rows of the aperture.
+    Both are disks, whose overlap is a lens; light beyond `MOST_SLOPE` is left out. Along the line
+    of their centres, t, the chord is half = sqrt(min(r^2 - t^2, R^2 - (t - D)^2)): a root at either
+    end, which t = end + L v^2 makes linear in v, and a bend where the rims meet, at which two
+    Gauss rules join. Across it light is smooth.
+    """
+    view, radius = _view_of(part.middle, scene), scene.target.radius
+    low, high = max(-radius, view.apart - view.radius), min(radius, view.apart + view.radius)
+    if view.high <= 0.0 or low >= high:
         return 0.0
-    first, second = _SHIFT * (_APART * f + number), _SHIFT**2 * (_APART * f + number)
-    for k in range(len(rule.points)):
-        at = Vec2(rule.points[k, 0], rule.points[k, 1])
-        if rule.is_of_slopes:
-            s = _landing(part, (at.x + first) % 1.0, (at.y + second) % 1.0, scene)
+    s = _spot(part, view.ahead, view.high, scene)
+    bend = 0.0
+    if view.apart + view.radius <= radius:
+        bend = view.apart
+    elif view.apart + radius > view.radius:
+        bend = 0.5 * (view.apart + (radius - view.radius) * (radius + view.radius) / view.apart)
+    total = 0.0
+    for side in range(2):
+        end = low if side == 0 else high
+        near, far = max(low, s.t - s.half_t), min(high, s.t + s.half_t)
+        if side == 0:
+            far = min(far, bend)
         else:
-            goal = Vec2(radius * at.x, radius * at.y)
-            s = slope_towards(middle, normal, w, w, part.length, goal, scene)
+            near = max(near, bend)
+        if near >= far:
+            continue
+        start, length = (near, far - near) if side == 0 else (far, near - far)
+        rooted = start == end
+        n = _number_of_nodes(far - near, s.sigma_t, rule)
+        for i in range(n):
+            v = rule.nodes[n - 1, i]
+            t = start + length * (v * v if rooted else v)
+            weight = rule.weights[n - 1, i] * (far - near) * (2.0 * v if rooted else 1.0)
+            off = t - view.apart
+            square = min(radius * radius - t * t, view.radius * view.radius - off * off)
+            half = math.sqrt(max(square, 0.0))
+            total += weight * _chord_light(part, t, half, view.ahead, s, rule, work, scene)
+    return total
+
+
+@inlined
+def _chord_light(part, t, half, ahead, s, rule, work, scene):
+    """Return the light on the chord of a lens at t, see `_lens_light`."""
+    low, high = max(-half, s.y - s.half_y), min(half, s.y + s.half_y)
+    if low >= high:
+        return 0.0
+    total = 0.0
+    n = _number_of_nodes(high - low, s.sigma_y, rule)
+    work[Work.LEFT.value] -= n
+    for i in range(n):
+        y = low + (high - low) * rule.nodes[n - 1, i]
+        goal = Vec2(t * ahead.x - y * ahead.y, t * ahead.y + y * ahead.x)
+        slope = slope_towards(part.middle, part.normal, part.w, part.w, part.length, goal, scene)
+        if slope.density > 0.0:
+            total += rule.weights[n - 1, i] * slope.density * _passed(slope, part, scene)
+    return (high - low) * total
+
+
+@inlined
+def _disk_light(part, near, inside, corner, rule, scene):
+    """Return the light on the whole aperture, of the share of a part that it sees."""
+    p, q, r = corner
+    total, radius, area = 0.0, scene.target.radius, scene.target.area
+    for k in range(len(rule.points)):
+        goal = Vec2(radius * rule.points[k, 0], radius * rule.points[k, 1])
+        s = slope_towards(part.middle, part.normal, part.w, part.w, part.length, goal, scene)
         if s.density > 0.0:
             share = 1.0 if inside > near else _share_in_view(p, q, r, s.aim.at, scene)
-            share *= exposure(w, normal, s.tilt) * crossing.transmittance(s.aim, scene.interface)
-            if scene.mirrored and share > 0.0:
-                share *= math.exp(-unscattered.straight_depth(middle, s.aim, source, scene))
-            total += rule.shares[k] * s.density * share
+            total += rule.shares[k] * s.density * (share * _passed(s, part, scene))
+    return area, total
+
+
+@outlined
+def _part_gain(f, n, i, j, side, rule, work, scene):
+    """Return the gain of a part of a facet, see `lit_part`.
+
+    Where a part is smaller than the aperture the view of its centre stands for all of it; a larger
+    one is cut at the edge of the view of each node.
+    """
+    part = lit_part(f, n, i, j, side, scene)
+    middle, light, radius = part.middle, part.light, scene.target.radius
+    inside, _ = margin(middle, Vec2(0.0, 0.0), scene)
+    p, q, r = unscattered.nodes_of(f, n, i, j, side, scene.surface)
+    size = max(norm(minus(p, middle)), norm(minus(q, r)))
+    near = _NEAR * (size + radius)
+    if light == 0.0 or inside < -near:
+        return 0.0
+    at_edge = inside <= near and size <= radius and scene.interface.fov == FieldOfView.ANGLE
+    area, total = 1.0, 0.0
+    if at_edge or rule.is_wide:
+        work[Work.LENSES.value] += 1.0
+        total = _lens_light(part, rule, work, scene)
+        if scene.interface.fov != FieldOfView.ANGLE and inside <= near:  # the same for all nodes
+            total *= _share_in_view(p, q, r, Vec2(0.0, 0.0), scene)
+    else:
+        work[Work.LEFT.value] -= len(rule.points)
+        area, total = _disk_light(part, near, inside, (p, q, r), rule, scene)
     if not scene.mirrored:
-        light *= math.exp(-depth_between(scene.medium, source, middle, part.length))
-    return scene.target.area * light * part.omega * total
+        light *= math.exp(-depth_between(scene.medium, scene.emitter.position, middle, part.length))
+    return area * light * part.omega * total

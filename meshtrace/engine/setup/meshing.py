@@ -11,7 +11,7 @@ import numpy as np
 
 from meshtrace.engine.setup.options import Meshing
 from meshtrace.errors import Described, DomainWarning, Refused
-from meshtrace.link import Link
+from meshtrace.link import Link, WaterAperture
 from meshtrace.link.link import Footprint
 from meshtrace.link.sources import WaterSource
 from meshtrace.mesh import (
@@ -304,4 +304,13 @@ def require_cover(link: Link, mesh: TriangleMesh) -> None:
             raise Refused(f"{path}.depth", Described(f"{-z:g} m"), allowed)
         if 0.0 < z <= high[2]:
             allowed = f"above the highest crest, height > {high[2]:.3g} m"
+            raise Refused(f"{path}.height", Described(f"{z:g} m"), allowed)
+        if isinstance(item, WaterAperture):
+            continue
+        least = link.least_distance
+        if low[2] - least < z < 0.0:
+            allowed = f"at least {least:g} m below the lowest trough at {low[2]:g} m"
+            raise Refused(f"{path}.depth", Described(f"{-z:g} m"), allowed)
+        if 0.0 < z < high[2] + least:
+            allowed = f"at least {least:g} m above the highest crest at {high[2]:g} m"
             raise Refused(f"{path}.height", Described(f"{z:g} m"), allowed)

@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 from scipy.stats import ncx2
+from scipy.stats import norm as normal
 
 import meshtrace as mt
-from meshtrace.engine.chains.aimed import _disk_nodes, _disk_rule, _slope_rule
-from meshtrace.engine.chains.microfacets import slope_towards, whitened
+from meshtrace.engine.chains.aimed import _disk_nodes, _rule
+from meshtrace.engine.chains.microfacets import _number_of_nodes, slope_towards, whitened
 from meshtrace.engine.crossing import land_sloped, straight_shot
 from meshtrace.kernels.interface import Roughness, slope_tilt
 from meshtrace.kernels.jit import allocating_entry
@@ -93,7 +94,7 @@ def test_whitened_slopes():
 @pytest.mark.parametrize("blur", [0.1, 0.49, 0.51, 1.0, 2.5, 6.0, 20.0])
 def test_a_gaussian_spot_anywhere_on_the_disk(blur):
     """Share of a Gaussian within the disk: the noncentral chi-square law."""
-    points, shares, _ = _disk_rule(_disk_nodes(blur))
+    points, shares, *_ = _rule(_disk_nodes(blur), False)
     assert shares.sum() == pytest.approx(1.0, rel=1e-12)
     center = np.linspace(0.0, 1.0 + 3.0 / blur, 50)
     expected = ncx2.cdf(blur**2, 2, (center * blur) ** 2)
@@ -102,8 +103,15 @@ def test_a_gaussian_spot_anywhere_on_the_disk(blur):
     np.testing.assert_allclose(shares @ spot, expected, rtol=0.0, atol=1e-3 * expected.max())
 
 
-def test_lattice_of_slopes_is_exact_for_low_frequencies():
-    points, shares, _ = _slope_rule()
-    low = np.array([(h, k) for h in range(-5, 6) for k in range(-5, 6) if abs(h * k) < 20])
-    sums = np.exp(2j * np.pi * points @ low.T).T @ shares
-    np.testing.assert_allclose(sums, ~low.any(axis=1), atol=1e-12)
+@pytest.mark.parametrize("length", [0.1, 1.0, 3.0, 6.25, 12.5])
+@pytest.mark.parametrize("rooted", [False, True])
+def test_a_gaussian_profile_anywhere_on_a_line(length, rooted):
+    """Share of a Gaussian on an interval, by Gauss nodes of it or of the square root."""
+    rule = _rule(None, False)
+    n = _number_of_nodes.py_func(length, 1.0, rule)
+    v, weights = rule.nodes[n - 1, :n], rule.weights[n - 1, :n]
+    x, weights = (v * v, 2.0 * v * weights) if rooted else (v, weights)
+    center = np.linspace(-3.0, length + 3.0, 60)
+    found = length * weights @ normal.pdf(length * x[:, None] - center)
+    expected = normal.cdf(length - center) - normal.cdf(-center)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-3 * expected.max())
