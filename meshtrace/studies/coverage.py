@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.maps import unscattered_map
+from meshtrace.engine.choice import largest_weight
 from meshtrace.engine.outcome import (
     FEW_PHOTONS,
     FewSamplesWarning,
     analog_result,
-    largest_weight,
     warn_of_dark_map,
     warn_of_lost,
 )
