@@ -50,7 +50,7 @@ _EFFICIENT = 4.0  # relative variance of a chain up to which no other estimator 
 _COST = 3.0  # time of a chain over that of a joined photon
 _TURBID_COST = 2.0  # the same in turbid water, times the scatterings on the way
 _ANALOG_COST = 8.0  # time of a chain or joined photon over that of an analog one: 5 to 40
-_TAIL = 3.0  # variance of chains and joined photons in long runs over that of pilots: 1 to 6
+_TAIL = 6.0  # variance of chains and joined photons in long runs over that of pilots: 1 to 14
 _HALF = 0.5  # of the light of the photons: chains that see less are not trusted, however sure
 _SURE = 10.0  # means over standard errors: that of 100 equal samples
 _DOUBT = 3.5  # standard errors by which the pilots may differ: beyond, chains miss light
@@ -306,24 +306,6 @@ def choose_common(
     joined = chosen & (missed | (total[1] < total[0]))
     method: list[Method] = ["joined" if b else "chains" for b in joined]
     return method, PER_CHAIN if every[joined].all() else _SHARED_PER_CHAIN
-
-
-def largest_weight(link: Link, trough: float) -> float:
-    """Return an upper bound on the transmission by absorption between water and air.
-
-    Parameters
-    ----------
-    link : Link
-        The link.
-    trough : float
-        Height of the lowest trough [m].
-    """
-    if link.physics.absorption != "continuous":
-        return 1.0
-    water = link.water
-    a = water.a if water.layers is None else min(row[1] for row in water.layers)
-    depth = min(-item.center[2] for _, item in link.items() if item.center[2] < 0.0)
-    return math.exp(-a * max(depth + trough, 0.0))
 
 
 _RINGS, _AZIMUTHS = 48, 12

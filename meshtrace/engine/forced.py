@@ -22,7 +22,7 @@ import math
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from operator import call
 from typing import Any, Literal, NamedTuple
 
@@ -39,7 +39,7 @@ from meshtrace.engine.chains.sets import (
     points_of,
     shifted,
 )
-from meshtrace.engine.photons.arriving import ArrivingPhotons
+from meshtrace.engine.photons.arriving import ArrivingPhotons, largest_weight
 from meshtrace.engine.photons.joined import JoinedPhotons, PhotonParts
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import Case
@@ -67,7 +67,6 @@ _FEW_POINTS, _SMOOTH = 2, 5e-4  # of each shift, which suffice for this relative
 _CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
 _UNLIT = 0.03  # chains of an order over those of the order with most: its light is some 0.1 %
 _FEWEST = 4 * SHIFTS  # chains of a run to a relative error, whose 32 groups must not be single ones
-_QUASI = 4.0  # independent chains for one of Sobol points: 1 to 8 by docs/estimators.md
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
 
@@ -205,7 +204,7 @@ class ForcedDetection:
             still = replace(still, unresolved=self.sea.unresolved)
         joined = self._photons(choice.PILOT_PHOTONS, self._piloted.tolist())
         pilot = choice.ScatteredPilot.of_photons(joined.evaluate(still))
-        largest = choice.largest_weight(self.link, 0.0)
+        largest = largest_weight(self.link, 0.0)
         better = choice.prefer_analog(pilot, largest, ["joined"] * len(self._piloted))
         chosen = dict(zip(self._piloted.tolist(), better, strict=True))
         self.method = [chosen[r] for r in self.arrays.stands_for_receivers.tolist()]
@@ -232,14 +231,14 @@ class ForcedDetection:
     def photons_for(self, rtol: float, most: int) -> int:
         """Return a number of chains that pilots expect to reach a relative error, up to `most`.
 
-        Pilots are random numbers of their own: their choice of the number biases nothing. Sobol
-        points need fewer chains than independent ones by `_QUASI`.
+        Pilots of chains are random numbers of their own: their choice of the number biases
+        nothing. Few Sobol points gain little over the independent ones of which these are.
         """
         if self._pilot is None or self._light is None:
             return most
         method = [self.method[r] for r in self._piloted]
-        largest = choice.largest_weight(self.link, 0.0)
-        n = choice.samples_for(rtol, self._pilot, self._light, largest, method) / _QUASI
+        largest = largest_weight(self.link, 0.0)
+        n = choice.samples_for(rtol, self._pilot, self._light, largest, method)
         return int(min(max(n, _FEWEST), most))
 
     def at_index(self, n: float, share: float) -> ForcedDetection:
@@ -345,7 +344,7 @@ class ForcedDetection:
             pilot = choice.ScatteredPilot(*(np.where(joined, *pair) for pair in pairs))
             for row, found in zip(self._pilot, pilot, strict=True):
                 row[doubtful] = found
-            better = choice.prefer_analog(pilot, choice.largest_weight(self.link, 0.0), better)
+            better = choice.prefer_analog(pilot, largest_weight(self.link, 0.0), better)
         chosen = dict(zip(self._piloted[doubtful].tolist(), better, strict=True))
         first = self.arrays.stands_for_receivers.tolist()
         self.method = [chosen.get(r, "chains") for r in first]
@@ -410,6 +409,11 @@ class ForcedDetection:
         crossings = [1 if self.method[r] == "joined" else first for r in rows]
         return JoinedPhotons(link, photons, self.seed, self.normals, self.threads, first=crossings)
 
+    @cached_property
+    def _returned(self) -> Floats:
+        """Closed estimate of light that is reflected first, of each receiver with a pilot."""
+        return choice.returned_gain(self._to(self._piloted))
+
     def _to(self, receivers: Iterable[int]) -> Link:
         """Return the link to some receivers."""
         some = tuple(self.link.receivers[r] for r in receivers)
@@ -428,14 +432,14 @@ class ForcedDetection:
         rows = [r for r in every if self.method[r] == "joined"]
         self.reflects = self.wanted != "chains" and self.link.physics.reflected == "trace"
         water = self.link.water
-        if water.bottom_depth is not None and water.bottom_albedo > 0.0:
+        if every and water.bottom_depth is not None and water.bottom_albedo > 0.0:
             self._served = every
             return self._photons(round(choice.PER_CHAIN * self.photons), every, first=2)
         self._served = every if self.reflects else rows
         per_chain = self._per_chain if rows else choice.REFLECTED_PER_CHAIN
         if self.reflects and len(rows) < len(every) and self._light is not None:
             # light that the surface reflects first may be too little to be measured
-            returned = choice.returned_gain(self._to(self._piloted))
+            returned = self._returned
             counted = choice.counts(returned, self._light)
             lit = set(self._piloted[counted].tolist())
             first = self.arrays.stands_for_receivers.tolist()

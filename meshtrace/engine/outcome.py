@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.choice import counts, largest_weight, returned_gain
+from meshtrace.engine.choice import counts, returned_gain
 from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.parts import Parts
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
+from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.photons.targets import REFLECTED
 from meshtrace.engine.setup import options
 from meshtrace.engine.setup.options import Analog, Case, Record

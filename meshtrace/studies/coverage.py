@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.maps import unscattered_map
-from meshtrace.engine.choice import largest_weight
 from meshtrace.engine.outcome import (
     FEW_PHOTONS,
     FewSamplesWarning,
@@ -23,6 +22,7 @@ from meshtrace.engine.outcome import (
     warn_of_lost,
 )
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
+from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import (

@@ -6,6 +6,7 @@ way, so that their errors have no heavy tail, whatever the phase function and th
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,26 @@ from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.stored import SHIFTS
+
+_ROULETTE = 0.5  # of the largest weight that arrives: lighter photons are ended or made heavier
+
+
+def largest_weight(link: Link, trough: float) -> float:
+    """Return an upper bound on the transmission by absorption between water and air.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    trough : float
+        Height of the lowest trough [m].
+    """
+    if link.physics.absorption != "continuous":
+        return 1.0
+    water = link.water
+    a = water.a if water.layers is None else min(row[1] for row in water.layers)
+    depth = min(-item.center[2] for _, item in link.items() if item.center[2] < 0.0)
+    return math.exp(-a * max(depth + trough, 0.0))
 
 
 class ArrivingPhotons(NamedTuple):
@@ -46,8 +67,9 @@ class ArrivingPhotons(NamedTuple):
 
     def evaluate(self, mesh: TriangleMesh, arrivals: bool = False) -> PhotonParts:
         """Return the gain over a mesh in parts, on demand with every arrival."""
+        options = Analog(roulette=_ROULETTE * largest_weight(self.link, float(mesh.bounds[0, 2])))
         sums = run_analog(
-            self.link, EmbreeIntersector(mesh, self.threads), Analog(), photons=self.photons,
+            self.link, EmbreeIntersector(mesh, self.threads), options, photons=self.photons,
             seed=self.seed, normals=self.normals, threads=self.threads, unscattered=False,
             record=[Arrivals()],
         )  # fmt: skip
