@@ -66,6 +66,7 @@ _CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is
 _FEW_POINTS, _SMOOTH = 2, 5e-4  # of each shift, which suffice for this relative error
 _CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
 _UNLIT = 0.03  # chains of an order over those of the order with most: its light is some 0.1 %
+_PILOT_SEED = 2**63  # flips a bit of the seed: photons of pilots are none of a run
 _FEWEST = 4 * SHIFTS  # chains of a run to a relative error, whose 32 groups must not be single ones
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
@@ -203,6 +204,7 @@ class ForcedDetection:
         if self.link.physics.unresolved == "tilt":
             still = replace(still, unresolved=self.sea.unresolved)
         joined = self._photons(choice.PILOT_PHOTONS, self._piloted.tolist())
+        joined.seed ^= _PILOT_SEED
         pilot = choice.ScatteredPilot.of_photons(joined.evaluate(still))
         largest = largest_weight(self.link, 0.0)
         better = choice.prefer_analog(pilot, largest, ["joined"] * len(self._piloted))
@@ -231,8 +233,8 @@ class ForcedDetection:
     def photons_for(self, rtol: float, most: int) -> int:
         """Return a number of chains that pilots expect to reach a relative error, up to `most`.
 
-        Pilots of chains are random numbers of their own: their choice of the number biases
-        nothing. Few Sobol points gain little over the independent ones of which these are.
+        Pilots have random numbers of their own: their choice of the number biases nothing. Few
+        Sobol points gain little over the independent ones of which these are.
         """
         if self._pilot is None or self._light is None:
             return most
@@ -322,6 +324,7 @@ class ForcedDetection:
             photons = self._photons(choice.PILOT_PHOTONS, receivers)
         except Refused:
             return None
+        photons.seed ^= _PILOT_SEED
         if self.link.water.bottom_depth is not None:  # its light is that of photons in any case
             photons.link = photons.link.replace("water.bottom_albedo", 0.0)
         return photons

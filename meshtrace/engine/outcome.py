@@ -242,7 +242,10 @@ def _is_few(row: ScatteredSamples) -> bool:
 def _samples(result: GainResult) -> list[tuple[int, ScatteredSamples, float]]:
     """Return receivers, samples and gain of scattered light, and of light reflected first."""
     scattered = _that_matter(result.scattered, result.gain_scattered, result.gains)
-    return scattered + _that_matter(result.reflected, result.gain_reflected, result.gains)
+    known = {r: light for r, row, light in scattered if row.estimator == "analog photons"}
+    reflected = _that_matter(result.reflected, result.gain_reflected, result.gains)
+    # analog photons of both are the same: the more tell how many there are
+    return scattered + [row for row in reflected if row[2] > known.get(row[0], 0.0)]
 
 
 def _that_matter(
