@@ -160,53 +160,44 @@ class ForcedDetection:
         self._chained: list[choice.Pilot] = []  # by source
         orders = self._orders_of_chains()
         if orders is not None and scattered != "joined":
-            self._compare(orders, scattered == "auto" and any(orders))
-        elif scattered == "auto":
-            self._compare_photons()
+            compares = scattered == "auto" and any(orders)
+            alone = Common(UNTINTED, [self.link], (1.0,))
+            still, surfaces = self.flat(), list[ChainDrawer | AimedChains]([self.drawer])
+            shared = self.common if self.common.tinting.follows else alone  # with common photons
+            unresolved = sea.unresolved
+            if compares and unresolved is not None and link.physics.unresolved == "tilt":
+                # chains and joined photons are compared over still water with random slopes
+                still = replace(still, unresolved=unresolved)
+                surfaces.append(self.over(still).at_wavelengths(shared))
+            found = self.pilots(surfaces, orders)
+            self._chained, compared = found[0][0], found[-1]
+            self._light = self._still_gain(self._chained)
+            self.method = ["chains"] * len(link.receivers)
+            base = 0 if len(compared) == 1 else int(np.argmax(shared.ratios))
+            self._pilot = choice.chain_pilot(compared[base], self.arrays)
+            doubtful = ~choice.is_clear(self._pilot)
+            joined = self._pilot_photons(doubtful) if compares else None
+            if joined is not None:
+                light = (
+                    joined.at_wavelengths(still, shared.tinting, shared.links)
+                    if len(shared.links) > 1
+                    else [joined.evaluate(still)]
+                )
+                if len(compared) < len(light):
+                    (compared,) = self.pilots([self.over(still).at_wavelengths(shared)], orders)
+                self._choose(compared, light, doubtful, self.expected * np.array(shared.ratios))
+        elif scattered == "auto" and len(self.common.links) == 1:
+            still = self.flat()
+            if link.physics.unresolved == "tilt":
+                still = replace(still, unresolved=sea.unresolved)
+            joined = self._pilot_photons(np.ones(len(self._piloted), bool))
+            if joined is not None:
+                self._choose_photons(joined.evaluate(still))
         self._allot()
 
-    def _compare(self, orders: list[int], compares: bool) -> None:
-        """Choose the estimators by pilots, up to an order from each source."""
-        alone = Common(UNTINTED, [self.link], (1.0,))
-        still, surfaces = self.flat(), list[ChainDrawer | AimedChains]([self.drawer])
-        shared = self.common if self.common.tinting.follows else alone  # with common photons
-        unresolved = self.sea.unresolved
-        if compares and unresolved is not None and self.link.physics.unresolved == "tilt":
-            # chains and joined photons are compared over still water with random slopes
-            still = replace(still, unresolved=unresolved)
-            surfaces.append(self.over(still).at_wavelengths(shared))
-        found = self.pilots(surfaces, orders)
-        self._chained, compared = found[0][0], found[-1]
-        self._light = self._still_gain(self._chained)
-        self.method = ["chains"] * len(self.link.receivers)
-        base = 0 if len(compared) == 1 else int(np.argmax(shared.ratios))
-        self._pilot = choice.chain_pilot(compared[base], self.arrays)
-        doubtful = ~choice.is_clear(self._pilot)
-        joined = self._pilot_photons(doubtful) if compares else None
-        if joined is not None:
-            light = (
-                joined.at_wavelengths(still, shared.tinting, shared.links)
-                if len(shared.links) > 1
-                else [joined.evaluate(still)]
-            )
-            if len(compared) < len(light):
-                (compared,) = self.pilots([self.over(still).at_wavelengths(shared)], orders)
-            self._choose(compared, light, doubtful, self.expected * np.array(shared.ratios))
-
-    def _compare_photons(self) -> None:
-        """Choose between joined and analog photons where chains do not follow the link.
-
-        Over still water, with the random slopes of the sea.
-        """
-        if len(self.common.links) > 1:
-            return
-        still = self.flat()
-        if self.link.physics.unresolved == "tilt":
-            still = replace(still, unresolved=self.sea.unresolved)
-        joined = self._photons(choice.PILOT_PHOTONS, self._piloted.tolist())
-        joined.seed ^= _PILOT_SEED
-        pilot = choice.ScatteredPilot.of_photons(joined.evaluate(still))
-        largest = largest_weight(self.link, 0.0)
+    def _choose_photons(self, joined: PhotonParts) -> None:
+        """Choose between joined and analog photons where chains do not follow the link."""
+        pilot, largest = choice.ScatteredPilot.of_photons(joined), largest_weight(self.link, 0.0)
         better = choice.prefer_analog(pilot, largest, ["joined"] * len(self._piloted))
         chosen = dict(zip(self._piloted.tolist(), better, strict=True))
         self.method = [chosen[r] for r in self.arrays.stands_for_receivers.tolist()]
@@ -325,7 +316,8 @@ class ForcedDetection:
         except Refused:
             return None
         photons.seed ^= _PILOT_SEED
-        if self.link.water.bottom_depth is not None:  # its light is that of photons in any case
+        if self._chained and self.link.water.bottom_depth is not None:
+            # chains are compared with the light that misses it
             photons.link = photons.link.replace("water.bottom_albedo", 0.0)
         return photons
 
