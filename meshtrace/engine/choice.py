@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.sets import TURBID, ChainDrawer, Request, poisson_law
-from meshtrace.engine.photons.joined import JoinedParts
+from meshtrace.engine.photons.joined import PhotonParts
 from meshtrace.engine.photons.targets import SCATTERED
 from meshtrace.engine.setup.arrays import mean_water
 from meshtrace.engine.setup.ends import ForcedLink, across, lamp_intensity
@@ -36,18 +36,22 @@ _PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order with fewer hits
 _PILOT_HITS = 4
 _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
 
-Method = Literal["chains", "joined"]
+Method = Literal["chains", "joined", "analog"]
 
 PILOT_PHOTONS = 8192
 """Joined photons of a pilot."""
 
 PER_CHAIN, REFLECTED_PER_CHAIN = 8.0, 2.0
 """Joined photons in place of a chain, and for light that the surface reflects first alone."""
+ANALOG_PER_CHAIN = 32.0
+"""Analog photons in place of a chain: about the time of the joined ones."""
 _SHARED_PER_CHAIN = 1.0  # in place of a chain that would serve other wavelengths
 
 _EFFICIENT = 4.0  # relative variance of a chain up to which no other estimator is tried
 _COST = 3.0  # time of a chain over that of a joined photon
 _TURBID_COST = 2.0  # the same in turbid water, times the scatterings on the way
+_ANALOG_COST = 8.0  # time of a chain or joined photon over that of an analog one: 5 to 40
+_TAIL = 6.0  # variance of chains and joined photons in long runs over that of pilots: 1 to 14
 _HALF = 0.5  # of the light of the photons: chains that see less are not trusted, however sure
 _SURE = 10.0  # means over standard errors: that of 100 equal samples
 _DOUBT = 3.5  # standard errors by which the pilots may differ: beyond, chains miss light
@@ -170,7 +174,7 @@ class ScatteredPilot(NamedTuple):
         return ScatteredPilot(*(row[receivers] for row in self))
 
     @classmethod
-    def of_photons(cls, photons: JoinedParts) -> ScatteredPilot:
+    def of_photons(cls, photons: PhotonParts) -> ScatteredPilot:
         """Return the pilot of joined photons, without light that the surface reflects first."""
         mean, square = photons.parts[SCATTERED], photons.square[SCATTERED]
         return cls(mean, square - mean**2, photons.stderr[SCATTERED])
@@ -221,6 +225,60 @@ def choose(chains: ScatteredPilot, photons: ScatteredPilot, expected: float = 0.
     surer = photons.stderr * chains.mean < chains.stderr * photons.mean
     better = (photons.mean > 0.0) & (missed | slower | (few & surer) | (chains.mean <= 0.0))
     return ["joined" if b else "chains" for b in better]
+
+
+def prefer_analog(pilot: ScatteredPilot, largest: float, chosen: Sequence[Method]) -> list[Method]:
+    """Return the estimators, analog photons where their variance times time is smaller.
+
+    Parameters
+    ----------
+    pilot : ScatteredPilot
+        Pilot of the chosen estimator of each receiver.
+    largest : float
+        Largest score of a photon, that of the shortest way.
+    chosen : sequence of Method
+        The better of chains and joined photons.
+
+    Notes
+    -----
+    A score in [0, w] of mean h has a variance of h (w - h) at most [1]_, so that analog photons
+    need no pilot of their own. Pilots of few samples miss the tail of samples that are aimed:
+    their variance is that of a pilot times `_TAIL`. Ties go to the chosen ones.
+
+    References
+    ----------
+    .. [1] R. Bhatia and C. Davis, American Mathematical Monthly 107 (2000) 353,
+       doi:10.1080/00029890.2000.12005203.
+    """
+    sure = np.maximum(pilot.mean - pilot.stderr, 0.0)  # a heavy sample raises the mean
+    analog = np.maximum(largest - sure, 0.0) * pilot.mean**2
+    better = _ANALOG_COST * _TAIL * pilot.variance * sure > analog
+    return ["analog" if b else m for b, m in zip(better, chosen, strict=True)]
+
+
+def samples_for(
+    rtol: float, pilot: ScatteredPilot, gain: Floats, largest: float, method: Sequence[Method]
+) -> float:
+    """Return the chains, or photons over those in place of one, for a relative error of each gain.
+
+    Parameters
+    ----------
+    rtol : float
+        Relative standard error, > 0.
+    pilot : ScatteredPilot
+        Pilot of the chosen estimator of each receiver.
+    gain : ndarray, shape (receivers,)
+        Gain of each receiver with its unscattered light.
+    largest : float
+        Largest score of an analog photon.
+    method : sequence of {"chains", "joined", "analog"}
+        Estimator of each receiver.
+    """
+    names = np.array(method)
+    variance = np.where(names == "analog", pilot.mean * largest, pilot.variance)
+    each = np.select([names == "joined", names == "analog"], [PER_CHAIN, ANALOG_PER_CHAIN], 1.0)
+    share = np.divide(variance, gain**2 * each, out=np.zeros(len(names)), where=gain > 0.0)
+    return float(share.max()) / rtol**2
 
 
 def choose_common(

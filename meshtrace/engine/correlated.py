@@ -137,9 +137,10 @@ def _moved(parts: Parts, low: Parts, high: Parts, share: float) -> Parts:
     """Return parts with a share of the difference between two, of fewer paths."""
     three = parts, low, high
     moved: dict[str, Any] = _shifted(three, ("direct", "scattered", "orders"), share)
-    photons = [one.photons for one in three if one.photons is not None]
-    if len(photons) == len(three):
-        moved["photons"] = replace(photons[0], **_shifted(photons, ("groups", "orders"), share))
+    moved["photons"] = [
+        replace(rows[0], **_shifted(rows, ("groups", "orders"), share))
+        for rows in zip(*(one.photons for one in three), strict=True)
+    ]
     return replace(parts, **moved)
 
 

@@ -12,7 +12,8 @@ the scatter of the shifts gives the standard error.
 The chains do not depend on the surface: one set serves every frame of a moving sea.
 
 Where chains are the worse estimator the scattered light is that of joined photons
-(`meshtrace.engine.photons.joined`); so is light that the surface reflects first, where it counts.
+(`meshtrace.engine.photons.joined`) or of analog ones (`meshtrace.engine.photons.arriving`). Light
+that the surface reflects first, where it counts, and that of the bottom is always that of photons.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ from meshtrace.engine.chains.sets import (
     points_of,
     shifted,
 )
-from meshtrace.engine.photons.joined import JoinedParts, JoinedPhotons
+from meshtrace.engine.photons.arriving import ArrivingPhotons, largest_weight
+from meshtrace.engine.photons.joined import JoinedPhotons, PhotonParts
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import Case
 from meshtrace.engine.setup.tinting import UNTINTED, Common
@@ -65,6 +67,8 @@ _CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is
 _FEW_POINTS, _SMOOTH = 2, 5e-4  # of each shift, which suffice for this relative error
 _CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
 _UNLIT = 0.03  # chains of an order over those of the order with most: its light is some 0.1 %
+_PILOT_SEED = 2**63  # flips a bit of the seed: photons of pilots are none of a run
+_FEWEST = 4 * SHIFTS  # chains of a run to a relative error, whose 32 groups must not be single ones
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
 
@@ -91,17 +95,17 @@ class TypicalSea(NamedTuple):
 
 
 class ForcedDetection:
-    """Gain of a link over any surface, by chains and joined photons.
+    """Gain of a link over any surface, by chains and photons.
 
     Parameters
     ----------
     link : Link
         The link; sources on the other side of the surface than the receivers.
     photons : int
-        Chains in all. Joined photons are eight times as many where scattered light rests on
-        them, else twice, or fewer where the light that the surface reflects first is below 2 % of
-        the gain: they take a tenth of the time. Common ones of several wavelengths are
-        between, see `choice.choose_common`.
+        Chains in all. Joined photons are eight times as many where scattered light or that of the
+        bottom rests on them, else twice, or fewer where the light that the surface reflects first
+        is below 2 % of the gain: they take a tenth of the time. Common ones of several
+        wavelengths are between, see `choice.choose_common`. Analog photons are 32 times as many.
     seed : int
         Seed of the points and their shifts.
     normals : {"vertex", "facet"}
@@ -144,8 +148,7 @@ class ForcedDetection:
         self.arrays = ends.forced_link(link)
         self.photons, self.seed, self.normals, self.threads = photons, seed, normals, threads
         self.sea, self.search, self.wanted = sea, search, scattered
-        alone = Common(UNTINTED, [link], (1.0,))
-        self.common = common or alone
+        self.common = common or Common(UNTINTED, [link], (1.0,))
         self.drawer = ChainDrawer(self.arrays, *levels(self.arrays, sea.crest), self.common.ratios)
         self._per_chain = choice.PER_CHAIN
         self.method: list[choice.Method] = ["joined"] * len(link.receivers)
@@ -154,21 +157,26 @@ class ForcedDetection:
             self.arrays.stands_for_receivers, return_counts=True
         )
         self._light: Floats | None = None  # of each receiver with a pilot, over still water
-        orders, pilots = self._orders_of_chains(), list[choice.Pilot]()
+        self._pilot: choice.ScatteredPilot | None = None  # of its estimator, for each of these
+        self._chained: list[choice.Pilot] = []  # by source
+        orders = self._orders_of_chains()
         if orders is not None and scattered != "joined":
+            compares = scattered == "auto" and any(orders)
+            alone = Common(UNTINTED, [self.link], (1.0,))
             still, surfaces = self.flat(), list[ChainDrawer | AimedChains]([self.drawer])
             shared = self.common if self.common.tinting.follows else alone  # with common photons
-            compares = scattered == "auto" and any(orders)
-            if compares and sea.unresolved is not None and link.physics.unresolved == "tilt":
+            unresolved = sea.unresolved
+            if compares and unresolved is not None and link.physics.unresolved == "tilt":
                 # chains and joined photons are compared over still water with random slopes
-                still = replace(still, unresolved=sea.unresolved)
+                still = replace(still, unresolved=unresolved)
                 surfaces.append(self.over(still).at_wavelengths(shared))
             found = self.pilots(surfaces, orders)
-            pilots, compared = found[0][0], found[-1]
-            self._light = self._still_gain(pilots)
+            self._chained, compared = found[0][0], found[-1]
+            self._light = self._still_gain(self._chained)
             self.method = ["chains"] * len(link.receivers)
             base = 0 if len(compared) == 1 else int(np.argmax(shared.ratios))
-            doubtful = ~choice.is_clear(choice.chain_pilot(compared[base], self.arrays))
+            self._pilot = choice.chain_pilot(compared[base], self.arrays)
+            doubtful = ~choice.is_clear(self._pilot)
             joined = self._pilot_photons(doubtful) if compares else None
             if joined is not None:
                 light = (
@@ -179,15 +187,53 @@ class ForcedDetection:
                 if len(compared) < len(light):
                     (compared,) = self.pilots([self.over(still).at_wavelengths(shared)], orders)
                 self._choose(compared, light, doubtful, self.expected * np.array(shared.ratios))
-        # allotted to the orders by the pilots
-        requests = self._requests(pilots) if "chains" in self.method else []
-        drawings = self.drawer.draw_all(requests, threads)
+        elif scattered == "auto" and len(self.common.links) == 1:
+            still = self.flat()
+            if link.physics.unresolved == "tilt":
+                still = replace(still, unresolved=sea.unresolved)
+            joined = self._pilot_photons(np.ones(len(self._piloted), bool))
+            if joined is not None:
+                self._choose_photons(joined.evaluate(still))
+        self._allot()
+
+    def _choose_photons(self, joined: PhotonParts) -> None:
+        """Choose between joined and analog photons where chains do not follow the link."""
+        pilot, largest = choice.ScatteredPilot.of_photons(joined), largest_weight(self.link, 0.0)
+        better = choice.prefer_analog(pilot, largest, ["joined"] * len(self._piloted))
+        chosen = dict(zip(self._piloted.tolist(), better, strict=True))
+        self.method = [chosen[r] for r in self.arrays.stands_for_receivers.tolist()]
+
+    def _allot(self) -> None:
+        """Allot the chains to the orders by the pilots; draw them, and set up the photons."""
+        requests = self._requests(self._chained) if "chains" in self.method else []
+        drawings = self.drawer.draw_all(requests, self.threads)
         self.scattered_sets = [
             [one for one in drawings if one.request.source == s]
             for s in range(len(self.arrays.emitters))
         ]
         self._unscattered: list[Drawing] = []  # drawn on demand
+        self._arriving = self._arriving_photons()
         self._joined = self._joined_photons()
+
+    def with_photons(self, photons: int) -> ForcedDetection:
+        """Return another number of chains and photons by the same pilots."""
+        found = copy(self)
+        found.photons = photons
+        found._allot()
+        return found
+
+    def photons_for(self, rtol: float, most: int) -> int:
+        """Return a number of chains that pilots expect to reach a relative error, up to `most`.
+
+        Pilots have random numbers of their own: their choice of the number biases nothing. Few
+        Sobol points gain little over the independent ones of which these are.
+        """
+        if self._pilot is None or self._light is None:
+            return most
+        method = [self.method[r] for r in self._piloted]
+        largest = largest_weight(self.link, 0.0)
+        n = choice.samples_for(rtol, self._pilot, self._light, largest, method)
+        return int(min(max(n, _FEWEST), most))
 
     def at_index(self, n: float, share: float) -> ForcedDetection:
         """Return a share of the chains and photons, the same ones, in water of another index.
@@ -222,6 +268,8 @@ class ForcedDetection:
         """
         try:
             ends.require_points(self.link)
+            if self.link.water.bottom_depth is not None and not self._follows_bottom():
+                ends.refuse_bottom(self.link)
             return [self.drawer.last_order(s) for s in range(len(self.arrays.emitters))]
         except Refused as refused:  # a feature, or too many orders, for chains
             if self.wanted == "chains":
@@ -231,6 +279,13 @@ class ForcedDetection:
             except Refused:  # a form as published
                 raise refused from None
         return None
+
+    def _follows_bottom(self) -> bool:
+        """Return whether joined photons may follow the light of the bottom."""
+        try:
+            return self.wanted != "chains" and bool(self._photons(SHIFTS, range(len(self.method))))
+        except Refused:  # forms as published
+            return False
 
     def pilots(
         self, surfaces: Sequence[ChainDrawer | AimedChains], orders: list[int]
@@ -256,14 +311,21 @@ class ForcedDetection:
         """Return the photons of a pilot, None if joined photons do not follow the link."""
         receivers = self._piloted[doubtful].tolist()
         try:
-            return self._photons(choice.PILOT_PHOTONS, receivers) if receivers else None
+            if not receivers:
+                return None
+            photons = self._photons(choice.PILOT_PHOTONS, receivers)
         except Refused:
             return None
+        photons.seed ^= _PILOT_SEED
+        if self._chained and self.link.water.bottom_depth is not None:
+            # chains are compared with the light that misses it
+            photons.link = photons.link.replace("water.bottom_albedo", 0.0)
+        return photons
 
     def _choose(
         self,
         pilots: list[list[choice.Pilot]],
-        light: list[JoinedParts],
+        light: list[PhotonParts],
         doubtful: NDArray[np.bool_],
         expected: Floats,
     ) -> None:
@@ -271,6 +333,14 @@ class ForcedDetection:
         chains = [choice.chain_pilot(row, self.arrays).of(doubtful) for row in pilots]
         photons = [choice.ScatteredPilot.of_photons(one) for one in light]
         better, self._per_chain = choice.choose_common(chains, photons, expected)
+        if len(chains) == 1 and self._pilot is not None:
+            # several wavelengths share the paths of chains and joined photons alone
+            joined = np.array([method == "joined" for method in better])
+            pairs = zip(photons[0], chains[0], strict=True)
+            pilot = choice.ScatteredPilot(*(np.where(joined, *pair) for pair in pairs))
+            for row, found in zip(self._pilot, pilot, strict=True):
+                row[doubtful] = found
+            better = choice.prefer_analog(pilot, largest_weight(self.link, 0.0), better)
         chosen = dict(zip(self._piloted[doubtful].tolist(), better, strict=True))
         first = self.arrays.stands_for_receivers.tolist()
         self.method = [chosen.get(r, "chains") for r in first]
@@ -324,8 +394,7 @@ class ForcedDetection:
     @cached_property
     def returned(self) -> Floats:
         """Estimated gain of light reflected first, of each receiver by that which stands for it."""
-        some = tuple(self.link.receivers[r] for r in self._piloted)
-        found = choice.returned_gain(self.link.model_copy(update={"receiver": some}))
+        found = choice.returned_gain(self._to(self._piloted))
         return found[np.searchsorted(self._piloted, self.arrays.stands_for_receivers)]
 
     @property
@@ -338,17 +407,32 @@ class ForcedDetection:
     def _photons(self, photons: int, receivers: Iterable[int], first: int = 1) -> JoinedPhotons:
         """Return joined photons to some receivers; `first` applies where chains serve."""
         rows = list(receivers)
-        some = tuple(self.link.receivers[r] for r in rows)
-        link = self.link.model_copy(update={"receiver": some})
+        link = self._to(rows)
         crossings = [1 if self.method[r] == "joined" else first for r in rows]
         return JoinedPhotons(link, photons, self.seed, self.normals, self.threads, first=crossings)
 
+    def _to(self, receivers: Iterable[int]) -> Link:
+        """Return the link to some receivers."""
+        some = tuple(self.link.receivers[r] for r in receivers)
+        return self.link.model_copy(update={"receiver": some})
+
+    def _arriving_photons(self) -> ArrivingPhotons | None:
+        """Return the analog photons, None where no receiver rests on them."""
+        self._hit = [r for r, method in enumerate(self.method) if method == "analog"]
+        photons = round(choice.ANALOG_PER_CHAIN * self.photons)
+        how = photons, self.seed, self.normals, self.threads
+        return ArrivingPhotons(self._to(self._hit), *how) if self._hit else None
+
     def _joined_photons(self) -> JoinedPhotons | None:
         """Return the joined photons of the light that chains omit; None if it is negligible."""
-        every = range(len(self.method))
+        every = [r for r, method in enumerate(self.method) if method != "analog"]
         rows = [r for r in every if self.method[r] == "joined"]
         self.reflects = self.wanted != "chains" and self.link.physics.reflected == "trace"
-        self._served = list(every) if self.reflects else rows
+        water = self.link.water
+        if every and water.bottom_depth is not None and water.bottom_albedo > 0.0:
+            self._served = every
+            return self._photons(round(choice.PER_CHAIN * self.photons), every, first=2)
+        self._served = every if self.reflects else rows
         per_chain = self._per_chain if rows else choice.REFLECTED_PER_CHAIN
         if self.reflects and len(rows) < len(every) and self._light is not None:
             # light that the surface reflects first may be too little to be measured
@@ -360,7 +444,7 @@ class ForcedDetection:
             if lit and not rows:
                 share = float((returned[counted] / self._light[counted]).max())
                 per_chain *= min(share / choice.MUCH, 1.0)
-        self.reflects = self.reflects and bool(self._served)
+        self.reflects = self.reflects and bool(self._served or self._hit)
         photons = max(round(per_chain * self.photons), SHIFTS)
         try:
             return self._photons(photons, self._served, first=2) if self._served else None
@@ -440,15 +524,18 @@ class ForcedDetection:
         found = ordered_map(partial(self._summed, aimed), rest, self.threads)
         for job, rows in zip(rest, found, strict=True):
             sums.add(job, rows)
-        light: list[Any] = [None] * aimed.wavelengths
+        light = list[list[PhotonParts]]([[] for _ in range(aimed.wavelengths)])
         if self._joined is not None:
             found_light = (
                 self._joined.at_wavelengths(mesh, common.tinting, common.links)
                 if aimed.wavelengths > 1
                 else [self._joined.evaluate(mesh)]
             )
-            light = [one.among(len(self.method), self._served) for one in found_light]
-        return [sums.parts(i, aimed.counters, one, self.reflects) for i, one in enumerate(light)]
+            for row, one in zip(light, found_light, strict=True):
+                row.append(one.among(len(self.method), self._served))
+        if self._arriving is not None:
+            light[0].append(self._arriving.evaluate(mesh).among(len(self.method), self._hit))
+        return [sums.parts(i, aimed.counters, row, self.reflects) for i, row in enumerate(light)]
 
     def _summed(self, aimed: AimedChains, job: parts.ChainJob) -> list[parts.BlockSums]:
         """Return the sums over the chains of a block to each of its targets."""
@@ -545,10 +632,9 @@ class ForcedDetection:
         if self._joined is not None:
             photons = self._joined.at_wavelengths(mesh, tinting, links, arrivals=True)
             for row, found in zip(rows, photons, strict=True):
-                for r, light_of in zip(self._served, found.arrivals or [], strict=True):
-                    angle = np.full((len(light_of), 1), np.nan)  # not known
-                    receiver = np.full((len(light_of), 1), r)
-                    row.append(np.concatenate([receiver, light_of, angle], axis=1))
+                row += _of_photons(self._served, found)
+        if self._arriving is not None:
+            rows[0] += _of_photons(self._hit, self._arriving.evaluate(mesh, arrivals=True))
         return [ArrivalTally.of_rows(np.concatenate(row)) for row in rows]
 
     def _light_of(self, aimed: AimedChains, e: int, t: int, tints: Tints | None) -> parts.Light:
@@ -571,6 +657,15 @@ class ForcedDetection:
                 chains = self.drawer.drawn(block)
                 rows.append(parts.chain_light(aimed, e, t, chains, tints, block))
         return parts.merged(rows)
+
+
+def _of_photons(receivers: list[int], found: PhotonParts) -> list[Floats]:
+    """Return the arrivals of photons at some receivers, as rows of an `ArrivalTally`."""
+    rows = []
+    for r, light in zip(receivers, found.arrivals or [], strict=True):
+        angle = np.full((len(light), 1), np.nan)  # not known
+        rows.append(np.concatenate([np.full((len(light), 1), r), light, angle], axis=1))
+    return rows
 
 
 def cut_share(case: Case, mesh: TriangleMesh) -> Floats:

@@ -16,6 +16,7 @@ from meshtrace.engine.choice import counts, returned_gain
 from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.parts import Parts
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
+from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.photons.targets import REFLECTED
 from meshtrace.engine.setup import options
 from meshtrace.engine.setup.options import Analog, Case, Record
@@ -38,13 +39,13 @@ LEFT_DOMAIN_WARNING = 1e-4
 MESH_ERROR_WARNING = 3e-3
 """Share of a gain above which the error of the mesh is warned of."""
 
-_FEW = {"chains": 100.0, "joined photons": 400.0}
+_FEW = {"chains": 100.0, "joined photons": 400.0, "analog photons": 100.0}
 """Effective samples below which an error is uncertain itself."""
 
 FEW_PHOTONS = 100.0
 """Effective photons in an aperture below which those of another wavelength are not common."""
 
-_FEW_SHARE = {"chains": 0.1, "joined photons": 0.15}
+_FEW_SHARE = {"chains": 0.1, "joined photons": 0.15, "analog photons": 0.1}
 """Share of the samples below which they are few: a run of few photons is known to be uncertain.
 
 Scores of joined photons have the heavier tails."""
@@ -109,10 +110,15 @@ def forced_result(
     """Return the result of forced detection over a mesh."""
     link, photons = case.link, parts.photons
     extra: dict[str, Any] = {}
-    if photons is not None:
-        extra["gain_reflected"] = per_receiver(link, photons.parts[REFLECTED])
-        extra["gain_reflected_stderr"] = per_receiver(link, photons.stderr[REFLECTED])
-        extra["reflected"] = photons.samples(REFLECTED)
+    if photons:
+        gain, error = (
+            np.sum([getattr(one, name)[REFLECTED] for one in photons], axis=0)
+            for name in ("parts", "stderr")
+        )
+        extra["gain_reflected"] = per_receiver(link, gain)
+        extra["gain_reflected_stderr"] = per_receiver(link, error)
+        rows = zip(*(p.samples(REFLECTED) for p in photons), strict=True)
+        extra["reflected"] = [max(row, key=lambda one: one.samples) for row in rows]
     result = GainResult(
         gain=per_receiver(link, parts.gain),
         gain_stderr=per_receiver(link, parts.stderr),
@@ -173,22 +179,6 @@ def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Floats:
     return np.where(gain > 0.0, np.nan, bound)
 
 
-def largest_weight(link: Link, trough: float) -> float:
-    """Return an upper bound on the transmission by absorption between water and air.
-
-    Parameters
-    ----------
-    link : Link
-        The link.
-    trough : float
-        Height of the lowest trough [m].
-    """
-    water = link.water
-    a = water.a if water.layers is None else min(row[1] for row in water.layers)
-    depth = min(-item.center[2] for _, item in link.items() if item.center[2] < 0.0)
-    return math.exp(-a * max(depth + trough, 0.0))
-
-
 def lack_of_samples(result: GainResult) -> float:
     """Return the largest ratio of `_FEW` to the effective samples of a scattered gain that counts.
 
@@ -222,11 +212,12 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
     parts = chains.evaluate(chains.flat())
     light = parts.scattered.mean(axis=1)
     found = _that_matter(parts.samples, light, parts.gain)
-    worse = [r for r, method in enumerate(usual.method) if method == "joined"]
+    worse = [r for r, method in enumerate(usual.method) if method != "chains"]
     for r in worse:
         _warn(
             f"receiver {r}: light arrives by large angles or many scatterings, or from a narrow "
-            "beam; scattering chains miss part of it, for which `simulate` uses joined photons",
+            "beam; scattering chains miss part of it, for which `simulate` uses "
+            f"{usual.method[r]} photons",
             FewSamplesWarning,
         )
     _warn_of_few([row for row in found if row[0] not in worse])
@@ -252,7 +243,10 @@ def _is_few(row: ScatteredSamples) -> bool:
 def _samples(result: GainResult) -> list[tuple[int, ScatteredSamples, float]]:
     """Return receivers, samples and gain of scattered light, and of light reflected first."""
     scattered = _that_matter(result.scattered, result.gain_scattered, result.gains)
-    return scattered + _that_matter(result.reflected, result.gain_reflected, result.gains)
+    known = {r: light for r, row, light in scattered if row.estimator == "analog photons"}
+    reflected = _that_matter(result.reflected, result.gain_reflected, result.gains)
+    # analog photons of both are the same: the more tell how many there are
+    return scattered + [row for row in reflected if row[2] > known.get(row[0], 0.0)]
 
 
 def _that_matter(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from meshtrace.engine.chains.aimed import AimedChains, on_disk
 from meshtrace.engine.chains.gain import Counter
 from meshtrace.engine.chains.sets import Block, ChainSet, Drawing
 from meshtrace.engine.choice import Method
-from meshtrace.engine.photons.joined import JoinedParts
+from meshtrace.engine.photons.joined import PhotonParts
 from meshtrace.engine.photons.targets import REFLECTED, SCATTERED
 from meshtrace.engine.setup.ends import ForcedLink
 from meshtrace.kernels.tints import NO_TINTS, Tints
@@ -39,12 +39,13 @@ class Parts:
         Scattered gain by the number of scatterings, from 1 on.
     counts : ChainCounts
         Numbers of chains, and of their outcomes.
-    method : list of {"chains", "joined"}
+    method : list of {"chains", "joined", "analog"}
         Estimator of the scattered gain of each receiver.
     samples : list of ScatteredSamples
-        Chains or joined photons that the scattered gain of each receiver rests on.
-    photons : JoinedParts, optional
-        Joined photons to all receivers, if light that the surface reflects first was measured.
+        Chains or photons that the scattered gain of each receiver rests on.
+    photons : list of PhotonParts
+        Photons to all receivers if light that the surface reflects first was measured, else none:
+        joined and analog ones, no receiver has light of both.
     """
 
     direct: Floats
@@ -53,7 +54,7 @@ class Parts:
     counts: ChainCounts
     method: list[Method]
     samples: list[ScatteredSamples]
-    photons: JoinedParts | None = None
+    photons: list[PhotonParts] = field(default_factory=list)
 
     @property
     def ballistic(self) -> Floats:
@@ -63,8 +64,7 @@ class Parts:
     @property
     def shifts(self) -> Floats:
         """Gain of each receiver by the shift of the points, shape (receivers, shifts)."""
-        known = self.direct + self.scattered
-        return known if self.photons is None else known + self.photons.groups[REFLECTED]
+        return sum((one.groups[REFLECTED] for one in self.photons), self.direct + self.scattered)
 
     @property
     def gain(self) -> Floats:
@@ -148,12 +148,12 @@ class ChainSums:
             self._squares[:, r] += share**2 * square / request.number**2
 
     def parts(
-        self, i: int, counters: NDArray[np.int64], found: JoinedParts | None, reflects: bool
+        self, i: int, counters: NDArray[np.int64], light: list[PhotonParts], reflects: bool
     ) -> Parts:
-        """Return the gain of one wavelength in parts, with the light of joined photons.
+        """Return the gain of one wavelength in parts, with the light of photons to all receivers.
 
-        Light reflected first counts if `reflects`.
-        `counters` are the outcomes of the search for crossings.
+        Where chains serve it is that of the bottom alone. Light reflected first counts if
+        `reflects`. `counters` are the outcomes of the search for crossings.
         """
         outcomes = {c.name.lower(): int(counters[c]) for c in Counter}
         counts = ChainCounts(
@@ -163,19 +163,21 @@ class ChainSums:
             **outcomes,
         )
         scattered, orders = self._scattered[i].sum(axis=1), self._scattered[i].mean(axis=2)
-        effective = scattered.mean(axis=1) ** 2 / np.maximum(self._squares[i], 1e-300)
+        squares = self._squares[i].copy()
+        for found in light:
+            scattered += found.groups[SCATTERED]
+            squares += found.square[SCATTERED] / np.maximum(found.photons, 1)
+            seen = np.flatnonzero(found.orders.any(axis=0)).max(initial=0)
+            orders = np.pad(orders, ((0, 0), (0, max(seen - orders.shape[1], 0))))
+            orders[:, :seen] += found.orders[:, 1 : seen + 1]
+        effective = scattered.mean(axis=1) ** 2 / np.maximum(squares, 1e-300)
         columns = self._samples[i], self._scored[i], effective
         chained = zip(*(column.tolist() for column in columns), strict=True)
         samples = [ScatteredSamples("chains", *row) for row in chained]
-        rows = np.flatnonzero([m == "joined" for m in self._method])
-        if found is not None and len(rows):
-            some = found.of(rows)
-            scattered[rows] = some.groups[SCATTERED]
-            seen = np.flatnonzero(some.orders.any(axis=0)).max(initial=0)
-            orders = np.pad(orders, ((0, 0), (0, max(seen - orders.shape[1], 0))))
-            orders[rows, :seen] = some.orders[:, 1 : seen + 1]
-            for r, row in zip(rows, some.samples(SCATTERED), strict=True):
-                samples[r] = row
+        for found in light:
+            for r, row in enumerate(found.samples(SCATTERED)):
+                if row.samples and self._method[r] != "chains":
+                    samples[r] = row
         return Parts(
             direct=self._direct[i],
             scattered=scattered,
@@ -183,7 +185,7 @@ class ChainSums:
             counts=counts,
             method=self._method,
             samples=samples,
-            photons=found if reflects else None,
+            photons=light if reflects else [],
         )
 
 

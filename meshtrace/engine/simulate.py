@@ -25,6 +25,7 @@ from meshtrace.engine.setup.options import (
     Analog,
     Case,
     Estimator,
+    Forced,
     HasCase,
     Meshing,
     Record,
@@ -43,6 +44,7 @@ from meshtrace.parallel import default_threads, one_blas_thread
 from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
 from meshtrace.results.series import ByWavelength, checked_wavelengths
+from meshtrace.stored import SHIFTS
 
 _MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
 
@@ -104,7 +106,8 @@ def simulate(
         Chains (10 000 by default) or photons (1 000 000).
     rtol : float, optional
         Relative standard error to reach in every gain, with scattered light worth at least 100
-        equal samples (400 joined photons) where it matters; `photons` is then the first guess.
+        equal samples (400 joined photons) where it matters; `photons` is then the first guess, by
+        default one that follows from pilots.
     seed : int, optional
         Key of the random numbers, 0 <= seed < 2^64, 1 by default.
     mesh : Meshing, optional
@@ -211,6 +214,11 @@ def _followed(
     run: Run | None = case.run
     results: list[GainResult] = []
     returned: Floats | None = None
+    how = {**case.how, "sea": TypicalSea.of([mesh])}
+    paths: ForcedDetection | SpectralDetection | None = None
+    if _is_sized_by_pilots(case.run, links):
+        paths = ForcedDetection(case.link, SHIFTS, **how)
+        run = case.run.replace(photons=paths.photons_for(case.run.rtol or 1.0, case.run.photons))
     while run is not None:
         whole = {**run.to_config(), **case.meshing.model_dump(), "record": recorded}
         origins = [{**provenance(link, config, whole), **case.origin} for link in links]
@@ -225,9 +233,9 @@ def _followed(
             pairs = zip(results, found, strict=True) if results else ()
             results = [merge(list(pair)) for pair in pairs] or found
         else:
-            how = {**case.how, "sea": TypicalSea.of([mesh])}
-            paths: ForcedDetection | SpectralDetection
-            if len(links) == 1:
+            if isinstance(paths, ForcedDetection):
+                paths = paths.with_photons(run.photons)
+            elif len(links) == 1:
                 paths = ForcedDetection(case.link, run.photons, **how)
             else:
                 paths = SpectralDetection(links, run.photons, **how)
@@ -243,6 +251,15 @@ def _followed(
         wanted = [more for one in results if (more := _further(case.run, one)) is not None]
         run = max(wanted, key=lambda more: more.photons, default=None)
     return results, returned
+
+
+def _is_sized_by_pilots(run: Run, links: list[Link]) -> bool:
+    """Return whether pilots give the first number of chains for a relative error.
+
+    Several wavelengths have the usual one: their gains rest on common paths, pilots on one link.
+    """
+    forced = isinstance(run.estimator, Forced) and len(links) == 1
+    return forced and run.rtol is not None and "photons" not in run.model_fields_set
 
 
 def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:

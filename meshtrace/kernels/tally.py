@@ -68,8 +68,8 @@ ARRIVAL = record_type(
     [
         ("photon", np.int64),
         ("receiver", np.int64),
-        ("part", np.int64),  # of the light of a joined photon
-        ("order", np.int64),  # of a joined photon
+        ("part", np.int64),  # of the light, see `photons.targets`
+        ("order", np.int64),  # scatterings, and reflections by the bottom
         ("weight", float),
         ("water", float),  # path in the water [m]
         ("air", float),
@@ -210,6 +210,8 @@ def score_apertures(q, in_water, flight, world):
             a = tallies.arrivals[n]
             a.water = flight.water + (t if in_water else 0.0)
             a.air = flight.air + (0.0 if in_water else t)
+            a.order = q.turned
+            a.part = 2 if q.crossings > 1 else min(q.turned, 1)
             if in_water:
                 tint_way(world.tints, a.tint, z, z + t * flight.direction.z, t)
     return received

@@ -55,8 +55,8 @@ class ScatteredSamples(NamedTuple):
 
     Attributes
     ----------
-    estimator : {"chains", "joined photons"}
-        Chains aimed at the aperture, or paths from it.
+    estimator : {"chains", "joined photons", "analog photons"}
+        Chains aimed at the aperture, or photons joined to it or followed until they hit it.
     samples, scored : int
         Number of samples, and of samples with a contribution.
     effective : float

@@ -21,11 +21,11 @@ from meshtrace.engine.outcome import (
     FEW_PHOTONS,
     FewSamplesWarning,
     analog_result,
-    largest_weight,
     warn_of_dark_map,
     warn_of_lost,
 )
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
+from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import (

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.choice import ScatteredPilot, chain_cost, choose, is_clear
+from meshtrace.engine.choice import ScatteredPilot, chain_cost, choose, is_clear, prefer_analog
+from meshtrace.engine.forced import ForcedDetection
 from meshtrace.surfaces import FlatSea
 
 
@@ -58,3 +59,50 @@ def test_every_seed_finds_light_that_scattering_alone_brings():
             run = mt.simulate(link, FlatSea(), photons=2048, seed=seed)
         assert run.scattered[0].estimator == "joined photons"
         assert 1e-11 < run.gain < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("variance", "gain", "method"),
+    [(4.0, 1e-3, "chains"), (60.0, 1e-3, "analog"), (60.0, 1e-4, "chains"), (60.0, 1.0, "analog")],
+)
+def test_analog_photons_serve_where_many_hit(variance, gain, method):
+    """A score up to w of mean h varies by w / h - 1; 24 times the variance of a pilot beats it."""
+    found = pilot(gain, (variance / 4000) ** 0.5, 4000)
+    assert prefer_analog(found, 1.0, ["chains"]) == [method]
+
+
+def test_a_pilot_that_rests_on_one_heavy_sample_prefers_no_analog_photons():
+    assert prefer_analog(pilot(1e-2, 1.0, 4000), 1.0, ["joined"]) == ["joined"]
+
+
+def turbid(b, radius=1.0):
+    """Return a lamp of 20 deg in very turbid water, on the axis of an aperture."""
+    return mt.Link(
+        water=mt.Water(a=0.05, b=b, phase=mt.FournierForand()),
+        transmitter=mt.Led(half_angle_deg=20.0),
+        receiver=mt.Receiver(height=5.0, radius=radius, fov_deg=120.0),
+    )
+
+
+@pytest.mark.thorough
+def test_very_turbid_light_into_a_wide_aperture_is_that_of_analog_photons():
+    link = turbid(2.0)
+    runs = [mt.simulate(link, FlatSea(), photons=2048, seed=1, threads=n) for n in (1, 2)]
+    assert runs[0].gain == runs[1].gain
+    (by,) = runs[0].scattered
+    assert by.estimator == "analog photons"
+    assert by.samples == 32 * 2048
+    assert "analog photons" in runs[0].summary()
+    found = mt.simulate(link, FlatSea(), photons=2048, seed=1, record=[mt.Arrivals()])
+    assert found.arrivals.weight.sum() == pytest.approx(runs[0].gain, rel=1e-9)
+    assert ForcedDetection(turbid(2.0, 0.05), 32, 1).method == ["chains"]
+
+
+@pytest.mark.parametrize("rtol", [0.02, 0.01])
+def test_a_relative_error_is_met_by_few_chains(rtol):
+    """10 000 chains, once the first number, bring 0.1 %."""
+    for seed in range(1, 5):
+        found = mt.simulate(mt.Link(), FlatSea(), rtol=rtol, seed=seed)
+        assert found.gain_stderr <= rtol * found.gain
+        assert found.photons < 1000
+    assert found.gain_stderr > 0.25 * rtol * found.gain

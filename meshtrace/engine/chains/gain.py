@@ -440,6 +440,8 @@ def _transmit(chains, i, m, p, start, scene):
         v = _vertex(chains, i, k, m, start)
         if v.z > scene.surface.low[2]:
             deep = False
+        if v.z < medium.bottom_z:  # straight ways between points above it do not meet it
+            return 0.0, True
         if simple:
             weight *= medium.b
         else:

@@ -230,7 +230,7 @@ def run_analog(
     threads : int
         Threads; the result does not depend on them.
     unscattered : bool
-        Whether apertures in the air and maps score light that has met its first crossing alone.
+        Whether apertures, and maps in the air, score light that has met its first crossing alone.
     record : sequence of Record
         Extra tallies.
     recorder : Recorder, optional

@@ -50,7 +50,7 @@ PHOTON = record_type(
         ("facet", np.int64),
         ("in_water", np.int64),
         ("retry", np.int64),
-        ("turned", np.int64),  # 1 once it has scattered or met the bottom
+        ("turned", np.int64),  # scatterings, and reflections by the bottom
         ("outcome", np.int64),  # RECEIVED or LANDED once light left the sea, else -1
     ]
 )
@@ -88,7 +88,7 @@ class Limits(NamedTuple):
     survival: float  # 0: survive with weight / limit; else with this probability
     events: int
     surface_events: int
-    unscattered: bool  # whether light that has met its first crossing alone is scored in the air
+    unscattered: bool  # whether light that has met its first crossing alone is scored
 
 
 class Recorder(NamedTuple):
@@ -234,6 +234,11 @@ _OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
 
 
 @inlined
+def _is_scored(q, world):
+    return world.limits.unscattered or q.turned > 0 or q.crossings > 1
+
+
+@inlined
 def to_sky(q, d, weight, world):
     """Score light that leaves the surface for good and deposit its weight."""
     flight = Segment(place(q), d, math.inf, weight, q.water, q.air)
@@ -242,7 +247,7 @@ def to_sky(q, d, weight, world):
         world.tallies.score[q.id - world.first, sources.SKY_SCORE] += light
         if is_tinted(world.tints):
             tally.keep_arrival(world.tallies, q.id, sources.SKY_SCORE, light, world.tints, q.tint)
-    scored = world.limits.unscattered or q.turned == 1 or q.crossings > 1
+    scored = _is_scored(q, world)
     received = scored and tally.score_apertures(q, False, flight, world)
     if scored:
         tally.score_map(world.tallies, flight, world.medium, world.tints, q.tint)
@@ -378,7 +383,8 @@ def _score_water(q, length, world):
     flight = Segment(place(q), heading(q), length, q.weight, q.water, q.air)
     column = len(world.apertures.radius)
     tally.score_planes(world.tallies, column, q.id - world.first, flight, world.medium)
-    tally.score_apertures(q, True, flight, world)
+    if _is_scored(q, world):
+        tally.score_apertures(q, True, flight, world)
     if world.tallies.grid.z < 0.0:
         tally.score_map(world.tallies, flight, world.medium, world.tints, q.tint)
 
@@ -422,7 +428,7 @@ def scatter(q, world):
         head(q, turn(heading(q), s, u_phi))
         theta = 2.0 * math.asin(math.sqrt(s)) if is_tinted(world.tints) else 0.0
         tint_scattering(world.tints, q.tint, q.z, theta, by_bubble)
-        q.turned = 1
+        q.turned += 1
         record(world.recorder, q, Vertex.SCATTER)
     return _continue(q, u_path, world)
 
@@ -439,7 +445,7 @@ def bounce(q, world):
     q.event += 1
     u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM.value)
     head(q, sources.lambert_reflection(u_cos, u_phi))
-    q.turned = 1
+    q.turned += 1
     record(world.recorder, q, Vertex.BOTTOM)
     return _continue(q, u_path, world)
 

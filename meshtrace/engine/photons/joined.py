@@ -74,13 +74,13 @@ _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
 
 
 @dataclass(frozen=True)
-class JoinedParts:
-    """Gain over one surface from joined photons.
+class PhotonParts:
+    """Gain over one surface from joined or analog photons.
 
     Attributes
     ----------
-    photons : int
-        Photons followed; for light that goes down, of each receiver.
+    photons : ndarray of int, shape (receivers,)
+        Photons followed for each receiver.
     groups : ndarray, shape (3, receivers, SHIFTS)
         Unscattered, scattered and first reflected gain of each group of photons; the mean over
         the groups is the gain.
@@ -93,14 +93,17 @@ class JoinedParts:
         Mean square score of a photon.
     arrivals : list of ndarray, shape (arrivals, 4), or None
         By receiver: weight, path in water, path in air [m] and group.
+    estimator : {"joined photons", "analog photons"}
+        Which photons these are.
     """
 
-    photons: int
+    photons: NDArray[np.int64]
     groups: Floats
     orders: Floats
     scored: NDArray[np.int64]
     square: Floats
     arrivals: list[Floats] | None = None
+    estimator: str = "joined photons"
 
     @property
     def parts(self) -> Floats:
@@ -111,24 +114,26 @@ class JoinedParts:
         """Return the samples of a part of each receiver."""
         mean, square = self.parts[part], self.square[part]
         effective = self.photons * mean**2 / np.maximum(square, 1e-300)
-        rows = zip(self.scored[part], effective, strict=True)
-        return [ScatteredSamples("joined photons", self.photons, int(k), float(e)) for k, e in rows]
+        columns = (row.tolist() for row in (self.photons, self.scored[part], effective))
+        return [ScatteredSamples(self.estimator, *row) for row in zip(*columns, strict=True)]
 
-    def of(self, receivers: NDArray[np.intp]) -> JoinedParts:
+    def of(self, receivers: NDArray[np.intp]) -> PhotonParts:
         """Return the parts of some receivers."""
         rows = None if self.arrivals is None else [self.arrivals[i] for i in receivers]
         counts = self.scored[:, receivers], self.square[:, receivers]
         groups, orders = self.groups[:, receivers], self.orders[receivers]
-        return JoinedParts(self.photons, groups, orders, *counts, rows)
+        return PhotonParts(self.photons[receivers], groups, orders, *counts, rows, self.estimator)
 
-    def among(self, n: int, rows: Sequence[int]) -> JoinedParts:
+    def among(self, n: int, rows: Sequence[int]) -> PhotonParts:
         """Return the parts of n receivers, with zeros for all but the given rows."""
+        photons = np.zeros(n, np.int64)
+        photons[rows] = self.photons
         groups = np.zeros((N_PARTS, n, self.groups.shape[2]))
         orders, square = np.zeros((n, self.orders.shape[1])), np.zeros((N_PARTS, n))
         scored = np.zeros((N_PARTS, n), np.int64)
         groups[:, rows], orders[rows] = self.groups, self.orders
         scored[:, rows], square[:, rows] = self.scored, self.square
-        return JoinedParts(self.photons, groups, orders, scored, square)
+        return PhotonParts(photons, groups, orders, scored, square, estimator=self.estimator)
 
     @property
     def stderr(self) -> Floats:
@@ -152,7 +157,8 @@ class JoinedPhotons:
     threads : int
         Threads; results do not depend on them.
     first : int or sequence of int
-        1, or 2 for light alone that the surface reflects first; of all receivers or of each.
+        1, or 2 for light alone that the surface or the bottom reflects first; of all receivers or
+        of each.
     direct : bool
         Score unscattered light, too; only with random slopes.
 
@@ -199,7 +205,7 @@ class JoinedPhotons:
         self._first = [int(k) for k in np.broadcast_to(first, len(link.receivers))]
         self._direct = direct
 
-    def evaluate(self, mesh: TriangleMesh, arrivals: bool = False) -> JoinedParts:
+    def evaluate(self, mesh: TriangleMesh, arrivals: bool = False) -> PhotonParts:
         """Return the gain over a mesh in parts.
 
         Parameters
@@ -219,7 +225,7 @@ class JoinedPhotons:
 
     def at_wavelengths(
         self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link], arrivals: bool = False
-    ) -> list[JoinedParts]:
+    ) -> list[PhotonParts]:
         """Return the gain of each link over a mesh, at the wavelengths of a tinting.
 
         Photons are those of the bases of the tinting in turn, refracted by the index of this link.
@@ -251,7 +257,7 @@ class JoinedPhotons:
         arrivals: bool,
         tinting: Tinting | None,
         bases: Sequence[JoinedPhotons] = (),
-    ) -> list[JoinedParts]:
+    ) -> list[PhotonParts]:
         ends.require_height_field(mesh)
         frame = arrays.frame_of(self.link)
         intersector = EmbreeIntersector(frame.mesh(mesh), 1)
@@ -433,7 +439,7 @@ class JoinedPhotons:
 
     def _parts(
         self, runs: list[_Run], sums: Sequence[_Sums], frame: arrays.Frame, arrivals: bool
-    ) -> JoinedParts:
+    ) -> PhotonParts:
         """Return the gains by receiver: by target of one run, or of runs over all lamps."""
         down, n = self.link.direction == "down", self.photons
         whole = []
@@ -457,7 +463,8 @@ class JoinedPhotons:
                 for a in found
             ]  # fmt: skip
         groups = groups.transpose(2, 1, 0) / per_group
-        parts = JoinedParts(n, groups, orders / n, scored.T, square.T / n, light)
+        photons = np.full(groups.shape[1], n)
+        parts = PhotonParts(photons, groups, orders / n, scored.T, square.T / n, light)
         return parts if down else parts.of(np.argsort(runs[0].receivers))
 
 

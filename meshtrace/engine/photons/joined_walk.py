@@ -212,7 +212,7 @@ def _start(q, photon, world):
     d, q.weight = guide_start(d, p, source, photon, Vec2(q.u, q.v), world)
     put(q, p)
     head(q, d)
-    q.water, q.id, q.event, q.order, q.reflections = 0.0, photon, 0, 0, 0
+    q.water, q.id, q.event, q.order, q.reflections, q.returns = 0.0, photon, 0, 0, 0, 0
     q.level, q.density, q.bend = targets.level_over(p, world), 0.0, 0.0
     q.copies, q.is_guided, q.aimed = 0, 0, 0
     reset_tint(world.tints, q.tint)
@@ -236,7 +236,7 @@ def _look_ahead(q, world, manifold):
     if manifold is not None:  # an argument: the rest is not compiled
         return
     joins = world.joins
-    if not interface.is_rough(world.surface.roughness) or q.reflections + 1 < joins.first:
+    if not interface.is_rough(world.surface.roughness) or q.returns + 1 < joins.first:
         return
     q.bend = targets.bend_ahead(place(q), heading(q), q.level, world)
     if q.order == 0 and q.reflections == 0 and not joins.direct:
@@ -303,6 +303,7 @@ def _reflect(q, facet, world):
     rho, _, reflected = interface.branches(d, n, g, n1, n2, world.interface)
     q.event += 1
     q.reflections += 1
+    q.returns += 1
     q.weight *= rho * world.interface.foam_transmittance
     q.density = 0.0
     if q.weight == 0.0 or not survives(q, place(q), 1.0, lot, world):
@@ -333,6 +334,7 @@ def _bounce(q, world):
     q.z = world.medium.bottom_z
     q.weight *= world.medium.bottom_albedo
     q.event += 1
+    q.returns += 1
     if q.weight == 0.0:
         return False
     join_collision(q, YES, world)

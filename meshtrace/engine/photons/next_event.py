@@ -242,7 +242,7 @@ def join_crossing(q, facet, length, chance, world):
     u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
     weight = q.weight * math.exp(-depth_between(world.medium, start, p, length))
     for i in range(len(joins.target)):
-        if q.reflections + 1 < joins.target[i].first:
+        if q.returns + 1 < joins.target[i].first:
             continue
         scene = targets.scene_to(joins.target[i], world)
         found, goal = True, targets.goal_on(scene.target, u, v)
@@ -275,7 +275,7 @@ def join_collision(q, at_bottom, world):
     q.is_guided = 1 if q.copies + targets.SPARE < len(world.photon) else 0
     start, q.density = place(q), 0.0
     q.level = level = targets.level_over(start, world)
-    if q.reflections + 1 < joins.first:
+    if q.returns + 1 < joins.first:
         return
     chance = targets.collision_chance(max(level - start.z, targets.LEAST_DEPTH), joins)
     q.density = 1.0  # until the direction is known
@@ -288,7 +288,7 @@ def join_collision(q, at_bottom, world):
         r *= targets.WIDE
     rough = interface.is_rough(world.surface.roughness)
     for i in range(len(joins.target)):
-        if q.reflections + 1 < joins.target[i].first:
+        if q.returns + 1 < joins.target[i].first:
             continue
         scene = targets.scene_to(joins.target[i], world)
         goal = targets.goal_on(scene.target, q.u, q.v)

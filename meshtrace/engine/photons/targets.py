@@ -36,6 +36,7 @@ JOINED_PHOTON = record_type(
         *UNDER_WAY,
         ("order", np.int64),  # scatterings and reflections by the bottom
         ("reflections", np.int64),  # by the surface
+        ("returns", np.int64),  # by the surface or the bottom
         ("level", float),  # of the surface above its last event [m]
         ("bend", float),  # of its direction, see `bend_ahead`
         ("density", float),  # of its direction [sr-1], 0 without a connection at its last event
@@ -62,7 +63,7 @@ TARGET = record_type(
         *_fields_of(Target),
         ("lamp", _fields_of(Emitter)),
         ("share", float),  # factor on its scores
-        ("first", np.int64),  # crossing from which on light is scored; 2: reflected first
+        ("first", np.int64),  # 1: scores all light; 2: that which surface or bottom reflect first
         ("sloped", float),  # share of the points that drawn slopes land on, instead of even ones
         ("seen", float, (3,)),  # point of still water that it sees, and its surroundings [m]
     ]
@@ -86,7 +87,7 @@ class Joins(NamedTuple):
 
     target: NDArray[np.void]  # (n,) TARGET
     guide: NDArray[np.void]  # (m,) TARGET, those to which directions are guided: all, or some
-    first: int  # least of the targets' first crossings that are scored
+    first: int  # least of the targets' `first`
     direct: bool  # score unscattered light, too
     water: AngleTable
     bubble: AngleTable

@@ -131,12 +131,15 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
 
 
 def require_points(link: Link) -> None:
-    """Refuse an extended source or a bottom, whose light joined photons follow but no chains."""
+    """Refuse an extended source, whose light joined photons follow but no chains."""
     for path, item in link.items():
         if isinstance(item, Source) and item.size > 0.0:
             raise Refused(path, Described(f"a radius of {item.size:g} m"), POINTS_ONLY)
-    if link.water.bottom_depth is not None:
-        raise Refused("water.bottom_depth", link.water.bottom_depth, POINTS_ONLY)
+
+
+def refuse_bottom(link: Link) -> None:
+    """Refuse a bottom, whose light photons follow but no chains."""
+    raise Refused("water.bottom_depth", link.water.bottom_depth, POINTS_ONLY)
 
 
 def _mirrored(end: Any, place: str) -> Any:
