@@ -93,9 +93,9 @@ def design(
 
     Notes
     -----
-    Figures are those of `link_performance`. The quantile q follows from a lognormal law with the
-    mean and the variance of the gains g over the seas, and from the tilt factors h_alpha of the
-    aircraft. Scans are of mean gains with common random numbers over a sea of random slopes, those
+    Figures are those of `link_performance`. The quantile q follows from a gamma-gamma law of equal
+    shapes with the mean and the deviation of ln g over the seas, and from the law of the tilt
+    factor h_alpha of the aircraft; half the difference of a lognormal law joins its error. Scans are of mean gains with common random numbers over a sea of random slopes, those
     over the wavelength over common paths, with the light of the same model at each; the shape of
     the law of g and, but for bit rates, the averaging window are those of the given link. The best
     lens, view and filter together are run by themselves, with laws and window of their own.
