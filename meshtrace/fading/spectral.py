@@ -451,10 +451,10 @@ def resolve_band(link: Any, surface: Any, waves: Any = None, fading: bool = True
         Waves of the mesh, see `Meshing`, in place of those of the sea. Of a sum of seas "fading"
         is for the windiest part, the others for all parts of a spectrum.
     fading : bool
-        Whether the answer is about fading, as by default, or about means: a random sea whose waves were left open (`for_fading`),
-        or the windiest part of a sum, then has those of "fading", to 10 % of the index where no
-        band has it to 3 %. Not without random slopes (`Physics.unresolved`), where the index of a
-        band overshoots that of all waves.
+        Whether the answer is about fading, as by default: a random sea whose waves were left open
+        (`for_fading`), or the windiest part of a sum, then has those of "fading", to 10 % of the
+        index where no band has it to 3 %. Not without random slopes (`Physics.unresolved`), where
+        the index of a band overshoots that of all waves.
 
     Raises
     ------

@@ -419,8 +419,8 @@ def duplex(
     Notes
     -----
     Each surface is one mesh for both directions, fine where the light of either crosses. Unless
-    `waves` of the meshing says otherwise, it holds all waves that make the light of the uplink fade:
-    its gains are those of the uplink alone.
+    `waves` of the meshing says otherwise, it holds all waves that make the light of the uplink
+    fade: its gains are those of the uplink alone.
 
     Examples
     --------
@@ -466,12 +466,12 @@ def both_directions(up: Campaign, down: Campaign) -> Campaign:
         if link.direction != name or len(link.receivers) != 1:
             found = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
             raise Refused(name, found, f"a link with one receiver and direction {name}")
-    found = band_fading(down.link, up.surface) if down.surface != up.surface else None
-    if found is not None and found.needed is not None:
+    fading = band_fading(down.link, up.surface) if down.surface != up.surface else None
+    if fading is not None and fading.needed is not None:
         text = (
-            f"downlink: the waves that make the uplink fade, up to {found.omega_max:.3g} rad/s, "
-            f"give it a scintillation index of {found.index_of_band:.2g}, all waves "
-            f"{found.index_of_all:.2g}; for its fading use waves = {found.needed:.4g}"
+            f"downlink: the waves that make the uplink fade, up to {fading.omega_max:.3g} rad/s, "
+            f"give it a scintillation index of {fading.index_of_band:.2g}, all waves "
+            f"{fading.index_of_all:.2g}; for its fading use waves = {fading.needed:.4g}"
         )
         warnings.warn(text, stacklevel=3)
     return up._replace(links={"up": up.link, "down": down.link})

@@ -215,8 +215,8 @@ class LinkPerformance(Stored):
         if self._least_ber < _FLOOR:
             return []
         return [
-            f"tilt of the aircraft{wind}: {200.0 * self._least_ber:.2g} % of the time beyond half of "
-            f"the field of view, so that no power has an error rate below {self._least_ber:.2e}"
+            f"tilt of the aircraft{wind}: {200.0 * self._least_ber:.2g} % of the time beyond half "
+            f"of the field of view, so that no power has an error rate below {self._least_ber:.2e}"
         ]
 
     def _spreads(self) -> list[str]:

@@ -339,8 +339,8 @@ def sensitivities(
     by the field of view it is the light that arrives at its edge: of unscattered light exactly, of
     scattered light by a window with a kernel of fourth order, the widest one up to half of the
     half-angle that agrees with all narrower ones (the few arrivals between two views of nearly the
-    same width, and so the difference of their gains, are mostly noise); otherwise a central difference over links that share chains, mesh and every
-    choice of the estimator:
+    same width, and so the difference of their gains, are mostly noise); otherwise a central
+    difference over links that share chains, mesh and every choice of the estimator:
 
         E_p = [ln q(p e^s) - ln q(p e^-s)] / (2 s).
 

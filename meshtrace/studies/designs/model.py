@@ -134,9 +134,7 @@ def log_means(gains: Floats) -> Floats:
     return np.log(np.maximum(np.array(rows), 1e-300))
 
 
-def log_quantile(
-    gains: Floats, tilt: TiltFactors, share: float, lognormal: bool = False
-) -> float:
+def log_quantile(gains: Floats, tilt: TiltFactors, share: float, lognormal: bool = False) -> float:
     """Return ln q with P(g h < q) = share, for gains g (n,) and a law of the tilt factor h.
 
     By a law with the mean and the deviation of ln g, see `probability_in_log`, or a lognormal one.
