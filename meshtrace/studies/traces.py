@@ -197,9 +197,10 @@ def channel_trace(
     -----
     All frames have common chains, so that their Monte Carlo noise is common, too, unless an
     aircraft flies a route; chains are aimed anew where it tilts. The mesh is somewhat smaller than
-    that of a series: frames of both agree within the error of the mesh, some 0.5 %. Unless `waves`
-    of the meshing says otherwise, the mesh holds all waves that make the light of `link` fade, for
-    both directions; a warning says if that leaves out a tenth of the fading of the downlink.
+    that of a series of the link, over the same waves: frames of both agree within the error of the
+    mesh, some 0.5 %. Unless `waves` of the meshing says otherwise, the mesh holds all waves that
+    make the light of `link` fade, for both directions; a warning says if that leaves out a tenth of
+    the fading of the downlink.
 
     Examples
     --------
