@@ -11,6 +11,7 @@ import abc
 import dataclasses
 import functools
 import math
+from collections.abc import Callable
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -358,6 +359,61 @@ _Square = Annotated[ArrayLike, Field(ge=0.0)]
 _Angle = Annotated[ArrayLike, Field(ge=0.0, lt=0.5 * math.pi)]
 
 
+_FACTORS = 48  # nodes of the factor: the mean of cos(alpha) to 1e-9, that of error rates to 1e-4
+_TABLE = 256  # angles of a distribution function
+
+
+class TiltFactors(NamedTuple):
+    """Law of the tilt factor h_alpha behind a field of view, as weighted nodes.
+
+    Attributes
+    ----------
+    h : ndarray, shape (m,)
+        Factors [1]; 0 for tilts that leave the field of view.
+    weight : ndarray, shape (m,)
+        Their probabilities, of sum 1.
+    law : TiltLaw, optional
+        Law of the tilt; None for a constant one.
+    fov : float
+        Full field of view [rad].
+    """
+
+    h: Floats
+    weight: Floats
+    law: TiltLaw | None = None
+    fov: float = math.pi
+
+    @property
+    def outage(self) -> float:
+        """Probability that the tilt leaves the field of view."""
+        return float(self.weight[self.h == 0.0].sum())
+
+    def below(self, h: ArrayLike) -> Floats:
+        """Return P(h_alpha < h) for h > 0, any shape."""
+        level = np.asarray(h, dtype=float)
+        if self.law is None:
+            return (self.h < level[..., None]) @ self.weight
+        tilt = np.minimum(np.arccos(np.clip(level, 0.0, 1.0)), _half_angle(self.fov))
+        return np.where(level >= 1.0, 1.0, _tilt_table(self.law)(tilt))
+
+
+@functools.lru_cache(64)
+def _bulk_of_tilt(law: TiltLaw) -> tuple[float, float]:
+    """Return the tilts that leave 1e-9 of the mass on either side [rad]."""
+    return law.ppf(1e-9), law.ppf(1.0 - 1e-9)
+
+
+@functools.lru_cache(64)
+def _tilt_table(law: TiltLaw) -> Callable[[Floats], Floats]:
+    """Return P(alpha > tilt), interpolated in the logarithm to 1e-5."""
+    from scipy.interpolate import PchipInterpolator
+
+    low, high = (math.atan(law.tilt_coefficient * v2) for v2 in law._bulk())
+    tilt = np.linspace(low, high, _TABLE)
+    table = PchipInterpolator(tilt, np.log(np.maximum(law.sf(tilt), 1e-300)))
+    return lambda angle: np.exp(table(np.clip(angle, low, high)))
+
+
 @check_methods
 @dataclasses.dataclass(frozen=True)
 class TiltLaw(abc.ABC):
@@ -481,6 +537,26 @@ class TiltLaw(abc.ABC):
         """
         tilt, weight = self._quadrature(_half_angle(fov))
         return float(weight @ np.cos(tilt) ** order)
+
+    def factors(self, fov: float) -> TiltFactors:
+        """Return the law of h_alpha as a rule of weighted nodes, the outage of `fov` included.
+
+        Parameters
+        ----------
+        fov : float
+            Full field of view [rad].
+        """
+        dark, half = self.outage(fov), _half_angle(fov)
+        low, high = _bulk_of_tilt(self)
+        high = min(high, half)
+        if high <= low:
+            return TiltFactors(np.zeros(1), np.ones(1), self, fov)
+        x, w = gauss_legendre(_FACTORS)
+        tilt = low + 0.5 * (high - low) * (x + 1.0)
+        weight = w * self.pdf(tilt)
+        weight *= (1.0 - dark) / weight.sum()
+        h, weight = np.append(np.cos(tilt), 0.0), np.append(weight, dark)
+        return TiltFactors(h, weight, self, fov)
 
     def _quadrature(self, upper: float = 0.5 * math.pi) -> tuple[Floats, Floats]:
         """Return nodes alpha and weights f(alpha) d(alpha) over the bulk up to `upper`."""
@@ -782,6 +858,22 @@ class Uav(Model, frozen=True):
             return ExactTiltLaw(self.tilt_coefficient, speed, along, up)
         mean, variance = squared_wind_moments(mean_wind, std)
         return GammaTiltLaw(self.tilt_coefficient, mean**2 / variance, variance / mean)
+
+    def tilt_factors(self, wind: Dryden, fov: float) -> TiltFactors:
+        """Return the law of the factor h_alpha in a wind; of a constant tilt a single value.
+
+        Parameters
+        ----------
+        wind : Dryden
+            Wind at the UAV.
+        fov : float
+            Full field of view [rad].
+        """
+        require_kind(wind, Dryden, "wind")
+        if self.gimbal or not np.all(wind.std > 0.0):
+            angle = self.tilt(wind.mean_wind[None]).angle
+            return TiltFactors(h_alpha(angle, fov), np.ones(1), None, fov)
+        return self.tilt_law(wind).factors(fov)
 
 
 class Flight(NamedTuple):

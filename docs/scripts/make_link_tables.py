@@ -121,7 +121,7 @@ def flight() -> Iterator[str]:
     for name, flight in cases.items():
         done = mt.link_performance(link, bit_rate=1e6, realizations=frames, seed=1, flight=flight)
         f, coupled = done.at(), flight.coupled
-        share = coupled_share if coupled else float(np.mean(done.fades[0].h_alpha == 0.0))
+        share = coupled_share if coupled else done.fades[0].tilt.outage
         yield (
             f"| {name} | {100.0 * share:.2f} % | {f.gain.value:.3e} | {f.ber.value:.1e} "
             f"({f.ber.low:.1e} to {f.ber.high:.1e}) | {f.outage.value:.4f} ({f.outage.low:.4f} to "

@@ -351,11 +351,15 @@ def outage(
     >>> outage([0.4, 1.0, 1.2, 1.4], 0.5, relative_to="absolute").value
     0.25
     """
-    from scipy import special
-
     g = remove_noise(gain, gain_stderr)
     n = check_effective(n_effective, g.size)
-    probability = float(np.mean(g < level_of(g, threshold, relative_to)))
+    return wilson_interval(float(np.mean(g < level_of(g, threshold, relative_to))), n, confidence)
+
+
+def wilson_interval(probability: float, n: float, confidence: float) -> Estimate:
+    """Return a share of n independent samples with its Wilson interval."""
+    from scipy import special
+
     z2 = float(special.ndtri(0.5 + 0.5 * confidence)) ** 2
     scale = 1.0 / (1.0 + z2 / n)
     center = (probability + 0.5 * z2 / n) * scale

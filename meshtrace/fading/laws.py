@@ -154,6 +154,33 @@ def _law_by_law(
     return np.concatenate([function(part, float(a), float(b)) for part, a, b in laws])
 
 
+def probability_in_log(std_log: float) -> Callable[[Floats], Floats]:
+    r"""Return P(z) of z = (ln h - E ln h) / s for a gamma-gamma law of equal shapes.
+
+    .. math:: s^2 = \operatorname{var} \ln h = 2 \psi'(\alpha), \quad \alpha = \beta
+
+    Parameters
+    ----------
+    std_log : float
+        Standard deviation s of ln h [1], at most 4; below 1e-4 that.
+
+    Notes
+    -----
+    Few gains tell the mean and the deviation of ln h, not the shape. With equal shapes its
+    skewness is some -s / 2, between 0 (lognormal) and -s (gamma). At the 1 % quantile this law is
+    within 0.12 dB of 200 to 500 gains of the default link over seas of 3, 5 and 13 m/s, to which it
+    is fitted; a lognormal law lies up to 0.6 dB above them.
+    """
+    s = min(max(std_log, 1e-4), 4.0)
+    bounds = math.log(0.1), math.log(1e10)
+    log_shape = optimize.brentq(lambda u: 2.0 * special.polygamma(1, math.exp(u)) - s**2, *bounds)
+    shape = math.exp(log_shape)
+    z = np.linspace(-40.0, 12.0, 2048)
+    center = 2.0 * float(special.digamma(shape) - log_shape)
+    logs = np.log(np.maximum(_probability(np.exp(center + s * z), shape, shape), 1e-300))
+    return lambda at: np.exp(np.interp(at, z, logs))
+
+
 def _density(h: Floats, alpha: float, beta: float) -> Floats:
     density = np.zeros_like(h)
     density[h > 0.0] = np.exp(_log_pdf(np.log(h[h > 0.0]), alpha, beta))

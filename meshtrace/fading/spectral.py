@@ -138,8 +138,9 @@ def gain_autocovariance(
     lags : array_like
         Time lags tau [s].
     omega_max : float, optional
-        Highest frequency of the waves [rad s-1], by default that of the sea's band; infinite for
-        all waves.
+        Highest frequency of the waves [rad s-1]; infinite for all waves. By default the sea is
+        that of a study of fading (`resolve_band`): the waves chosen in the sea or, where they
+        were left open, all that make the light of the link fade.
     heights : bool
         Whether crests change absorption and distance, as in `scintillation_of_spectrum`, with the
         covariance rho(R, tau) of the elevation: to first order in the waves the covariance of the
@@ -155,13 +156,29 @@ def gain_autocovariance(
     ------
     Refused
         As `scintillation_of_spectrum`, or if a lag is not finite.
+
+    Warns
+    -----
+    UserWarning
+        As `resolve_band`.
+
+    Examples
+    --------
+    >>> import meshtrace as mt
+    >>> from meshtrace.surfaces import resolved_sea
+    >>> covariance = gain_autocovariance(mt.Link(), resolved_sea(5.0, fetch=30e3), [0.0, 0.07])
+    >>> covariance.round(2)
+    array([0.31, 0.22])
     """
     tau = require_array(lags, "lags", "finite times [s]")
     if not np.isfinite(tau).all():
         raise Refused("lags", lags, "finite times [s]")
     _require_spectrum(surface)
-    limit = surface.band.omega_max if omega_max is None else omega_max
-    parts = _slopes_seen(link, surface, None if limit == math.inf else limit)
+    if omega_max is None:
+        paraxial_lever(link)
+        surface = _open_for_fading(link, surface)
+        omega_max = surface.band.omega_max
+    parts = _slopes_seen(link, surface, None if omega_max == math.inf else omega_max)
     return _covariance(*parts, tau.ravel(), heights).reshape(tau.shape)
 
 
@@ -428,7 +445,7 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
 
 @check_call
 def resolve_band(
-    link: Any, surface: Any, waves: str | float | Model | None = None, fading: bool = False
+    link: Any, surface: Any, waves: str | float | Model | None = None, fading: bool = True
 ) -> Any:
     """Return a sea with the waves that a mesh for a link holds.
 
@@ -443,10 +460,10 @@ def resolve_band(
         Waves of the mesh, see `Meshing`, in place of those of the sea. Of a sum of seas "fading"
         is for the windiest part, the others for all parts of a spectrum.
     fading : bool
-        Whether an answer is about fading: a random sea whose waves were left open (`for_fading`),
-        or the windiest part of a sum, then has those of "fading", to 10 % of the index where no
-        band has it to 3 %. Not without random slopes (`Physics.unresolved`), where the index of a
-        band overshoots that of all waves.
+        Whether the answer is about fading, as by default: a random sea whose waves were left open
+        (`for_fading`), or the windiest part of a sum, then has those of "fading", to 10 % of the
+        index where no band has it to 3 %. Not without random slopes (`Physics.unresolved`), where
+        the index of a band overshoots that of all waves.
 
     Raises
     ------
@@ -465,7 +482,7 @@ def resolve_band(
     >>> resolved = resolve_band(mt.Link(), resolved_sea(5.0, fetch=30e3), "fading")
     >>> 16.0 < resolved.omega_max < 32.0
     True
-    >>> resolve_band(mt.Link(), JonswapSea(wind_speed=5.0), fading=True) == resolved
+    >>> resolve_band(mt.Link(), JonswapSea(wind_speed=5.0)) == resolved
     True
     """
     require_surface(surface)
@@ -474,14 +491,22 @@ def resolve_band(
     if not fading or link.physics.unresolved == "none":
         return surface
     if hasattr(surface, "windiest"):
-        return _with_windiest(surface, lambda part: resolve_band(link, part, fading=True))
+        return _with_windiest(surface, lambda part: _open_for_fading(link, part))
+    return _open_for_fading(link, surface)
+
+
+def _open_for_fading(link: Any, surface: Any) -> Any:
+    """Return a sea whose waves were left open with all that make the light of a link fade.
+
+    To 10 % of the index where no band has it to 3 %.
+    """
     for within in (WITHIN, SHORT):
         try:
             opened = getattr(surface, "for_fading", None)
             return surface if opened is None else _resolved(link, opened, within)
         except Refused as error:
             reason = str(error)
-    warnings.warn(f"the fading of short waves is left out: {reason}", stacklevel=2)
+    warnings.warn(f"the fading of short waves is left out: {reason}", stacklevel=3)
     return surface
 
 

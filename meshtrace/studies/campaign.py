@@ -43,7 +43,7 @@ from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.cluster import Cluster
 from meshtrace.studies.store import Store, digest_of
-from meshtrace.uav import Dryden, Flight, h_alpha
+from meshtrace.uav import Dryden, Flight, TiltFactors
 
 Setup = Callable[[], Callable[[Any], Any]]
 """Returns the function that gives the numbers of a step; called in the process that evaluates."""
@@ -192,10 +192,9 @@ class Campaign(NamedTuple):
         found = Flight(uav) if given is None and uav is not None else given
         return found and found.checked()
 
-    def tilt_factors(self, flight: Flight, shape: tuple[int, ...], fov_deg: float) -> Floats:
-        """Return tilt factors h_alpha of an aircraft in independent gusts, of a shape."""
-        wind = self.wind_of(flight).sample_wind(math.prod(shape), self.run.seed)
-        return h_alpha(flight.uav.tilt(wind).angle.reshape(shape), math.radians(fov_deg))
+    def tilt_factors(self, flight: Flight, fov_deg: float) -> TiltFactors:
+        """Return the law of the tilt factor h_alpha of an aircraft in independent gusts."""
+        return flight.uav.tilt_factors(self.wind_of(flight), math.radians(fov_deg))
 
     def of_flight(self, flight: Flight) -> dict[str, Any]:
         """Return the aircraft and its wind as plain data."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -23,6 +24,7 @@ from meshtrace.errors import (
     require_finite,
     require_whole,
 )
+from meshtrace.fading.spectral import band_fading
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.models import Floats
@@ -422,7 +424,8 @@ def duplex(
     Notes
     -----
     Each surface is one mesh for both directions, fine where the light of either crosses. Unless
-    `waves` of the meshing says otherwise, it holds all waves that make the light of either fade.
+    `waves` of the meshing says otherwise, it holds all waves that make the light of the uplink
+    fade: its gains are those of the uplink alone.
 
     Examples
     --------
@@ -432,7 +435,7 @@ def duplex(
     >>> len(both.up.gain), len(both.down.gain)
     (3, 3)
     """
-    pair = [campaign_of(link, surface, "duplex", fading=True, **run) for link in (up, down)]
+    pair = (campaign_of(link, surface, "duplex", fading=link is up, **run) for link in (up, down))
     campaign = both_directions(*pair)
     if (times is None) == (realizations is None):
         raise Refused("times", times, "times, or a number of realizations")
@@ -446,7 +449,15 @@ def duplex(
 
 
 def both_directions(up: Campaign, down: Campaign) -> Campaign:
-    """Return the campaign of an uplink and a downlink over the finer of their seas.
+    """Return the campaign of an uplink and a downlink over the sea of the uplink.
+
+    Its gains are then those of a series of the uplink alone. The waves that make the downlink fade
+    may be far shorter than any mesh can hold, where its aperture lies near to the surface.
+
+    Warns
+    -----
+    UserWarning
+        If the waves of the uplink omit more than a tenth of the fading of the downlink.
 
     Raises
     ------
@@ -458,5 +469,12 @@ def both_directions(up: Campaign, down: Campaign) -> Campaign:
         if link.direction != name or len(link.receivers) != 1:
             found = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
             raise Refused(name, found, f"a link with one receiver and direction {name}")
-    finest = max((one.surface for one in (up, down)), key=lambda s: getattr(s, "omega_max", 0) or 0)
-    return up._replace(links={"up": up.link, "down": down.link}, surface=finest)
+    fading = band_fading(down.link, up.surface) if down.surface != up.surface else None
+    if fading is not None and fading.needed is not None:
+        text = (
+            f"downlink: the waves that make the uplink fade, up to {fading.omega_max:.3g} rad/s, "
+            f"give it a scintillation index of {fading.index_of_band:.2g}, all waves "
+            f"{fading.index_of_all:.2g}; for its fading use waves = {fading.needed:.4g}"
+        )
+        warnings.warn(text, stacklevel=3)
+    return up._replace(links={"up": up.link, "down": down.link})

@@ -22,6 +22,7 @@ from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import FADING_SPACING, GAIN_SPACING, mesh_lines
 from meshtrace.errors import Described, Refused
+from meshtrace.fading.laws import probability_in_log
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -30,6 +31,7 @@ from meshtrace.optics.water import Water
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Restored
+from meshtrace.uav import TiltFactors
 
 Of = Literal["gain", "ber", "outage", "range", "margin", "capacity"]
 
@@ -43,7 +45,10 @@ DECIBELS = 10.0 / math.log(10.0)
 """Decibels of a factor e."""
 
 WINDOW = 0.5
-"""Half-width of the window at the edge of the field of view, over its half-angle."""
+"""Half-width of the widest window at the edge of the field of view, over its half-angle."""
+
+WINDOWS = WINDOW * 2.0 ** (-0.5 * np.arange(9))
+"""Half-widths of all windows."""
 
 _EDGE_STEP = 0.01  # relative, of the field of view, for unscattered light
 _NODES = 60  # of the table of informations
@@ -52,6 +57,8 @@ _OPEN = 0.4  # error rate about whose power they lie where none reaches the limi
 _NEAR = 0.01  # logarithm of light over need so near to the range that it is linear
 _LEAST_FALL = 1e-3  # of a reserve over the depth [m-1]
 _LEAST_OUTAGES = 30
+_LEAST_ARRIVALS = 100.0  # effective ones in a window
+_AGREE = 2.0  # standard errors by which two windows may differ
 _LEAST_SEAS = 8
 _WIDER = 1.2  # reach of meshes over that of a link: its neighbours lie within
 _FEW, _MANY = 8, 32  # surfaces of which facets and Embree scenes are kept, some 50 MiB each
@@ -151,12 +158,15 @@ def in_water(light: Light, old: Water, new: Water) -> Light:
 
 
 def edge_over(near: Neighbours, name: str, i: int) -> Floats:
-    r"""Return dh / d ln fov over realization i by shift, shape (shifts,).
+    r"""Return dh / d ln fov over realization i by window and shift, and what it rests on.
+
+    Shape (3, windows, shifts): the derivative, and sums of the sizes and of the squares of the
+    arrivals that it weighs.
 
     Unscattered light is integrated up to the edge, so that its difference over 1 % of the field of
     view, whose key is `name`, has no noise. Scattered light per angle at the edge is that within a
-    window of half-width s times the half-angle, s = 1/2, of a kernel of fourth order, whose bias
-    grows as :math:`s^4`:
+    window of half-width s times the half-angle, of a kernel of fourth order, whose bias grows as
+    :math:`s^4` where the light is smooth over it:
 
     .. math:: K(x) = \tfrac{15}{32} (1 - x^2) (3 - 7 x^2), \quad
         \int K \, dx = 1, \quad \int x^2 K \, dx = 0
@@ -167,11 +177,45 @@ def edge_over(near: Neighbours, name: str, i: int) -> Floats:
     frozen, mesh = near.frozen, near.mesh(i)
     low, high = (frozen.unscattered(link.replace(name, view), mesh)[0] for view in views)
     light = frozen.light(link.replace(name, min((1.0 + WINDOW) * fov, 180.0)), mesh)[0]
-    off = (np.degrees(light.angle) / (0.5 * fov) - 1.0) / WINDOW
-    square = np.minimum(off**2, 1.0)
-    window = 15.0 / 32.0 * (1.0 - square) * (3.0 - 7.0 * square) / WINDOW
-    change = light.by_shift(np.where(light.shift >= 0, window, 0.0))
-    return change + (high - low) / math.log(views[1] / views[0])
+    off = np.degrees(light.angle) / (0.5 * fov) - 1.0
+    found = np.empty((3, len(WINDOWS), SHIFTS))
+    for k, width in enumerate(WINDOWS.tolist()):
+        square = np.minimum((off / width) ** 2, 1.0)
+        window = 15.0 / 32.0 * (1.0 - square) * (3.0 - 7.0 * square) / width
+        window[light.shift < 0] = 0.0  # unscattered
+        found[0, k] = light.by_shift(window)
+        found[1, k] = light.by_shift(np.abs(window))
+        found[2, k] = light.by_shift(light.weight * window**2)
+    found[0] += (high - low) / math.log(views[1] / views[0])
+    return found
+
+
+def resolving_window(found: Floats) -> tuple[int, bool]:
+    """Return the widest window that agrees with all narrower ones, and whether any two do.
+
+    Lepski's choice: bias shows as a difference from narrower windows beyond its error. Windows that
+    rest on too few arrivals decide nothing.
+
+    Parameters
+    ----------
+    found : ndarray, shape (seas, 3, windows, shifts)
+        Rows of `edge_over` over several realizations.
+
+    References
+    ----------
+    Lepskii, O. V. (1991), Theory Probab. Appl. 35, 454, doi:10.1137/1135065.
+    """
+    change, (size, square) = found[:, 0], found[:, 1:].sum(axis=(0, 3))
+    known = np.flatnonzero(size**2 >= _LEAST_ARRIVALS * square)
+    last = int(known.max(initial=0))
+    for k in range(last):
+        for narrow in range(k + 1, last + 1):
+            off = [group.mean() for group in without_each(change[:, k] - change[:, narrow])]
+            if abs(off[0]) > _AGREE * error_of(np.array(off)):
+                break
+        else:
+            return k, True
+    return last, False
 
 
 def without_each(gains: Floats) -> Iterator[Floats]:
@@ -293,12 +337,12 @@ class Quantity:
         return {"range": "m", "margin": "dB", "capacity": "bit s-1"}.get(self.of, "1")
 
     def log(
-        self, gains: Floats, ook: OokLink | None, tilt: Floats | None = None,
+        self, gains: Floats, ook: OokLink | None, tilt: TiltFactors | None = None,
         weights: Floats | None = None,
     ) -> float:  # fmt: skip
         """Return the logarithm of the quantity.
 
-        For gains (seas, shifts) with tilt factors (seas, m), or for gains (seas, places, shifts)
+        For gains (seas, shifts) with the law of a tilt factor, or for gains (seas, places, shifts)
         with the weights of the places.
         """
         means = gains.mean(axis=-1)
@@ -310,13 +354,14 @@ class Quantity:
 
         if self.of == "gain" or ook is None:
             return math.log(mean(means))
-        if tilt is not None:
-            means = means[:, None] * tilt
         if self.of in ("margin", "outage"):
             self._require(math.isfinite(self.need(ook)))
-            if self.of == "margin":
-                return math.log(mean(means) / self.need(ook))
-            return self._outage(np.log(means.ravel() / self.need(ook)))
+        if self.of == "outage":
+            return self._outage(means.ravel() / self.need(ook), tilt)
+        if tilt is not None:
+            means, weights = means[:, None] * tilt.h, tilt.weight
+        if self.of == "margin":
+            return math.log(mean(means) / self.need(ook))
         logs = np.log(ook.received_power(means))
         if self.of == "ber":
             return math.log(mean(np.exp(self.law(ook)(logs))))
@@ -336,16 +381,11 @@ class Quantity:
             raise Refused("limit", self.limit, "a bit error rate that some power reaches")
 
     def logs(
-        self, gains: Floats, ook: OokLink | None, tilt: Floats | None = None,
+        self, gains: Floats, ook: OokLink | None, tilt: TiltFactors | None = None,
         weights: Floats | None = None,
     ) -> Floats:  # fmt: skip
         """Return the logarithm for all gains and for the groups of the jackknife."""
-        found = []
-        for i, group in enumerate(without_each(gains)):
-            sea = i - 1 - SHIFTS  # that is left out
-            kept = tilt if tilt is None or sea < 0 else np.delete(tilt, sea, axis=0)
-            found.append(self.log(group, ook, kept, weights))
-        return np.array(found)
+        return np.array([self.log(group, ook, tilt, weights) for group in without_each(gains)])
 
     def value(self, log: float) -> float:
         """Return the quantity from its logarithm; for "range" the factor of the light."""
@@ -355,23 +395,27 @@ class Quantity:
         """Return d quantity / d log; for "range" 1."""
         return {"margin": DECIBELS, "range": 1.0}.get(self.of, value)
 
-    def _outage(self, logs: Floats) -> float:
-        """Return the logarithm of the outage from the logarithms of gain over need.
+    def _outage(self, ratios: Floats, tilt: TiltFactors | None) -> float:
+        """Return the logarithm of the outage from gains over need by sea.
 
-        With 30 outages at least: smoothed by a normal kernel. Otherwise: lognormal law. No light,
-        out of the field of view, is an outage beside either.
+        With 30 outages at least: smoothed by a normal kernel. Otherwise by a law with the mean and
+        the deviation of the logarithms, see `probability_in_log`. Each node of the tilt counts with
+        its probability; no light, out of the field of view, is an outage.
         """
-        if len(logs) < _LEAST_SEAS - 1:
-            raise Refused("realizations", len(logs), f">= {_LEAST_SEAS} for outages")
-        lit = logs[np.isfinite(logs)]
-        spread = float(lit.std(ddof=1))
-        if np.count_nonzero(lit < 0.0) >= _LEAST_OUTAGES:
-            width = 1.06 * spread * len(lit) ** -0.2
-            share = float(ndtr(-lit / width).mean())
+        h, weight = (np.ones(1), np.ones(1)) if tilt is None else (tilt.h, tilt.weight)
+        if len(ratios) == 1 and tilt is not None and tilt.law is not None:
+            return math.log(max(float(tilt.below(1.0 / ratios)[0]), 1e-300))
+        if len(ratios) < _LEAST_SEAS - 1:
+            raise Refused("realizations", len(ratios), f">= {_LEAST_SEAS} for outages")
+        logs, lit = np.log(ratios), h > 0.0
+        lower, spread = np.log(h[lit]), float(logs.std(ddof=1))
+        below = logs[:, None] + lower < 0.0
+        if float((below @ weight[lit]).sum()) >= _LEAST_OUTAGES:
+            width = 1.06 * spread * len(logs) ** -0.2
+            share = ndtr(-(logs[:, None] + lower) / width).mean(axis=0)
         else:
-            share = float(ndtr(-lit.mean() / spread))
-        share = 1.0 - (1.0 - share) * len(lit) / len(logs)
-        return math.log(max(share, 1e-300))
+            share = probability_in_log(spread)(-(logs.mean() + lower) / max(spread, 1e-12))
+        return math.log(max(float(share @ weight[lit]) + float(weight[~lit].sum()), 1e-300))
 
 
 def _law(limit: float, ook: OokLink, rising: bool = True) -> Callable[[Floats], Floats]:

@@ -14,7 +14,6 @@ from meshtrace.comms.budget import (
     ber_of_gains,
     bootstrapped_mean,
     link_budget,
-    outage,
     required_gain,
 )
 from meshtrace.comms.capacity import Capacity, capacity
@@ -22,6 +21,7 @@ from meshtrace.comms.devices import photon_energy
 from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Refused
 from meshtrace.fading import Estimate, effective_samples
+from meshtrace.fading.distribution import wilson_interval
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.results.daylight import Background
@@ -34,35 +34,39 @@ from meshtrace.studies.response import (
     over_colours,
 )
 from meshtrace.studies.series import gain_series, in_flight
-from meshtrace.uav import Flight
+from meshtrace.uav import Flight, TiltFactors
 
-_TILTS = 50  # of each realization of the sea
 _RESAMPLES = 1000
 _QUANTILES = 500  # that stand for the law of the gain in the capacity
 
 
 @dataclass(frozen=True, eq=False)
 class FadingSamples:
-    """Gains of one link with the tilt factor of each.
+    """Gains of one link over many seas, and the law of its tilt factor.
 
     Attributes
     ----------
     series : GainSeries
         Gains over n seas.
-    h_alpha : ndarray, shape (n, m)
-        Tilt factors, m for each sea; ones without a UAV and where the gains contain the tilt.
+    tilt : TiltFactors
+        Law of the tilt factor h_alpha, the same over all seas; the single value 1 without a UAV and
+        where the gains contain the tilt.
     n_effective : float
         Number of independent samples.
     """
 
     series: GainSeries
-    h_alpha: Floats
+    tilt: TiltFactors
     n_effective: float
 
     @property
     def samples(self) -> Floats:
-        """Gains times tilt factors (n, m)."""
-        return self.series.gain[:, None] * self.h_alpha
+        """Gains times tilt factors (n, m), of the probabilities `tilt.weight` over each sea."""
+        return self.series.gain[:, None] * self.tilt.h
+
+    def over_tilts(self, values: Floats) -> Floats:
+        """Return the means of values (n, m) of the samples over the tilts (n,)."""
+        return values @ self.tilt.weight
 
     @property
     def chain_error(self) -> float:
@@ -71,16 +75,14 @@ class FadingSamples:
 
     def mean_gain(self, quantile: float) -> Estimate:
         """Return the mean gain with `quantile` standard errors of seas, tilts and chains."""
-        gains = independent(self.samples)
+        gains = self.over_tilts(self.samples)
         mean = float(gains.mean())
         spread = float(gains.std()) / math.sqrt(max(self.n_effective - 1.0, 1.0))
         reach = quantile * math.hypot(spread, mean * self.chain_error)
         return Estimate(mean, max(mean - reach, 0.0), mean + reach)
 
 
-def independent(samples: Floats) -> Floats:
-    """Return the mean over the tilts of each sea, or of each tilt over a single sea."""
-    return samples.mean(axis=1) if len(samples) > 1 else samples[0]
+_LEVEL = TiltFactors(np.ones(1), np.ones(1))
 
 
 class SharedGains(NamedTuple):
@@ -153,16 +155,15 @@ class Ensemble(NamedTuple):
             series = self._series(campaign, lambda one: in_flight(one, times, flight))
             series = replace(series, provenance=series.provenance | campaign.of_flight(flight))
             n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else float(self.n)
-            return FadingSamples(series, np.ones((self.n, 1)), n)
+            return FadingSamples(series, _LEVEL, n)
         series = self._series(campaign, lambda one: one.surfaces(self.n))
         seas = len(series.gain)
         if flight is None:
-            return FadingSamples(series, np.ones((seas, 1)), float(seas))
+            return FadingSamples(series, _LEVEL, float(seas))
         if link.direction == "down":
             raise Refused("coupled", False, "True for an aircraft that tilts a lamp")
-        tilts = _TILTS if seas > 1 else _TILTS * self.n
-        factors = campaign.tilt_factors(flight, (seas, tilts), link.only_receiver.fov_deg)
-        return FadingSamples(series, factors, float(seas if seas > 1 else tilts))
+        tilt = campaign.tilt_factors(flight, link.only_receiver.fov_deg)
+        return FadingSamples(series, tilt, float(seas))
 
     def response(self, ook: OokLink, link: Link) -> MeanResponse | None:
         """Return the mean response of the channel over some of the seas."""
@@ -260,13 +261,9 @@ def operating_point(
         # the error of the background joins the interval
         step = quantile * found.radiance_stderr / found.radiance
         lights = [with_background(dark, found, max(1.0 + s, 0.0)) for s in (-step, step)]
-        rates = [float(ber_of_gains(one, samples.samples.ravel()).mean()) for one in lights]
+        rates = [_mean_ber(one, samples, samples.samples) for one in lights]
         ber = _joined_rates(*ber, *rates)
     budget = link_budget(ook, gain, limit)
-    samples_of_law = samples.samples
-    if samples_of_law.size > _QUANTILES:
-        shares = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
-        samples_of_law = np.quantile(samples_of_law, shares)
     low, high = ook.led.levels(power)
     photons = 0.5 * (low + high) / (ook.bit_rate * photon_energy(ook.led.wavelength))
     margins = budget.margin_optical_db, budget.margin_electrical_db
@@ -282,7 +279,7 @@ def operating_point(
         margin_electrical_db=electrical,
         ber=ber,
         outage=outage_of_samples(ook, samples, limit, quantile, confidence),
-        capacity=capacity(ook, samples_of_law),
+        capacity=capacity(ook, _equal_samples(samples)),
         rms_delay_spread=spread,
         dispersion_db=_dispersion_db(ook, limit),
         widest_filter_nm=widest,
@@ -306,27 +303,53 @@ def ber_of_samples(
 
     The interval of the seas is a percentile bootstrap, stretched for correlated times.
     """
-    bers = [independent(ber_of_gains(ook, gains)) for gains in _shifted(samples, quantile)]
-    over_seas = bootstrapped_mean(bers[0], samples.n_effective, confidence, _RESAMPLES, seed)
+    middle, *shifted = _shifted(samples, quantile)
+    bers = samples.over_tilts(ber_of_gains(ook, middle))
+    over_seas = bootstrapped_mean(bers, samples.n_effective, confidence, _RESAMPLES, seed)
     if over_seas.value == 0.0:
         return over_seas
-    return _joined_rates(*over_seas, float(bers[1].mean()), float(bers[2].mean()))
+    return _joined_rates(*over_seas, *(_mean_ber(ook, samples, gains) for gains in shifted))
+
+
+def _mean_ber(ook: OokLink, samples: FadingSamples, gains: Floats) -> float:
+    """Return the error rate of gains (n, m), averaged over seas and tilts."""
+    return float(samples.over_tilts(ber_of_gains(ook, gains)).mean())
+
+
+def _equal_samples(samples: FadingSamples) -> Floats:
+    """Return the samples, or as many quantiles of equal probability as stand for their law."""
+    gains = samples.samples
+    weight = np.broadcast_to(samples.tilt.weight / len(gains), gains.shape)
+    if gains.size <= _QUANTILES and weight.max() == weight.min():
+        return gains
+    order = np.argsort(gains, axis=None)
+    weight = weight.ravel()[order]
+    shares = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
+    return np.interp(shares, np.cumsum(weight) - 0.5 * weight, gains.ravel()[order])
 
 
 def outage_of_samples(
     ook: OokLink, samples: FadingSamples, limit: float, quantile: float, confidence: float
 ) -> Estimate:
-    """Return the outage; its Wilson interval uses the effective number of tilts and seas."""
-    gains, needed = samples.samples, required_gain(ook, limit)
-    missed = [shifted < needed for shifted in _shifted(samples, quantile)]
+    """Return the outage, P(h_alpha < need / g) by the law of the tilt, averaged over the seas.
+
+    Its interval is that of Wilson with the effective number of seas; tilts out of the field of view
+    are lost over each of them, and known.
+    """
+    needed, gain, dark = required_gain(ook, limit), samples.series.gain, samples.tilt.outage
+    steps = np.exp(samples.chain_error * quantile * np.array([0.0, 1.0, -1.0]))
+    with np.errstate(divide="ignore"):
+        missed = [samples.tilt.below(needed / (gain * step)) for step in steps]
     share, brighter, darker = (float(m.mean()) for m in missed)
     over_seas = Estimate(share, share, share)
-    if gains.size > 1 and gains.any():
-        n, rows = samples.n_effective, independent(missed[0].astype(float))
-        if 0.0 < share < 1.0 and rows.var() > 0.0:
-            n *= max(share * (1.0 - share) / float(rows.var()), 1.0)
-        n = min(n, float(gains.size))
-        over_seas = outage(ook, gains, limit, n_effective=n, confidence=confidence)
+    if len(gain) > 1 and dark < 1.0:
+        seen = np.clip((missed[0] - dark) / (1.0 - dark), 0.0, 1.0)
+        rate, n = float(seen.mean()), samples.n_effective
+        if 0.0 < rate < 1.0 and seen.var() > 0.0:
+            n *= max(rate * (1.0 - rate) / float(seen.var()), 1.0)
+        found = wilson_interval(rate, n, confidence)
+        low, high = (dark + (1.0 - dark) * end for end in (found.low, found.high))
+        over_seas = Estimate(share, min(low, share), max(high, share))
     value, low, high = _joined(*over_seas, brighter, darker)
     return Estimate(value, max(low, 0.0), min(high, 1.0))
 

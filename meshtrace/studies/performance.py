@@ -159,8 +159,11 @@ class LinkPerformance(Stored):
         gain and is far smoother than the error rate.
         """
         target = require_between(self.limit if ber is None else ber, 0.0, 0.5, "ber")
-        curves = self.estimates("ber")
-        columns = (curves[:, i, [0, 2, 1]].T for i in range(len(self.ooks)))
+        return self._ranges(self.estimates("ber"), target)
+
+    def _ranges(self, bers: Floats, target: float) -> tuple[Estimate, ...]:
+        """Return the range of each bit rate for error rates (depths, bit_rates, 3)."""
+        columns = (bers[:, i, [0, 2, 1]].T for i in range(len(self.ooks)))
         return tuple(Estimate(*(_range(self.depths, b, target) for b in c)) for c in columns)
 
     def eye(self, depth: float | None = None, bit_rate: float | None = None) -> Eye:
@@ -185,7 +188,7 @@ class LinkPerformance(Stored):
         lines += [_figures_line(figures) for figures in self.figures]
         if len(self.depths) > 1:
             lines += ["", self._range_heading, *self._range_lines()]
-        light = [f"background light: {self.light}", *self._filters()]
+        light = [f"background light: {self.light}", *self._filters(), *self._tilts()]
         end = [*self._origin_lines()[:1], *light, *self._spreads(), *self._overloads()]
         end += [*self._origin_lines()[1:], self.status]
         return "\n".join([*lines, "", *end])
@@ -202,6 +205,20 @@ class LinkPerformance(Stored):
             for f in first
         )
         return [f"widest filter for BER {self.limit:g} at {first[0].depth:g} m: {found}"]
+
+    @property
+    def _least_ber(self) -> float:
+        """Error rate at any power: one half where the tilt leaves the field of view."""
+        return 0.5 * float(self.provenance.get("tilt_outage", 0.0))
+
+    def _tilts(self, wind: str = "") -> list[str]:
+        """Return the share of the tilts of an aircraft that leave the field of view."""
+        if self._least_ber < _FLOOR:
+            return []
+        return [
+            f"tilt of the aircraft{wind}: {200.0 * self._least_ber:.2g} % of the time beyond half "
+            f"of the field of view, so that no power has an error rate below {self._least_ber:.2e}"
+        ]
 
     def _spreads(self) -> list[str]:
         """Return the largest delay spread, in bits, and its penalty."""
@@ -227,9 +244,13 @@ class LinkPerformance(Stored):
 
     def _range_lines(self, wind: str = "") -> list[str]:
         """Return the range of each bit rate."""
-        rows = zip(self.bit_rates, self.range_at_ber(), self.estimates("ber").T[0], strict=True)
+        bers, least, start = self.estimates("ber"), self._least_ber, ""
+        if least >= self.limit:  # of the other tilts
+            bers = np.maximum(bers - least, 0.0) / (1.0 - 2.0 * least)
+            start = "none at any power, by the tilt; within the field of view "
+        rows = zip(self.bit_rates, self._ranges(bers, self.limit), bers.T[0], strict=True)
         return [
-            f"{wind}{rate / 1e6:>7g} Mbit/s  {self._range_text(found, ber)}"
+            f"{wind}{rate / 1e6:>7g} Mbit/s  {start}{self._range_text(found, ber)}"
             for rate, found, ber in rows
         ]
 
@@ -388,8 +409,9 @@ class DepthSweep(Stacked):
         light = [f"background light, {speed:g} m/s: {p.light}" for speed, p in pairs]
         if len({p.light for p in self.performances}) == 1:
             light = [f"background light: {first.light}"]
+        tilts = [line for speed, p in pairs for line in p._tilts(f", {speed:g} m/s")]
         water = f"water: {water_of(first.provenance)}"
-        return "\n".join([*lines, "", water, *light, first.status])
+        return "\n".join([*lines, "", water, *light, *tilts, first.status])
 
 
 SWEEP_DEPTHS = tuple(float(d) for d in range(20, 95, 5))
@@ -477,7 +499,9 @@ def link_performance(
     -----
     Intervals hold the spread of the seas (bootstrap for the error rate, Wilson for the outage) and
     the Monte Carlo error that all seas have in common, by evaluating the figures at gains shifted
-    by that error; the two are added in quadrature. With a UAV, 50 tilts are drawn for each sea.
+    by that error; the two are added in quadrature. The tilt of an aircraft is no sample: its law is
+    integrated over each sea (`uav.TiltLaw`), and the share of tilts beyond half of the field of
+    view, with an error rate of one half at any power, is stated.
     A coupled series counts as its effective number of gains (`fading.effective_samples`).
 
     Monte Carlo noise that differs between seas acts like additional fading: 0.2 % of the gain
@@ -560,6 +584,7 @@ def _over_depths(
         "daylight": day.model_dump(mode="json") if day else None,
         "responses": [one and one.model_dump(mode="json") for one in responses],
         **ensemble.provenance(),
+        "tilt_outage": next(iter(fades.values())).tilt.outage,
     }
     return LinkPerformance(
         tuple(fades), ooks, tuple(points), tuple(fades.values()), limit, confidence,

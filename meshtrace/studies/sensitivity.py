@@ -37,6 +37,7 @@ from meshtrace.studies.neighbours import (
     FADES,
     WATER,
     WINDOW,
+    WINDOWS,
     Neighbours,
     Of,
     Quantity,
@@ -47,10 +48,11 @@ from meshtrace.studies.neighbours import (
     has_moments,
     moments,
     range_of,
+    resolving_window,
 )
 from meshtrace.studies.response import MOST_SEAS, Responses
 from meshtrace.tables import text_table
-from meshtrace.uav import Flight, Uav
+from meshtrace.uav import Flight, TiltFactors, Uav
 
 _FARTHEST = 0.3  # change of a logarithm that a first-order forecast may reach
 
@@ -264,11 +266,11 @@ def _step(row: Row, value: float) -> tuple[float, float]:
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
 
-_TILTS, _TILTS_OF_ONE = 50, 2000  # of the aircraft over each sea
 _DIRECT = 1e-3  # step at which exact derivatives of the gain act on other quantities
 _DOUBT = 3.0  # standard errors by which two steps may differ
 _BEND = 2e-3  # of the elasticity, by which they may differ as the square of the step
 _PARTS: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}  # beside link and sea
+_HALVED = 2  # windows from one to that of half its width
 _KEPT = 4  # meshes of the base sea that stay in memory
 
 
@@ -337,10 +339,10 @@ def sensitivities(
         E_a = -a <L>,    E_b = <K> - b <L>;
 
     by the field of view it is the light that arrives at its edge: of unscattered light exactly, of
-    scattered light by a window of half the half-angle, with a kernel of fourth order (the few
-    arrivals between two views of nearly the same width, and so the difference of their gains, are
-    mostly noise); otherwise a central difference over links that share chains, mesh and every
-    choice of the estimator:
+    scattered light by a window with a kernel of fourth order, the widest one up to half of the
+    half-angle that agrees with all narrower ones (the few arrivals between two views of nearly the
+    same width, and so the difference of their gains, are mostly noise); otherwise a central
+    difference over links that share chains, mesh and every choice of the estimator:
 
         E_p = [ln q(p e^s) - ln q(p e^-s)] / (2 s).
 
@@ -458,14 +460,11 @@ class Study:
         self._other_rays = Lights(self.campaign, self.campaign.run.seed + 1)
         self.responses = Responses(self._light, self.variant, common=True)
 
-    def _tilt(self, variant: Variant) -> Floats | None:
-        """Return the tilt factors of an aircraft that carries the receiver, shape (seas, tilts)."""
+    def _tilt(self, variant: Variant) -> TiltFactors | None:
+        """Return the law of the tilt factor of an aircraft that carries the receiver."""
         if variant.uav is None or variant.link.direction == "down":
             return None
-        seas = self.near.seas
-        tilts = _TILTS if seas > 1 else _TILTS_OF_ONE
-        fov = variant.link.receivers[0].fov_deg
-        return self.campaign.tilt_factors(Flight(variant.uav), (seas, tilts), fov)
+        return self.campaign.tilt_factors(Flight(variant.uav), variant.link.receivers[0].fov_deg)
 
     def _light(self, at: Variant) -> list[Light]:
         """Return the light of a variant over some seas.
@@ -544,9 +543,21 @@ class Study:
         if p.name in WATER and has_moments(link):
             return self._exactly(p, self._moments[WATER.index(p.name)], "moment")
         if p.name == f"{_first(link)}.fov_deg" and link.physics.fov == "angle":
-            change = self._over(partial(edge_over, self.near, p.name), 1, p.name)
-            return self._exactly(p, change, "angle")
+            return self._at_edge(p)
         return self._differences(p)
+
+    def _at_edge(self, p: Parameter) -> _Rates:
+        """Return the derivatives by the field of view, by the window that resolves the light there.
+
+        The difference of a window of half its width is taken as its bias.
+        """
+        found = self._over(partial(edge_over, self.near, p.name), 1, p.name)
+        k, resolved = resolving_window(found)
+        rates = self._exactly(p, found[:, 0, k], "angle")
+        narrow = self._exactly(p, found[:, 0, min(k + _HALVED, len(WINDOWS) - 1)], "angle")
+        bias = math.hypot(rates.bias, float(narrow.rates[0] - rates.rates[0]))
+        notes = "" if resolved else "light at the edge varies within the narrowest window"
+        return rates._replace(bias=bias, suspicious=not resolved, notes=notes)
 
     def _exactly(self, p: Parameter, change: Floats, method: str) -> _Rates:
         """Return the derivatives of the quantity by the chain rule, from dh (seas, shifts)."""

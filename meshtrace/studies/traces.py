@@ -199,8 +199,10 @@ def channel_trace(
     -----
     All frames have common chains, so that their Monte Carlo noise is common, too, unless an
     aircraft flies a route; chains are aimed anew where it tilts. The mesh is somewhat smaller than
-    that of a series: frames of both agree within the error of the mesh, some 0.5 %. Unless `waves`
-    of the meshing says otherwise, the mesh holds all waves that make the light of the links fade.
+    that of a series of the link, over the same waves: frames of both agree within the error of the
+    mesh, some 0.5 %. Unless `waves` of the meshing says otherwise, the mesh holds all waves that
+    make the light of `link` fade, for both directions; a warning says if that leaves out a tenth of
+    the fading of the downlink.
 
     Examples
     --------
@@ -261,7 +263,7 @@ def _campaign(
         if surface is None and isinstance(link.surface, MeshSource):
             surface = link.surface
         options["mesh"] = run.get("mesh") or link.meshing
-    return both_directions(one, campaign_of(down, surface, "trace", fading=True, **options))
+    return both_directions(one, campaign_of(down, surface, "trace", **options))
 
 
 def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:

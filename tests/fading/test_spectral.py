@@ -15,7 +15,7 @@ import meshtrace as mt
 from meshtrace import fading
 from meshtrace.errors import Refused
 from meshtrace.fading.spectral import paraxial_lever
-from meshtrace.surfaces import Elfouhaily, FlatSea, JonswapSea, SpectralSea
+from meshtrace.surfaces import Elfouhaily, FlatSea, JonswapSea, SpectralSea, resolved_sea
 
 SEA = SpectralSea(
     spectrum=Elfouhaily(wind_speed=5.0, fetch=30e3), spreading="elfouhaily", mss="elfouhaily"
@@ -238,3 +238,21 @@ def test_covariance_of_slopes_over_distances():
     scale = slopes.variance.sum()
     np.testing.assert_allclose(found[0] + found[1], expected[0], atol=1e-6 * scale)
     np.testing.assert_allclose(found[0] - found[1], expected[1], atol=1e-6 * scale)
+
+
+def test_all_waves_that_make_light_fade_by_default():
+    """The waves of a study of fading, where a sea leaves them open; its own, where it does not."""
+    lags = [0.0, 0.07]
+    open_sea = resolved_sea(5.0, fetch=30e3)
+    resolved = fading.resolve_band(mt.Link(), open_sea)
+    wanted = fading.gain_autocovariance(mt.Link(), open_sea, lags, resolved.omega_max)
+    assert wanted[0] == pytest.approx(
+        fading.scintillation_of_spectrum(mt.Link(), open_sea), rel=0.03
+    )
+    for sea in (open_sea, resolved, JonswapSea(wind_speed=5.0)):
+        np.testing.assert_array_equal(fading.gain_autocovariance(mt.Link(), sea, lags), wanted)
+    narrow = open_sea.model_copy(update={"omega_max": 8.0})
+    found = fading.gain_autocovariance(mt.Link(), narrow, lags)
+    np.testing.assert_array_equal(
+        found, fading.gain_autocovariance(mt.Link(), open_sea, lags, omega_max=8.0)
+    )

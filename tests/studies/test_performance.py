@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from mc_statistics import ALPHA, z_test
+from mc_statistics import ALPHA, sidak, z_test
 from scipy.special import ndtri
 
 import meshtrace as mt
@@ -25,6 +25,7 @@ from meshtrace.studies.operating_point import (
     outage_of_samples,
 )
 from meshtrace.surfaces import FlatSea, JonswapSea, sea_in_wind
+from meshtrace.uav import TiltFactors, h_alpha
 
 RATES = (1e6, 5e6, 1e7)
 GRID = tuple(range(25, 95, 5))
@@ -180,11 +181,20 @@ def test_tilts_are_averaged_as_brute_force_does():
         photons=256,
         flight=mt.Flight(),
     )
-    ook, samples = found.transmission(), found.fades[0].samples
-    assert samples.shape == (12, 50)
-    bers = ook.ber(ook.received_power(samples))
-    assert found.at().ber.value == pytest.approx(bers.mean(), rel=1e-3)
-    assert found.at().outage.value == pytest.approx(np.mean(bers > 1e-3), abs=1e-9)
+    ook, gains, draws = found.transmission(), found.fades[0].series.gain, 200_000
+    wind = mt.Dryden(wind_speed=13.0).sample_wind(draws, 7)
+    factors = h_alpha(mt.Uav().tilt(wind).angle, FOV)
+    power = ook.received_power(np.linspace(0.0, gains.max(), 4001))
+    rates = ook.ber(power)
+
+    def average(values):
+        """Return the mean over seas and tilts with its error by the tilts."""
+        return values.mean(), values.mean(axis=0).std() / math.sqrt(draws)
+
+    bers = np.interp(ook.received_power(gains[:, None] * factors), power, rates)
+    for value, drawn in ((found.at().ber.value, bers), (found.at().outage.value, bers > 1e-3)):
+        mean, error = average(drawn)
+        assert z_test(mean, error, value) > sidak(ALPHA, 2)
 
 
 def test_tilt_outage_is_that_of_the_law():
@@ -198,11 +208,27 @@ def test_tilt_outage_is_that_of_the_law():
         realizations=400,
     )
     share = uav.tilt_law(wind).outage(FOV)
-    n = found.fades[0].samples.size
-    outage = found.at().outage
-    assert z_test(outage.value, math.sqrt(share * (1.0 - share) / n), share) > ALPHA
-    assert outage.low < share < outage.high
-    assert found.at().ber.value == pytest.approx(0.5 * outage.value, rel=1e-6)
+    assert found.at().outage == pytest.approx([share] * 3, rel=1e-5)
+    assert found.at().ber.value == pytest.approx(0.5 * share, rel=1e-6)
+
+
+def test_a_tilt_beyond_the_view_is_named():
+    """0.70 % at 13 m/s and 60 deg: an error rate of 3.5e-3 at any power, over 1e-3."""
+    found = mt.link_performance(
+        mt.Link(), FlatSea(), depths=[5.0, 40.0, 60.0], bit_rate=1e6, photons=256,
+        flight=mt.Flight(mt.Uav(), mt.Dryden(wind_speed=13.0)),
+    )  # fmt: skip
+    text, share = found.summary(), mt.Uav().tilt_law(mt.Dryden(wind_speed=13.0)).outage(FOV)
+    assert math.isnan(found.range_at_ber()[0].value)
+    assert re.search(
+        r"none at any power, by the tilt; within the field of view 5\d\.\d m  \(", text
+    )
+    assert f"no power has an error rate below {0.5 * share:.2e}" in text
+    assert found.range_at_ber(3.8e-3)[0].low > 40.0
+    held = mt.link_performance(
+        mt.Link(), FlatSea(), photons=256, flight=mt.Flight(wind=mt.Dryden(wind_speed=5.0))
+    )
+    assert "tilt" not in held.summary()
 
 
 def test_gimbal_takes_the_tilt_away():
@@ -235,9 +261,8 @@ def test_bands_cover_the_truth(chain_error):
     for trial in range(100):
         gains = centre * np.exp(sigma * rng.standard_normal(n))
         gains *= 1.0 + chain_error * rng.standard_normal()
-        fades = FadingSamples(
-            synthetic(gains, chain_error * gains.mean()), np.ones((n, 1)), float(n)
-        )
+        level = TiltFactors(np.ones(1), np.ones(1))
+        fades = FadingSamples(synthetic(gains, chain_error * gains.mean()), level, float(n))
         quantile = float(ndtri(0.975))
         ber = ber_of_samples(ook, fades, quantile, 0.95, trial)
         outage = outage_of_samples(ook, fades, 1e-3, quantile, 0.95)
@@ -313,7 +338,7 @@ def test_coupled_performance_counts_correlated_times():
         photons=256,
     )
     fades = found.fades[0]
-    assert np.all(fades.h_alpha == 1.0)
+    assert fades.tilt.h.tolist() == [1.0]
     assert 1.0 <= fades.n_effective <= 8.0
     assert fades.series.time == pytest.approx(0.25 * np.arange(8))
     assert found.provenance["coupled"] is True

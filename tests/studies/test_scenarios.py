@@ -53,7 +53,8 @@ def test_performance_follows_the_scenario():
     flown = SCENARIO.model_copy(update={"uav": mt.Uav()})
     found = mt.link_performance(flown, realizations=2)
     assert found.provenance["wind"]["wind_speed"] == 7.0
-    assert found.fades[0].h_alpha.shape == (2, 50)
+    law = mt.Uav().tilt_law(mt.Dryden(wind_speed=7.0))
+    assert found.fades[0].tilt.law == law
 
 
 def test_depths_follow_the_scenario():

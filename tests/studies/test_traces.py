@@ -11,7 +11,7 @@ import meshtrace as mt
 from meshtrace import fading
 from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
-from meshtrace.surfaces import FlatSea, SinusoidalSea
+from meshtrace.surfaces import FlatSea, SinusoidalSea, sea_in_wind
 
 LINK = mt.Link()
 WAVE = SinusoidalSea(amplitude=0.05, wavelength=3.0)
@@ -156,3 +156,23 @@ def test_a_single_frame_has_no_rate():
     assert found.time.shape == (1,)
     assert np.isnan(found.rate)
     assert "1 frame, mean gain" in found.summary()
+
+
+@pytest.mark.parametrize("wind", [3.0, 8.0])
+def test_a_trace_has_the_waves_of_a_series(wind):
+    """One band for one sea: both directions lie over the waves of the uplink alone."""
+    sea, few = sea_in_wind(wind), {"photons": 256, "seed": 1}
+    found = mt.channel_trace(mt.Link(), sea, hours=4 / 3600, rate=1.0, **few)
+    series = mt.time_series(mt.Link(), sea, found.time, **few)
+    for direction in ("up", "down"):
+        assert found.provenance[direction]["surface"] == series.provenance["surface"]
+    np.testing.assert_allclose(found.gain_ballistic, series.gain_ballistic, rtol=2e-3)
+    both = mt.duplex(mt.Link(), mt.Link().mirrored(), sea, found.time, **few)
+    assert both.up.provenance["surface"] == series.provenance["surface"]
+
+
+def test_a_downlink_that_fades_by_shorter_waves_is_named():
+    """At 3 m/s, 10 m deep and 2 m up, waves of the uplink give 0.85 of the downlink's index."""
+    link = mt.Link().replace("receiver.height", 2.0)
+    with pytest.warns(UserWarning, match=r"^downlink: the waves that make the uplink fade, up to"):
+        mt.channel_trace(link, sea_in_wind(3.0), hours=1 / 3600, rate=1.0, photons=64)

@@ -501,7 +501,7 @@ def _gauss_rules() -> tuple[Floats, Floats]:
     """Return Gauss's nodes and weights of the unit interval, those of n nodes in row n - 1."""
     nodes, weights = np.zeros((2, microfacets.GAUSS, microfacets.GAUSS))
     for n in range(1, microfacets.GAUSS + 1):
-        x, w = np.polynomial.legendre.leggauss(n)
+        x, w = gauss_legendre(n)
         nodes[n - 1, :n], weights[n - 1, :n] = 0.5 * (x + 1.0), 0.5 * w
     return nodes, weights
 

@@ -20,6 +20,7 @@ from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, Scattered, TypicalSea
+from meshtrace.fading.laws import probability_in_log
 from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
@@ -42,7 +43,7 @@ from meshtrace.studies.keys import Variant
 from meshtrace.studies.neighbours import DECIBELS, error_of, in_water, without_each
 from meshtrace.studies.operating_point import Ensemble, FadingSamples, operating_point
 from meshtrace.studies.response import light_response, through_channel
-from meshtrace.uav import Flight
+from meshtrace.uav import Flight, TiltFactors
 
 DEFAULT_CHAINS = 512
 """Chains of a design, common to all seas and links."""
@@ -134,22 +135,26 @@ def log_means(gains: Floats) -> Floats:
     return np.log(np.maximum(np.array(rows), 1e-300))
 
 
-def log_quantile(gains: Floats, tilt: Floats, share: float) -> float:
-    """Return ln q with P(g h < q) = share: lognormal gains (n,), tilt factors of any shape."""
-    mean = float(gains.mean())
-    index = float(gains.var(ddof=1)) / mean**2 if len(gains) > 1 else 0.0
-    spread = math.sqrt(max(math.log1p(index), 1e-12))
-    middle = math.log(mean) - 0.5 * spread**2
-    lit = np.log(tilt[tilt > 0.0])
-    dark = 1.0 - lit.size / tilt.size
+def log_quantile(gains: Floats, tilt: TiltFactors, share: float, lognormal: bool = False) -> float:
+    """Return ln q with P(g h < q) = share, for gains g (n,) and a law of the tilt factor h.
+
+    By a law with the mean and the deviation of ln g, see `probability_in_log`, or a lognormal one.
+    No light is lost beside either.
+    """
+    lit, factors = np.log(gains[gains > 0.0]), np.log(tilt.h[tilt.h > 0.0])
+    weight = tilt.weight[tilt.h > 0.0] * (lit.size / gains.size)
+    dark = 1.0 - float(weight.sum())
     if dark >= share:
         return -math.inf
+    middle, spread = float(lit.mean()), float(lit.std(ddof=1)) if lit.size > 1 else 0.0
+    spread = max(spread, 1e-6)
+    below = ndtr if lognormal else probability_in_log(spread)
 
     def excess(x: float) -> float:
-        below = ndtr((x - middle - lit) / spread).mean()
-        return dark + (1.0 - dark) * float(below) - share
+        return dark + float(weight @ below((x - middle - factors) / spread)) - share
 
-    return float(brentq(excess, middle - 40.0 * spread - 10.0, middle + 40.0 * spread, xtol=1e-9))
+    reach = 40.0 * spread + 10.0
+    return float(brentq(excess, middle - reach, middle + reach, xtol=1e-9))
 
 
 class Need:
@@ -213,7 +218,11 @@ class LinkModel:
                 "no day in the link file: a clear sky, the sun at a zenith angle of 30 deg"
             )
         if self.flight is not None:
-            found.append("the tilts of the aircraft count as in link_performance")
+            share = 100.0 * self.fades.tilt.outage
+            found.append(
+                "the tilts of the aircraft count as in link_performance; "
+                f"{share:.2g} % of them leave the field of view"
+            )
         return tuple(found)
 
     # ---- gains ------------------------------------------------------------------------------
@@ -280,12 +289,11 @@ class LinkModel:
         lit = with_background(self.dark.replace(**changes), self.found(light))
         return math.log(lit.required_power(self.limit))
 
-    def _tilt(self, fov_deg: float) -> Floats:
-        """Return the tilt factors of a field of view."""
-        shape = self.fades.h_alpha.shape
+    def _tilt(self, fov_deg: float) -> TiltFactors:
+        """Return the law of the tilt factor behind a field of view."""
         if self.flight is None:
-            return np.ones(shape)
-        return self.campaign.tilt_factors(self.flight, shape, fov_deg)
+            return self.fades.tilt
+        return self.campaign.tilt_factors(self.flight, fov_deg)
 
     @cache  # noqa: B019 - one study
     def quantile(self, fov_deg: float) -> float:
@@ -294,20 +302,20 @@ class LinkModel:
 
     @cached_property
     def quantile_stderr(self) -> float:
-        """Standard error of ln q: a jackknife over the seas, and the common chains."""
+        """Standard error of ln q: of the seas, of their law and of the common chains."""
         fades = self.fades
-        return self._quantile_error(fades.series.gain, fades.h_alpha, fades.chain_error)
+        return self._quantile_error(fades.series.gain, fades.tilt, fades.chain_error)
 
-    def _quantile_error(self, gains: Floats, tilt: Floats, chain_error: float) -> float:
+    def _quantile_error(self, gains: Floats, tilt: TiltFactors, chain_error: float) -> float:
+        """Return the error of ln q: a jackknife over the seas, half the way to a lognormal law."""
         n = len(gains)
         if n < 3:
             return chain_error
-        left = [
-            log_quantile(np.delete(gains, i), np.delete(tilt, i, axis=0), self.outage)
-            for i in range(n)
-        ]
+        left = [log_quantile(np.delete(gains, i), tilt, self.outage) for i in range(n)]
         spread = (n - 1) * float(np.var(left)) if np.isfinite(left).all() else math.nan
-        return math.hypot(math.sqrt(spread), chain_error)
+        by_law, other = (log_quantile(gains, tilt, self.outage, law) for law in (False, True))
+        of_law = 0.5 * abs(other - by_law) if math.isfinite(by_law) else math.nan
+        return math.hypot(math.sqrt(spread), of_law, chain_error)
 
     # ---- lights -----------------------------------------------------------------------------
 
@@ -428,8 +436,8 @@ class LinkModel:
 
     def budget(self) -> tuple[Line, ...]:
         """Return the lines of the budget, which add up to the reserve."""
-        dark, gains, tilt = self.dark, self.fades.series.gain, self.fades.h_alpha
-        mean, leaned = float(gains.mean()), float((gains[:, None] * tilt).mean())
+        dark, tilt, mean = self.dark, self.fades.tilt, float(self.fades.series.gain.mean())
+        leaned = mean * float(tilt.h @ tilt.weight)
         parts = link_budget(dark, mean, self.limit, leaned / mean)
         received = float(parts.received_dbm)
         lines = [_same("power of the lamp", parts.transmitted_dbm, unit="dBm")]
@@ -505,7 +513,7 @@ class LinkModel:
         if not total > 0.0:
             return -math.inf, math.nan
         error = float(error_of_groups(gains.mean(axis=0))) / total
-        tilt = self._tilt(link.receivers[0].fov_deg)[: len(means)]
+        tilt = self._tilt(link.receivers[0].fov_deg)
         return log_quantile(means, tilt, self.outage), self._quantile_error(means, tilt, error)
 
     @cache  # noqa: B019

@@ -254,10 +254,13 @@ class Design(Stored):
             if not math.isnan(r.value)
         ]
         never = [r for r in rows if r.key.endswith("width_nm") and math.isnan(r.value)]
-        text = "No width of the filter alone closes it. " if never and light == DAY else ""
+        texts = ["No width of the filter alone closes it."] if never and light == DAY else []
         if light == DAY and self.closes(NIGHT):
-            would.insert(0, "by night")
-        return f"{text}It would close, each alone: {', '.join(would)}." if would else text.rstrip()
+            texts.append("As it is, it closes by night.")
+        if would:
+            changes = "; or ".join(would)
+            texts.append(f"By {light} any one of these changes would close it: {changes}.")
+        return " ".join(texts)
 
     def reserve_together(self, light: str) -> float:
         """Return the reserve with the best lens, field of view and filter [dB]; nan for none."""

@@ -94,19 +94,19 @@ def design(
 
     Notes
     -----
-    Figures are those of `link_performance`. The quantile q follows from a lognormal law with the
-    mean and the variance of the gains g over the seas, and from the tilt factors h_alpha of the
-    aircraft. Scans are of mean gains with common random numbers over a sea of random slopes, those
-    over the wavelength over common paths, with the light of the same model at each; the shape of
-    the law of g and, but for bit rates, the averaging window are those of the given link. The best
-    lens, view and filter together are run by themselves, with laws and window of their own.
-    Responses of the channel follow the scans by their chains: a narrower field of view or a
-    shallower lamp has a shorter one. An interference filter is no narrower than its shift at the
-    edge of the field of view (`comms.background.filter_shift_nm`). The best bit rate R carries most
-    after hard decisions, R (1 - H2(BER)) at the quantile q (`comms.capacity`); the wavelength is
-    scanned in water with a spectrum. Lines of the budget add up to the reserve: the water's part is
-    that of the light that reaches the receiver, by runs without scattering, with and without
-    absorption.
+    Figures are those of `link_performance`. The quantile q follows from a gamma-gamma law of equal
+    shapes with the mean and the deviation of ln g over the seas, and from the law of the tilt
+    factor h_alpha of the aircraft; half the difference of a lognormal law joins its error. Scans
+    are of mean gains with common random numbers over a sea of random slopes, those over the
+    wavelength over common paths, with the light of the same model at each; the shape of the law of
+    g and, but for bit rates, the averaging window are those of the given link. The best lens, view
+    and filter together are run by themselves, with laws and window of their own. Responses of the
+    channel follow the scans by their chains: a narrower field of view or a shallower lamp has a
+    shorter one. An interference filter is no narrower than its shift at the edge of the field of
+    view (`comms.background.filter_shift_nm`). The best bit rate R carries most after hard
+    decisions, R (1 - H2(BER)) at the quantile q (`comms.capacity`); the wavelength is scanned in
+    water with a spectrum. Lines of the budget add up to the reserve: the water's part is that of
+    the light that reaches the receiver, by runs without scattering, with and without absorption.
 
     Examples
     --------
