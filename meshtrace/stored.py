@@ -312,6 +312,9 @@ class Stored(WithArrays, ABC):
                 found[field] = _typed(data.attrs[name], hints[field])
         return cls(**{**found, **more, "provenance": provenance})
 
+    def _check(self) -> None:
+        """Raise for values of a file that no study writes: its digest may be that of a forger."""
+
     def _origin_lines(self) -> list[str]:
         """Return the texts that come from the provenance; a file is refused without them."""
         return []
@@ -363,6 +366,7 @@ class Stored(WithArrays, ABC):
                 if label in dataset.variables and bool(dataset[label].isnull().any()):
                     raise ValueError(f"{label} without a number")
             result = cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
+            result._check()
             result._origin_lines()
             result._content()  # fits together: sizes of all arrays
             return result
