@@ -150,7 +150,7 @@ def _row(kind: Any, values: Iterator[Any]) -> Any:
     found = []
     for hint in _hints(kind).values():
         value = _row(hint, values) if hasattr(hint, "_fields") else next(values)
-        if hint in (int, float, str) and isinstance(value, str) != (hint is str):
+        if hint in (int, float, str) and not isinstance(value, str if hint is str else int | float):
             raise TypeError(f"{value!r:.40} for a {hint.__name__}")
         found.append(bool(value) if hint is bool else value)
     return kind(*found)
