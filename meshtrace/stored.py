@@ -158,7 +158,7 @@ def _row(kind: Any, values: Iterator[Any]) -> Any:
     found = []
     for hint in _hints(kind).values():
         value = _row(hint, values) if hasattr(hint, "_fields") else next(values)
-        if hint in (int, float, str) and isinstance(value, str) != (hint is str):
+        if hint in (int, float, str) and not isinstance(value, str if hint is str else int | float):
             raise TypeError(f"{value!r:.40} for a {hint.__name__}")
         found.append(bool(value) if hint is bool else value)
     return kind(*found)
@@ -322,6 +322,9 @@ class Stored(WithArrays, ABC):
                 found[field] = _typed(data.attrs[name], hints[field])
         return cls(**{**found, **more, "provenance": provenance})
 
+    def _check(self) -> None:
+        """Raise for values of a file that no study writes: its digest may be that of a forger."""
+
     def _origin_lines(self) -> list[str]:
         """Return the texts that come from the provenance; a file is refused without them."""
         return []
@@ -373,6 +376,7 @@ class Stored(WithArrays, ABC):
                 if label in dataset.variables and bool(dataset[label].isnull().any()):
                     raise ValueError(f"{label} without a number")
             result = cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
+            result._check()
             result._origin_lines()
             result._content()  # fits together: sizes of all arrays
             return result

@@ -76,8 +76,11 @@ class Background(Stored):
         """Name of the light."""
         return str(self.provenance["daylight"]["light"])
 
+    def _check(self) -> None:
+        dict(self.parts | self.parts_stderr)  # one of each part
+
     def _origin_lines(self) -> list[str]:
-        return [self.light, *self.parts, *self.parts_stderr]
+        return [self.light]
 
     @property
     def power_per_nm(self) -> float:

@@ -152,6 +152,11 @@ class GainSeries(Stored):
                 lines.append(f"  Monte Carlo error    {percent:.2g} % of the mean gain")
         return "\n".join(lines)
 
+    def _check(self) -> None:
+        stderrs = self.mean_stderrs
+        if stderrs.dtype.kind not in "biuf" or stderrs.shape != self.gains.shape[1:]:
+            raise ValueError(f"mean_stderr of {stderrs.dtype}, shape {stderrs.shape}")
+
     def _origin_lines(self) -> list[str]:
         """Return the scintillation index of unscattered light, measured and in closed form."""
         found, light = self.provenance.get("closed_form"), self.gain_ballistic
@@ -237,6 +242,10 @@ class CoverageMap(Stored):
         if self.gain_bound is not None:
             rows.append(f"  bound where dark     {np.nanmax(self.gain_bound):.1e}")
         return "\n".join([*rows, *self._origin_lines()])
+
+    def _check(self) -> None:
+        if not (np.isfinite(self.gain).all() and np.isfinite(self.gain_stderr).all()):
+            raise ValueError("a gain that is not finite")
 
     def _origin_lines(self) -> list[str]:
         """Return the water of the link."""
