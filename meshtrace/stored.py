@@ -168,8 +168,8 @@ def _check_array(array: xr.DataArray, dims: list[str], hint: Any) -> None:
     """Refuse an array of other dimensions than a result writes, or of text for numbers."""
     # values with fewer dimensions have the first ones; a number has none
     few = array.ndim or not dims
-    # a link may have no receivers
-    is_empty = any(size == 0 for name, size in array.sizes.items() if name != "receiver")
+    # a link may have no receivers, and light no scatterings
+    is_empty = any(n == 0 for name, n in array.sizes.items() if name not in ("receiver", "order"))
     if not few or list(array.dims) != dims[: array.ndim] or is_empty:
         shape = ", ".join(f"{name} {size}" for name, size in array.sizes.items())
         raise ValueError(f"{array.name} of dimensions ({shape}), not ({', '.join(dims)})")

@@ -598,14 +598,15 @@ def _of_result(file: Path) -> Inputs:
     if not isinstance(origin, dict) or "link" not in origin:
         raise Refused(str(file), result.kind, "a result of a link over a sea")
     try:
-        subject = _of_scenario(Scenario.from_provenance(origin))
+        # the gain of `run` is that of link files: few chains are enough for each sea of a study
+        subject = {**_of_scenario(Scenario.from_provenance(origin)), "scenario": None}
         if isinstance(result, CoverageMap):
             times = require_finite(origin.get("times", MISSING), "times", "times [s]")
             return {**subject, "coverage": result, "time": float(times.flat[0])}
     except Refused as error:
         raise error.of(str(file)) from None
     if isinstance(result, GainResult):
-        return {**subject, "gain": result, "scenario": None}
+        return {**subject, "gain": result}
     if isinstance(result, GainSeries) and result.along == "time":
         return {**subject, "gain": result, "time": float(result.time[0])}
     return subject

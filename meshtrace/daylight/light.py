@@ -703,7 +703,8 @@ class UnavailableDaylight:
         self.table, self.refusal = table, refusal
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # copy, pickle and pydantic look for methods of theirs
+        # others look for methods of theirs: copy, pickle, checks of arrays
+        if name.startswith("__") or name not in {*Daylight.model_fields, *vars(Daylight)}:
             raise AttributeError(name)
         raise self.refusal
 

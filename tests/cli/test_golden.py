@@ -76,7 +76,7 @@ ber --limit 0.7
 ber --uav kite
 ber --preset papr
 ber --coupled
-ber --set run.estimator=analog
+design --set run.estimator=analog
 ensemble --set sea.spectrum=flat
 series --set sea.time=3
 series --times 0:1:0

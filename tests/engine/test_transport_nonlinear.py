@@ -88,7 +88,7 @@ def test_provenance_rebuilds_the_sea():
 
 def test_a_choppy_sea_is_no_reference_of_the_convergence_study():
     with pytest.raises(Refused, match=r"^reference: 'analytic for a choppy sea', allowed: None"):
-        convergence_study(CLEAR, STEEP, [0.4, 0.2, 0.1, 0.05], unresolved="none")
+        convergence_study(CLEAR, STEEP, [0.4, 0.2, 0.1, 0.05], reference="analytic")
 
 
 def test_link_file(tmp_path):

@@ -133,7 +133,7 @@ def test_every_option_of_a_run_is_documented():
         ({"wave": "mean"}, "wave: 'mean', no such key, did you mean waves"),
         ({"mesh": 0.5}, "mesh: "),
         ({"rtol": 0.1}, "rtol: "),
-        ({"progress": False}, "progress: [Ff]alse, allowed: a function"),
+        ({"progress": False}, "progress: [Ff]alse, allowed: a callable"),
     ],
 )
 def test_other_options_are_refused(options, message):
@@ -142,7 +142,7 @@ def test_other_options_are_refused(options, message):
 
 
 def test_progress_of_a_map_is_a_function():
-    with pytest.raises(Refused, match="progress: 5, allowed: a function"):
+    with pytest.raises(Refused, match="progress: 5, allowed: a callable"):
         mt.coverage_map(mt.Link(), FlatSea(), photons=1000, progress=5)
 
 

@@ -66,7 +66,7 @@ def test_depths_follow_the_scenario():
 def test_analog_scenario_is_refused():
     analog = Scenario.from_config({"run": {"estimator": "analog"}})
     with pytest.raises(Refused, match=r"run\.estimator: 'analog', allowed: forced"):
-        mt.ensemble(analog, 2)
+        mt.sensitivities(analog)
 
 
 def test_link_alone_has_the_sea_of_its_wind():
