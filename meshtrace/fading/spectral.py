@@ -296,7 +296,6 @@ FADING = "fading"
 _START = 3.5  # k_max times the blur where the search begins
 _STEP = 2.0**0.5
 _FINEST = 2.0 ** (1.0 / 32)
-_HIGHEST = 128.0  # rad/s: waves of 1.2 cm
 
 
 class BandFading(NamedTuple):
@@ -402,15 +401,16 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
         return abs(scintillation_of_spectrum(link, surface, omega) - target) <= within * target
 
     lever, slopes = paraxial_lever(link), surface.slope_spectrum()
+    highest = float(slopes.omega[-1])  # small collectors see capillary waves
     beyond = np.cumsum(slopes.variance[::-1])[::-1]
     blur = np.sqrt(lever.beta**2 * 0.5 * beyond + 0.25 * lever.aperture**2)
     visible = np.flatnonzero(slopes.k * blur >= _START)
-    high = float(slopes.omega[visible[0]]) if len(visible) else _HIGHEST / _STEP
+    high = float(slopes.omega[visible[0]]) if len(visible) else highest
     while not resolved(high):
-        high *= _STEP
-        if high > _HIGHEST:
-            found = Described(f'"{FADING}" with mss = "{surface.mss}", which no band follows')
-            raise Refused("waves", found, 'others, or mss = "elfouhaily"')
+        if high >= highest:
+            found = Described(f'"{FADING}" with mss = "{surface.mss}", not the slopes of the waves')
+            raise Refused("waves", found, 'others, or a mss that is that of the spectrum')
+        high = min(high * _STEP, highest)
     low = high / _STEP
     while resolved(low):
         low, high = low / _STEP, low
