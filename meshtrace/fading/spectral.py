@@ -408,8 +408,10 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     high = float(slopes.omega[visible[0]]) if len(visible) else highest
     while not resolved(high):
         if high >= highest:
-            found = Described(f'"{FADING}" with mss = "{surface.mss}", not the slopes of the waves')
-            raise Refused("waves", found, 'others, or a mss that is that of the spectrum')
+            law = f'mss = "{surface.mss}", which no band follows'
+            found = Described(f'"{FADING}" with {law} with spreading "{surface.spreading.kind}"')
+            allowed = 'others, or Elfouhaily\'s spectrum with spreading and mss = "elfouhaily"'
+            raise Refused("waves", found, allowed)
         high = min(high * _STEP, highest)
     low = high / _STEP
     while resolved(low):

@@ -46,7 +46,7 @@ _SLOPES = 4.5  # standard deviations of the slopes that may bend light onto the 
 _RAYS = 6.0  # over the blur
 _CELLS = 2.0  # over the blur
 _BLURS = 4.0  # standard deviations of tilts
-_MOST_POINTS = 32_000_000  # traced at a time and depth: a bound on the work
+_MOST_POINTS = 64_000_000  # traced at a time and depth: a bound on the work
 _MOST_LINES = 2000  # of a tile along an axis: a bound on the memory
 _SCATTERED = 0.05  # of the depth: the part of the scattered light that follows the pattern
 
@@ -112,7 +112,7 @@ def irradiance_series(
     ------
     Refused
         If a parameter is out of range, the sea is choppy, the water has layers, there is no sun,
-        or 32 million points of the surface would not be enough for a depth.
+        or a depth needs more than 64 million points of the surface.
 
     Notes
     -----
