@@ -317,7 +317,7 @@ FADING = "fading"
 _START = 3.5  # k_max times the blur where the search begins
 _STEP = 2.0**0.5
 _FINEST = 2.0 ** (1.0 / 32)
-_HIGHEST = 128.0  # rad/s: waves of 1.2 cm
+_HIGHEST_OF_MESH = 128.0  # rad/s: waves of 1.2 cm, for which a mesh of 10 m has some 10^7 facets
 
 
 class BandFading(NamedTuple):
@@ -425,15 +425,18 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
         return abs(scintillation_of_spectrum(link, surface, omega) - target) <= within * target
 
     lever, slopes = paraxial_lever(link), surface.slope_spectrum()
+    highest = float(slopes.omega[-1])  # small collectors see capillary waves
     beyond = np.cumsum(slopes.variance[::-1])[::-1]
     blur = np.sqrt(lever.beta**2 * 0.5 * beyond + 0.25 * lever.aperture**2)
     visible = np.flatnonzero(slopes.k * blur >= _START)
-    high = float(slopes.omega[visible[0]]) if len(visible) else _HIGHEST / _STEP
+    high = float(slopes.omega[visible[0]]) if len(visible) else highest
     while not resolved(high):
-        high *= _STEP
-        if high > _HIGHEST:
-            found = Described(f'"{FADING}" with mss = "{surface.mss}", which no band follows')
-            raise Refused("waves", found, 'others, or mss = "elfouhaily"')
+        if high >= highest:
+            law = f'mss = "{surface.mss}", which no band follows'
+            found = Described(f'"{FADING}" with {law} with spreading "{surface.spreading.kind}"')
+            allowed = 'others, or Elfouhaily\'s spectrum with spreading and mss = "elfouhaily"'
+            raise Refused("waves", found, allowed)
+        high = min(high * _STEP, highest)
     low = high / _STEP
     while resolved(low):
         low, high = low / _STEP, low
@@ -541,9 +544,11 @@ def _with_windiest(surface: Any, changed: Callable[[Any], Any]) -> Any:
 def _resolved(link: Any, surface: Any, within: float = WITHIN) -> Any:
     """Return a sea with all waves that make the light of a link fade."""
     try:
-        return surface.model_copy(
-            update={"omega_max": _cached_band(_on_axis(link), surface, within)}
-        )
+        highest = _cached_band(_on_axis(link), surface, within)
+        if highest > _HIGHEST_OF_MESH:
+            found = Described(f'"{FADING}", with waves up to {highest:.3g} rad/s')
+            raise Refused("waves", found, f"others: a mesh holds those up to {_HIGHEST_OF_MESH:g}")
+        return surface.model_copy(update={"omega_max": highest})
     except Refused as error:
         if error.field == "waves":
             raise

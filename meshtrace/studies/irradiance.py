@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from time import process_time
 from typing import Annotated, Any, Literal, NamedTuple, Unpack, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 from scipy.special import j1
 
@@ -44,7 +44,8 @@ _SLOPES = 4.5  # standard deviations of the slopes that may bend light onto the 
 _RAYS = 6.0  # over the blur
 _CELLS = 2.0  # over the blur
 _BLURS = 4.0  # standard deviations of tilts
-_MOST_POINTS = 4_000_000  # of a grid
+_MOST_POINTS = 64_000_000  # traced at a time and depth: a bound on the work
+_MOST_LINES = 2000  # of a tile along an axis: a bound on the memory
 _SCATTERED = 0.05  # of the depth: the part of the scattered light that follows the pattern
 
 
@@ -110,7 +111,7 @@ def irradiance_series(
     ------
     Refused
         If a parameter is out of range, the sea is choppy, the water has layers, there is no sun,
-        or a grid would have more than four million points.
+        or a depth needs more than 64 million points of the surface.
 
     Notes
     -----
@@ -370,7 +371,8 @@ class DepthPlan:
         self._blur(tilts)
         self._waves, self._grid = sizes.waves, None
         if self._waves is not None:
-            self._grid = WaveGrid(self._waves.kx, self._waves.ky, self.x, self.y, _ERROR)
+            first = self.x[: self._lines], self.y[: self._lines]
+            self._grid = WaveGrid(self._waves.kx, self._waves.ky, *first, _ERROR)
 
     def _place(self, tilts: Floats, finest: float, bent: float) -> None:
         """Choose the points of the surface and the cells, for waves that bend light by `bent`."""
@@ -386,6 +388,9 @@ class DepthPlan:
         half = max(support + around, 0.0 if patch is None else patch[0] + support) + 3.0 * cell
         self.cell, self.cells, self._support = cell, 2 * math.ceil(half / cell), support
         points = 2 * math.ceil((0.5 * self.cells * cell + bent + 2.0 * spacing) / spacing) + 1
+        tiles = math.ceil(points / _MOST_LINES)
+        self._lines = math.ceil(points / tiles)
+        points = tiles * self._lines
         if points**2 > _MOST_POINTS:
             found = Described(f"{points:,} by {points:,} points of the sea at {self.depth:g} m")
             allowed = (
@@ -447,20 +452,37 @@ class DepthPlan:
     def _landed(self, time: float) -> Floats:
         """Return the irradiance of unscattered sunlight on the cells of a plane."""
         ray, cell = self.ray, self.cell
-        if self._grid is None or self._waves is None:
-            z, zx, zy = self.sea.grid(self.x, self.y, time)
-        else:
-            z, zx, zy = self._grid.sum(elevation_and_slopes(self._waves, time))
+        weights = None if self._waves is None else elevation_and_slopes(self._waves, time)
+        starts = range(0, len(self.x), self._lines)
+        tiles = [(i, j) for i in starts for j in starts]
+        # a single tile is evaluated once, many tiles twice where their mean height is needed
+        sheet = lru_cache(maxsize=1)(partial(self._sheet, time, weights))
+        level = 0.0
         if self.collector.floating:
-            z = z - z.mean()
-        light = np.zeros((self.cells, self.cells))
-        corner, low = (float(self.x[0]), float(self.y[0])), -0.5 * (self.cells + 1) * cell
+            level = float(np.mean([sheet(*tile)[0].mean() for tile in tiles]))
+        light, low = np.zeros((self.cells, self.cells)), -0.5 * (self.cells + 1) * cell
         # the collector is over the middle of a cell
-        land_sunlight(
-            z, zx, zy, corner, self.spacing, ray.day.sun, ray.n, ray.water.c, self.depth,
-            (low, low), cell, light,
-        )  # fmt: skip
+        for i, j in tiles:
+            z, zx, zy = sheet(i, j)
+            land_sunlight(
+                z - level, zx, zy, (float(self.x[i]), float(self.y[j])), self.spacing,
+                ray.day.sun, ray.n, ray.water.c, self.depth, (low, low), cell, light,
+            )  # fmt: skip
         return light * (ray.day.direct / cell**2)
+
+    def _sheet(
+        self, time: float, weights: NDArray[np.complex128] | None, i: int, j: int
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return heights and slopes of the tile that begins at lines i and j."""
+        if self._grid is None or self._waves is None or weights is None:
+            n = self._lines
+            z, zx, zy = self.sea.grid(self.x[i : i + n], self.y[j : j + n], time)
+        else:
+            # the grid is that of the first tile: waves are moved to it from the others
+            away = self.x[i] - self.x[0], self.y[j] - self.y[0]
+            phase = np.exp(-1j * (self._waves.kx * away[0] + self._waves.ky * away[1]))
+            z, zx, zy = self._grid.sum(weights * phase)
+        return z, zx, zy
 
     @property
     def spacing(self) -> float:

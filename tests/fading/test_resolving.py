@@ -202,3 +202,14 @@ def test_command():
         refused = invoke(cli.app, ["converge", "--what", "fading", *more])
         assert refused.exit_code == 2
         assert refused.stderr.startswith(f"error: {message}")
+
+
+def test_small_collectors_need_capillary_waves():
+    lamp = mt.AirLed(height=1e6, half_angle_deg=60.0)
+    disk = mt.WaterReceiver(depth=1.0, radius=0.0035, fov_deg=180.0)
+    link, sea = mt.Link(transmitter=lamp, receiver=disk), resolved_sea(5.0)
+    omega = fading.fading_band(link, sea)
+    assert omega > 128.0
+    indices = [fading.scintillation_of_spectrum(link, sea, o) for o in (omega, 2000.0, None)]
+    assert indices[0] == pytest.approx(indices[2], rel=0.031)
+    assert indices[1] == pytest.approx(indices[2], rel=1e-4)

@@ -6,12 +6,21 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.daylight.light import SUN_RADIUS_DEG
 from meshtrace.fading import scintillation_of_spectrum
 from meshtrace.kernels.sources import land_sunlight
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import refract
 from meshtrace.results import IrradianceSeries, load
-from meshtrace.surfaces import Elfouhaily, FlatSea, SinusoidalSea, SpectralSea, resolved_sea
+from meshtrace.studies import irradiance
+from meshtrace.surfaces import (
+    Elfouhaily,
+    FlatSea,
+    JonswapSea,
+    SinusoidalSea,
+    SpectralSea,
+    resolved_sea,
+)
 
 CLEAR = mt.Water(a=0.0, b=0.0)
 OVERHEAD = mt.Daylight(direct=1.0, diffuse=0.0, sun_zenith_deg=0.0)
@@ -229,6 +238,57 @@ def test_seeds_and_threads_leave_every_digit():
 def test_finer_points_change_nothing():
     coarse, fine = (series(SHORT, times=[0.0, 0.1], fineness=f).irradiance for f in (1.0, 2.0))
     np.testing.assert_allclose(coarse, fine, rtol=3e-3)
+
+
+@pytest.mark.parametrize("below", ["still", "waves"])
+def test_tiles_give_the_light_of_one_grid(below, monkeypatch):
+    options = {"times": [0.0, 0.1], "depths": [2.0], "patch": (0.2, 0.05), "below": below}
+    whole = series(SHORT, SLANTED, **options)
+    monkeypatch.setattr(irradiance, "_MOST_LINES", 150)
+    tiled = series(SHORT, SLANTED, **options)
+    assert tiled.provenance["surface_points"][0] > 150**2
+    np.testing.assert_allclose(tiled.pattern, whole.pattern, rtol=1e-4)
+    np.testing.assert_allclose(tiled.irradiance, whole.irradiance, rtol=1e-4)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("wind", [5.0, 8.0])
+def test_a_small_collector_counts_the_rays_that_hit_it(wind):
+    radius, depth, n = 0.0035, 1.0, 1.33 / mt.Link().n_air
+    found = series(JonswapSea(wind_speed=wind, seed=1), below="waves", collector=2.0 * radius)
+    (omega,) = found.provenance["omega_max"]
+    sea = JonswapSea(wind_speed=wind, seed=1).for_fading.model_copy(update={"omega_max": omega})
+    lines = 0.00023 * np.arange(-1000, 1001)
+    z, zx, zy = sea.grid(lines, lines, 0.0)
+    z -= z.mean()
+    place, power = refracted(
+        z, zx, zy, (lines[0], lines[0]), 0.00023, OVERHEAD.sun, n, 0.0, depth
+    )  # fmt: skip
+    rng = np.random.default_rng(1)
+    tilt = (1.0 - 1.0 / n) * depth * np.sqrt(sea.slopes_beyond(omega))
+    disk = math.radians(SUN_RADIUS_DEG) * depth / n
+    near = np.hypot(place[..., 0], place[..., 1]) < radius + disk + 4.0 * tilt.max()
+    place, power, hits = place[near], power[near], []
+    for _ in range(64):
+        r, phi = disk * np.sqrt(rng.random(len(place))), 2.0 * np.pi * rng.random(len(place))
+        moved = place + np.stack([r * np.cos(phi), r * np.sin(phi)], axis=-1)
+        moved += tilt * rng.normal(size=place.shape)
+        hits.append(power[np.hypot(moved[:, 0], moved[:, 1]) < radius].sum())
+    expected = np.mean(hits) / (math.pi * radius**2)
+    # the level differs by the mean height over either grid; points are lines of a lattice
+    assert found.irradiance[0, 0] == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.thorough
+def test_small_collectors_over_a_disk_read_as_a_wide_one():
+    sea = resolved_sea(5.0, fetch=3e3, seed=3).model_copy(update={"omega_max": 100.0})
+    options = {"below": "waves", "times": [0.0]}
+    wide = series(sea, collector=0.05, **options).irradiance[0, 0]
+    small = series(sea, collector=0.007, patch=(0.025, 0.001), **options)
+    x = 0.001 * (np.arange(small.pattern.shape[-1]) - small.pattern.shape[-1] // 2)
+    over = np.hypot(x[:, None], x) <= 0.025
+    # a collector's edge blurs that of the disk: (7 / 50)^2
+    assert small.pattern[0, 0][over].mean() == pytest.approx(wide, rel=0.02)
 
 
 def flashing(e, step=0.01):
