@@ -173,11 +173,15 @@ def _check_array(array: xr.DataArray, dims: list[str], hint: Any) -> None:
     if not few or list(array.dims) != dims[: array.ndim] or is_empty:
         shape = ", ".join(f"{name} {size}" for name, size in array.sizes.items())
         raise ValueError(f"{array.name} of dimensions ({shape}), not ({', '.join(dims)})")
-    is_text = hint is str or str in get_args(hint)
-    if array.dtype.kind not in ("UOST" if is_text else "biuf"):
+    if array.dtype.kind not in ("UOST" if _is_text(hint) else "biuf"):
         raise TypeError(f"{array.name} of {array.dtype}")
     if array.dtype.kind == "f":
         _check_range(str(array.name), array.to_numpy())
+
+
+def _is_text(hint: Any) -> bool:
+    """Return whether a type is that of texts, or of a tuple of texts or of certain words."""
+    return hint is str or isinstance(hint, str) or any(map(_is_text, get_args(hint)))
 
 
 def _check_range(name: str, values: NDArray[Any]) -> None:

@@ -570,7 +570,9 @@ class ForcedDetection:
         for some in (points[:, :_FEW_POINTS], points[:, _FEW_POINTS:]):
             if not some.size:
                 break
-            row = [aimed.direct_light(s, r, Vec3(*p.tolist())) for p in some.reshape(-1, 3)]
+            row = []
+            for p in some.reshape(-1, 3):
+                row.append(aimed.direct_light(s, r, Vec3(*p.tolist())))
             found = np.concatenate([found, np.reshape(row, (*some.shape[:2], -1))], axis=1)
             error = error_of_groups(found.mean(axis=1))
             if (error < _SMOOTH * found.mean(axis=(0, 1))).all():
