@@ -36,14 +36,9 @@ from .plots_results import plot_route as plot_route
 from .plots_studies import plot as plot
 from .plots_studies import plot_comparison as plot_comparison
 from .plots_studies import plot_convergence as plot_convergence
-from .plots_studies import plot_design as plot_design
 from .plots_studies import plot_duplex as plot_duplex
 from .plots_studies import plot_fading_convergence as plot_fading_convergence
-from .plots_studies import plot_inference as plot_inference
-from .plots_studies import plot_measured as plot_measured
-from .plots_studies import plot_optimum as plot_optimum
 from .plots_studies import plot_tornado as plot_tornado
-from .plots_studies import plot_trace as plot_trace
 from .scenes import SceneStyle as SceneStyle
 from .scenes import add_coverage as add_coverage
 from .scenes import add_footprint as add_footprint

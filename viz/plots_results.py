@@ -271,10 +271,8 @@ def _dataset(result: GainSeries | CoverageMap | xr.Dataset, *names: str) -> xr.D
     return data
 
 
-def plot_autocorrelation(
-    statistics: fading.FadingStatistics | fading.ChannelModel, *, ax: Axes | None = None
-) -> Axes:
-    r"""Plot the autocorrelation of the gain, or of a model, with the coherence time at 1/e.
+def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None = None) -> Axes:
+    r"""Plot the autocorrelation of the gain with the coherence time at 1/e.
 
     The grey band has the correlations that a record without any would show by chance,
     :math:`\pm 2 / \sqrt{n_\mathrm{eff}}` of its effective samples. The axis ends at ten
@@ -282,8 +280,8 @@ def plot_autocorrelation(
 
     Parameters
     ----------
-    statistics : FadingStatistics or ChannelModel
-        Of a time series; of a model also that of the series, with two standard errors.
+    statistics : FadingStatistics
+        Of a time series.
     ax : matplotlib Axes, optional
         Axes to draw on.
 
@@ -296,12 +294,6 @@ def plot_autocorrelation(
     Refused
         If the statistics are those of an ensemble.
     """
-    if isinstance(statistics, fading.ChannelModel):
-        error, name = statistics.autocorrelation_stderr, "autocorrelation"
-        rows = [statistics.autocorrelation, statistics.model_autocorrelation]
-        both = {name: rows, f"{name}_stderr": [error, 0.0 * error]}
-        data = marks.dataset(both, curve=["series", "model"], lag=statistics.lag)
-        return marks.finished(marks.lines(ax, data, name))
     if statistics.lag is None or statistics.autocorrelation is None:
         raise Refused("statistics", Described("of an ensemble"), "those of a time series")
     data = marks.dataset({"autocorrelation": statistics.autocorrelation}, lag=statistics.lag)

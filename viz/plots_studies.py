@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -11,26 +12,14 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
 from meshtrace import studies
-from meshtrace.errors import Described, Refused, require_word
+from meshtrace.errors import Described, Refused
 from meshtrace.models import Floats
 from meshtrace.stored import Stored
-from meshtrace.studies.designs.page import LIGHTS
-from meshtrace.validation.measured.suite import MeasuredTable
 
 from . import marks, plots_curves, plots_results
-from .style import INK, PALETTE, label_of, verbatim
+from .style import INK, PALETTE, verbatim
 
 _LINE: Any = {"color": INK, "lw": 0.8}
-
-_COSTS = {
-    "gain": "minus logarithm of the mean gain",
-    "outage": "quantile of ln(needed gain / gain)",
-    "range": "minus range [m]",
-    "margin": "minus logarithm of the margin",
-    "capacity": "minus logarithm of the capacity",
-    "custom": "cost",
-}
-"""Quantity that each objective of an optimisation minimises."""
 
 
 def plot_comparison(result: studies.Comparison, *, ax: Axes | None = None) -> Axes:
@@ -72,32 +61,6 @@ def plot_duplex(result: studies.Duplex, *, ax: Axes | None = None) -> Axes:
     along = {name: times if name == "time" else range(len(times))}
     data = marks.dataset({"gain over its mean": gains}, way=["up", "down"], **along)
     return marks.finished(marks.lines(ax, data, "gain over its mean"), ylim=(0.0, None))
-
-
-def plot_trace(result: studies.ChannelTrace, *, ax: Axes | None = None) -> Axes:
-    """Plot the gains of a channel trace and its background over their means.
-
-    Parameters
-    ----------
-    result : ChannelTrace
-        Of `channel_trace`.
-    ax : matplotlib Axes, optional
-        Axes to draw on.
-
-    Returns
-    -------
-    Axes
-    """
-    rows = {"up": result.gain, "down": result.down_gain}
-    gains = {name: row.reshape(len(row), -1) for name, row in rows.items() if row is not None}
-    over = [row[:, 0] / row[:, 0].mean() for row in gains.values()]
-    data = marks.dataset({"over its mean": over}, part=list(gains), time=result.time)
-    ax = marks.lines(ax, data, "over its mean", ("-", "--"))
-    times, light = result.background_time, result.background_radiance
-    if times is not None and light is not None:
-        color = list(PALETTE.values())[2]
-        ax.plot(times, light / light.mean(), "o", color=color, markersize=5.0, label="background")
-    return marks.finished(ax, ylim=(0.0, None))
 
 
 def plot_convergence(study: studies.ConvergenceStudy, *, ax: Axes | None = None) -> Axes:
@@ -210,122 +173,6 @@ def plot_tornado(
     return ax
 
 
-def plot_optimum(o: studies.Optimum, *, ax: Axes | None = None) -> Axes:
-    """Plot the cost of all candidates over the first variable, with the best one.
-
-    Parameters
-    ----------
-    o : Optimum
-        Of `optimize`.
-    ax : matplotlib Axes, optional
-        Axes to draw on.
-
-    Returns
-    -------
-    Axes
-    """
-    ax = marks.axes(ax)
-    ax.plot(o.history[:, 0], o.history[:, -1], "o", ms=4, label="candidates")
-    ax.plot(o.values[0], o.cost, "*", ms=12, color="C1", label="best")
-    ax.axvspan(*o.flatness[0], color="C1", alpha=0.15, label="within one standard error")
-    return marks.finished(ax, xlabel=label_of(o.variables[0]), ylabel=_COSTS[o.objective])
-
-
-def plot_design(d: studies.Design, *, light: str = "day", ax: Axes | None = None) -> Axes:
-    """Plot the reserve over each scanned key, relative to the values of the link.
-
-    Parameters
-    ----------
-    d : Design
-        Of `design`.
-    light : {"night", "day"}
-        Light.
-    ax : matplotlib Axes, optional
-        Axes to draw on.
-
-    Returns
-    -------
-    Axes
-        A curve for each key with the flat range drawn thick; above the line the link closes.
-    """
-    require_word(light, LIGHTS, "light")
-    ax = marks.axes(ax)
-    for choice, values, reserves in zip(d.choices, d.scanned, d.reserves, strict=True):
-        if choice.light != light or choice.given == 0.0:
-            continue
-        shown = np.where(np.isfinite(reserves), reserves, np.nan)
-        low, high = choice.flat
-        flat = np.where((values >= low) & (values <= high), shown, np.nan)
-        (line,) = ax.plot(values / choice.given, shown, label=label_of(choice.key))
-        ax.plot(values / choice.given, flat, lw=4.0, color=line.get_color(), alpha=0.5)
-    ax.axhline(0.0, **_LINE)
-    ax.plot(1.0, d.at(light).reserve, "o", color=INK)
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    labels = {"xlabel": "value over that of the link", "ylabel": f"reserve by {light} [dB]"}
-    return marks.finished(ax, legend=False, xscale="log", **labels)
-
-
-def plot_inference(f: studies.Inference, *, ax: Axes | None = None) -> Axes:
-    """Plot measured over fitted gains.
-
-    Parameters
-    ----------
-    f : Inference
-        Of `infer`.
-    ax : matplotlib Axes, optional
-        Axes to draw on.
-
-    Returns
-    -------
-    Axes
-    """
-    numbers, ax = np.arange(1, len(f.measured) + 1), marks.axes(ax)
-    data = marks.dataset({"measured over fitted": f.measured / f.predicted}, measurement=numbers)
-    marks.lines(ax, data, "measured over fitted", ("o",), markersize=6)
-    ax.axhline(1.0, **_LINE)
-    return ax
-
-
-def plot_measured(table: MeasuredTable, *, ax: Axes | None = None) -> Axes:
-    """Plot measured over computed values, with the bands of the computed ones.
-
-    Parameters
-    ----------
-    table : MeasuredTable
-        Of `validation.measured.run`.
-    ax : matplotlib Axes, optional
-        Axes to draw on.
-
-    Returns
-    -------
-    Axes
-    """
-    ax, kept = marks.axes(ax), np.flatnonzero(np.isfinite(table.observed) & (table.computed > 0.0))
-    several = len(set(table.experiment)) > 1
-    names = [(table.experiment if several else table.observable)[i] for i in kept]
-    if not names:
-        raise Refused("table", Described("no measured numbers"), "a table with some")
-    rows, value = np.arange(len(kept)), table.computed[kept]
-    ends = (table.band_low, table.band_high, table.observed_low, table.observed_high)
-    low, high, least, most = (np.maximum(end[kept], 0.0) / value for end in ends)
-    at = table.observed[kept] / value
-    outside = np.array([table.verdict[i] == "outside" for i in kept])
-    ax.hlines(rows, low, high, color=PALETTE["blue"], alpha=0.3, lw=5.0, label="computed, band")
-    for chosen, color, label in (
-        (~outside, "black", "measured, inside"),
-        (outside, PALETTE["vermilion"], "measured, outside"),
-    ):
-        if chosen.any():
-            errors = np.maximum(np.abs([at - least, most - at])[:, chosen], 0.0)
-            style: dict[str, Any] = {"color": color, "fmt": "o", "lw": 1.2, "label": label}
-            ax.errorbar(at[chosen], rows[chosen], xerr=errors, **style)
-    first = [names.index(name) for name in dict.fromkeys(names)]
-    ax.set_yticks(first, [verbatim(names[i]) for i in first], fontsize="small")
-    ax.axvline(1.0, **_LINE)
-    ax.invert_yaxis()
-    return marks.finished(ax, xlabel="measured over computed")
-
-
 def plot(result: Stored | xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot a result of any kind, or the dataset of a sweep or of `Water.spectra`.
 
@@ -359,31 +206,34 @@ def plot(result: Stored | xr.Dataset, *, ax: Axes | None = None) -> Axes:
     kind = getattr(result, "kind", None)
     if kind not in _PLOTS:
         raise Refused("result", Described(type(result).__name__), f"a {', '.join(_PLOTS)}")
-    return _PLOTS[kind](result, ax=ax)
+    draw = _PLOTS[kind]
+    if isinstance(draw, str):  # of an application, which imports this module
+        draw = resolve_name(draw)
+    return draw(result, ax=ax)
 
 
-_PLOTS: dict[str, Callable[..., Any]] = {
+_PLOTS: dict[str, Callable[..., Any] | str] = {
     "gain": plots_results.plot_gain,
     "series": plots_results.plot_series,
     "coverage": plots_results.plot_coverage,
     "impulse-response": plots_results.plot_impulse_response,
     "fading": plots_results.plot_autocorrelation,
-    "markov-channel": plots_results.plot_autocorrelation,
-    "transformed-gaussian": plots_results.plot_autocorrelation,
+    "markov-channel": "meshtrace.apps.plots:plot_channel",
+    "transformed-gaussian": "meshtrace.apps.plots:plot_channel",
     "performance": plots_curves.plot_performance,
     "depth-sweep": plots_curves.plot_winds,
     "convergence": plot_convergence,
     "fading-convergence": plot_fading_convergence,
     "comparison": plot_comparison,
     "duplex": plot_duplex,
-    "trace": plot_trace,
+    "trace": "meshtrace.apps.plots:plot_trace",
     "background": plots_results.plot_background,
     "background-series": plots_results.plot_background,
     "irradiance-series": plots_results.plot_irradiance,
     "wavelengths": plots_curves.plot_wavelengths,
     "sensitivity": plot_tornado,
-    "design": plot_design,
-    "optimum": plot_optimum,
-    "inference": plot_inference,
-    "measured": plot_measured,
+    "design": "meshtrace.apps.plots:plot_design",
+    "optimum": "meshtrace.apps.plots:plot_optimum",
+    "inference": "meshtrace.apps.plots:plot_inference",
+    "measured": "meshtrace.apps.plots:plot_measured",
 }

@@ -20,8 +20,8 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from places import GENERATED, STATIC
 
 from meshtrace import viz
-from meshtrace.validation import measured
-from meshtrace.validation.measured import beams
+from meshtrace.apps import measured
+from meshtrace.apps.measured import beams
 
 PHASES = ("clear", "coastal", "harbour", "average", "ff 0.005", "ff 0.01", "ff 0.0183", "ff 0.03")
 LENGTHS, CHUNKS = (4.0, 20.0), 128

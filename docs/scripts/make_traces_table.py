@@ -15,7 +15,7 @@ import numpy as np
 from places import DOCS
 
 import meshtrace as mt
-from meshtrace import fading
+from meshtrace import apps, fading
 from meshtrace.comms import OokLink
 from meshtrace.comms.budget import ber_of_gains
 from meshtrace.comms.capacity import hard_information
@@ -68,7 +68,7 @@ def row(name: str, gain: np.ndarray, mean: float, errors: bool) -> str:
     spread = float(fades.std() / fades.mean())
     cells.append((float(fades.mean()), float(fades.std()) / math.sqrt(fades.size)))
     cells.append((spread, spread / math.sqrt(2 * fades.size)))
-    rho = fading.TransformedGaussian.fit(gain[:12_000], STEP, "empirical")
+    rho = apps.TransformedGaussian.fit(gain[:12_000], STEP, "empirical")
     cells.append((rho.autocorrelation[6], rho.autocorrelation_stderr[6]))
     cells += outages(gain, mean)
     texts = [f"{v:.3g} ± {e:.1g}" if errors else f"{v:.3g}" for v, e in cells]
@@ -80,11 +80,11 @@ def held_out(folder: Path) -> list[str]:
     first, other = (
         np.concatenate([record(folder, seed) for seed in seeds]) for seeds in (FITTED, HELD_OUT)
     )
-    generator = fading.TransformedGaussian.fit
+    generator = apps.TransformedGaussian.fit
     models = {
-        "two states": fading.MarkovChannel.fit(first, STEP, (LEVEL,)),
-        "eight states": fading.MarkovChannel.fit(first, STEP, 8),
-        "32 states": fading.MarkovChannel.fit(first, STEP, 32),
+        "two states": apps.MarkovChannel.fit(first, STEP, (LEVEL,)),
+        "eight states": apps.MarkovChannel.fit(first, STEP, 8),
+        "32 states": apps.MarkovChannel.fit(first, STEP, 32),
         "gamma-gamma": generator(first, STEP),
         "empirical law": generator(first, STEP, "empirical"),
         "gamma-gamma, threshold 0.7": generator(first, STEP, threshold=LEVEL),

@@ -125,7 +125,7 @@ def jobs() -> list[Job]:
 
 
 def _sources(script: Path) -> tuple[Path, ...]:
-    explorer = ROOT / "meshtrace" / "explorer"
+    explorer = ROOT / "meshtrace" / "apps" / "explorer"
     more = [*explorer.glob("*.py"), *(explorer / "assets").iterdir()]
     return script, *(sorted(more) if "explorer" in script.stem else ())
 

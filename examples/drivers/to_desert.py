@@ -13,9 +13,9 @@ import argparse
 import numpy as np
 import xarray as xr
 
+from meshtrace.apps import MarkovChannel
 from meshtrace.comms import OokLink
 from meshtrace.comms.budget import ber_of_gains
-from meshtrace.fading import MarkovChannel
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("trace", help="trace, a file of `meshtrace traces`")

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from meshtrace.validation import w2a1
+from meshtrace.apps import w2a1
 
 
 def rows():

@@ -147,7 +147,7 @@ def explore(
     browser
         Open the page in a browser.
     """
-    from meshtrace.explorer import explore as start
+    from meshtrace.apps.explorer import explore as start
 
     title = "the link of the paper" if link is None else link.name
     start(changes.scenario(link), host=host, port=port, open_browser=browser, title=title)
@@ -187,7 +187,8 @@ def validate(
         return
     if output is not None:
         raise Refused("--output", str(output), "only with --suite measured")
-    from meshtrace.validation import LIMIT, SUITE, format_table, w2a1
+    from meshtrace.apps import w2a1
+    from meshtrace.validation import LIMIT, SUITE, format_table
     from meshtrace.validation import validate as run_checks
 
     if case is not None:
@@ -213,7 +214,7 @@ def validate(
 
 def _measured(quick: bool, case: str | None, output: Path | None, json_: bool) -> None:
     """Compare published measurements with computed values."""
-    from meshtrace.validation import measured
+    from meshtrace.apps import measured
 
     console.check_output(output)
     names = list(measured.experiments())

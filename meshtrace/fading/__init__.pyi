@@ -1,6 +1,3 @@
-from .channels import ChannelModel as ChannelModel
-from .channels import MarkovChannel as MarkovChannel
-from .channels import TransformedGaussian as TransformedGaussian
 from .distribution import Distribution as Distribution
 from .distribution import DistributionFit as DistributionFit
 from .distribution import Estimate as Estimate

@@ -11,14 +11,7 @@ from .convergence import convergence_study as convergence_study
 from .convergence import fading_study as fading_study
 from .convergence import time_step_study as time_step_study
 from .coverage import coverage_map as coverage_map
-from .designs.page import Design as Design
-from .designs.study import design as design
-from .inference import Inference as Inference
-from .inference import infer as infer
-from .irradiance import irradiance_series as irradiance_series
 from .keys import Variant as Variant
-from .optimisation import Optimum as Optimum
-from .optimisation import optimize as optimize
 from .performance import DepthSweep as DepthSweep
 from .performance import LinkPerformance as LinkPerformance
 from .performance import depth_sweep as depth_sweep
@@ -30,5 +23,3 @@ from .series import ensemble as ensemble
 from .series import time_series as time_series
 from .sweeps import sweep as sweep
 from .sweeps import sweep_file as sweep_file
-from .traces import ChannelTrace as ChannelTrace
-from .traces import channel_trace as channel_trace

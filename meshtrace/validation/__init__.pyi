@@ -1,5 +1,3 @@
-from . import measured as measured
-from . import w2a1 as w2a1
 from .closed_forms import LIMIT as LIMIT
 from .closed_forms import SUITE as SUITE
 from .closed_forms import Check as Check

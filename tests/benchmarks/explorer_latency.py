@@ -17,9 +17,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from browser import chromium, until
 
-from meshtrace.explorer import stages
-from meshtrace.explorer.controls import State
-from meshtrace.explorer.scene import LiveScene
+from meshtrace.apps.explorer import stages
+from meshtrace.apps.explorer.controls import State
+from meshtrace.apps.explorer.scene import LiveScene
 from meshtrace.scenario import Scenario
 
 PARTS = ("CPU of the state", "CPU of the first gain", "CPU of its bits", "CPU of a new scene",

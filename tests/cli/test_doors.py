@@ -10,9 +10,9 @@ import pytest
 
 import meshtrace as mt
 from meshtrace import bench
+from meshtrace.apps.explorer.stages import design_of
 from meshtrace.cli import console
 from meshtrace.errors import Refused
-from meshtrace.explorer.stages import design_of
 from meshtrace.parallel import safe_processes
 from meshtrace.scenario import Scenario
 

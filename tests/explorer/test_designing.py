@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.apps import Design
+from meshtrace.apps.designs.page import BestValue, Figures, Line, Reach
+from meshtrace.apps.explorer import stages
+from meshtrace.apps.explorer.readings import design_reading
+from meshtrace.apps.explorer.stages import design_of
 from meshtrace.errors import Refused
-from meshtrace.explorer import stages
-from meshtrace.explorer.readings import design_reading
-from meshtrace.explorer.stages import design_of
 from meshtrace.scenario import Scenario
-from meshtrace.studies import Design
-from meshtrace.studies.designs.page import BestValue, Figures, Line, Reach
 
 FEW = {"photons": 64, "realizations": 8}
 WIDTH = "detector.optics.filter_width_nm"

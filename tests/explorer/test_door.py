@@ -17,7 +17,7 @@ from browser import chromium, until
 from test_server import served
 from wslink.chunking import generate_chunks
 
-from meshtrace.explorer import server
+from meshtrace.apps.explorer import server
 
 EXPLORE = [sys.executable, "-m", "meshtrace", "explore", "--no-browser", "--port", "0"]
 

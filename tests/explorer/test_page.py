@@ -17,9 +17,9 @@ from browser import chromium, until
 from PIL import Image
 
 import meshtrace as mt
-from meshtrace import explorer
-from meshtrace.explorer.controls import CHOICES, GIVEN, State
-from meshtrace.explorer.stages import CHAINS
+from meshtrace.apps import explorer
+from meshtrace.apps.explorer.controls import CHOICES, GIVEN, State
+from meshtrace.apps.explorer.stages import CHAINS
 from meshtrace.scenario import Scenario
 
 pytestmark = [pytest.mark.browser, pytest.mark.process, pytest.mark.thorough]

@@ -6,9 +6,9 @@ import trimesh
 from scipy.stats import norm
 
 import meshtrace as mt
-from meshtrace.explorer import scenario_of, stages
-from meshtrace.explorer.controls import State
-from meshtrace.explorer.scene import LiveScene, light_color, segments
+from meshtrace.apps.explorer import scenario_of, stages
+from meshtrace.apps.explorer.controls import State
+from meshtrace.apps.explorer.scene import LiveScene, light_color, segments
 from meshtrace.scenario import Scenario
 
 STATE = State(Scenario.from_toml(""))

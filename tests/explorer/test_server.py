@@ -10,10 +10,10 @@ import pytest
 from trame.app.core import AVAILABLE_SERVERS
 
 import meshtrace as mt
+from meshtrace.apps.explorer import page as page_of_session
+from meshtrace.apps.explorer import server
+from meshtrace.apps.explorer.server import Explorer
 from meshtrace.errors import Refused
-from meshtrace.explorer import page as page_of_session
-from meshtrace.explorer import server
-from meshtrace.explorer.server import Explorer
 from meshtrace.scenario import Scenario
 
 PAPER = Scenario.from_toml("")
@@ -127,7 +127,7 @@ def test_a_port_beyond_the_range_is_refused():
 
 
 def test_missing_packages_are_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "meshtrace.explorer.server", None)
+    monkeypatch.setitem(sys.modules, "meshtrace.apps.explorer.server", None)
     with pytest.raises(Refused, match=r'pip install "meshtrace\[explore\]"'):
         mt.explore()
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.apps.explorer import readings, stages
+from meshtrace.apps.explorer.controls import State
+from meshtrace.apps.explorer.stages import Failed, Session
 from meshtrace.comms.budget import link_budget
 from meshtrace.errors import Refused
-from meshtrace.explorer import readings, stages
-from meshtrace.explorer.controls import State
-from meshtrace.explorer.stages import Failed, Session
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import JonswapSea
 
@@ -104,7 +104,7 @@ def test_daylight_changes_the_bits_alone(session):
 
 
 def test_light_downwards(session):
-    from meshtrace.explorer import scenario_of
+    from meshtrace.apps.explorer import scenario_of
 
     down = Session(scenario_of(mt.Link().mirrored(), PAPER.surface))
     down.answer_now()
@@ -183,9 +183,9 @@ def test_the_newest_move_wins(monkeypatch):
         yield from real(state, check)
 
     session = Session(PAPER)
-    stage = __import__("meshtrace.explorer.stages", fromlist=["STAGES"]).STAGES["gain"]
+    stage = __import__("meshtrace.apps.explorer.stages", fromlist=["STAGES"]).STAGES["gain"]
     monkeypatch.setitem(
-        __import__("meshtrace.explorer.stages", fromlist=["STAGES"]).STAGES,
+        __import__("meshtrace.apps.explorer.stages", fromlist=["STAGES"]).STAGES,
         "gain",
         stage._replace(run=slow),
     )

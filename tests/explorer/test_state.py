@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import meshtrace as mt
-from meshtrace.errors import Refused
-from meshtrace.explorer import scenario_of
-from meshtrace.explorer.controls import (
+from meshtrace.apps.explorer import scenario_of
+from meshtrace.apps.explorer.controls import (
     BY_NAME,
     CASE_1,
     CHOICES,
@@ -18,7 +17,8 @@ from meshtrace.explorer.controls import (
     State,
     slider_range,
 )
-from meshtrace.explorer.readings import as_python, as_toml
+from meshtrace.apps.explorer.readings import as_python, as_toml
+from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
 
 # control, value in the units of the page, what the scenario then holds

@@ -2,7 +2,7 @@
 
 import threading
 
-from meshtrace.explorer.stages import Superseded, Worker
+from meshtrace.apps.explorer.stages import Superseded, Worker
 
 
 def test_the_running_job_ends_and_waiting_ones_are_left_out():

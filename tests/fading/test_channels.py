@@ -11,12 +11,12 @@ from mc_statistics import ALPHA, chi2_test, sidak
 from scipy import signal, stats
 
 import meshtrace as mt
-from meshtrace import fading
+from meshtrace import apps, fading
+from meshtrace.apps.channels import _hermite_powers, _quantiles, _transformed
 from meshtrace.comms import OokLink
 from meshtrace.comms.budget import ber_of_gains
 from meshtrace.comms.capacity import hard_information
 from meshtrace.errors import Refused
-from meshtrace.fading.channels import _hermite_powers, _quantiles, _transformed
 from meshtrace.stored import load
 from meshtrace.surfaces import resolved_sea
 
@@ -71,7 +71,7 @@ def seen():
 
 @pytest.fixture(scope="module")
 def generator(seen):
-    return fading.TransformedGaussian.fit(seen, STEP, "lognormal")
+    return apps.TransformedGaussian.fit(seen, STEP, "lognormal")
 
 
 # --- durations of fades --------------------------------------------------------------------
@@ -99,7 +99,7 @@ def test_transitions_and_probabilities_lie_within_their_errors():
     steady = np.linalg.matrix_power(P, 1000)[0]
     deviations = []
     for _ in range(60):
-        model = fading.MarkovChannel.fit(
+        model = apps.MarkovChannel.fit(
             LEVELS[chain(6000, rng)], STEP, (0.5, 1.5), relative_to="absolute"
         )
         z = (model.transition - P) / model.transition_stderr
@@ -114,7 +114,7 @@ def test_transitions_and_probabilities_lie_within_their_errors():
 @pytest.mark.statistical
 def test_samples_of_a_chain_have_its_transitions():
     g = LEVELS[chain(20_000, np.random.default_rng(3))]
-    model = fading.MarkovChannel.fit(g, STEP, (0.5, 1.5), relative_to="absolute")
+    model = apps.MarkovChannel.fit(g, STEP, (0.5, 1.5), relative_to="absolute")
     states = model.states(model.sample(200_000, seed=4))
     for i, row in enumerate(model.transition):
         after = np.bincount(states[1:][states[:-1] == i], minlength=3)
@@ -123,7 +123,7 @@ def test_samples_of_a_chain_have_its_transitions():
 
 
 def test_crossing_rates_are_those_of_the_series(seen):
-    model = fading.MarkovChannel.fit(seen, STEP, 6)
+    model = apps.MarkovChannel.fit(seen, STEP, 6)
     for h, rate, fade in zip(
         model.threshold, model.level_crossing_rate, model.mean_fade_duration, strict=True
     ):
@@ -140,7 +140,7 @@ def test_crossing_rates_are_those_of_the_series(seen):
 def test_states_give_error_rates(seen):
     link = OokLink()
     gain = 1.6 * limit(1e-3) * seen
-    model = fading.MarkovChannel.fit(gain, STEP)
+    model = apps.MarkovChannel.fit(gain, STEP)
     ber, states = ber_of_gains(link, gain), model.states(gain)
     bad, good = np.bincount(states, ber) / np.bincount(states)
     assert model.steady_state @ [bad, good] == pytest.approx(ber.mean(), rel=1e-3)
@@ -156,7 +156,7 @@ def limit(ber):
 @pytest.mark.statistical
 def test_a_chain_of_first_order_fails_on_waves(seen):
     """Fades of waves have a scale, those of a chain of two states are geometric."""
-    model = fading.MarkovChannel.fit(seen, STEP)
+    model = apps.MarkovChannel.fit(seen, STEP)
     assert "no memory of the waves' phase" in model.notes[0]
     edges = [0.5, 2.5, 4.5, 6.5, 8.5, 10.5, 14.5, 1e9]
     expected = histogram(model.sample(300_000), model.threshold[0], edges)
@@ -165,7 +165,7 @@ def test_a_chain_of_first_order_fails_on_waves(seen):
     # a chain is one of a chain
     two = np.array([[0.9, 0.1], [0.02, 0.98]])
     g = LEVELS[chain(60_000, np.random.default_rng(6), two)]
-    model = fading.MarkovChannel.fit(g[:30_000], STEP)
+    model = apps.MarkovChannel.fit(g[:30_000], STEP)
     assert model.notes == ()
     duration = np.arange(1, 200)
     geometric = 0.1 * 0.9 ** (duration - 1)
@@ -252,12 +252,12 @@ def test_a_correlation_that_no_law_has_is_noted():
     """A skewed law has no correlation of -1."""
     turn = np.tile([0.0, 1.0], 4000) * 4.0 - 2.0
     g = np.exp(turn + 0.2 * np.random.default_rng(13).standard_normal(turn.size))
-    model = fading.TransformedGaussian.fit(g, STEP, "lognormal")
+    model = apps.TransformedGaussian.fit(g, STEP, "lognormal")
     assert "no transformed Gaussian series of this law" in model.notes[0]
 
 
 def test_an_empirical_law_keeps_the_extremes(seen):
-    model = fading.TransformedGaussian.fit(seen, STEP, "empirical")
+    model = apps.TransformedGaussian.fit(seen, STEP, "empirical")
     g = model.sample(20_000, seed=14)
     assert seen.min() <= g.min() < g.max() <= seen.max()
     assert model.model_scintillation_index == pytest.approx(model.scintillation_index, rel=0.01)
@@ -269,8 +269,8 @@ def test_an_empirical_law_keeps_the_extremes(seen):
 @pytest.mark.parametrize(
     "fit",
     [
-        lambda g: fading.MarkovChannel.fit(g, STEP, 3),
-        lambda g: fading.TransformedGaussian.fit(g, STEP),
+        lambda g: apps.MarkovChannel.fit(g, STEP, 3),
+        lambda g: apps.TransformedGaussian.fit(g, STEP),
     ],
 )
 def test_models_are_stored(fit, seen, tmp_path):
@@ -289,7 +289,7 @@ def test_autocorrelation_of_a_first_order_series_within_its_errors():
     z = []
     for _ in range(30):
         x = signal.lfilter([math.sqrt(0.19)], [1.0, -0.9], rng.standard_normal(5000))
-        model = fading.MarkovChannel.fit(5.0 + x, STEP, 2)
+        model = apps.MarkovChannel.fit(5.0 + x, STEP, 2)
         z.append((model.autocorrelation - 0.9 ** np.arange(model.lag.size))[1:8]
                  / model.autocorrelation_stderr[1:8])  # fmt: skip
     assert np.std(z) == pytest.approx(1.0, abs=0.35)
@@ -298,17 +298,17 @@ def test_autocorrelation_of_a_first_order_series_within_its_errors():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda g: fading.MarkovChannel.fit(g, 0.0), "dt: 0.0, allowed: a time step > 0 s"),
-        (lambda g: fading.MarkovChannel.fit(g, STEP, (1.0, 0.5)), "thresholds: .*increasing"),
-        (lambda g: fading.MarkovChannel.fit(g, STEP, 1), "thresholds: 1, allowed"),
-        (lambda g: fading.MarkovChannel.fit(g, STEP, (99.0,)), "state 1 is never left"),
-        (lambda g: fading.MarkovChannel.fit(0.0 * g + 1.0, STEP), "gain: all equal"),
+        (lambda g: apps.MarkovChannel.fit(g, 0.0), "dt: 0.0, allowed: a time step > 0 s"),
+        (lambda g: apps.MarkovChannel.fit(g, STEP, (1.0, 0.5)), "thresholds: .*increasing"),
+        (lambda g: apps.MarkovChannel.fit(g, STEP, 1), "thresholds: 1, allowed"),
+        (lambda g: apps.MarkovChannel.fit(g, STEP, (99.0,)), "state 1 is never left"),
+        (lambda g: apps.MarkovChannel.fit(0.0 * g + 1.0, STEP), "gain: all equal"),
         (
-            lambda g: fading.TransformedGaussian.fit(g, STEP, "normal"),
+            lambda g: apps.TransformedGaussian.fit(g, STEP, "normal"),
             "law: 'normal', did you mean",
         ),
-        (lambda g: fading.TransformedGaussian.fit(g, STEP, seed=-1), "seed: -1"),
-        (lambda g: fading.TransformedGaussian.fit(g, STEP).sample(0), "n: 0, allowed"),
+        (lambda g: apps.TransformedGaussian.fit(g, STEP, seed=-1), "seed: -1"),
+        (lambda g: apps.TransformedGaussian.fit(g, STEP).sample(0), "n: 0, allowed"),
     ],
 )
 def test_refuses(call, message):
@@ -323,7 +323,7 @@ def test_a_series_over_a_resolved_sea():
         mt.Link(), resolved_sea(5.0, seed=3), STEP * np.arange(600), photons=128
     )
     first, second = series.gain[:300], series.gain[300:]
-    model = fading.TransformedGaussian.fit(first, STEP)
+    model = apps.TransformedGaussian.fit(first, STEP)
     assert model.scintillation_index == pytest.approx(0.25, abs=0.15)
     g = model.sample(200_000, seed=1)
     for threshold in (0.7, 1.0):
@@ -334,7 +334,7 @@ def test_a_series_over_a_resolved_sea():
             strict=True,
         )  # fmt: skip
         assert min(low) < rate < max(high)
-    chain_of_two = fading.MarkovChannel.fit(first, STEP)
+    chain_of_two = apps.MarkovChannel.fit(first, STEP)
     assert chain_of_two.transition[0, 0] < chain_of_two.transition[1, 1]
 
 
@@ -358,7 +358,7 @@ def test_fades_below_a_threshold_come_as_often_as_in_the_series():
 
     wanted = rate(fresh)
     off = [
-        rate(fading.TransformedGaussian.fit(seen, dt, "empirical", threshold=h).sample(200_000))
+        rate(apps.TransformedGaussian.fit(seen, dt, "empirical", threshold=h).sample(200_000))
         / wanted
         - 1.0
         for h in (level, None)
@@ -366,4 +366,4 @@ def test_fades_below_a_threshold_come_as_often_as_in_the_series():
     assert abs(off[0]) < 0.07
     assert abs(off[1]) > 3.0 * abs(off[0])
     with pytest.raises(Refused, match=r"threshold: 50\.0, allowed: a gain that the series crosses"):
-        fading.TransformedGaussian.fit(seen, dt, "empirical", threshold=50.0)
+        apps.TransformedGaussian.fit(seen, dt, "empirical", threshold=50.0)

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 import meshtrace as mt
-from meshtrace import comms, daylight, fading, optics, studies, surfaces, uav
+from meshtrace import apps, comms, daylight, optics, studies, surfaces, uav
 from meshtrace.comms import pulses
 from meshtrace.kernels.interface import Roughness
 
@@ -216,7 +216,7 @@ OTHER = {
     "band_limit_study": {"surface": SEA, "omega_max": (2.0, 4.0, 6.0, 8.0), "unresolved": "none"},
     "convergence_study": {"surface": SEA, "unresolved": "none"},
     "time_step_study": {"surface": SEA},
-    "fading.MarkovChannel.fit": {"thresholds": (1.0,)},
+    "apps.MarkovChannel.fit": {"thresholds": (1.0,)},
     "studies.fading_study": {"surface": surfaces.resolved_sea(5.0), "omega_max": (4.0, 8.0, 16.0, 32.0),
                              "realizations": 0},
     "design": {"realizations": 8},
@@ -229,7 +229,7 @@ OTHER = {
     "light_pattern": {"step": 0.1},
     "irradiance_series": {"photons": 1000},
     "bench.best_of": {"jobs": None},
-    "fading.TransformedGaussian.fit": {"threshold": None},
+    "apps.TransformedGaussian.fit": {"threshold": None},
     "fading.scintillation_index": {"block": 1},
     "fading.coherence_time": {"time": TIMES}, "fading.fade_durations": {"time": TIMES},
     "fading.fading_statistics": {"time": TIMES, "resamples": 99},
@@ -311,7 +311,7 @@ def mesh_file():
 
 
 def channel():
-    return fading.TransformedGaussian.fit(GAIN, 0.5)
+    return apps.TransformedGaussian.fit(GAIN, 0.5)
 
 
 def variant():
@@ -354,7 +354,7 @@ MADE = {
     "DepthSweep": lambda: mt.DepthSweep([5.0], (performance(),)),
     "Design": lambda: mt.design(mt.Scenario.from_toml("wind_speed = 0.0"), realizations=8, **FEW),
     "ImpulseResponse": lambda: mt.impulse_response(result()),
-    "MarkovChannel": lambda: fading.MarkovChannel.fit(GAIN, 0.5, (1.0,)),
+    "MarkovChannel": lambda: apps.MarkovChannel.fit(GAIN, 0.5, (1.0,)),
     "Curve": lambda: comms.Curve(wavelength_nm=(400.0, 500.0), value=(0.1, 0.2)),
     "WaterSpectrum": lambda: mt.Water.from_type("jerlov-II").spectrum,
     "WaterType": lambda: mt.Water.from_type("jerlov-II").spectrum,

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.apps.measured.daylight import attenuation, light_below
 from meshtrace.errors import Refused
 from meshtrace.optics import Constituents, MixturePhase, Rayleigh, SpectralTable, Water
 from meshtrace.optics.constituents import fournier_forand_of
@@ -16,7 +17,6 @@ from meshtrace.optics.pure_water import (
     zhang_hu_he,
 )
 from meshtrace.optics.spectra import coefficients
-from meshtrace.validation.measured.daylight import attenuation, light_below
 
 
 def at(wavelength, **given):

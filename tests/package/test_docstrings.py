@@ -21,13 +21,13 @@ MODULES = sorted(
     }
 )
 SLOW = {
-    "meshtrace.explorer.page",
+    "meshtrace.apps.explorer.page",
     "meshtrace.optics.mie",
     "meshtrace.studies.convergence",
     "meshtrace.studies.comparison",
     "meshtrace.studies.sensitivity",
 }
-LONG = {"meshtrace.studies.designs.study"}  # a design, as in the tests of its room
+LONG = {"meshtrace.apps.designs.study"}  # a design, as in the tests of its room
 
 
 def marks_of(name):

@@ -11,10 +11,10 @@ from mc_statistics import ALPHA, z_test
 from scipy.stats import binom
 
 import meshtrace as mt
+from meshtrace.apps.designs.model import LinkModel, MeanGains, log_quantile
 from meshtrace.errors import Refused
 from meshtrace.fading import gamma_gamma
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.designs.model import LinkModel, MeanGains, log_quantile
 from meshtrace.studies.neighbours import DECIBELS, error_of, without_each
 from meshtrace.uav import TiltFactors
 

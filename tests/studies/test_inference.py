@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.studies import inference
+from meshtrace.apps import inference
 from meshtrace.surfaces import FlatSea
 
 DEPTHS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0)
@@ -157,9 +157,9 @@ def test_items_of_lists_are_named_in_either_way(truth):
 
 def test_reweighting_is_a_new_run():
     """The gain at other a and b from the same chains is that of a simulation."""
+    from meshtrace.apps.inference import Predictor, read_measurements
     from meshtrace.studies import Variant
     from meshtrace.studies.campaign import campaign_of
-    from meshtrace.studies.inference import Predictor, read_measurements
     from meshtrace.studies.keys import parameters
 
     sea, link = FlatSea(), mt.Link()

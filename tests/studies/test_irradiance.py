@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.apps import irradiance
 from meshtrace.daylight.light import SUN_RADIUS_DEG
 from meshtrace.fading import scintillation_of_spectrum
 from meshtrace.kernels.sources import land_sunlight
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import refract
 from meshtrace.results import IrradianceSeries, load
-from meshtrace.studies import irradiance
 from meshtrace.surfaces import (
     Elfouhaily,
     FlatSea,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.apps.candidates import Sample, weighted_quantile
 from meshtrace.studies import Variant
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.candidates import Sample, weighted_quantile
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 ANGLE = "transmitter.half_angle_deg"

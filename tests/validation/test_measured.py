@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from meshtrace.apps import measured
+from meshtrace.apps.measured import beams, daylight, flashes, suite
 from meshtrace.errors import Refused
 from meshtrace.stored import load
-from meshtrace.validation import measured
-from meshtrace.validation.measured import beams, daylight, flashes, suite
 
 EXPERIMENTS = measured.experiments()
 UNITS = {"1", "m", "deg", "mrad", "m s-1", "m-1", "%", "dB", "mW"}

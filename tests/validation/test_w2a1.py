@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 from w2a1_quadrature import unscattered
 
 from meshtrace import cli
-from meshtrace.validation import Check, w2a1
+from meshtrace.apps import w2a1
+from meshtrace.validation import Check
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "w2a1"
 

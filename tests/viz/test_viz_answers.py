@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace import viz
+from meshtrace import apps, viz
 from meshtrace.studies import swings
 from meshtrace.surfaces import FlatSea
 
@@ -51,7 +51,7 @@ def test_the_range_of_a_receiver_in_the_water():
 def test_other_plots_show_the_numbers():
     over = {"transmitter.half_angle_deg": (5.0, 20.0)}
     o = mt.optimize(mt.Link(), FlatSea(), over, "gain", realizations=1, photons=64)
-    x, y = viz.plot_optimum(o).get_lines()[0].get_data()
+    x, y = apps.plot_optimum(o).get_lines()[0].get_data()
     assert np.array_equal(x, o.history[:, 0])
     assert np.array_equal(y, o.history[:, 1])
     rows = [
@@ -60,5 +60,5 @@ def test_other_plots_show_the_numbers():
     ]
     f = mt.infer(rows, mt.Link(), ["water.a"], photons=64)
     assert np.array_equal(
-        viz.plot_inference(f).get_lines()[0].get_ydata(), f.measured / f.predicted
+        apps.plot_inference(f).get_lines()[0].get_ydata(), f.measured / f.predicted
     )

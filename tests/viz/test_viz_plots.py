@@ -16,9 +16,10 @@ import xarray as xr
 
 import meshtrace as mt
 from meshtrace import viz
+from meshtrace.apps import MarkovChannel
 from meshtrace.comms import OokLink
 from meshtrace.errors import Refused
-from meshtrace.fading import Estimate, MarkovChannel, fading_statistics
+from meshtrace.fading import Estimate, fading_statistics
 from meshtrace.results import GainResult, ImpulseResponse
 from meshtrace.results.gain import FateTally
 from meshtrace.studies import ConvergenceStudy

@@ -11,10 +11,10 @@ import xarray as xr
 from matplotlib import pyplot
 
 import meshtrace as mt
-from meshtrace import viz
+from meshtrace import apps, viz
+from meshtrace.apps import measured
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.validation import measured
 from meshtrace.viz import ScenePlotter
 from meshtrace.viz.scenes import Shown
 from meshtrace.viz.stage import stage_of
@@ -94,6 +94,8 @@ def sound(scene, calm_design):
         "plot_background": {"result": mt.background(LINK, FLAT, mt.Daylight.overcast(), **few)},
         "plot_duplex": {"result": mt.duplex(LINK, down, JonswapSea(waves="paper"), [0.0, 1.0],
                                             mesh=mt.Meshing(spacing=0.5), **few)},
+        "plot_channel": {"model": mt.apps.TransformedGaussian.fit(
+            np.random.default_rng(1).lognormal(size=400), 0.5)},
         "plot_trace": {"result": mt.channel_trace(LINK, FLAT, hours=1e-4, rate=10.0, **few)},
         "plot_irradiance": {"series": irradiance},
         "save_irradiance": {"series": irradiance, "path": "irradiance.png"},
@@ -153,7 +155,7 @@ def check(name, arguments, folder):
         if name == "to_pyvista":
             viz.to_pyvista(arguments["source"])
         else:
-            getattr(viz, name)(**arguments)
+            function_of(name)(**arguments)
     except Refused as error:
         text = str(error)
         assert "allowed: " in text
@@ -167,7 +169,12 @@ def check(name, arguments, folder):
 
 def functions():
     private = {"ScenePlotter", "Stage", "marks", "style", "use_style", "water_map"}
-    return sorted(set(viz.__all__) - private)
+    plots = {name for name in apps.__all__ if name.startswith("plot_")}
+    return sorted((set(viz.__all__) | plots) - private)
+
+
+def function_of(name):
+    return getattr(viz if name in viz.__all__ else apps, name)
 
 
 @pytest.mark.slow
@@ -184,7 +191,7 @@ def test_every_function_draws_its_sound_arguments(sound, tmp_path, monkeypatch):
 def test_wrong_values_are_refused(name, sound, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     arguments, random, refused = sound[name], Random(name), 0
-    parameters = [n for n in inspect.signature(getattr(viz, name)).parameters if n != "shown"]
+    parameters = [n for n in inspect.signature(function_of(name)).parameters if n != "shown"]
     whole = name in ("save_movie", "view")  # of many parameters, whose sound values draw movies
     if whole:
         parameters += Shown.__annotations__

@@ -24,6 +24,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from meshtrace.apps.designs.page import Design
+from meshtrace.apps.explorer.controls import BITS_ALONE, State
 from meshtrace.comms.background import warn_of_background, with_background
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import ChannelResponse
@@ -34,7 +36,6 @@ from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Analog, Arrivals
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, one_line
-from meshtrace.explorer.controls import BITS_ALONE, State
 from meshtrace.fading import (
     Estimate,
     block_length,
@@ -53,7 +54,6 @@ from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import Steps, campaign_of
 from meshtrace.studies.coverage import coverage_map
-from meshtrace.studies.designs.page import Design
 
 Found = TypeVar("Found")
 Check = Callable[..., None]

@@ -52,7 +52,7 @@ def explore(
     printed holds a token; without it, from another host or another origin, no page is opened.
     """
     with extra("explore", "explore"):
-        from meshtrace.explorer.server import Explorer, serve
+        from meshtrace.apps.explorer.server import Explorer, serve
     explorer = Explorer(scenario_of(link, surface), title, host, port)
     try:
         asyncio.run(serve(explorer, open_browser))

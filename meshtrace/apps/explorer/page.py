@@ -27,11 +27,11 @@ from aiohttp import web
 from trame.app.core import AVAILABLE_SERVERS, get_server
 from yarl import URL
 
+from meshtrace.apps.explorer import readings, stages
+from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, State, groups
+from meshtrace.apps.explorer.scene import COLORS, LiveScene
+from meshtrace.apps.explorer.stages import STAGES, Session
 from meshtrace.errors import Refused, one_line
-from meshtrace.explorer import readings, stages
-from meshtrace.explorer.controls import BY_NAME, CHOICES, State, groups
-from meshtrace.explorer.scene import COLORS, LiveScene
-from meshtrace.explorer.stages import STAGES, Session
 from meshtrace.scenario import Scenario
 
 _ASSETS = Path(__file__).with_name("assets")

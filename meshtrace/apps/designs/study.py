@@ -11,6 +11,16 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.interpolate import PchipInterpolator
 
+from meshtrace.apps.designs.model import (
+    COLOUR,
+    DEFAULT_CHAINS,
+    LENS,
+    RATE,
+    VIEW,
+    WIDTH,
+    LinkModel,
+)
+from meshtrace.apps.designs.page import DAY, LIGHTS, BestValue, Design, Reach
 from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms.background import filter_shift_nm
 from meshtrace.comms.capacity import capacity, hard_information
@@ -25,16 +35,6 @@ from meshtrace.models import Floats
 from meshtrace.parallel import results_of
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import Campaign, campaign_of
-from meshtrace.studies.designs.model import (
-    COLOUR,
-    DEFAULT_CHAINS,
-    LENS,
-    RATE,
-    VIEW,
-    WIDTH,
-    LinkModel,
-)
-from meshtrace.studies.designs.page import DAY, LIGHTS, BestValue, Design, Reach
 from meshtrace.studies.keys import Bounds, Variant, checked_bounds
 from meshtrace.studies.neighbours import DECIBELS, closing_depth
 

@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack
 import numpy as np
 from pydantic import Field
 
+from meshtrace.apps.candidates import REWEIGHED, Custom, Goal, Objective, Sample
 from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.engine.setup.options import StudyOptions
@@ -25,7 +26,6 @@ from meshtrace.scenario import Scenario
 from meshtrace.stored import Stored, Variable
 from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of
-from meshtrace.studies.candidates import REWEIGHED, Custom, Goal, Objective, Sample
 from meshtrace.studies.keys import Bounds, Parameter, Variant, checked_bounds, parameters
 from meshtrace.studies.neighbours import DECIBELS, FADES, error_of
 from meshtrace.tables import text_table

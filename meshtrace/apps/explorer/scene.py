@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 from scipy.stats import norm
 
+from meshtrace.apps.explorer.controls import State
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.paths import PhotonPaths
-from meshtrace.explorer.controls import State
 from meshtrace.link import Link
 from meshtrace.link.sources import AirLamp, Source, WaterSource
 from meshtrace.mesh import MeshSource, TriangleMesh

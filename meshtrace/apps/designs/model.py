@@ -14,6 +14,8 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
+from meshtrace.apps.candidates import Sample
+from meshtrace.apps.designs.page import DAY, LIGHTS, NIGHT, Figures, Line
 from meshtrace.comms.background import with_background
 from meshtrace.comms.budget import link_budget
 from meshtrace.comms.ook import OokLink
@@ -37,8 +39,6 @@ from meshtrace.studies.background import (
     mean_sea,
 )
 from meshtrace.studies.campaign import Campaign
-from meshtrace.studies.candidates import Sample
-from meshtrace.studies.designs.page import DAY, LIGHTS, NIGHT, Figures, Line
 from meshtrace.studies.keys import Variant
 from meshtrace.studies.neighbours import DECIBELS, error_of, in_water, without_each
 from meshtrace.studies.operating_point import Ensemble, FadingSamples, operating_point

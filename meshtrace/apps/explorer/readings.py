@@ -15,18 +15,26 @@ from matplotlib.colors import to_hex
 
 import meshtrace
 from meshtrace import surfaces
+from meshtrace.apps.designs.page import LIGHTS, BestValue, Design, Reach
+from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, State
+from meshtrace.apps.explorer.stages import (
+    DURATION,
+    FADING_RATE,
+    LIMIT,
+    Fading,
+    Failed,
+    Session,
+    Signal,
+)
 from meshtrace.comms.budget import link_budget
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight
 from meshtrace.errors import Refused
-from meshtrace.explorer.controls import BY_NAME, CHOICES, State
-from meshtrace.explorer.stages import DURATION, FADING_RATE, LIMIT, Fading, Failed, Session, Signal
 from meshtrace.models import Model, modules_of
 from meshtrace.optics.water import Water
 from meshtrace.results.series import CoverageMap
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.scenario.parts import daylight_recipe, detector_config
-from meshtrace.studies.designs.page import LIGHTS, BestValue, Design, Reach
 from meshtrace.viz import scenes
 
 BER_FLOOR = 1e-15

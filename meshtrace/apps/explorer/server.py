@@ -15,8 +15,8 @@ from typing import Any
 from aiohttp import web
 from yarl import URL
 
+from meshtrace.apps.explorer.page import Page, guard, new_token
 from meshtrace.errors import Described, Refused, one_line, require_whole
-from meshtrace.explorer.page import Page, guard, new_token
 from meshtrace.scenario import Scenario
 
 _LONGEST_END = 20.0  # of the sessions, for whose connections aiohttp waits [s]

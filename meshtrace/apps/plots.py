@@ -1,0 +1,204 @@
+"""Plots of traces, channel models, designs, optima, inferences and measured comparisons."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from meshtrace.checks import check_call
+from meshtrace.errors import Described, Refused, require_word
+from meshtrace.viz import marks
+from meshtrace.viz.style import INK, PALETTE, label_of, verbatim
+
+from .channels import ChannelModel
+from .designs.page import LIGHTS, Design
+from .inference import Inference
+from .measured.suite import MeasuredTable
+from .optimisation import Optimum
+from .traces import ChannelTrace
+
+_LINE: Any = {"color": INK, "lw": 0.8}
+
+_COSTS = {
+    "gain": "minus logarithm of the mean gain",
+    "outage": "quantile of ln(needed gain / gain)",
+    "range": "minus range [m]",
+    "margin": "minus logarithm of the margin",
+    "capacity": "minus logarithm of the capacity",
+    "custom": "cost",
+}
+"""Quantity that each objective of an optimisation minimises."""
+
+
+@check_call
+def plot_channel(model: ChannelModel, *, ax: Axes | None = None) -> Axes:
+    """Plot the autocorrelation of a channel model and of the series that it was fitted to.
+
+    Parameters
+    ----------
+    model : ChannelModel
+        Of `MarkovChannel.fit` or `TransformedGaussian.fit`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+        With two standard errors of the autocorrelation of the series.
+    """
+    error, name = model.autocorrelation_stderr, "autocorrelation"
+    curves = {
+        name: [model.autocorrelation, model.model_autocorrelation],
+        f"{name}_stderr": [error, 0.0 * error],
+    }
+    data = marks.dataset(curves, curve=["series", "model"], lag=model.lag)
+    return marks.finished(marks.lines(ax, data, name))
+
+
+@check_call
+def plot_trace(result: ChannelTrace, *, ax: Axes | None = None) -> Axes:
+    """Plot the gains of a channel trace and its background over their means.
+
+    Parameters
+    ----------
+    result : ChannelTrace
+        Of `channel_trace`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    rows = {"up": result.gain, "down": result.down_gain}
+    gains = {name: row.reshape(len(row), -1) for name, row in rows.items() if row is not None}
+    over = [row[:, 0] / row[:, 0].mean() for row in gains.values()]
+    data = marks.dataset({"over its mean": over}, part=list(gains), time=result.time)
+    ax = marks.lines(ax, data, "over its mean", ("-", "--"))
+    times, light = result.background_time, result.background_radiance
+    if times is not None and light is not None:
+        color = list(PALETTE.values())[2]
+        ax.plot(times, light / light.mean(), "o", color=color, markersize=5.0, label="background")
+    return marks.finished(ax, ylim=(0.0, None))
+
+
+@check_call
+def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
+    """Plot the cost of all candidates over the first variable, with the best one.
+
+    Parameters
+    ----------
+    o : Optimum
+        Of `optimize`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = marks.axes(ax)
+    ax.plot(o.history[:, 0], o.history[:, -1], "o", ms=4, label="candidates")
+    ax.plot(o.values[0], o.cost, "*", ms=12, color="C1", label="best")
+    ax.axvspan(*o.flatness[0], color="C1", alpha=0.15, label="within one standard error")
+    return marks.finished(ax, xlabel=label_of(o.variables[0]), ylabel=_COSTS[o.objective])
+
+
+@check_call
+def plot_design(d: Design, *, light: str = "day", ax: Axes | None = None) -> Axes:
+    """Plot the reserve over each scanned key, relative to the values of the link.
+
+    Parameters
+    ----------
+    d : Design
+        Of `design`.
+    light : {"night", "day"}
+        Light.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+        A curve for each key with the flat range drawn thick; above the line the link closes.
+    """
+    require_word(light, LIGHTS, "light")
+    ax = marks.axes(ax)
+    for choice, values, reserves in zip(d.choices, d.scanned, d.reserves, strict=True):
+        if choice.light != light or choice.given == 0.0:
+            continue
+        shown = np.where(np.isfinite(reserves), reserves, np.nan)
+        low, high = choice.flat
+        flat = np.where((values >= low) & (values <= high), shown, np.nan)
+        (line,) = ax.plot(values / choice.given, shown, label=label_of(choice.key))
+        ax.plot(values / choice.given, flat, lw=4.0, color=line.get_color(), alpha=0.5)
+    ax.axhline(0.0, **_LINE)
+    ax.plot(1.0, d.at(light).reserve, "o", color=INK)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    labels = {"xlabel": "value over that of the link", "ylabel": f"reserve by {light} [dB]"}
+    return marks.finished(ax, legend=False, xscale="log", **labels)
+
+
+@check_call
+def plot_inference(f: Inference, *, ax: Axes | None = None) -> Axes:
+    """Plot measured over fitted gains.
+
+    Parameters
+    ----------
+    f : Inference
+        Of `infer`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    numbers, ax = np.arange(1, len(f.measured) + 1), marks.axes(ax)
+    data = marks.dataset({"measured over fitted": f.measured / f.predicted}, measurement=numbers)
+    marks.lines(ax, data, "measured over fitted", ("o",), markersize=6)
+    ax.axhline(1.0, **_LINE)
+    return ax
+
+
+@check_call
+def plot_measured(table: MeasuredTable, *, ax: Axes | None = None) -> Axes:
+    """Plot measured over computed values, with the bands of the computed ones.
+
+    Parameters
+    ----------
+    table : MeasuredTable
+        Of `apps.measured.run`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax, kept = marks.axes(ax), np.flatnonzero(np.isfinite(table.observed) & (table.computed > 0.0))
+    several = len(set(table.experiment)) > 1
+    names = [(table.experiment if several else table.observable)[i] for i in kept]
+    if not names:
+        raise Refused("table", Described("no measured numbers"), "a table with some")
+    rows, value = np.arange(len(kept)), table.computed[kept]
+    ends = (table.band_low, table.band_high, table.observed_low, table.observed_high)
+    low, high, least, most = (np.maximum(end[kept], 0.0) / value for end in ends)
+    at = table.observed[kept] / value
+    outside = np.array([table.verdict[i] == "outside" for i in kept])
+    ax.hlines(rows, low, high, color=PALETTE["blue"], alpha=0.3, lw=5.0, label="computed, band")
+    for chosen, color, label in (
+        (~outside, "black", "measured, inside"),
+        (outside, PALETTE["vermilion"], "measured, outside"),
+    ):
+        if chosen.any():
+            errors = np.maximum(np.abs([at - least, most - at])[:, chosen], 0.0)
+            style: dict[str, Any] = {"color": color, "fmt": "o", "lw": 1.2, "label": label}
+            ax.errorbar(at[chosen], rows[chosen], xerr=errors, **style)
+    first = [names.index(name) for name in dict.fromkeys(names)]
+    ax.set_yticks(first, [verbatim(names[i]) for i in first], fontsize="small")
+    ax.axvline(1.0, **_LINE)
+    ax.invert_yaxis()
+    return marks.finished(ax, xlabel="measured over computed")
