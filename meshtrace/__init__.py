@@ -16,7 +16,7 @@ __all__ = [  # noqa: RUF022, by subject
     # descriptions
     "Link", "Led", "Receiver", "Water", "JonswapSea", "Meshing", "Scenario", "Refused",
     # groups of further names
-    "sources", "receivers", "physics", "optics", "surfaces", "daylight", "uav", "options",
+    "sources", "receivers", "optics", "surfaces", "daylight", "uav", "options",
     "results", "fading", "comms", "studies", "apps", "viz",
 ]  # fmt: skip
 

@@ -32,7 +32,7 @@ from places import DOCS, GENERATED, ROOT, STATIC
 SCRIPTS = Path(__file__).parent
 MANIFEST = GENERATED / "pictures.json"
 KEPT, PAPER = DOCS / "gallery" / "pictures", DOCS / "extra" / "figures"
-_MEASURED = ROOT / "meshtrace" / "validation" / "measured" / "data"
+_MEASURED = ROOT / "meshtrace" / "apps" / "measured" / "data"
 FIXED = {
     "make_bands_figure": ("fading_bands",),
     "make_daylight_table": ("daylight_ranges",),

@@ -13,6 +13,7 @@ import pytest
 import xarray as xr
 
 import meshtrace as mt
+from meshtrace.apps import measured
 from meshtrace.errors import Refused
 from meshtrace.results import load
 from meshtrace.results.gain import bound_where_dark
@@ -28,7 +29,6 @@ from meshtrace.stored import (
 from meshtrace.studies import ConvergenceStudy, fading_study
 from meshtrace.studies.refinement import Reference
 from meshtrace.surfaces import FlatSea, resolved_sea
-from meshtrace.validation import measured
 
 FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
 
