@@ -171,10 +171,10 @@ def named_band(name: BandName, spectrum: Spectrum, half_range: float, order: int
     if name == "scaled":
         step, turn = 0.075 * peak, math.pi / 20
         return Band(omega_min=low, omega_max=high, d_omega=step, d_theta=turn, drawn=False)
-    found = PAPER_BANDS.get(spectrum.wind_speed) if type(spectrum) is Jonswap else None
-    if found is None:
+    band = PAPER_BANDS.get(spectrum.wind_speed) if type(spectrum) is Jonswap else None
+    if band is None:
         raise Refused("waves", name, "JONSWAP seas at 5 and 13 m/s only; 'scaled' takes any wind")
-    return found
+    return band
 
 
 @check_call

@@ -88,10 +88,10 @@ def grid_lines(x_axis: ArrayLike, y_axis: ArrayLike) -> tuple[Floats, Floats]:
 
 def points(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     """Return the broadcast coordinates of points as float64; raise `Refused` for unequal shapes."""
-    found = finite_array("x", x), finite_array("y", y)
+    arrays = finite_array("x", x), finite_array("y", y)
     try:
-        px, py = np.broadcast_arrays(*found)
+        px, py = np.broadcast_arrays(*arrays)
     except ValueError as error:
-        shapes = Described(f"shape {found[1].shape}")
-        raise Refused("y", shapes, f"one that fits that of x, {found[0].shape}") from error
+        shapes = Described(f"shape {arrays[1].shape}")
+        raise Refused("y", shapes, f"one that fits that of x, {arrays[0].shape}") from error
     return px, py

@@ -430,7 +430,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         z = self._checked(depth)
         r_ref, p = float(_r_ref(z)), np.array([-1.0, 3.0 - float(_kappa(z))])
         edges = np.clip([self.r_min, r_ref, self.r_max], self.r_min, self.r_max)
-        area = Segments.of(edges[:-1], edges[1:], p, (edges[1:] / r_ref) ** (p - 1.0))
+        area = Segments.from_densities(edges[:-1], edges[1:], p, (edges[1:] / r_ref) ** (p - 1.0))
         return area.quantile((np.arange(count) + 0.5) / count)
 
     def _table(self) -> MieTable:

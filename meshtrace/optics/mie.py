@@ -340,8 +340,8 @@ def cached_table(
     text = json.dumps({**inputs, "format": _FORMAT}, sort_keys=True)
     name = f"{stem}-{hashlib.sha256(text.encode()).hexdigest()[:16]}.npz"
     shipped = importlib.resources.files("meshtrace.optics").joinpath("data", name)
-    kept = cache_directory() / name
-    for file in (shipped, kept):
+    cached = cache_directory() / name
+    for file in (shipped, cached):
         if file.is_file():
             try:
                 with file.open("rb") as stream:
@@ -351,11 +351,11 @@ def cached_table(
     _LOG.info("computing the Mie table %s (about 10 s, once)", name)
     table = compute()
     try:
-        make_private(kept.parent)
-        with atomic(kept) as temporary, temporary.open("wb") as stream:
+        make_private(cached.parent)
+        with atomic(cached) as temporary, temporary.open("wb") as stream:
             np.savez(stream, inputs=np.array(text), **asdict(table))
     except OSError as why:
-        warnings.warn(f"{kept}: not kept ({why})", stacklevel=2)
+        warnings.warn(f"{cached}: not kept ({why})", stacklevel=2)
     return table
 
 
