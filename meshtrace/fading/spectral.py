@@ -341,14 +341,18 @@ class BandFading(NamedTuple):
     index_of_all: float
     needed: float | None = None
 
-    def warning(self) -> str | None:
-        """Return the warning of a band that omits more than a tenth of the fading."""
+    def warning(self, down: bool = False) -> str | None:
+        """Return the warning of a band that omits more than a tenth of the fading.
+
+        A downlink has the waves of its uplink by name, and its own by number.
+        """
         if self.needed is None:
             return None
+        waves = f"{self.needed:.4g}" if down else f'"{FADING}", here up to {self.needed:.3g} rad/s'
         return (
             f"waves: those up to {self.omega_max:.3g} rad/s give a scintillation index of "
             f"{self.index_of_band:.2g}, all waves {self.index_of_all:.2g}; for fading use "
-            f'waves = "fading", here up to {self.needed:.3g} rad/s'
+            f"waves = {waves}"
         )
 
 

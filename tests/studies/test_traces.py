@@ -182,6 +182,12 @@ def test_a_series_of_the_downlink_alone_has_the_waves_of_both_directions(wind):
     np.testing.assert_allclose(alone.gain_ballistic, both.down.gain_ballistic, rtol=1e-2)
 
 
+def test_a_series_of_the_downlink_alone_names_its_shorter_waves():
+    link = mt.Link().replace("receiver.height", 2.0).mirrored()
+    with pytest.warns(UserWarning, match=r"^waves: those up to .*; for fading use waves = \d+"):
+        mt.time_series(link, sea_in_wind(3.0), 0.1 * np.arange(50), photons=64)
+
+
 def test_downlinks_without_a_mirror_image_have_the_band_of_their_uplink():
     sea = sea_in_wind(5.0)
     up, down = mt.Link(), mt.Link().mirrored()
