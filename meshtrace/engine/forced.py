@@ -507,13 +507,15 @@ class ForcedDetection:
         for s, r in link.pairs:
             (dark if aimed.sampled and link.sizes[s] == 0.0 else lit).append((s, r))
         alone = not any(self.scattered_sets) and self._joined is None
-        jobs: list[Any] = [partial(self._unscattered_light, aimed, *pair, alone) for pair in lit]
+        jobs: list[Any] = [partial(self._unscattered_light, aimed, *pair) for pair in lit]
         jobs += [partial(self._summed, aimed, job) for job in sums.jobs]
         found = ordered_map(call, jobs, self.threads, ahead=len(jobs))
         for s, r in lit:
             from_points, error = next(found)
             gain = from_points.mean(axis=1).T
-            sums.add_direct(s, r, gain, error, aimed.is_cut_short(s, r))
+            in_shifts = alone or aimed.meets_rim(s, r)
+            quadrature = parts.QuadratureError(error, in_shifts, aimed.is_cut_short(s, r))
+            sums.add_direct(s, r, gain, quadrature)
             if gain.shape[-1] == 1 and not gain.any():
                 dark.append((s, r))
         pace = Pace(len(sums.jobs), f"{sums.chains:,} chains over one surface")
@@ -547,11 +549,9 @@ class ForcedDetection:
                 found[target] = parts.block_sums(row, block)
         return [found[target] for target in targets]
 
-    def _unscattered_light(
-        self, aimed: AimedChains, s: int, r: int, alone: bool
-    ) -> tuple[Floats, float]:
+    def _unscattered_light(self, aimed: AimedChains, s: int, r: int) -> tuple[Floats, float]:
         """Return `_from_source`, and the relative error of its quadrature over the surface."""
-        return self._from_source(aimed, s, r), aimed.relative_error(s, r, alone)
+        return self._from_source(aimed, s, r), aimed.relative_error(s, r)
 
     def _from_source(self, aimed: AimedChains, s: int, r: int) -> Floats:
         """Return the unscattered light of the points of a source, (shifts, points, wavelengths).

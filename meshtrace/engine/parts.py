@@ -46,6 +46,8 @@ class Parts:
     photons : list of PhotonParts
         Photons to all receivers if light that the surface reflects first was measured, else none:
         joined and analog ones, no receiver has light of both.
+    quadrature : ndarray, shape (receivers,)
+        Standard error of the unscattered gain by its quadrature, where the shifts do not show it.
     """
 
     direct: Floats
@@ -55,6 +57,7 @@ class Parts:
     method: list[Method]
     samples: list[ScatteredSamples]
     photons: list[PhotonParts] = field(default_factory=list)
+    quadrature: Floats = field(default_factory=lambda: np.zeros(1))
 
     @property
     def ballistic(self) -> Floats:
@@ -74,7 +77,7 @@ class Parts:
     @property
     def stderr(self) -> Floats:
         """Standard error of the gain of each receiver."""
-        return error_of_groups(self.shifts, axis=1)
+        return np.hypot(error_of_groups(self.shifts, axis=1), self.quadrature)
 
 
 BlockSums = tuple[Floats, Floats, NDArray[np.int64]]
@@ -90,6 +93,26 @@ def block_sums(score: Floats, block: Block) -> BlockSums:
     light = score.reshape(len(score), n, -1).sum(axis=-1)
     square = np.einsum("ji,ji->j", score, score)
     return light, square, np.asarray(np.count_nonzero(score, axis=-1))
+
+
+class QuadratureError(NamedTuple):
+    """Error of the unscattered light of a pair by its quadrature."""
+
+    relative: float
+    in_shifts: bool  # carried by the shifts, so that errors of frames of a sea add up
+    is_cut_short: bool
+
+
+def with_error(gain: Floats, error: float) -> Floats:
+    """Return a gain (..., 1 or shifts) with the relative `error` of a quadrature between shifts.
+
+    Half of them lie above and half below: +-a has the standard error a / (SHIFTS - 1)^(1/2). It is
+    the same in all frames of a sea, whose errors so add up.
+    """
+    if error == 0.0:
+        return gain
+    above = np.where(np.arange(SHIFTS) % 2 == 0, 1.0, -1.0)
+    return gain * (1.0 + error * math.sqrt(SHIFTS - 1) * above)
 
 
 class ChainSums:
@@ -111,22 +134,20 @@ class ChainSums:
         shape = wavelengths, len(method)
         self._direct = np.zeros((*shape, SHIFTS))
         self._scattered = np.zeros((*shape, orders, SHIFTS))
-        self._squares = np.zeros(shape)
+        self._squares, self._quadrature = np.zeros((2, *shape))
         self._samples, self._scored = np.zeros((2, *shape), np.int64)
         self._sampled = set[tuple[int, int]]()  # pairs whose unscattered light is sampled
         self._cut_short = 0  # pairs whose unscattered light took too many nodes
 
-    def add_direct(self, e: int, t: int, gain: Floats, error: float, is_cut_short: bool) -> None:
-        """Add the unscattered gain of a pair (wavelengths, 1 or shifts).
-
-        Its relative `error` by a quadrature becomes one of the shifts, half of them above and half
-        below: +-a has the standard error a / (SHIFTS - 1)^(1/2). It is the same in all frames of a
-        sea, whose errors so add up.
-        """
-        shifted = np.where(np.arange(SHIFTS) % 2 == 0, 1.0, -1.0) * math.sqrt(SHIFTS - 1)
-        light = gain * (1.0 + error * shifted) if error > 0.0 else gain
-        self._direct[:, self._link.receiver(e, t)] += self._link.share(e, t) * light
-        self._cut_short += is_cut_short
+    def add_direct(self, e: int, t: int, gain: Floats, quadrature: QuadratureError) -> None:
+        """Add the unscattered gain of a pair (wavelengths, 1 or shifts), see `with_error`."""
+        r, light = self._link.receiver(e, t), self._link.share(e, t) * gain
+        if quadrature.in_shifts:
+            light = self._link.share(e, t) * with_error(gain, quadrature.relative)
+        else:  # scattered light has far larger errors between shifts
+            self._quadrature[:, r] += quadrature.relative * light.mean(axis=-1)
+        self._direct[:, r] += light
+        self._cut_short += quadrature.is_cut_short
         if gain.shape[-1] > 1:
             self._sampled.add((e, t))
 
@@ -186,6 +207,7 @@ class ChainSums:
             method=self._method,
             samples=samples,
             photons=light if reflects else [],
+            quadrature=self._quadrature[i],
         )
 
 
