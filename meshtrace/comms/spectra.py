@@ -15,6 +15,8 @@ from meshtrace.checks import check_call
 from meshtrace.errors import (
     Described,
     Refused,
+    refusing,
+    require_array,
     require_between,
     require_keys,
     warn_of_input,
@@ -206,7 +208,9 @@ def lit_band(ook: Transmission) -> tuple[float, float]:
 
 
 @check_call
-def background_counted(ook: Transmission, nm: float, light: Callable[[Floats], Floats]) -> float:
+def background_counted(
+    ook: Transmission, nm: Positive, light: Callable[[Floats], Floats]
+) -> float:
     r"""Return the integral of background light behind the filter over wavelength [nm].
 
     .. math:: \int \frac{L(\lambda)}{L(\lambda_0)} \langle T(\lambda / f(\theta)) \rangle
@@ -227,7 +231,10 @@ def background_counted(ook: Transmission, nm: float, light: Callable[[Floats], F
     low *= float(_factors(angles, optics.filter_index).min())
     beyond = 0.01 * (high - low)
     at = np.linspace(max(low - beyond, 1e-3), high + beyond, _NODES)
-    weight = light(at) * ook.sipm.pde_at(at) * at / nm * (at[1] - at[0])
+    allowed = "a function of wavelengths (n,) [nm] that returns a number for each"
+    with refusing("light", allowed):
+        spectrum = np.broadcast_to(require_array(light(at), "light", allowed), at.shape)
+    weight = spectrum * ook.sipm.pde_at(at) * at / nm * (at[1] - at[0])
     return _through(optics, 1e9 * ook.led.wavelength, at, weight, angles)
 
 

@@ -260,7 +260,8 @@ class QuasiSingle:
         beams = self._beams
         light = np.zeros((len(directions), beams.lit.shape[1]))
         toward = np.empty((len(beams.slant), beams.phase.shape[1] + 1))
-        add_upwelling(np.ascontiguousarray(directions), beams, toward, light[0].copy(), light)
+        work = np.zeros(light.shape[1])
+        add_upwelling(np.ascontiguousarray(directions), beams, toward, work, light)
         return light
 
 

@@ -146,7 +146,7 @@ class Constituents(WaterSpectrum, frozen=True):
         """Shortest and longest wavelength, of the index and of absorption by particles [nm]."""
         return 400.0, 700.0
 
-    def properties(self, wavelength_nm: Ranged) -> dict[str, Any]:
+    def properties(self, wavelength_nm: float) -> dict[str, Any]:
         """Return n, the phase function, and a and b [m-1] or their layers.
 
         Parameters

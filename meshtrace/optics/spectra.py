@@ -59,7 +59,7 @@ class WaterSpectrum(Family, frozen=True, default="type", closed=_CLOSED):
         """Shortest and longest wavelength of the spectrum [nm]."""
 
     @abstractmethod
-    def properties(self, wavelength_nm: Ranged) -> dict[str, Any]:
+    def properties(self, wavelength_nm: float) -> dict[str, Any]:
         """Return fields of `Water` at a wavelength in vacuum [nm].
 
         Returns
@@ -125,7 +125,7 @@ class WaterType(WaterSpectrum, frozen=True):
             return Petzold.model_validate({"water": name})
         return Rayleigh.sea_water() if family == "pure" else FournierForand()
 
-    def properties(self, wavelength_nm: Ranged) -> dict[str, Any]:
+    def properties(self, wavelength_nm: float) -> dict[str, Any]:
         """Return a and b [m-1] at a wavelength in vacuum [nm], and the phase function."""
         a, b = coefficients(self.type, wavelength_nm)
         return {"a": float(a), "b": float(b), "phase": self.phase}
@@ -206,7 +206,7 @@ class SpectralTable(WaterSpectrum, frozen=True):
         wavelengths = [row[1] for row in self.table]
         return min(wavelengths), max(wavelengths)
 
-    def properties(self, wavelength_nm: Ranged) -> dict[str, Any]:
+    def properties(self, wavelength_nm: float) -> dict[str, Any]:
         """Return a and b [m-1], or their layers, at a wavelength in vacuum [nm]."""
         rows = np.array(self.table)
         depth = np.unique(rows[:, 0])
