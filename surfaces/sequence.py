@@ -24,8 +24,8 @@ from meshtrace.checks import Inside
 from meshtrace.errors import Described, Refused, extra, reason_of, require_whole, warn_of_input
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Model
-from meshtrace.netcdf import opened, require_size, unit_of, valid_values
-from meshtrace.units import convert
+from meshtrace.netcdf import opened, require_size, valid_values
+from meshtrace.units import convert, unit_of
 
 from .parameters import TIME, Floats, Positive
 from .triangulate import from_trimesh, grid_faces, read_mesh, unfit

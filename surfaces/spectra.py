@@ -362,7 +362,7 @@ def sea_state(spectrum: Spectrum) -> dict[str, float]:
 
 @check_call
 def peak_enhancement(
-    x: Floats, gamma: float, sigma_a: float = 0.07, sigma_b: float = 0.09
+    x: Floats, gamma: NonNegative, sigma_a: Positive = 0.07, sigma_b: Positive = 0.09
 ) -> Floats:
     """Return the factor gamma^exp(-(x - 1)^2 / (2 sigma^2)) at x = omega / omega_p."""
     sigma = np.where(x <= 1.0, sigma_a, sigma_b)

@@ -34,10 +34,9 @@ from meshtrace.netcdf import (
     convention_of,
     opened,
     require_size,
-    unit_of,
 )
 from meshtrace.tables import Column, heading_of, headings_in, tells
-from meshtrace.units import convert, is_same
+from meshtrace.units import convert, is_same, unit_of
 
 from .records import one_record
 from .spectral_grid import FOURIER, GriddedSpectrum, coming_from, on_grid

@@ -6,10 +6,11 @@ import math
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from pydantic import Field
 
 from meshtrace.checks import check_call
 from meshtrace.errors import Refused, require_between
@@ -223,7 +224,7 @@ _NODES = 8
 @check_call
 def spectral_moment(
     spectrum: Spectrum,
-    order: float,
+    order: Annotated[float, Field(ge=-10.0, le=10.0)],
     omega_min: float = 0.0,
     omega_max: float | None = None,
 ) -> float:
@@ -236,7 +237,7 @@ def spectral_moment(
     spectrum : Spectrum
         The spectrum.
     order : float
-        Order n.
+        Order n, -10 to 10.
     omega_min : float
         Lower limit [rad s-1].
     omega_max : float, optional

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from meshtrace.checks import NonNegative, Shape, check_call
+from meshtrace.checks import NonNegative, Positive, Shape, check_call
 from meshtrace.comms.pulses import PulseFilters
 from meshtrace.errors import Described, Refused, require_array, require_real
 from meshtrace.kernels.decision import best_thresholds
@@ -35,6 +35,7 @@ class Decision(NamedTuple):
 
 
 Powers = Annotated[Floats, Shape("n")]
+Branching = Annotated[float, Field(ge=0.0, lt=1.0)]
 
 
 class ReceiverModel(Family, default="W"):
@@ -178,7 +179,7 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: NDArray[np.bool_])
 
 @check_call
 def generalized_poisson_logpmf(
-    k: ArrayLike, primaries: NonNegative, branching: Annotated[float, Field(ge=0.0, lt=1.0)]
+    k: ArrayLike, primaries: NonNegative, branching: Branching
 ) -> Floats:
     """Return the log probability of k counts when Poisson primaries branch.
 
@@ -327,7 +328,7 @@ _EXACT = 1e3  # mean counts up to which a mixture of their laws is summed
 
 @check_call
 def mixed_information(
-    zeros: ArrayLike, ones: ArrayLike, chance: ArrayLike, branching: float
+    zeros: ArrayLike, ones: ArrayLike, chance: ArrayLike, branching: Branching
 ) -> float:
     """Return `soft_information` where other bits add light: every law is a mixture.
 
@@ -377,13 +378,13 @@ _INDEX = np.arange(_POINTS // 2 + 1)
 
 @check_call
 def compound_poisson_decision(
-    low: float,
-    high: float,
+    low: NonNegative,
+    high: Positive,
     filters: PulseFilters,
-    bit_time: float,
+    bit_time: Positive,
     removed: Annotated[Floats, Shape("n")],
-    branching: float,
-    thermal_std: float,
+    branching: Branching,
+    thermal_std: Positive,
 ) -> tuple[float, float]:
     """Decide between zeros and ones in filtered shot noise, without Gaussian assumption.
 
@@ -418,6 +419,10 @@ def compound_poisson_decision(
     The amplitudes of single counts are rounded to a lattice of 65536 values that spans the
     sample's range; the largest lies on it. Means of more than some 10000 counts are too many.
     """
+    if not low < high:
+        raise Refused("low", low, f"low < high = {high:g}")
+    if not removed.size:
+        raise Refused("removed", removed, "a number for each bit, one or more")
     share = 1.0 - branching
     top = low + (high - low) * float(filters.mean_step(bit_time * removed.size))
     spread = math.sqrt(top * filters.noise_energy / share)

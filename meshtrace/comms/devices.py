@@ -228,7 +228,7 @@ class SiPM(Model, frozen=True):
         scale = self.excess_noise_factor * math.sqrt(self.bandwidth) / self._pde(wavelength)
         return photon_energy(wavelength) * scale * root
 
-    def noise_power_paper(self, wavelength: float, noise_bandwidth: float) -> float:
+    def noise_power_paper(self, wavelength: float, noise_bandwidth: NonNegative) -> float:
         """Return the equivalent optical noise power of the paper, P_n = NEP sqrt(B) [W].
 
         Parameters
@@ -291,7 +291,7 @@ class Tia(Model, frozen=True):
     resistance: Positive = 1e3
     temperature: Positive = 300.0
 
-    def thermal_noise(self, gain: float) -> float:
+    def thermal_noise(self, gain: Positive) -> float:
         """Return the one-sided thermal noise in count units, S = 4 k T / R / (G e)^2 [s-2 Hz-1].
 
         Parameters

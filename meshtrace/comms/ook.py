@@ -390,7 +390,7 @@ class OokLink(Model, frozen=True):
         count = 1 + int(last) + ahead
         return np.array(np.unravel_index(np.arange(2**count), (2,) * count)).T.astype(bool)
 
-    def equalized(self, count: int) -> NDArray[np.bool_]:
+    def equalized(self, count: Annotated[int, Field(ge=1, le=2**20)]) -> NDArray[np.bool_]:
         """Return which of the bits (count,) decision feedback, if any, knows: the earlier ones."""
         ago = np.arange(count)
         earlier = (ago > 0) & (ago < count - self.filters.bits_ahead(self.bit_time))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from meshtrace.checks import check_methods
+from meshtrace.checks import Positive, check_methods
 from meshtrace.comms.response import ChannelResponse
 from meshtrace.models import Floats
 
@@ -149,7 +149,9 @@ class PulseFilters:
         """Return the shares v_k [s-1] of these bits in the shot noise, as `mean_cursors`."""
         return self._cursors(self.shot_step, bit_time, count, phase)
 
-    def slot_shares(self, bit_time: float, count: Annotated[int, Field(ge=1, le=2**20)]) -> Floats:
+    def slot_shares(
+        self, bit_time: Positive, count: Annotated[int, Field(ge=1, le=2**20)]
+    ) -> Floats:
         """Return the shares of the light of these bits in one slot of T, as `mean_cursors`.
 
         The channel alone, without the poles and the window.
@@ -160,7 +162,7 @@ class PulseFilters:
 
         return self._cursors(ramp, bit_time, count, 1.0)
 
-    def bits_ahead(self, bit_time: float) -> int:
+    def bits_ahead(self, bit_time: Positive) -> int:
         """Return the number of next bits whose light can come before the sample."""
         return 0 if self.response is None else math.ceil((self.response.clock or 0.0) / bit_time)
 

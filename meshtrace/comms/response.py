@@ -111,6 +111,8 @@ class ChannelResponse(Model, frozen=True):
         else:
             require_whole(pulses, 1, 4096, "pulses")
             nodes = _nodes(t, w, int(pulses))  # type: ignore[arg-type]
+        if angle is not None and np.shape(angle) != w.shape:
+            raise Refused("angle", Described(f"shape {np.shape(angle)}"), f"{w.shape}, as weight")
         arrivals = [] if angle is None else _angles(require_array(angle, "angle", "angles"), w)
         at = np.interp(t, nodes, np.arange(len(nodes)))
         left = at.astype(int)

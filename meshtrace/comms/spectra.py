@@ -15,6 +15,8 @@ from meshtrace.checks import check_call
 from meshtrace.errors import (
     Described,
     Refused,
+    refusing,
+    require_array,
     require_between,
     require_keys,
     warn_of_input,
@@ -207,7 +209,7 @@ def lit_band(ook: Transmission) -> tuple[float, float]:
 
 @check_call
 def background_counted(
-    ook: Transmission, nm: float, irradiance: Callable[[Floats], Floats]
+    ook: Transmission, nm: Positive, irradiance: Callable[[Floats], Floats]
 ) -> float:
     r"""Return the integral of background light behind the filter over wavelength [nm].
 
@@ -220,7 +222,7 @@ def background_counted(
         Filter and detector; the light fills the field of view.
     nm : float
         Wavelength of the background :math:`\lambda_0` [nm].
-    light : callable
+    irradiance : callable
         Returns the spectrum over that at this wavelength, at wavelengths (n,) [nm].
     """
     optics = ook.optics
@@ -229,7 +231,10 @@ def background_counted(
     low *= float(_factors(angles, optics.filter_index).min())
     beyond = 0.01 * (high - low)
     at = np.linspace(max(low - beyond, 1e-3), high + beyond, _NODES)
-    weight = irradiance(at) * ook.sipm.pde_at(at) * at / nm * (at[1] - at[0])
+    allowed = "a function of wavelengths (n,) [nm] that returns a number for each"
+    with refusing("irradiance", allowed):
+        spectrum = np.broadcast_to(require_array(irradiance(at), "irradiance", allowed), at.shape)
+    weight = spectrum * ook.sipm.pde_at(at) * at / nm * (at[1] - at[0])
     return _through(optics, 1e9 * ook.led.wavelength, at, weight, angles)
 
 

@@ -263,7 +263,8 @@ class QuasiSingle:
         beams = self._beams
         radiance = np.zeros((len(directions), beams.lit.shape[1]))
         toward = np.empty((len(beams.slant), beams.phase.shape[1] + 1))
-        add_upwelling(np.ascontiguousarray(directions), beams, toward, radiance[0].copy(), radiance)
+        work = np.zeros(radiance.shape[1])
+        add_upwelling(np.ascontiguousarray(directions), beams, toward, work, radiance)
         return radiance
 
 

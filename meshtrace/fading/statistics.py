@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from meshtrace.checks import NonNegative, Probability, Seed, check_call
-from meshtrace.errors import require_array
+from meshtrace.errors import Described, Refused, require_array
 from meshtrace.fading.distribution import (
     MOST_RESAMPLES,
     Distribution,
@@ -191,6 +191,9 @@ class FadingStatistics(Stored):
     @classmethod
     def arrays(cls, data: xarray.Dataset) -> dict[str, Any]:
         """Return the fields that the variables of a dataset hold."""
+        if lacking := [name for name in (*_PDF, *_CDF) if name not in data.variables]:
+            allowed = f"a dataset of a {cls.__name__}"
+            raise Refused("data", Described(f"no variable {lacking[0]}"), allowed)
         return super().arrays(data) | {
             "pdf": Histogram(*(data[name].to_numpy() for name in _PDF)),
             "cdf": Distribution(*(data[name].to_numpy() for name in _CDF)),

@@ -14,13 +14,13 @@ from meshtrace.cells import Cells, cells_of_text, text_of
 from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, reads_as_number, refusing, warn_of_input
 from meshtrace.models import Floats
-from meshtrace.netcdf import unit_of, valid_values
+from meshtrace.netcdf import valid_values
 from meshtrace.optics.constituents import Constituents
 from meshtrace.optics.pure_water import pure_water_absorption, zhang_hu_he
 from meshtrace.optics.spectra import TABLE_COLUMNS, SpectralTable, WaterSpectrum
 from meshtrace.stored import read_dataset
 from meshtrace.tables import read_columns
-from meshtrace.units import convert
+from meshtrace.units import convert, unit_of
 
 _FIELDS = {"a": ("a", "agp"), "b": ("b", "bp"), "c": ("c", "cgp")}
 """Fields of SeaBASS: the whole coefficient, and that without pure water."""

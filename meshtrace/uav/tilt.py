@@ -362,6 +362,7 @@ class ExactTiltLaw(TiltLaw):
         from scipy.stats import ncx2
 
         v2 = np.asarray(v2, dtype=float)
+        v2 = np.where(v2 < 1e-200, 0.0, v2)  # squares of parts of it would underflow
         squared = v2[..., None]
         x, weight = gauss_legendre(64)
         reach = np.minimum(np.sqrt(squared), 10.0 * self.std_vertical)
@@ -394,7 +395,11 @@ class LawComparison(NamedTuple):
 
 
 @check_call
-def compare_laws(exact: TiltLaw, approximation: TiltLaw, points: int = 400) -> LawComparison:
+def compare_laws(
+    exact: TiltLaw,
+    approximation: TiltLaw,
+    points: Annotated[int, Field(ge=2, le=10**6)] = 400,
+) -> LawComparison:
     """Return the distance of an approximate law of the tilt from the exact one.
 
     Parameters
