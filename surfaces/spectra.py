@@ -23,7 +23,7 @@ from pydantic import model_validator
 
 from meshtrace.checks import check_call
 from meshtrace.errors import MISSING, Described, Refused
-from meshtrace.models import Family, NonNegative, Positive
+from meshtrace.models import Family, NonNegative
 from meshtrace.tables import Column, Heading, read_columns
 from meshtrace.units import convert, cycles
 

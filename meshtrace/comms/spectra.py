@@ -208,9 +208,7 @@ def lit_band(ook: Transmission) -> tuple[float, float]:
 
 
 @check_call
-def background_counted(
-    ook: Transmission, nm: Positive, light: Callable[[Floats], Floats]
-) -> float:
+def background_counted(ook: Transmission, nm: Positive, light: Callable[[Floats], Floats]) -> float:
     r"""Return the integral of background light behind the filter over wavelength [nm].
 
     .. math:: \int \frac{L(\lambda)}{L(\lambda_0)} \langle T(\lambda / f(\theta)) \rangle

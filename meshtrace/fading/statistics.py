@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from meshtrace.checks import NonNegative, Probability, Seed, check_call
-from meshtrace.errors import require_array
+from meshtrace.errors import Described, Refused, require_array
 from meshtrace.fading.distribution import (
     MOST_RESAMPLES,
     Distribution,

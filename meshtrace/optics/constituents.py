@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from meshtrace.checks import Ranged, check_call
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_array, require_between, require_range
 from meshtrace.models import Floats
 from meshtrace.optics import pure_water

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, field_validator
 
-from meshtrace.checks import Ranged, RangedArray, check_call
+from meshtrace.checks import RangedArray, check_call
 from meshtrace.errors import Described, Refused, did_you_mean, require_array, require_range
 from meshtrace.models import Family, Floats, NumberRows
 from meshtrace.optics.phase import FournierForand, Petzold, PhaseFunction, Rayleigh
