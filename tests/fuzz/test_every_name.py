@@ -44,7 +44,10 @@ ELSEWHERE = {
     "Refused.": "the refusal itself",
 }
 LATE = ("Design.", "studies.ConvergenceStudy.")  # whose instances take half a minute
-WITHOUT = ("IrradianceSeries.flashes", "fading.mean_fade_duration")  # nan: no flash, no fade
+WITHOUT = (  # nan: no flash, no fade, no depth that crosses the rate, no range with it
+    "IrradianceSeries.flashes", "fading.mean_fade_duration", "DepthSweep.range_at_ber",
+    "LinkPerformance.range_at_ber", "LinkPerformance.at",
+)  # fmt: skip
 LACKING = ("surfaces.from_gauge", "optics.mie.cached_table")  # need more than plain arguments
 SAMPLE = 1  # values of a parameter in the quick walk
 LONGEST = 2.0  # [s], after which a call counts as accepted
