@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace import MeshSource, TriangleMesh
 from meshtrace.checks import check_call
 from meshtrace.engine.backward.view import only_aperture
 from meshtrace.engine.parts import Light
@@ -26,14 +27,14 @@ from meshtrace.errors import (
     within,
 )
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS, Stored, Variable
+from meshtrace.studies import Variant
 from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.cluster import Restored
-from meshtrace.studies.keys import Parameter, Variant, parameters
+from meshtrace.studies.keys import Parameter, parameters
 from meshtrace.studies.neighbours import (
     WATER,
     Neighbours,

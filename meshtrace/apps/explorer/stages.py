@@ -24,17 +24,26 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from meshtrace import (
+    Analog,
+    Arrivals,
+    Background,
+    CoverageMap,
+    GainResult,
+    MeshSource,
+    PhotonPaths,
+    SurfaceModel,
+    background,
+    impulse_response,
+    simulate,
+)
 from meshtrace.apps.designs.page import Design
 from meshtrace.apps.explorer.controls import BITS_ALONE, State
+from meshtrace.comms import ChannelResponse, OokLink
 from meshtrace.comms.background import warn_of_background, with_background
-from meshtrace.comms.ook import OokLink
-from meshtrace.comms.response import ChannelResponse
-from meshtrace.engine.backward.background import background
-from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
+from meshtrace.engine.paths import received_paths, record_paths
 from meshtrace.engine.setup.ends import resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import Analog, Arrivals
-from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, one_line
 from meshtrace.fading import (
     Estimate,
@@ -43,17 +52,12 @@ from meshtrace.fading import (
     scintillation_of_spectrum,
 )
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.parallel import import_path, python_start
-from meshtrace.results.daylight import Background
-from meshtrace.results.gain import GainResult
-from meshtrace.results.impulse import impulse_response
-from meshtrace.results.series import CoverageMap
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
+from meshtrace.studies import coverage_map
 from meshtrace.studies.campaign import Steps, campaign_of
-from meshtrace.studies.coverage import coverage_map
 
 Found = TypeVar("Found")
 Check = Callable[..., None]

@@ -7,16 +7,13 @@ from functools import cache
 
 import numpy as np
 
-from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace import Analog, EmbreeIntersector, IrradianceMap, simulate
 from meshtrace.engine.photons.analog import new_recorder, run_analog
 from meshtrace.engine.photons.flight import Recorder, Vertex
-from meshtrace.engine.setup.options import Analog, IrradianceMap
-from meshtrace.engine.simulate import simulate
 from meshtrace.link import GaussianBeam, Link, Receiver, TopHatBeam
 from meshtrace.models import Floats
+from meshtrace.optics import Petzold, PhaseFunction, Water
 from meshtrace.optics.constituents import fournier_forand_of
-from meshtrace.optics.phase import Petzold, PhaseFunction
-from meshtrace.optics.water import Water
 from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.surfaces import FlatSea, JonswapSea
 
