@@ -13,18 +13,16 @@ from numpy.typing import NDArray
 
 from meshtrace import Flight, Uav
 from meshtrace.comms import OokLink
-from meshtrace.engine.parts import Light
 from meshtrace.errors import Refused
-from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Led, Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.parallel import held, ordered_map
 from meshtrace.studies import Variant
 from meshtrace.studies.background import Lights
-from meshtrace.studies.campaign import Campaign
+from meshtrace.studies.campaign import Campaign, realization_seed
 from meshtrace.studies.cluster import Restored
-from meshtrace.studies.neighbours import Neighbours, Quantity, range_of, without_each
+from meshtrace.studies.neighbours import Light, Neighbours, Quantity, range_of, without_each
 from meshtrace.studies.response import MOST_SEAS, Responses
 from meshtrace.studies.store import digest_of
 

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from meshtrace import MeshSource, TriangleMesh
 from meshtrace.checks import check_call
-from meshtrace.engine.backward.view import only_aperture
-from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
     Described,
@@ -37,6 +35,7 @@ from meshtrace.studies.cluster import Restored
 from meshtrace.studies.keys import Parameter, parameters
 from meshtrace.studies.neighbours import (
     WATER,
+    Light,
     Neighbours,
     Quantity,
     has_moments,
@@ -166,7 +165,9 @@ class Predictor(Restored):
             with within("measurements", i):
                 for key, value in row.items():
                     at = at.set(key, value)
-            only_aperture(at.link)
+            ends = len(at.link.receivers)
+            if ends != 1:
+                raise Refused("receiver", Described(f"{ends} apertures"), "one aperture")
             self._starts.append(at)
         self._quick = has_moments(start.link)
         alone = campaign.alone

@@ -16,8 +16,12 @@ from scipy.special import j1
 from meshtrace import IrradianceMap, IrradianceSeries, Meshing, background, simulate
 from meshtrace.checks import check_call
 from meshtrace.daylight import Daylight
-from meshtrace.daylight.light import SUN_RADIUS_DEG, default_irradiance
-from meshtrace.engine.backward.background import refracted_sun
+from meshtrace.daylight.light import (
+    SUN_RADIUS_DEG,
+    default_irradiance,
+    land_sunlight,
+    refracted_sun,
+)
 from meshtrace.engine.setup.options import RunOptions, require_options
 from meshtrace.errors import (
     Described,
@@ -26,7 +30,6 @@ from meshtrace.errors import (
     require_pair,
 )
 from meshtrace.fading import fading_band
-from meshtrace.kernels.sources import land_sunlight
 from meshtrace.link import AirLed, IrradiancePlanes, Link, Sun, WaterReceiver
 from meshtrace.models import Floats
 from meshtrace.optics import Water

@@ -36,14 +36,12 @@ from meshtrace import (
     background,
     impulse_response,
     simulate,
+    trace_paths,
 )
 from meshtrace.apps.designs.page import Design
 from meshtrace.apps.explorer.controls import BITS_ALONE, State
 from meshtrace.comms import ChannelResponse, OokLink
 from meshtrace.comms.background import warn_of_background, with_background
-from meshtrace.engine.paths import received_paths, record_paths
-from meshtrace.engine.setup.ends import resolved_reach
-from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import Described, Refused, one_line
 from meshtrace.fading import (
     Estimate,
@@ -71,7 +69,6 @@ PHOTONS = (20_000, 500_000)
 BACKGROUND_RAYS = 1024
 
 RAYS = 60
-RAY_CHAINS = 1024
 
 FADING_CHAINS = 1024
 FADING_RATE = 8.0  # [Hz]
@@ -213,16 +210,14 @@ def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
     Where only analog photons follow the link they are paths of any light.
     """
     check()
-    case = state.channel.case()
-    meshing = case.meshing.replace(time=state.time)
-    analog = isinstance(case.run.estimator, Analog)
-    reach = resolved_reach(case.link, case.run.estimator)
-    mesh, _ = mesh_for(case.link, case.surface, meshing, reach)
+    scenario = state.channel.replace(meshing=state.channel.meshing.replace(time=state.time))
+    mesh, run = scenario.mesh(), scenario.run
     check()
-    if analog:
-        yield record_paths(case.link, mesh, RAYS, case.run.seed, meshing.normals, 64)
-        return
-    yield received_paths(case.link, mesh, RAYS, case.run.seed, meshing.normals, RAY_CHAINS)
+    received = not isinstance(run.estimator, Analog)
+    normals = scenario.meshing.normals
+    yield trace_paths(
+        scenario.link, mesh, RAYS, received_only=received, seed=run.seed, normals=normals
+    )
 
 
 def fading(state: State, check: Check) -> Iterator[Fading]:
