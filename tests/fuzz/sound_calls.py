@@ -228,7 +228,6 @@ OTHER = {
     "ensemble": {"surface": SEA}, "depth_sweep": {"depths": [5.0, 10.0]},
     "light_pattern": {"step": 0.1},
     "irradiance_series": {"photons": 1000},
-    "bench.best_of": {"jobs": None},
     "apps.TransformedGaussian.fit": {"threshold": None},
     "fading.scintillation_index": {"block": 1}, "fading.BandFading.warning": {"down": False},
     "fading.coherence_time": {"time": TIMES}, "fading.fade_durations": {"time": TIMES},

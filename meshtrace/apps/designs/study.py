@@ -34,8 +34,9 @@ from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.parallel import results_of
 from meshtrace.scenario import Scenario
+from meshtrace.studies import Variant
 from meshtrace.studies.campaign import Campaign, campaign_of
-from meshtrace.studies.keys import Bounds, Variant, checked_bounds
+from meshtrace.studies.keys import Bounds, checked_bounds
 from meshtrace.studies.neighbours import DECIBELS, closing_depth
 
 _FLAT_DB = 0.5
