@@ -397,6 +397,28 @@ class TiltFactors(NamedTuple):
         return np.where(level >= 1.0, 1.0, _tilt_table(self.law)(tilt))
 
 
+def tilt_outage_note(outage: float, wind: str = "") -> str:
+    """Describe the share of tilts that leave the field of view; "" for a share of no account.
+
+    Parameters
+    ----------
+    outage : float
+        Probability that the tilt leaves the field of view.
+    wind : str
+        Text that follows the subject, such as " at 13 m/s".
+    """
+    least_ber = 0.5 * outage  # bits are then guessed
+    if least_ber < _LEAST_BER:
+        return ""
+    return (
+        f"tilt of the aircraft{wind}: {100.0 * outage:.2g} % of the time beyond half of the field "
+        f"of view, so that no power has an error rate below {least_ber:.2e}"
+    )
+
+
+_LEAST_BER = 1e-15  # below which an error rate says nothing about a device
+
+
 @functools.lru_cache(64)
 def _bulk_of_tilt(law: TiltLaw) -> tuple[float, float]:
     """Return the tilts that leave 1e-9 of the mass on either side [rad]."""
