@@ -432,35 +432,11 @@ def cost_table(found: dict[str, dict[str, Any]]) -> str:
     return table(head, rows)
 
 
-def sample_table(found: dict[str, dict[str, Any]]) -> str:
-    """Return the relative variance and the time of one chain and one joined photon."""
-    head = ["link", "V of a chain, pilot", "V of a chain", "us", "V of a joined photon", "us"]
-    rows = []
-    for name, row in found.items():
-        chains, joined = row.get("chains", {}), row.get("joined", {})
-        cells = [cell(map(number, chains.get("pilot", [])))]
-        for e in (chains, joined):
-            if "scattered" not in e:
-                cells += ["–", "–"]
-                continue
-            cells += [cell(map(number, variance(e))), f"{1e6 * e['cpu'] / e['photons']:.1f}"]
-        limit, better = "–", "–"
-        if "scattered" in chains and "scattered" in joined:
-            per_chain, per_photon = (e["cpu"] / e["photons"] for e in (chains, joined))
-            limits = variance(joined) * per_photon / per_chain
-            limit = cell(map(number, limits))
-            wins = variance(chains) < limits
-            better = cell("chains" if w else "joined photons" for w in wins)
-        rows.append([name, *cells, limit, better])
-    return table([*head, "V of a chain at equal cost", "cheaper"], rows)
-
-
 _SCATTERED = ("chains", "joined")
 TABLES = {
     "light": light_table,
     "analog": analog_table,
     "cost": cost_table,
-    "samples": sample_table,
 }
 
 
