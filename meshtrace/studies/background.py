@@ -99,19 +99,19 @@ def background_series(
     if flight is not None:
         flight = flight.checked()
         origin |= campaign.of_flight(flight)
-    found = backgrounds(campaign, in_flight(campaign, at, flight), day, photons)
+    backgrounds_of_seas = backgrounds(campaign, in_flight(campaign, at, flight), day, photons)
     return BackgroundSeries(
         np.asarray(at, float),
-        np.array([f.part_radiance for f in found]),
-        np.array([f.part_radiance_stderr for f in found]),
+        np.array([f.part_radiance for f in backgrounds_of_seas]),
+        np.array([f.part_radiance_stderr for f in backgrounds_of_seas]),
         origin,
     )
 
 
 def light_of(campaign: Campaign, day: Daylight | None) -> Daylight | None:
     """Return the light of a study, by default the one in its scenario."""
-    own = getattr(campaign.scenario, "daylight", None)
-    return checked_daylight(own if day is None else day, campaign.link)
+    configured = getattr(campaign.scenario, "daylight", None)
+    return checked_daylight(configured if day is None else day, campaign.link)
 
 
 def checked_daylight(day: Daylight | None, link: Link) -> Daylight | None:
@@ -160,18 +160,20 @@ def background_over_seas(
     held = flight is None or flight.uav.gimbal or campaign.link.direction == "down"
     most = _MEAN_SEAS if held and sea is not campaign.surface else _MOST_SEAS
     campaign = campaign._replace(surface=sea, progress=None)
-    found = backgrounds(campaign, _steps(campaign, seas, flight, most), day, RAYS)
-    if len(found) == 1:
-        return found[0]
-    parts = np.array([f.part_radiance for f in found])
-    mean = Background.of_groups(parts, found[0].acceptance, found[0].wavelength_nm)
-    rays = np.mean([f.part_radiance_stderr for f in found], axis=0)
-    rays_in_all = float(np.mean([f.radiance_stderr for f in found]))
+    backgrounds_of_seas = backgrounds(campaign, _steps(campaign, seas, flight, most), day, RAYS)
+    if len(backgrounds_of_seas) == 1:
+        return backgrounds_of_seas[0]
+    parts = np.array([f.part_radiance for f in backgrounds_of_seas])
+    mean = Background.of_groups(
+        parts, backgrounds_of_seas[0].acceptance, backgrounds_of_seas[0].wavelength_nm
+    )
+    rays = np.mean([f.part_radiance_stderr for f in backgrounds_of_seas], axis=0)
+    rays_in_all = float(np.mean([f.radiance_stderr for f in backgrounds_of_seas]))
     return replace(
         mean,
         part_radiance_stderr=np.hypot(mean.part_radiance_stderr, rays),
         radiance_stderr=math.hypot(mean.radiance_stderr, rays_in_all),
-        provenance=found[0].provenance,
+        provenance=backgrounds_of_seas[0].provenance,
     )
 
 
@@ -193,7 +195,7 @@ def _steps(campaign: Campaign, seas: int, flight: Flight | None, most: int) -> S
     wind = campaign.wind_of(flight).sample_wind(len(steps.labels), campaign.run.seed)
     tilt = flight.uav.tilt(wind)
     lean = {"tilt_deg": np.degrees(tilt.angle), "tilt_azimuth_deg": np.degrees(tilt.azimuth)}
-    return steps._replace(links=[(one,) for one in moved(link, lean)])
+    return steps._replace(links=[(tilted,) for tilted in moved(link, lean)])
 
 
 def transmission_of(link: Link, base: OokLink | None) -> OokLink:
@@ -204,14 +206,15 @@ def transmission_of(link: Link, base: OokLink | None) -> OokLink:
     return ook
 
 
-def described(ook: OokLink, found: Background) -> str:
+def described(ook: OokLink, background: Background) -> str:
     """Return the background light and its counts in a transmission as text."""
-    day = found.provenance["daylight"]
+    day = background.provenance["daylight"]
     follows = day["direct"] > 0.0 or day["light"] == "overcast sky"
     sun = f" at zenith angle {day['sun_zenith_deg']:g} deg" if follows else ""
     width = ook.optics.equivalent_width_nm
     return (
-        f"{found.light}{sun}, {found.radiance:.3g} W m-2 sr-1 nm-1 at {found.wavelength_nm:g} nm, "
+        f"{background.light}{sun}, {background.radiance:.3g} W m-2 sr-1 nm-1 "
+        f"at {background.wavelength_nm:g} nm, "
         f"{ook.background_rate:.3g} counts/s through {width:g} nm, {occupancy(ook):.2g} for a cell "
         f"in its dead time"
     )
@@ -221,8 +224,8 @@ def electronics_of(
     campaign: Campaign, ook: OokLink | Preset | None, bit_rate: float | None
 ) -> OokLink | None:
     """Return the transmission of a link; "physical" yields to the detector of its scenario."""
-    own = getattr(campaign.scenario, "detector", None)
-    chosen = own if ook == "physical" and own is not None else ook
+    detector = getattr(campaign.scenario, "detector", None)
+    chosen = detector if ook == "physical" and detector is not None else ook
     return None if chosen is None else OokLink.of_link(campaign.link, chosen, bit_rate)
 
 
@@ -266,8 +269,8 @@ class Lights:
     ) -> list[Background]:
         """Return the backgrounds of a link at wavelengths [nm], by common rays."""
         surface = mean_sea(link, self._campaign.surface)
-        found = background(link, surface, day, wavelengths_nm=wavelengths_nm, **self._options())
-        return [found.at_wavelength(nm) for nm in wavelengths_nm]
+        result = background(link, surface, day, wavelengths_nm=wavelengths_nm, **self._options())
+        return [result.at_wavelength(nm) for nm in wavelengths_nm]
 
     def _options(self) -> dict[str, Any]:
         meshing, run = self._campaign.meshing, self._campaign.run
@@ -277,19 +280,23 @@ class Lights:
         """Return the transmission of a variant with the counts of its background, if any."""
         if variant.detector is None:
             return None
-        found = self.background(variant)
-        return variant.detector if found is None else with_background(variant.detector, found)
+        measured = self.background(variant)
+        return variant.detector if measured is None else with_background(variant.detector, measured)
 
     def text(self, variant: Variant) -> str:
         """Return the light of a variant and its counts; empty without a transmission."""
         if variant.detector is None:
             return ""
-        found = self.background(variant)
-        return DARK if found is None else described(with_background(variant.detector, found), found)
+        measured = self.background(variant)
+        return (
+            DARK
+            if measured is None
+            else described(with_background(variant.detector, measured), measured)
+        )
 
 
 def error_rate(
-    ook: OokLink, gain: Floats, gain_stderr: float, found: Background | None
+    ook: OokLink, gain: Floats, gain_stderr: float, background: Background | None
 ) -> tuple[float, float]:
     """Return the bit error rate under a background light, averaged over gains, and its error.
 
@@ -301,7 +308,7 @@ def error_rate(
         Gains over n seas.
     gain_stderr : float
         Standard error that all of them have in common.
-    found : Background, optional
+    background : Background, optional
         Background light; None for the dark.
 
     Returns
@@ -310,17 +317,17 @@ def error_rate(
         Mean bit error rate, and its standard error by gain, seas and background.
     """
 
-    def rates(step: float = 0.0, light: float = 0.0) -> Floats:
+    def rates(step: float = 0.0, shift: float = 0.0) -> Floats:
         shifted = np.maximum(gain + step * gain_stderr, 0.0)
-        lit = ook
-        if found is not None and found.radiance > 0.0:
-            relative = found.radiance_stderr / found.radiance
-            lit = with_background(ook, found, max(1.0 + light * relative, 0.0))
-        return np.atleast_1d(lit.ber(lit.received_power(shifted)))
+        exposed = ook
+        if background is not None and background.radiance > 0.0:
+            relative = background.radiance_stderr / background.radiance
+            exposed = with_background(ook, background, max(1.0 + shift * relative, 0.0))
+        return np.atleast_1d(exposed.ber(exposed.received_power(shifted)))
 
     values = rates()
     by_gain = 0.5 * float(rates(-1.0).mean() - rates(1.0).mean())
-    by_light = 0.5 * float(rates(light=1.0).mean() - rates(light=-1.0).mean())
+    by_light = 0.5 * float(rates(shift=1.0).mean() - rates(shift=-1.0).mean())
     spread = float(error_of_groups(values)) if len(values) > 1 else 0.0
     return float(values.mean()), math.hypot(by_gain, by_light, spread)
 
@@ -331,10 +338,12 @@ def backgrounds(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -
     identity = {**origin, "steps": steps.identity(), "rays": photons}
     setup = partial(_seen, campaign.alone, steps, day, photons)
     # the threads are those of the rays over one surface
-    one = campaign._replace(run=campaign.run.replace(threads=1))
+    single_threaded = campaign._replace(run=campaign.run.replace(threads=1))
     name = f"background of {', '.join(campaign.links)} by {day.light}"
     shape = (2 * len(PARTS) + 4,)
-    found = one.over(setup, range(len(steps.labels)), name, identity, lambda step: shape)
+    found = single_threaded.over(
+        setup, range(len(steps.labels)), name, identity, lambda step: shape
+    )
     results = []
     for row in found:
         parts, errors, numbers = np.split(row, [len(PARTS), 2 * len(PARTS)])

@@ -80,11 +80,13 @@ class Steps(NamedTuple):
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies the surfaces, as plain data."""
         labels = self.labels.tolist()
-        found = {"along": self.along, "number": len(labels), "labels": digest_of(labels)}
+        identity = {"along": self.along, "number": len(labels), "labels": digest_of(labels)}
         if self.links is not None:
-            rows = [[link.model_dump(mode="json") for link in links] for links in self.links]
-            found["links"] = digest_of(rows)
-        return found
+            links_of_steps = [
+                [link.model_dump(mode="json") for link in links] for links in self.links
+            ]
+            identity["links"] = digest_of(links_of_steps)
+        return identity
 
 
 class Campaign(NamedTuple):
@@ -191,8 +193,8 @@ class Campaign(NamedTuple):
     def flight(self, given: Flight | None) -> Flight | None:
         """Return the aircraft of a study, by default the one in its scenario, checked."""
         uav = getattr(self.scenario, "uav", None)
-        found = Flight(uav) if given is None and uav is not None else given
-        return found and found.checked()
+        in_air = Flight(uav) if given is None and uav is not None else given
+        return in_air and in_air.checked()
 
     def tilt_factors(self, flight: Flight, fov_deg: float) -> TiltFactors:
         """Return the law of the tilt factor h_alpha of an aircraft in independent gusts."""
@@ -293,21 +295,21 @@ class Campaign(NamedTuple):
         Refused
             If numbers in the store have another shape.
         """
-        with self.store.loop(name, {**self.identity(), **identity}) as kept:
-            waiting = [step for step in steps if step not in kept]
+        with self.store.loop(name, {**self.identity(), **identity}) as stored:
+            waiting = [step for step in steps if step not in stored]
             for step in steps:
-                if step in kept:
-                    self.store.require_shape(kept[step].numbers, shape(step))
+                if step in stored:
+                    self.store.require_shape(stored[step].numbers, shape(step))
             computed = self._computed(setup, waiting) if waiting else iter(())
             ready: dict[Any, Floats] = {}
-            with closing(paced(computed, len(waiting), f"{len(waiting):,} {work}")) as found:
+            with closing(paced(computed, len(waiting), f"{len(waiting):,} {work}")) as results:
                 for step in steps:
-                    while step not in ready and step not in kept:
-                        i, numbers = next(found)
-                        ready[waiting[i]] = kept.keep(waiting[i], numbers).numbers
+                    while step not in ready and step not in stored:
+                        i, numbers = next(results)
+                        ready[waiting[i]] = stored.keep(waiting[i], numbers).numbers
                         if i % _TRIM_EVERY == 0:
                             trim_memory()
-                    yield ready.pop(step) if step in ready else kept[step].numbers
+                    yield ready.pop(step) if step in ready else stored[step].numbers
                     self.advance()
 
     def advance(self) -> None:
@@ -320,8 +322,8 @@ class Campaign(NamedTuple):
         if self.cluster is None:
             yield from enumerate(ordered_map(held(held(setup)()), steps, self.threads))
             return
-        with closing(self.cluster.map(setup, steps)) as found:
-            for i, numbers in found:
+        with closing(self.cluster.map(setup, steps)) as results:
+            for i, numbers in results:
                 if isinstance(numbers, Exception):
                     raise numbers
                 yield i, numbers
@@ -367,10 +369,10 @@ class Campaign(NamedTuple):
             over all surfaces and for all links.
         """
         n, receivers = len(steps.labels), len(self.link.receivers)
-        found = np.empty((2, len(self.links), n, receivers, SHIFTS))
+        gains = np.empty((2, len(self.links), n, receivers, SHIFTS))
         for i, numbers in enumerate(self.each(steps, probed)):
-            found[:, :, i] = numbers
-        return found
+            gains[:, :, i] = numbers
+        return gains
 
 
 def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Callable[[int], Floats]:
@@ -383,43 +385,45 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     widest = _widest(steps, links)
     lines = campaign.lines(widest, source) if widest and isinstance(source, MeshSource) else None
 
-    def over(i: int) -> Sequence[Link]:
+    def links_at(i: int) -> Sequence[Link]:
         return links if steps.links is None else steps.links[i]
 
     def mesh(i: int) -> TriangleMesh:
-        return campaign.mesh(over(i), *steps.surface(i), lines)
+        return campaign.mesh(links_at(i), *steps.surface(i), lines)
 
     if isinstance(run.estimator, Analog):
-        return lambda i: _analog_gains(campaign, over(i), mesh(i))
+        return lambda i: _analog_gains(campaign, links_at(i), mesh(i))
     first = {i: mesh(i) for i in range(min(1 if steps.links else probed, n))}
     typical = TypicalSea.of(first.values(), MANY_SEAS)
 
     def chains(link: Link) -> ForcedDetection:
         return ForcedDetection(link, run.photons, run.seed, normals, sea=typical)
 
-    def spectral(over: Sequence[Link]) -> SpectralDetection:
-        return SpectralDetection(over, run.photons, run.seed, normals, sea=typical)
+    def spectral(links_there: Sequence[Link]) -> SpectralDetection:
+        return SpectralDetection(links_there, run.photons, run.seed, normals, sea=typical)
 
     alone, tilted = campaign.spectral or (moving and not widest), []
-    common = [] if alone else [chains(link) for link in links]
+    shared = [] if alone else [chains(link) for link in links]
     paths = spectral(links) if campaign.spectral and not moving else None
-    if moving and common and all(one.serves_neighbours for one in common):
+    if moving and shared and all(chain_set.serves_neighbours for chain_set in shared):
         tilted = [
             FrozenForced(link, run.photons, run.seed, typical, normals, "usual") for link in links
         ]
     elif moving:
-        common = []
+        shared = []
 
     def evaluate(i: int) -> Floats:
         made = first.pop(i) if i in first else mesh(i)
         if tilted:
-            pairs = zip(tilted, over(i), strict=True)
-            return np.stack([one.parts(link, made) for one, link in pairs], axis=1)
+            pairs = zip(tilted, links_at(i), strict=True)
+            return np.stack([chain_set.parts(link, made) for chain_set, link in pairs], axis=1)
         if campaign.spectral:
-            parts = (paths or spectral(over(i))).at_wavelengths(made)
+            parts = (paths or spectral(links_at(i))).at_wavelengths(made)
         else:
-            parts = [one.evaluate(made) for one in common or map(chains, over(i))]
-        return np.array([[one.shifts for one in parts], [one.direct for one in parts]])
+            parts = [chain_set.evaluate(made) for chain_set in shared or map(chains, links_at(i))]
+        return np.array(
+            [[chain_set.shifts for chain_set in parts], [chain_set.direct for chain_set in parts]]
+        )
 
     return evaluate
 

@@ -96,15 +96,15 @@ def light_pattern(
     beyond, wind = _beyond(link, sea, spacing)
     blur = (link.water.n / link.n_air - 1.0) * receiver.height * np.sqrt(beyond) / step
     margin = math.ceil(4.0 * blur.max()) + 1
-    light = np.zeros((2 * (n + margin), 2 * (n + margin)))
+    energy = np.zeros((2 * (n + margin), 2 * (n + margin)))
     center = np.array(receiver.position)
     # points of a choppy sea are off their labels
     off = _SLOPES * sizes.height if getattr(sea, "choppy", False) else 0.0
     labels = _labels(link, step * (n + margin), spacing, sizes.slope, off)
     for points, normals in _strips(sea.sheet(*labels, time), labels, step / _RAYS):
         place, flux = _landed(link, source, receiver, points, normals)
-        _share_out(light, (place - center) / step + (n + margin), flux)
-    gain = math.pi * receiver.radius**2 / step**2 * _blurred(light, blur, wind)
+        _share_out(energy, (place - center) / step + (n + margin), flux)
+    gain = math.pi * receiver.radius**2 / step**2 * _blurred(energy, blur, wind)
     gain = np.maximum(gain[margin : margin + 2 * n, margin : margin + 2 * n], 0.0)
     cells = step * (np.arange(2 * n, dtype=np.float64) - n + 0.5)
     x, y = np.add(receiver.position[0], cells), np.add(receiver.position[1], cells)
@@ -144,10 +144,10 @@ def wave_sizes(sea: Surface, highest: float | None = None) -> WaveSizes:
     if not isinstance(sea, WaveSum):
         return WaveSizes(None, math.inf, 0.0 if isinstance(sea, FlatSea) else 0.3, 0.0)
     waves = sea.components
-    kept = waves.amplitude != 0.0
+    resolved = waves.amplitude != 0.0
     if highest is not None:
-        kept &= waves.omega <= highest * (1.0 + 1e-9)
-    waves = WaveComponents(*(a[kept] for a in waves))
+        resolved &= waves.omega <= highest * (1.0 + 1e-9)
+    waves = WaveComponents(*(a[resolved] for a in waves))
     k, half = np.hypot(waves.kx, waves.ky), 0.5 * np.square(waves.amplitude)
     spacing = GAIN_SPACING / float(k.max()) if k.any() else math.inf
     return WaveSizes(waves, spacing, math.sqrt((half * k**2).sum()), math.sqrt(half.sum()))
@@ -155,12 +155,12 @@ def wave_sizes(sea: Surface, highest: float | None = None) -> WaveSizes:
 
 def _beyond(link: Link, sea: Surface, spacing: float) -> tuple[Floats, float]:
     """Return the slope variances along and across the wind that tilt, and its direction [rad]."""
-    found = sea.unresolved_slopes(spacing) if link.physics.unresolved == "tilt" else None
-    if found is None:
+    slopes = sea.unresolved_slopes(spacing) if link.physics.unresolved == "tilt" else None
+    if slopes is None:
         return np.zeros(2), 0.0
-    if any(found.cumulants):
+    if any(slopes.cumulants):
         raise Refused("slope_law", Described("not Gaussian"), "gaussian: the blur is Gaussian")
-    return np.array(found.vertex), math.radians(found.direction_deg)
+    return np.array(slopes.vertex), math.radians(slopes.direction_deg)
 
 
 def _labels(
@@ -185,9 +185,9 @@ def _strips(
     """Yield points and normals (nx, ny, 3), interpolated between the points of a sheet."""
     splines = [RectBivariateSpline(*labels, a[..., i]) for a in sheet for i in range(3)]
     u, v = (np.arange(a[0], a[-1], distance) for a in labels)
-    rows = max(2, _ROWS // len(v))
-    for first in range(0, len(u) - 1, rows):
-        at = u[first : first + rows + 1]  # with the first row of the next strip
+    lines = max(2, _ROWS // len(v))
+    for first in range(0, len(u) - 1, lines):
+        at = u[first : first + lines + 1]  # with the first row of the next strip
         grid = np.stack([spline(at, v) for spline in splines], axis=-1)
         yield grid[..., :3], grid[..., 3:]
 
@@ -230,27 +230,27 @@ def _intensity(source: Any, ray: Floats) -> Floats:
     return np.asarray(0.5 * (m + 1.0) / math.pi * cosine**m)
 
 
-def _share_out(light: Floats, place: Floats, flux: Floats) -> None:
+def _share_out(energy: Floats, place: Floats, flux: Floats) -> None:
     """Add fluxes to the four cells around places (m, 2), in cells from the corner of the map."""
     low = np.floor(place - 0.5)
     part, cell = place - 0.5 - low, low.astype(np.int64)
-    inside = ((cell >= 0) & (cell < np.array(light.shape) - 1)).all(axis=1)
+    inside = ((cell >= 0) & (cell < np.array(energy.shape) - 1)).all(axis=1)
     cell, part, flux = cell[inside], part[inside], flux[inside]
-    corner = cell[:, 0] * light.shape[1] + cell[:, 1]
+    corner = cell[:, 0] * energy.shape[1] + cell[:, 1]
     for i in (0, 1):
         for j in (0, 1):
             weight = np.abs(1 - i - part[:, 0]) * np.abs(1 - j - part[:, 1]) * flux
-            at = corner + i * light.shape[1] + j
-            light += np.bincount(at, weight, light.size).reshape(light.shape)
+            at = corner + i * energy.shape[1] + j
+            energy += np.bincount(at, weight, energy.size).reshape(energy.shape)
 
 
-def _blurred(light: Floats, blur: Floats, wind: float) -> Floats:
+def _blurred(energy: Floats, blur: Floats, wind: float) -> Floats:
     """Return the light convolved with a Gaussian, standard deviations in cells along the wind."""
     if not blur.any():
-        return light
-    rows, columns = light.shape
-    window = gaussian(*wavenumbers(rows, columns, 1.0), blur, wind)
-    return np.asarray(np.fft.ifft2(np.fft.fft2(light) * window).real)
+        return energy
+    lines, columns = energy.shape
+    window = gaussian(*wavenumbers(lines, columns, 1.0), blur, wind)
+    return np.asarray(np.fft.ifft2(np.fft.fft2(energy) * window).real)
 
 
 def wavenumbers(nx: int, ny: int, cell: float) -> tuple[Floats, Floats]:

@@ -114,7 +114,7 @@ class Cluster:
     ) -> Iterator[tuple[int, Any]]:
         """Yield the results of jobs of this process and, once they take longer, of others."""
         total, ended = len(waiting), Event()
-        found: SimpleQueue[tuple[int, Any]] = SimpleQueue()
+        finished: SimpleQueue[tuple[int, Any]] = SimpleQueue()
 
         def beside() -> None:
             try:
@@ -122,17 +122,17 @@ class Cluster:
                 if ended.wait(patience) or 2 * len(waiting) < total:
                     return
                 for result in self._elsewhere(setup, waiting, _AHEAD * others, ended):
-                    found.put(result)
+                    finished.put(result)
             except Exception as error:
-                found.put((_BROKEN, error))
+                finished.put((_BROKEN, error))
 
         def merged() -> Iterator[tuple[int, Any]]:
             for result in _evaluated(setup, waiting):
                 yield result
-                while not found.empty():
-                    yield found.get()
+                while not finished.empty():
+                    yield finished.get()
             while True:
-                yield found.get()
+                yield finished.get()
 
         thread = Thread(target=beside, name="workers")
         thread.start()
@@ -166,9 +166,9 @@ class Cluster:
             number: dict[Any, int] = {}
 
             def submit(count: int) -> None:
-                given = dict(islice(drawn, count))
-                futures = client.map(run, list(given.values()), **work, pure=False)
-                number.update(zip((future.key for future in futures), given, strict=True))
+                batch = dict(islice(drawn, count))
+                futures = client.map(run, list(batch.values()), **work, pure=False)
+                number.update(zip((future.key for future in futures), batch, strict=True))
                 completed.update(futures)
 
             submit(ahead)
@@ -265,15 +265,15 @@ def _finished(
             future = next(completed)
             try:
                 failed = future.status == "error"
-                found = future.exception(_ANSWER) if failed else future.result(_ANSWER)
+                result = future.exception(_ANSWER) if failed else future.result(_ANSWER)
             except TimeoutError:
                 completed.add(future)
                 if _has_workers(client) is not None:
                     answered = time.monotonic()
                 continue
             except Exception as error:
-                found = error
-            yield future, found
+                result = error
+            yield future, result
             without_worker, answered = 0.0, time.monotonic()
             continue
         time.sleep(_POLL)
@@ -292,10 +292,10 @@ def _has_workers(client: distributed.Client) -> bool | None:
     """
     scheduler: Any = client.scheduler
     try:
-        found = client.sync(scheduler.identity, n_workers=1, callback_timeout=_ANSWER)
+        identity = client.sync(scheduler.identity, n_workers=1, callback_timeout=_ANSWER)
     except (OSError, TimeoutError):
         return None
-    return bool(found["workers"])
+    return bool(identity["workers"])
 
 
 def _lost(client: distributed.Client, done: int, total: int) -> Refused:
@@ -317,8 +317,8 @@ def _environment() -> Callable[[], dict[str, str]]:
 
             from meshtrace.kernels.jit import sources
 
-            found = {name: version(name) for name in ("meshtrace", "numpy", "numba")}
-            return {**found, "kernels": sources().hex()}
+            versions = {name: version(name) for name in ("meshtrace", "numpy", "numba")}
+            return {**versions, "kernels": sources().hex()}
         except Exception as error:
             return {"meshtrace": f"{type(error).__name__}: {error}"}
 
@@ -330,9 +330,9 @@ def _portable_job() -> Callable[..., Any]:
     describe = _environment()
 
     def run(job: Any, setup: bytes, expected: dict[str, str]) -> Any:
-        found = describe()
-        if found != expected:  # of a worker that came late
-            return found
+        environment = describe()
+        if environment != expected:  # of a worker that came late
+            return environment
         from meshtrace.parallel import one_blas_thread
         from meshtrace.studies.cluster import prepared
 
@@ -366,14 +366,14 @@ def _require_equal_workers(client: distributed.Client, timeout: float) -> None:
     except OSError as error:
         raise _lost(client, 0, 0) from error
     expected = _environment()()
-    for address, found in environments.items():
-        if found != expected:
-            raise _other_worker(address, found)
+    for address, environment in environments.items():
+        if environment != expected:
+            raise _other_worker(address, environment)
 
 
-def _other_worker(address: str, found: Any) -> Refused:
+def _other_worker(address: str, environment: Any) -> Refused:
     expected = _environment()()
-    there = found if isinstance(found, dict) else {"meshtrace": error_text(found)}
+    there = environment if isinstance(environment, dict) else {"meshtrace": error_text(environment)}
     name = next(name for name in expected if there.get(name) != expected[name])
     odd = Described(f"{address}: {name} {there.get(name, 'missing')} there, {expected[name]} here")
     return Refused("worker", odd, "the same versions of meshtrace, its kernels, numpy and numba")
@@ -449,10 +449,10 @@ def _address(scheduler: str, timeout: float) -> str:
     while not os.path.isfile(scheduler) and time.monotonic() < end:
         time.sleep(0.1)
     with open(scheduler, encoding="utf-8") as file:
-        found = json.load(file)
-    if not isinstance(found, dict) or not isinstance(found.get("address"), str):
+        fields = json.load(file)
+    if not isinstance(fields, dict) or not isinstance(fields.get("address"), str):
         raise ValueError("no address in the file")
-    return str(found["address"])
+    return str(fields["address"])
 
 
 def error_text(error: BaseException) -> str:

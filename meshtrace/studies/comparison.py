@@ -110,8 +110,8 @@ class Comparison(Stored):
         of :math:`h_i - r h_0`, over h_0 (delta method).
         """
         if not len(names) == len(samples) > 0:
-            found = Described(f"{len(names)} names of {len(samples)} links")
-            raise Refused("names, samples", found, "a name for each link, one or more")
+            names_of_links = Described(f"{len(names)} names of {len(samples)} links")
+            raise Refused("names, samples", names_of_links, "a name for each link, one or more")
         gain, first = samples.mean(axis=1), samples[0]
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = gain / gain[0]
@@ -125,7 +125,7 @@ class Comparison(Stored):
     @property
     def lights(self) -> tuple[str, ...]:
         """Light under which each link is compared."""
-        days = [one.get("daylight") for one in self.provenance]
+        days = [record.get("daylight") for record in self.provenance]
         return tuple(DARK if day is None else str(day["light"]) for day in days)
 
     def _origin_lines(self) -> list[str]:
@@ -158,13 +158,13 @@ class Comparison(Stored):
         """Return background and bit error rate of each link as a table."""
         columns = self.background_radiance, self.background_radiance_stderr, self.ber
         numbers = zip(*(np.asarray(c) for c in (*columns, self.ber_stderr)), strict=True)
-        rows = [
-            (name, f"{light:.3e} +- {error:.1e}", f"{ber:.3e} +- {spread:.1e}", kind)
-            for name, (light, error, ber, spread), kind in zip(
+        table = [
+            (name, f"{background:.3e} +- {error:.1e}", f"{ber:.3e} +- {spread:.1e}", kind)
+            for name, (background, error, ber, spread), kind in zip(
                 self.names, numbers, self.lights, strict=True
             )
         ]
-        return text_table(rows, ("link", "background [W m-2 sr-1 nm-1]", "BER", "light"))
+        return text_table(table, ("link", "background [W m-2 sr-1 nm-1]", "BER", "light"))
 
 
 @check_call
@@ -215,13 +215,17 @@ def compare(
     otherwise.
     """
     if not isinstance(links, Mapping) or len(links) < 2:
-        found = sorted(links) if isinstance(links, Mapping) else Described(type(links).__name__)
-        raise Refused("links", found, "a mapping of two or more names to links")
-    lit = daylight is not None or any(getattr(link, "daylight", None) for link in links.values())
+        names = sorted(links) if isinstance(links, Mapping) else Described(type(links).__name__)
+        raise Refused("links", names, "a mapping of two or more names to links")
+    in_daylight = daylight is not None or any(
+        getattr(link, "daylight", None) for link in links.values()
+    )
     each = {}
     for name, link in links.items():
         try:
-            resolved = campaign_of(link, surface, "compare", lit and realizations > 1, **run)
+            resolved = campaign_of(
+                link, surface, "compare", in_daylight and realizations > 1, **run
+            )
             count = len(resolved.link.receivers)
             if count != 1:
                 raise Refused("receiver", Described(f"{count} receivers"), "one receiver")
@@ -229,18 +233,18 @@ def compare(
             raise error.inside("links", str(name)) from None
         each[str(name)] = resolved.of(resolved.link, str(name))
     samples = _samples(each, realizations)
-    days = [light_of(one, daylight) for one in each.values()]
+    days = [light_of(link_file, daylight) for link_file in each.values()]
     origin = [
-        one.provenance(realizations=realizations)
+        link_file.provenance(realizations=realizations)
         | {"daylight": day and day.model_dump(mode="json")}
-        for one, day in zip(each.values(), days, strict=True)
+        for link_file, day in zip(each.values(), days, strict=True)
     ]
     made = Comparison.of_samples(tuple(each), samples, origin)
     return _under_light(made, list(each.values()), days, samples, realizations)
 
 
 def _under_light(
-    found: Comparison,
+    result: Comparison,
     campaigns: list[Campaign],
     days: list[Daylight | None],
     samples: Floats,
@@ -248,21 +252,21 @@ def _under_light(
 ) -> Comparison:
     """Return the comparison with the background and bit error rate of each link, if any is lit."""
     if not any(days):
-        return found
-    rows = []
-    errors = found.gain_stderr.tolist()
-    for one, day, gains, own in zip(campaigns, days, samples, errors, strict=True):
-        base = one.scenario.detector if one.scenario is not None else None
-        ook = through_channel(transmission_of(one.link, base), one, realizations)
-        light = background_over_seas(one, day, realizations) if day else None
-        if light is not None:
-            warn_of_background(with_background(ook, light), light)
+        return result
+    table = []
+    errors = result.gain_stderr.tolist()
+    for campaign, day, gains, stderr in zip(campaigns, days, samples, errors, strict=True):
+        base = campaign.scenario.detector if campaign.scenario is not None else None
+        ook = through_channel(transmission_of(campaign.link, base), campaign, realizations)
+        background = background_over_seas(campaign, day, realizations) if day else None
+        if background is not None:
+            warn_of_background(with_background(ook, background), background)
         several = realizations > 1  # their spread holds the errors of the gains
-        at, error = (gains, 0.0) if several else (gains.mean(keepdims=True), own)
-        radiance = (light.radiance, light.radiance_stderr) if light else (0.0, 0.0)
-        rows.append([*radiance, *error_rate(ook, at, error, light)])
+        at, error = (gains, 0.0) if several else (gains.mean(keepdims=True), stderr)
+        radiance = (background.radiance, background.radiance_stderr) if background else (0.0, 0.0)
+        table.append([*radiance, *error_rate(ook, at, error, background)])
     names = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
-    return replace(found, **dict(zip(names, np.array(rows).T, strict=True)))
+    return replace(result, **dict(zip(names, np.array(table).T, strict=True)))
 
 
 def _samples(each: dict[str, Campaign], realizations: int) -> Floats:
@@ -271,18 +275,18 @@ def _samples(each: dict[str, Campaign], realizations: int) -> Floats:
     Links over equal seas, with equal chains, have common meshes.
     """
     campaigns = list(each.values())
-    over = [(one.surface, one.meshing, one.run) for one in campaigns]
-    if all(one == over[0] for one in over):
-        links = {name: one.link for name, one in each.items()}
+    conditions = [(campaign.surface, campaign.meshing, campaign.run) for campaign in campaigns]
+    if all(campaign == conditions[0] for campaign in conditions):
+        links = {name: campaign.link for name, campaign in each.items()}
         campaigns = [campaigns[0]._replace(links=links)]
-    rows = []
-    for one in campaigns:
-        still = one.in_time(np.array([one.meshing.time]))
-        steps = one.realizations(realizations) if realizations > 1 else still
-        tick = one.progress and partial(_of_each, one.progress, len(one.links))
-        gain = one._replace(progress=tick).gains(steps)[0, :, :, 0]
-        rows.append(gain.mean(axis=-1) if realizations > 1 else gain[:, 0])
-    return np.concatenate(rows)
+    table = []
+    for campaign in campaigns:
+        still = campaign.in_time(np.array([campaign.meshing.time]))
+        steps = campaign.realizations(realizations) if realizations > 1 else still
+        tick = campaign.progress and partial(_of_each, campaign.progress, len(campaign.links))
+        gain = campaign._replace(progress=tick).gains(steps)[0, :, :, 0]
+        table.append(gain.mean(axis=-1) if realizations > 1 else gain[:, 0])
+    return np.concatenate(table)
 
 
 def _of_each(progress: Callable[[int], None], links: int, n: int) -> None:
@@ -470,8 +474,8 @@ def both_directions(up: Campaign, down: Campaign) -> Campaign:
     for name, one in (("up", up), ("down", down)):
         link = one.link
         if link.direction != name or len(link.receivers) != 1:
-            found = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
-            raise Refused(name, found, f"a link with one receiver and direction {name}")
+            ends = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
+            raise Refused(name, ends, f"a link with one receiver and direction {name}")
     fading = band_fading(down.link, up.surface) if down.surface != up.surface else None
     if fading is not None and fading.needed is not None:
         text = (

@@ -201,37 +201,37 @@ class ConvergenceStudy(Stored):
         dict of str to float
             Interpolated between the values of the study; nan if none of them is fine enough.
         """
-        given = self.tolerance if tolerance is None else tolerance
-        limit = require_between(given, 0.0, math.inf, "tolerance")
+        target = self.tolerance if tolerance is None else tolerance
+        limit = require_between(target, 0.0, math.inf, "tolerance")
         steps = [largest_step(self.step, row, limit) for row in self.error / self.gain[:, -1:]]
         values = [1.0 / s if self.parameter == "omega_max" else s for s in steps]
         return dict(zip(self.normals, values, strict=True))
 
     def _content(self) -> xr.Dataset:
-        dims, one = ("normals", self.parameter), {"units": "1"}
-        found: dict[str, Any] = {
+        dims, unit = ("normals", self.parameter), {"units": "1"}
+        variables: dict[str, Any] = {
             "gain": (dims, self.gain, attrs("gain")),
             "gain_stderr": (dims, self.gain_stderr, attrs("gain_stderr")),
             "gain_ballistic": (dims, self.ballistic.mean(axis=2), attrs("gain_ballistic")),
             "recommended": ("normals", list(self.recommended().values())),
         }
         for name in ("difference", "difference_stderr", "error"):
-            found[name] = (dims, getattr(self, name), one)
+            variables[name] = (dims, getattr(self, name), unit)
         for name in ("order", "gain"):
             limits = np.array([getattr(self.fits[kind], name) for kind in self.normals])
-            found[f"fitted_{name}"] = (("normals", "limit"), limits, one)
+            variables[f"fitted_{name}"] = (("normals", "limit"), limits, unit)
         if self.reference is not None:
-            found["exact_gain"] = ((), self.reference.gain, attrs("gain"))
-        return super()._content().assign(found).assign_coords(limit=["value", "low", "high"])
+            variables["exact_gain"] = ((), self.reference.gain, attrs("gain"))
+        return super()._content().assign(variables).assign_coords(limit=["value", "low", "high"])
 
     @property
     def _unit(self) -> str:
         return attrs(self.parameter)["units"]
 
     def _headline(self) -> str:
-        found = ", ".join(f"{kind} {self._recommended(kind)}" for kind in self.normals)
+        advice = ", ".join(f"{kind} {self._recommended(kind)}" for kind in self.normals)
         percent = 100.0 * self.tolerance
-        return f"{self.parameter} [{self._unit}] for an error of {percent:g} %: {found}"
+        return f"{self.parameter} [{self._unit}] for an error of {percent:g} %: {advice}"
 
     def _recommended(self, kind: Normals) -> str:
         """Return the recommended value for one kind of normals as text."""
@@ -388,10 +388,10 @@ def convergence_study(
     pairs = product(values, placement_shifts(placements))
     cases = [partial(nested_mesh, link, sea, at, spacing, shift) for spacing, shift in pairs]
     recorded = {"spacings": values, "placements": placements, "unresolved": unresolved}
-    found = _by_step(chains.over(cases, recorded), values)
+    gains = _by_step(chains.over(cases, recorded), values)
     truth = chains.exact(exact, values[-1]) if exact else None
-    scatter = spread(found[..., :SHIFTS].mean(axis=3))
-    return _study("spacing", values, chains, found, scatter, tolerance, recorded, truth)
+    scatter = spread(gains[..., :SHIFTS].mean(axis=3))
+    return _study("spacing", values, chains, gains, scatter, tolerance, recorded, truth)
 
 
 @check_call
@@ -453,10 +453,10 @@ def band_limit_study(
     cases = [partial(mesh, *pair) for pair in product(values, range(realizations))]
     recorded = {"omega_max": values, "realizations": realizations, "spacing": step,
                 "unresolved": unresolved}  # fmt: skip
-    found = _by_step(chains.over(cases, recorded), values)
-    gain = found[..., :SHIFTS].mean(axis=3)
+    gains = _by_step(chains.over(cases, recorded), values)
+    gain = gains[..., :SHIFTS].mean(axis=3)
     scatter = spread(gain - gain[:, -1:])
-    return _study("omega_max", values, chains, found, scatter, tolerance, recorded)
+    return _study("omega_max", values, chains, gains, scatter, tolerance, recorded)
 
 
 @check_call
@@ -514,34 +514,34 @@ def time_step_study(
     cases = [partial(mesh, i) for i in range(n + 1)]
     recorded = {"start": begin, "duration": duration, "steps": values}
     frames = chains.over(cases, recorded, photons=0)
-    found = np.stack([_time_mean(frames, s) for s in strides], axis=1)[:, :, None]
+    means = np.stack([_time_mean(frames, s) for s in strides], axis=1)[:, :, None]
     for k in range(SHIFTS + 1, frames.shape[-1]):  # slopes, reflection and times: of all frames
-        found[..., k] = frames[..., k].mean(axis=1)[:, None, None]
+        means[..., k] = frames[..., k].mean(axis=1)[:, None, None]
     each = frames[..., :SHIFTS].mean(axis=2)
     scatter = np.stack([_interpolation_error(each, s) for s in strides], axis=1)
-    return _study("time_step", values, chains, found, scatter, tolerance, recorded)
+    return _study("time_step", values, chains, means, scatter, tolerance, recorded)
 
 
-def _by_step(rows: Floats, values: list[float]) -> Floats:
+def _by_step(values_by_case: Floats, values: list[float]) -> Floats:
     """Return the numbers of meshes (kinds, cases, numbers), as many repeats of each step."""
-    return rows.reshape(len(rows), len(values), -1, rows.shape[-1])
+    return values_by_case.reshape(len(values_by_case), len(values), -1, values_by_case.shape[-1])
 
 
 def _study(
     parameter: str,
     values: list[float],
     chains: CommonChains,
-    found: Floats,
+    gains: Floats,
     scatter: Floats,
     tolerance: float,
     recorded: dict[str, Any],
     reference: Reference | None = None,
 ) -> ConvergenceStudy:
     """Return the study of the numbers of all meshes, shape (kinds, steps, repeats, numbers)."""
-    samples, (ballistic, *each) = found[..., :SHIFTS], np.moveaxis(found[..., SHIFTS:], -1, 0)
+    samples, (ballistic, *each) = gains[..., :SHIFTS], np.moveaxis(gains[..., SHIFTS:], -1, 0)
     if not samples.mean(axis=(2, 3)).all():  # no relative error
         raise Refused("gain", Described("no light received"), "light at every step")
-    slopes, reflected, mesh, bvh, gain = (one.mean(axis=2) for one in each)
+    slopes, reflected, mesh, bvh, gain = (array.mean(axis=2) for array in each)
     kinds, campaign = chains.kinds, chains.campaign
     return ConvergenceStudy(
         parameter, np.array(values), kinds, samples, ballistic, scatter, slopes, reflected,
@@ -621,10 +621,10 @@ class FadingConvergence(Stored):
             f"{'measured':>12}{'stderr':>9}"
         ]
         closed = self.omega_max, self.band_alone, self.with_tilts
-        rows = zip(*closed, self.measured, self.measured_stderr, strict=True)
-        for omega, alone, tilted, found, stderr in rows:
+        table = zip(*closed, self.measured, self.measured_stderr, strict=True)
+        for omega, alone, tilted, measured, stderr in table:
             line = f"{omega:>18g}{alone:>12.4g}{tilted:>12.4g}{tilted / self.all_waves:>9.1%}"
-            lines.append(line if math.isnan(found) else f"{line}{found:>12.4g}{stderr:>9.2g}")
+            lines.append(line if math.isnan(measured) else f"{line}{measured:>12.4g}{stderr:>9.2g}")
         lines.append(f"{'all waves':>18}{self.all_waves:>12.4g}{self.all_waves:>12.4g}")
         return "\n".join([*lines, self._headline()])
 
@@ -699,5 +699,5 @@ def _measured(campaign: Campaign, omega_max: float, realizations: int) -> tuple[
     campaign = campaign._replace(surface=sea.model_copy(update={"omega_max": omega_max}))
     gain = over_realizations(campaign, realizations).gain_ballistic
     options: Any = {"confidence": _WITHIN_ONE, "resamples": _BOOTSTRAPS, "seed": campaign.run.seed}
-    found = scintillation_index(gain, **options)
-    return found.value, 0.5 * (found.high - found.low)
+    index = scintillation_index(gain, **options)
+    return index.value, 0.5 * (index.high - index.low)

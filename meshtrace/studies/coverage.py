@@ -194,15 +194,15 @@ def coverage_map(
     waves = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     links = [case.link.at_wavelength(nm) for nm in waves] or [case.link]
     campaign = Campaign({}, case.surface, case.run, case.meshing, **loop)
-    found = dict[int, CoverageMap]()
+    maps = dict[int, CoverageMap]()
     with campaign.workers(), one_blas_thread():
-        while waiting := [i for i in range(len(links)) if i not in found]:
-            base, common = photon_paths(links, waiting)
-            of = campaign._replace(links={str(i): links[i] for i in common.rows})
-            found |= _Mapped(of, common, receiver, grid, at, exact).run(photons, rtol, base)
-    for one in found.values():
-        one.provenance.update(case.origin)
-    results = tuple(found[i] for i in range(len(links)))
+        while waiting := [i for i in range(len(links)) if i not in maps]:
+            base, shared = photon_paths(links, waiting)
+            part = campaign._replace(links={str(i): links[i] for i in shared.rows})
+            maps |= _Mapped(part, shared, receiver, grid, at, exact).run(photons, rtol, base)
+    for coverage in maps.values():
+        coverage.provenance.update(case.origin)
+    results = tuple(maps[i] for i in range(len(links)))
     return ByWavelength(np.array(waves), results) if waves else results[0]
 
 
@@ -235,26 +235,26 @@ class _Mapped(Restored):
     def __init__(
         self,
         campaign: Campaign,
-        common: CommonPaths,
+        shared: CommonPaths,
         receiver: Receiver | WaterReceiver,
         grid: IrradianceMap,
         times: list[float],
         exact: bool,
         unscattered: bool | None = None,
     ) -> None:
-        self._campaign, self._common, self._exact = campaign, common, exact
+        self._campaign, self._common, self._exact = campaign, shared, exact
         self._receiver, self._grid, self.times = receiver, grid, times
         options = campaign.run.estimator
         self.options = options if isinstance(options, Analog) else Analog()
-        self.tinting = common.tinting or UNTINTED
-        shares = np.array([1.0 - common.shares, common.shares])
-        self.ends = shares[: len(common.bases)]  # of the smallest and the largest index
+        self.tinting = shared.tinting or UNTINTED
+        shares = np.array([1.0 - shared.shares, shared.shares])
+        self.ends = shares[: len(shared.bases)]  # of the smallest and the largest index
         self._links = links = list(campaign.links.values())
         self._clearest = clearest(links)
-        several = [links[i] for i in self.tinting.bases] or [common.bases[0]]
+        several = [links[i] for i in self.tinting.bases] or [shared.bases[0]]
         self.runs = [
             (base, link.replace("water.n", end.water.n))
-            for end in common.bases
+            for end in shared.bases
             for base, link in enumerate(several)
         ]
         self._parts = np.full(len(several), 1.0 / len(several))  # of the photons of an index
@@ -265,7 +265,7 @@ class _Mapped(Restored):
         self._carry = self._image is None if unscattered is None else unscattered
         self._chained: tuple[Floats, Floats] | tuple[()] | None = None  # by chains, if these serve
         self._number = 0  # of the chains
-        self.inputs = (campaign.alone, common, receiver, grid, times, exact, self._carry)
+        self.inputs = (campaign.alone, shared, receiver, grid, times, exact, self._carry)
 
     def _meshed(self, time: float) -> TriangleMesh:
         """Return the mesh of a time, fine below all cells if exact."""
@@ -283,16 +283,16 @@ class _Mapped(Restored):
 
     def steps(self, done: int, photons: int) -> list[_Step]:
         """Return the steps of further photons at each time, after those that are done."""
-        found, n = list[_Step](), len(self.runs)
+        steps, n = list[_Step](), len(self.runs)
         for i in range(len(self.times)):
             first = self.options.first_photon + len(self.times) * done + i * photons
             cuts = [first + k * photons // n for k in range(n + 1)]
-            found += [
+            steps += [
                 _Step(i, k, start, min(_BLOCK, cuts[k + 1] - start))
                 for k in range(n)
                 for start in range(cuts[k], cuts[k + 1], _BLOCK)
             ]
-        return found
+        return steps
 
     def setup(self) -> Callable[[_Step], Floats]:
         """Return the function of a step."""
@@ -325,10 +325,10 @@ class _Mapped(Restored):
         link, run = self._links[0].replace(receiver=self._receiver), self._campaign.run
         options = run.seed, self._campaign.meshing.normals, self._campaign.threads, stride
         try:
-            found = CellChains(link, [self.mesh(t) for t in self.times], self._grid, *options)
+            chains = CellChains(link, [self.mesh(t) for t in self.times], self._grid, *options)
         except Refused:  # a feature that chains do not follow
             return None
-        return found if found.serves else None
+        return chains if chains.serves else None
 
     def tile_setup(self) -> Callable[[_TileStep], Floats]:
         """Return the function of the chains of a tile."""
@@ -351,10 +351,10 @@ class _Mapped(Restored):
         for link, shares in zip(self._common.bases, self.ends, strict=True):
             link = link.replace(receiver=self._receiver)
             for time in self.times:
-                found = unscattered_map(link, self.mesh(time), self._grid, *options)
-                if found is None:
+                unscattered = unscattered_map(link, self.mesh(time), self._grid, *options)
+                if unscattered is None:
                     return None
-                total += shares * found / len(self.times)
+                total += shares * unscattered / len(self.times)
         return total
 
     def run(self, photons: int, rtol: float | None, base: int) -> dict[int, CoverageMap]:
@@ -363,13 +363,13 @@ class _Mapped(Restored):
         Those of the wavelengths for which the photons of the base are many enough.
         """
         more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
-        each, sums, kept = 0, list[PhotonSums](), list[int]()
+        each, sums, sampled = 0, list[PhotonSums](), list[int]()
         while not sums or more > 0:
             sums = self._follow(base, each, more, sums)
             each += more
             gain, stderr = self._gain(sums)
-            kept = kept or self._well_sampled(sums, base)
-            pairs = [(gain[:, :, k], stderr[:, :, k]) for k in kept]
+            sampled = sampled or self._well_sampled(sums, base)
+            pairs = [(gain[:, :, k], stderr[:, :, k]) for k in sampled]
             errors = [relative_errors(*pair).max() for pair in pairs if pair[0].any()]
             # maps without any light are given up
             lack = 0.0 if rtol is None else (max(errors, default=0.0) / rtol) ** 2
@@ -382,7 +382,7 @@ class _Mapped(Restored):
         self._warn(sums)
         return {
             self._common.rows[k]: self._map(self._links[k], *pair, sums, each, rtol)
-            for k, pair in zip(kept, pairs, strict=True)
+            for k, pair in zip(sampled, pairs, strict=True)
         }
 
     def _by_chains(
@@ -395,11 +395,11 @@ class _Mapped(Restored):
         if self._image is None or not self._cheaper(rtol, photons) or self.cell_chains is None:
             return None
         chains, direct, first = self.cell_chains, self._image[:, :, 0], True
-        found, waiting = dict[int, TileSums](), dict.fromkeys(range(len(chains.tiles)), FIRST)
+        tiles_done, waiting = dict[int, TileSums](), dict.fromkeys(range(len(chains.tiles)), FIRST)
         while waiting:
-            for tile, more in self._tile_sums(waiting, found).items():
-                found[tile] = found[tile] + more if tile in found else more
-            tiles = [found[tile] for tile in range(len(chains.tiles))]
+            for tile, more in self._tile_sums(waiting, tiles_done).items():
+                tiles_done[tile] = tiles_done[tile] + more if tile in tiles_done else more
+            tiles = [tiles_done[tile] for tile in range(len(chains.tiles))]
             if first and not self._trusts(chains, tiles, sums):
                 return None
             first, waiting = False, further(tiles, chains.lack(tiles, direct, rtol))
@@ -425,8 +425,8 @@ class _Mapped(Restored):
         assert self._image is not None
         gain, stderr = (values[:, :, 0] for values in self._mixed(sums))
         whole = self._image[:, :, 0] + chains.scattered(tiles)[0]
-        lit = all((one.mean > 0.0).all() for one in tiles)  # else an error would be zero
-        return lit and chains.agree(tiles, gain, stderr) and not chains.omits(whole)
+        illuminated = all((tile.mean > 0.0).all() for tile in tiles)  # else an error would be zero
+        return illuminated and chains.agree(tiles, gain, stderr) and not chains.omits(whole)
 
     def _tile_sums(
         self, wanted: dict[int, int], found: Mapping[int, TileSums]
@@ -440,11 +440,11 @@ class _Mapped(Restored):
         ]
         identity = {"map": self._grid.model_dump(mode="json"), "times": self.times}
         campaign = self._campaign._replace(progress=None)
-        rows = campaign.over(
+        results = campaign.over(
             self.tile_setup, steps, "chains", identity, self._shape_of_tile, "tiles"
         )
         sums = dict[int, list[TileSums]]()
-        for step, row in zip(steps, rows, strict=True):
+        for step, row in zip(steps, results, strict=True):
             sums.setdefault(step.tile, []).append(TileSums.of_row(row))
             if self._campaign.progress is not None:
                 self._campaign.progress(step.chains)
@@ -452,12 +452,16 @@ class _Mapped(Restored):
 
     def _well_sampled(self, sums: list[PhotonSums], base: int) -> list[int]:
         """Return which wavelengths have enough effective photons in a typical lit cell."""
-        found = []
+        maps = []
         for gain, stderr in zip(*(np.moveaxis(x, 2, 0) for x in self._mixed(sums)), strict=True):
-            lit = gain > LIT * gain.max()
-            found.append(float(np.median((gain[lit] / stderr[lit]) ** 2)) if lit.any() else 0.0)
-        limit = min(FEW_PHOTONS, 0.5 * found[self._common.rows.index(base)])
-        pairs = zip(self._common.rows, found, strict=True)
+            illuminated = gain > LIT * gain.max()
+            maps.append(
+                float(np.median((gain[illuminated] / stderr[illuminated]) ** 2))
+                if illuminated.any()
+                else 0.0
+            )
+        limit = min(FEW_PHOTONS, 0.5 * maps[self._common.rows.index(base)])
+        pairs = zip(self._common.rows, maps, strict=True)
         return [k for k, (i, number) in enumerate(pairs) if i == base or number >= limit]
 
     def _map(
@@ -471,15 +475,15 @@ class _Mapped(Restored):
             if cells:
                 text = f"rtol: {cells} of {gain.size} cells have not reached {rtol:g}"
                 warnings.warn(f"{text} with the most samples", FewSamplesWarning, stacklevel=5)
-            bound = self._bound(link, gain, stderr, sum(one.photons for one in sums))
-        of, axis = self._campaign, self._grid.axes
-        meshing = of.meshing.replace(time=self.times[0]).model_dump()
-        run = of.run.replace(estimator=self.options).to_config()
+            bound = self._bound(link, gain, stderr, sum(tally.photons for tally in sums))
+        campaign, axis = self._campaign, self._grid.axes
+        meshing = campaign.meshing.replace(time=self.times[0]).model_dump()
+        run = campaign.run.replace(estimator=self.options).to_config()
         run |= {"photons": photons, "rtol": rtol, **meshing}
         run["record"] = [self._grid.model_dump(mode="json")]
-        light = "photons" if self._image is None else "image"
-        origin = provenance(link, surface_config(of.surface), run)
-        origin |= {"times": self.times, "unscattered": light}
+        method = "photons" if self._image is None else "image"
+        origin = provenance(link, surface_config(campaign.surface), run)
+        origin |= {"times": self.times, "unscattered": method}
         if self._chained:
             origin |= {"scattered": "chains", "chains": self._number}
         return CoverageMap(axis, axis, gain, stderr, origin, bound)
@@ -488,7 +492,7 @@ class _Mapped(Restored):
         """Warn of lost photons, and of a map that looks away from the light."""
         records = {"irradiance-map": self._grid}
         pairs = zip(self.runs, sums, strict=True)
-        results = [analog_result(link, one, {}, records) for (_, link), one in pairs]
+        results = [analog_result(link, tally, {}, records) for (_, link), tally in pairs]
         for result in results:
             warn_of_lost(result)
 
@@ -512,10 +516,10 @@ class _Mapped(Restored):
         }
         campaign = self._campaign._replace(progress=None)
         sizes = [tallies.to_row().size for tallies in found]
-        rows = campaign.over(
+        results = campaign.over(
             self.setup, steps, name, identity, lambda step: (sizes[step.run],), "runs of photons"
         )
-        for step, row in zip(steps, rows, strict=True):
+        for step, row in zip(steps, results, strict=True):
             found[step.run] += found[step.run].of_row(row)
             if self._campaign.progress is not None:
                 self._campaign.progress(step.photons)
@@ -524,7 +528,7 @@ class _Mapped(Restored):
     def _mixed(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
         """Return gain by photons and standard error of the cells (x, y, wavelengths)."""
         scale = np.pi * self._receiver.radius**2 / self._grid.step**2
-        means, errors = np.array([one.map_mean() for one in sums]).swapaxes(0, 1)
+        means, errors = np.array([tally.map_mean() for tally in sums]).swapaxes(0, 1)
         shares = self.shares[:, None, None]
         gain: Floats = scale * (shares * means).sum(axis=0)
         return gain, scale * np.sqrt(((shares * errors) ** 2).sum(axis=0))
@@ -536,10 +540,10 @@ class _Mapped(Restored):
             return gain, stderr
         area = np.pi * self._receiver.radius**2
         typical = np.zeros(gain.shape[2])
-        for one, shares in zip(sums, self.shares, strict=True):
-            total, squares = (x.value().sum(axis=(0, 1)) for x in (one.map, one.map_squared))
-            weight = squares / np.maximum(total, 1e-300) / one.map_scale
-            typical += shares * area / self._grid.step**2 * weight / one.photons
+        for tally, shares in zip(sums, self.shares, strict=True):
+            total, squares = (x.value().sum(axis=(0, 1)) for x in (tally.map, tally.map_squared))
+            weight = squares / np.maximum(total, 1e-300) / tally.map_scale
+            typical += shares * area / self._grid.step**2 * weight / tally.photons
         return self._image + gain, np.hypot(stderr, typical)
 
     def _bound(self, link: Link, gain: Floats, stderr: Floats, photons: int) -> Floats | None:

@@ -239,20 +239,20 @@ def _known(variant: Variant) -> dict[str, float]:
     """Return the continuous parameters by name."""
     link, sea = variant.link, variant.sea
     parts = ["water", "bubbles", "whitecaps", "transmitter", "receiver"]
-    found = {k: v for part in parts for k, v in _numbers(getattr(link, part), part)}
-    found = {k: v for k, v in found.items() if not k.startswith("water.layers")}
-    found["n_air"] = link.n_air
+    numbers = {k: v for part in parts for k, v in _numbers(getattr(link, part), part)}
+    numbers = {k: v for k, v in numbers.items() if not k.startswith("water.layers")}
+    numbers["n_air"] = link.n_air
     for key in _SEA:
         value = getattr(sea, key, None)
         if isinstance(value, float) and key in type(sea).model_fields:
-            found[f"sea.{key}"] = value
-    if "sea.wind_speed" in found and link.wind_speed is not None:
-        found["wind_speed"] = found["sea.wind_speed"]
-    own = {f"detector.{part}.{key}" for part, keys in OF_LINK.items() for key in keys}
-    found |= {k: v for k, v in _numbers(variant.detector, "detector") if k not in own}
+            numbers[f"sea.{key}"] = value
+    if "sea.wind_speed" in numbers and link.wind_speed is not None:
+        numbers["wind_speed"] = numbers["sea.wind_speed"]
+    from_link = {f"detector.{part}.{key}" for part, keys in OF_LINK.items() for key in keys}
+    numbers |= {k: v for k, v in _numbers(variant.detector, "detector") if k not in from_link}
     if variant.daylight is not None:
-        found |= {f"daylight.{k}": v for k, v in daylight_values(variant.daylight).items()}
-    return found | dict(_numbers(variant.uav, "uav"))
+        numbers |= {f"daylight.{k}": v for k, v in daylight_values(variant.daylight).items()}
+    return numbers | dict(_numbers(variant.uav, "uav"))
 
 
 def _parameter(name: str, base: float, link: Link, step: float | None) -> Parameter:
@@ -303,13 +303,13 @@ def parameters(
         has other waves at another value.
     """
     known = _known(variant)
-    given = list(known) if wrt is None else require_names(wrt, field)
-    names = [re.sub(r"\[(\d+)\]", r".\1", name) for name in given]
+    wanted = list(known) if wrt is None else require_names(wrt, field)
+    names = [re.sub(r"\[(\d+)\]", r".\1", name) for name in wanted]
     if step is not None:
         require_between(step, 0.0, 100.0, "step")
     if len(set(names)) < len(names):
         raise Refused(field, names, "each name once")
-    found = []
+    parameters = []
     for name in names:
         if name not in known:
             hint = f"no such continuous key, {did_you_mean(name, known)}".rstrip()
@@ -330,20 +330,20 @@ def parameters(
             if wrt is not None:
                 raise
             continue
-        found.append(p)
-    if not found:
+        parameters.append(p)
+    if not parameters:
         raise Refused(field, wrt, "at least one name")
-    return found
+    return parameters
 
 
 def checked_bounds(over: Bounds) -> dict[str, tuple[float, float]]:
     """Return the bounds of each key; refuse those that do not rise."""
-    found = {}
+    bounds = {}
     for key, ends in over.items():
-        found[key] = pair = require_pair(ends, f"over.{key}", "(low, high), low < high")
+        bounds[key] = pair = require_pair(ends, f"over.{key}", "(low, high), low < high")
         if not pair[0] < pair[1]:
             raise Refused(f"over.{key}", ends, "(low, high), low < high")
-    return found
+    return bounds
 
 
 def _listed(known: Iterable[str], name: str) -> str:
@@ -352,10 +352,10 @@ def _listed(known: Iterable[str], name: str) -> str:
     if len(", ".join(names)) <= _LONGEST:
         return ", ".join(names)
     head = name.partition(".")[0]
-    own = [key for key in names if key.partition(".")[0] == head]
-    others = (key.partition(".") for key in names if key not in own)
+    under_head = [key for key in names if key.partition(".")[0] == head]
+    others = (key.partition(".") for key in names if key not in under_head)
     tables = dict.fromkeys(f"{table}{dot}{'*' if dot else ''}" for table, dot, _ in others)
-    return ", ".join([*own, *tables])
+    return ", ".join([*under_head, *tables])
 
 
 def _left_out(p: Parameter, variant: Variant) -> bool:

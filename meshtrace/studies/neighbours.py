@@ -176,21 +176,21 @@ def edge_over(near: Neighbours, name: str, i: int) -> Floats:
     views = [min(fov * math.exp(side * _EDGE_STEP), 180.0) for side in (-1.0, 1.0)]
     frozen, mesh = near.frozen, near.mesh(i)
     low, high = (frozen.unscattered(link.replace(name, view), mesh)[0] for view in views)
-    light = frozen.light(link.replace(name, min((1.0 + WINDOW) * fov, 180.0)), mesh)[0]
-    off = np.degrees(light.angle) / (0.5 * fov) - 1.0
-    found = np.empty((3, len(WINDOWS), SHIFTS))
+    wide = frozen.light(link.replace(name, min((1.0 + WINDOW) * fov, 180.0)), mesh)[0]
+    off = np.degrees(wide.angle) / (0.5 * fov) - 1.0
+    rates = np.empty((3, len(WINDOWS), SHIFTS))
     for k, width in enumerate(WINDOWS.tolist()):
         square = np.minimum((off / width) ** 2, 1.0)
         window = 15.0 / 32.0 * (1.0 - square) * (3.0 - 7.0 * square) / width
-        window[light.shift < 0] = 0.0  # unscattered
-        found[0, k] = light.by_shift(window)
-        found[1, k] = light.by_shift(np.abs(window))
-        found[2, k] = light.by_shift(light.weight * window**2)
-    found[0] += (high - low) / math.log(views[1] / views[0])
-    return found
+        window[wide.shift < 0] = 0.0  # unscattered
+        rates[0, k] = wide.by_shift(window)
+        rates[1, k] = wide.by_shift(np.abs(window))
+        rates[2, k] = wide.by_shift(wide.weight * window**2)
+    rates[0] += (high - low) / math.log(views[1] / views[0])
+    return rates
 
 
-def resolving_window(found: Floats) -> tuple[int, bool]:
+def resolving_window(rates: Floats) -> tuple[int, bool]:
     """Return the widest window that agrees with all narrower ones, and whether any two do.
 
     Lepski's choice: bias shows as a difference from narrower windows beyond its error. Windows that
@@ -205,7 +205,7 @@ def resolving_window(found: Floats) -> tuple[int, bool]:
     ----------
     Lepskii, O. V. (1991), Theory Probab. Appl. 35, 454, doi:10.1137/1135065.
     """
-    change, (size, square) = found[:, 0], found[:, 1:].sum(axis=(0, 3))
+    change, (size, square) = rates[:, 0], rates[:, 1:].sum(axis=(0, 3))
     known = np.flatnonzero(size**2 >= _LEAST_ARRIVALS * square)
     last = int(known.max(initial=0))
     for k in range(last):
@@ -297,10 +297,10 @@ def range_of(reserve: Callable[[float], float], link: Link) -> tuple[float, floa
     """
     above = reserve(link.depth)
     first = link.depth * (1.1 if above > 0.0 else 0.9)
-    found = closing_depth(lambda depth: (reserve(depth), _NEAR), (link.depth, above), first)
-    if math.isnan(found[0]):
+    closing = closing_depth(lambda depth: (reserve(depth), _NEAR), (link.depth, above), first)
+    if math.isnan(closing[0]):
         raise Refused(depth_key(link), Described("no range found"), "a link with a range")
-    return found
+    return closing
 
 
 class Quantity:
@@ -407,15 +407,15 @@ class Quantity:
             return math.log(max(float(tilt.below(1.0 / ratios)[0]), 1e-300))
         if len(ratios) < _LEAST_SEAS - 1:
             raise Refused("realizations", len(ratios), f">= {_LEAST_SEAS} for outages")
-        logs, lit = np.log(ratios), h > 0.0
-        lower, spread = np.log(h[lit]), float(logs.std(ddof=1))
+        logs, nonzero = np.log(ratios), h > 0.0
+        lower, spread = np.log(h[nonzero]), float(logs.std(ddof=1))
         below = logs[:, None] + lower < 0.0
-        if float((below @ weight[lit]).sum()) >= _LEAST_OUTAGES:
+        if float((below @ weight[nonzero]).sum()) >= _LEAST_OUTAGES:
             width = 1.06 * spread * len(logs) ** -0.2
             share = ndtr(-(logs[:, None] + lower) / width).mean(axis=0)
         else:
             share = probability_in_log(spread)(-(logs.mean() + lower) / max(spread, 1e-12))
-        return math.log(max(float(share @ weight[lit]) + float(weight[~lit].sum()), 1e-300))
+        return math.log(max(float(share @ weight[nonzero]) + float(weight[~nonzero].sum()), 1e-300))
 
 
 def _law(limit: float, ook: OokLink, rising: bool = True) -> Callable[[Floats], Floats]:

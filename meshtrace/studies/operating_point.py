@@ -107,8 +107,8 @@ class SharedGains(NamedTuple):
         ((name, link),) = campaign.links.items()
         if name not in self.kept:
             whole = self._whole(campaign)
-            over = steps(whole)
-            self.kept[name] = whole, over, whole.gains(over)
+            seas = steps(whole)
+            self.kept[name] = whole, seas, whole.gains(seas)
         return gain_series(*self.kept[name], f"{link.transmitters[0].wavelength_nm!r} nm")
 
     def response(self, campaign: Campaign, seas: int) -> MeanResponse | None:
@@ -152,11 +152,13 @@ class Ensemble(NamedTuple):
         campaign, flight = self.at(link), self.flight
         if flight is not None and flight.coupled:
             times = flight.time_step * np.arange(self.n, dtype=np.float64)
-            series = self._series(campaign, lambda one: in_flight(one, times, flight))
+            series = self._series(
+                campaign, lambda campaign_there: in_flight(campaign_there, times, flight)
+            )
             series = replace(series, provenance=series.provenance | campaign.of_flight(flight))
             n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else float(self.n)
             return FadingSamples(series, _LEVEL, n)
-        series = self._series(campaign, lambda one: one.surfaces(self.n))
+        series = self._series(campaign, lambda campaign_there: campaign_there.surfaces(self.n))
         seas = len(series.gain)
         if flight is None:
             return FadingSamples(series, _LEVEL, float(seas))
@@ -167,16 +169,16 @@ class Ensemble(NamedTuple):
 
     def response(self, ook: OokLink, link: Link) -> MeanResponse | None:
         """Return the mean response of the channel over some of the seas."""
-        of = self.at(link), self.n
+        campaign = self.at(link), self.n
         if self.common is None:
-            return mean_response(ook, *of)
-        return over_colours(self.common.response(*of), ook, *of)
+            return mean_response(ook, *campaign)
+        return over_colours(self.common.response(*campaign), ook, *campaign)
 
     def _series(self, campaign: Campaign, steps: Callable[[Campaign], Steps]) -> GainSeries:
         """Return the gains of a link over the surfaces."""
         if self.common is None:
-            over = steps(campaign)
-            return gain_series(campaign, over, campaign.gains(over))
+            seas = steps(campaign)
+            return gain_series(campaign, seas, campaign.gains(seas))
         return self.common.series(campaign, steps)
 
 
@@ -234,7 +236,7 @@ class OperatingPoint(NamedTuple):
 
 def operating_point(
     dark: OokLink, depth: float, samples: FadingSamples, limit: float, confidence: float, seed: int,
-    found: Background | None = None, seen: MeanResponse | None = None,
+    background: Background | None = None, seen: MeanResponse | None = None,
 ) -> OperatingPoint:  # fmt: skip
     """Return the performance at one bit rate and depth, under a background light.
 
@@ -253,14 +255,16 @@ def operating_point(
     gain = samples.mean_gain(quantile)
     power = Estimate(*dark.received_power(gain).tolist())
     ook, widest = dark, math.nan
-    if found is not None:
-        ook = with_background(dark, found)
-        widest = widest_filter_nm(dark, found, power.value, limit) if power.value > 0.0 else 0.0
+    if background is not None:
+        ook = with_background(dark, background)
+        widest = (
+            widest_filter_nm(dark, background, power.value, limit) if power.value > 0.0 else 0.0
+        )
     ber = ber_of_samples(ook, samples, quantile, confidence, seed)
-    if found is not None and found.radiance != 0.0 and ber.value != 0.0:
+    if background is not None and background.radiance != 0.0 and ber.value != 0.0:
         # the error of the background joins the interval
-        step = quantile * found.radiance_stderr / found.radiance
-        lights = [with_background(dark, found, max(1.0 + s, 0.0)) for s in (-step, step)]
+        step = quantile * background.radiance_stderr / background.radiance
+        lights = [with_background(dark, background, max(1.0 + s, 0.0)) for s in (-step, step)]
         rates = [_mean_ber(one, samples, samples.samples) for one in lights]
         ber = _joined_rates(*ber, *rates)
     budget = link_budget(ook, gain, limit)
@@ -347,8 +351,8 @@ def outage_of_samples(
         rate, n = float(seen.mean()), samples.n_effective
         if 0.0 < rate < 1.0 and seen.var() > 0.0:
             n *= max(rate * (1.0 - rate) / float(seen.var()), 1.0)
-        found = wilson_interval(rate, n, confidence)
-        low, high = (dark + (1.0 - dark) * end for end in (found.low, found.high))
+        interval = wilson_interval(rate, n, confidence)
+        low, high = (dark + (1.0 - dark) * end for end in (interval.low, interval.high))
         over_seas = Estimate(share, min(low, share), max(high, share))
     value, low, high = _joined(*over_seas, brighter, darker)
     return Estimate(value, max(low, 0.0), min(high, 1.0))

@@ -199,12 +199,12 @@ class LinkPerformance(Stored):
         if not first:
             return []
         named = {0.0: "none", math.inf: "any"}
-        found = ", ".join(
+        texts = ", ".join(
             f"{f.bit_rate / 1e6:g} Mbit/s "
             f"{named.get(f.widest_filter_nm, f'{f.widest_filter_nm:.3g} nm')}"
             for f in first
         )
-        return [f"widest filter for BER {self.limit:g} at {first[0].depth:g} m: {found}"]
+        return [f"widest filter for BER {self.limit:g} at {first[0].depth:g} m: {texts}"]
 
     @property
     def _least_ber(self) -> float:
@@ -244,32 +244,32 @@ class LinkPerformance(Stored):
         if least >= self.limit:  # of the other tilts
             bers = np.maximum(bers - least, 0.0) / (1.0 - 2.0 * least)
             start = "none at any power, by the tilt; within the field of view "
-        rows = zip(self.bit_rates, self._ranges(bers, self.limit), bers.T[0], strict=True)
+        table = zip(self.bit_rates, self._ranges(bers, self.limit), bers.T[0], strict=True)
         return [
             f"{wind}{rate / 1e6:>7g} Mbit/s  {start}{self._range_text(found, ber)}"
-            for rate, found, ber in rows
+            for rate, found, ber in table
         ]
 
-    def _range_text(self, found: Estimate, ber: Floats) -> str:
+    def _range_text(self, estimate: Estimate, ber: Floats) -> str:
         """Return a range, or its bound if the error rates do not cross the limit."""
         least, most = f"< {min(self.depths):g}", f"> {max(self.depths):g}"
-        if math.isnan(found.value):
+        if math.isnan(estimate.value):
             return f"{most if (ber < self.limit).all() else least} m"
-        low = least if math.isnan(found.low) else f"{found.low:.1f}"
-        high = most if math.isnan(found.high) else f"{found.high:.1f}"
-        return f"{found.value:.1f} m  ({low}..{high})"
+        low = least if math.isnan(estimate.low) else f"{estimate.low:.1f}"
+        high = most if math.isnan(estimate.high) else f"{estimate.high:.1f}"
+        return f"{estimate.value:.1f} m  ({low}..{high})"
 
     def _origin_lines(self) -> list[str]:
         """Return the water, and the fading of the band of waves and of all waves in closed form."""
         water = f"water: {water_of(self.provenance)}"
-        found = self.provenance.get("closed_form")
-        if not found:
+        closed = self.provenance.get("closed_form")
+        if not closed:
             return [water]
         return [
             water,
             f"{self.depths[0]:g} m: scintillation index of unscattered light "
-            f"{found['index_of_band']:.3g} up to {found['omega_max']:.3g} rad/s, "
-            f"{found['index_of_all']:.3g} with all waves (closed form)",
+            f"{closed['index_of_band']:.3g} up to {closed['omega_max']:.3g} rad/s, "
+            f"{closed['index_of_all']:.3g} with all waves (closed form)",
         ]
 
     def _overloads(self) -> list[str]:
@@ -279,12 +279,12 @@ class LinkPerformance(Stored):
             return []
         unlimited = ook.model_copy(update={"saturation": False})
         for depth in self.depths:
-            one = float(unlimited.levels(self.at(depth).received_power.value)[1])
-            passed = float(ook.sipm.saturated_rate(one)) / one
+            level = float(unlimited.levels(self.at(depth).received_power.value)[1])
+            passed = float(ook.sipm.saturated_rate(level)) / level
             if passed < 0.5:
                 lines.append(
                     f"{depth:g} m: the SiPM saturates and passes on {100.0 * passed:.2g} % of the "
-                    f"counts of a one, at {ook.sipm.bias_current(one):.2g} A: attenuate"
+                    f"counts of a one, at {ook.sipm.bias_current(level):.2g} A: attenuate"
                 )
         return lines
 
@@ -531,7 +531,7 @@ def link_performance(
     """
     rates = (None,) if bit_rate is None else require_finite(bit_rate, "bit_rate", "rates [bit s-1]")
     at = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
-    common = SharedGains(tuple(at), {}, {}) if at else None
+    shared = SharedGains(tuple(at), {}, {}) if at else None
 
     def performance(link: Link | Scenario, day: Daylight | None) -> LinkPerformance:
         shallow = _shallowest(link, depths)
@@ -541,10 +541,10 @@ def link_performance(
         wind = getattr(campaign.scenario, "wind_speed", campaign.link.wind_speed)
         if wind is not None:  # one of several in a store
             campaign = campaign.of(campaign.link, f"wind of {wind!r} m/s")
-        own = getattr(campaign.scenario, "detector", None)
-        base = (own or "physical") if ook is None else ook
+        detector = getattr(campaign.scenario, "detector", None)
+        base = (detector or "physical") if ook is None else ook
         ooks = tuple(OokLink.of_link(campaign.link, base, rate) for rate in rates)
-        ensemble = Ensemble(campaign, realizations, campaign.flight(flight), common)
+        ensemble = Ensemble(campaign, realizations, campaign.flight(flight), shared)
         links = _links(ooks[0].channel(campaign.link), depths)
         return _over_depths(ensemble, links, ooks, light_of(campaign, day), limit, confidence)
 
@@ -565,26 +565,26 @@ def _over_depths(
     seen = {depth: ensemble.response(ooks[0], at) for depth, at in links.items()}
     points = [
         operating_point(
-            one, depth, samples, limit, confidence, campaign.run.seed, lights[depth], seen[depth]
+            ook, depth, samples, limit, confidence, campaign.run.seed, lights[depth], seen[depth]
         )
         for depth, samples in fades.items()
-        for one in ooks
+        for ook in ooks
     ]
-    ooks, light = _lit(ooks, lights, campaign.link)
-    responses = [None if one is None else one.response for one in seen.values()]
+    ooks, text = _lit(ooks, lights, campaign.link)
+    responses = [None if ook is None else ook.response for ook in seen.values()]
     seas = ensemble.n if isinstance(campaign.surface, SeededSurface) else 1
     origin = {
         **next(iter(fades.values())).series.provenance,
         **closed_form(next(iter(links.values())), campaign.surface, seas, level=2),
-        "ook": [one.model_dump(mode="json") for one in ooks],
+        "ook": [ook.model_dump(mode="json") for ook in ooks],
         "daylight": day.model_dump(mode="json") if day else None,
-        "responses": [one and one.model_dump(mode="json") for one in responses],
+        "responses": [ook and ook.model_dump(mode="json") for ook in responses],
         **ensemble.provenance(),
         "tilt_outage": next(iter(fades.values())).tilt.outage,
     }
     return LinkPerformance(
         tuple(fades), ooks, tuple(points), tuple(fades.values()), limit, confidence,
-        ooks[0].status, origin, light, tuple(responses),
+        ooks[0].status, origin, text, tuple(responses),
     )  # fmt: skip
 
 
@@ -592,15 +592,15 @@ def _lit(
     ooks: tuple[OokLink, ...], lights: dict[float, Background | None], link: Link
 ) -> tuple[tuple[OokLink, ...], str]:
     """Return the transmissions under the background at the first depth, and its text."""
-    depth, found = next(iter(lights.items()))
-    if found is None:
+    depth, background = next(iter(lights.items()))
+    if background is None:
         return ooks, DARK
-    lit = tuple(with_background(ook, found) for ook in ooks)
-    warn_of_background(lit[0], found)
-    light = described(lit[0], found)
+    exposed = tuple(with_background(ook, background) for ook in ooks)
+    warn_of_background(exposed[0], background)
+    light = described(exposed[0], background)
     if link.direction == "down" and len(lights) > 1:
         light += f", at {depth:g} m"
-    return lit, light
+    return exposed, light
 
 
 def _lights(
@@ -609,12 +609,12 @@ def _lights(
     """Return the background at each depth, once for each receiver."""
     if day is None:
         return dict.fromkeys(links)
-    found: dict[Any, Background] = {}
+    backgrounds: dict[Any, Background] = {}
     for link in links.values():
-        if link.receiver not in found:
+        if link.receiver not in backgrounds:
             inputs = ensemble.at(link), day, ensemble.n, ensemble.flight
-            found[link.receiver] = background_over_seas(*inputs)
-    return {depth: found[link.receiver] for depth, link in links.items()}
+            backgrounds[link.receiver] = background_over_seas(*inputs)
+    return {depth: backgrounds[link.receiver] for depth, link in links.items()}
 
 
 def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:
@@ -689,12 +689,12 @@ def depth_sweep(
             at = link.in_wind(speed)
         flown = flight
         if flight is not None and flight.wind is None:
-            one = link.link if isinstance(link, Scenario) else link
-            height = one.air_end[1].height
+            bare = link.link if isinstance(link, Scenario) else link
+            height = bare.air_end[1].height
             flown = flight._replace(wind=Dryden(wind_speed=speed, height=height))
-        found = link_performance(
+        result = link_performance(
             at, sea_in_wind(speed), bit_rate=bit_rate, depths=depths, realizations=realizations,
             flight=flown, **options,
         )  # fmt: skip
-        performances.append(found)
+        performances.append(result)
     return DepthSweep(tuple(speeds), tuple(performances))

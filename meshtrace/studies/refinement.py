@@ -145,9 +145,9 @@ class CommonChains(Restored):
         self._typical = TypicalSea(float(coarse.bounds[1, 2]))
         require_whole(receiver, 0, len(link.receivers) - 1, "receiver")
         physics = link.physics.model_copy(update={"unresolved": unresolved})
-        one = {"receiver": link.receivers[receiver], "physics": physics}
+        fields = {"receiver": link.receivers[receiver], "physics": physics}
         self.inputs = campaign.alone, self.kinds, receiver, unresolved, highest
-        self.link = link.model_copy(update=one)
+        self.link = link.model_copy(update=fields)
         self.reach = crossing_reach(self.link)
         self._forced = {kind: self._chains(kind) for kind in self.kinds}
 
@@ -170,7 +170,7 @@ class CommonChains(Restored):
         made = clock.perf_counter()
         intersector = EmbreeIntersector(mesh, 1).built()
         times = made - began, clock.perf_counter() - made
-        rows = []
+        table = []
         for kind, forced in self._forced.items():
             start = clock.perf_counter()
             parts = forced.evaluate(mesh)
@@ -178,8 +178,8 @@ class CommonChains(Restored):
             slopes = _slope_variance(intersector, kind, self.reach)
             seed = self.campaign.run.seed
             reflected = _total_reflection(self.link, intersector, kind, photons, seed)
-            rows.append([*parts.shifts[0], parts.ballistic[0], slopes, reflected, *seconds])
-        return np.array(rows)
+            table.append([*parts.shifts[0], parts.ballistic[0], slopes, reflected, *seconds])
+        return np.array(table)
 
     def over(
         self, cases: Sequence[MakeMesh], recorded: dict[str, Any], photons: int = ANALOG_PHOTONS
@@ -196,10 +196,10 @@ class CommonChains(Restored):
             return lambda i: self.measure(cases[i], photons)
 
         shape = len(self.kinds), SHIFTS + 6
-        rows = self.campaign.over(
+        results = self.campaign.over(
             setup, range(len(cases)), "meshes", identity, lambda step: shape, "meshes"
         )
-        return np.stack(list(rows), axis=1)
+        return np.stack(list(results), axis=1)
 
     def exact(self, sea: WaveSum, spacing: float) -> Reference:
         """Return the gain over the sum of waves, from crossings found on a mesh of some spacing."""

@@ -68,15 +68,15 @@ def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
     """
     links = list(campaign.links.values())
     steps = campaign.surfaces(min(seas, MOST_SEAS))
-    over, threads = range(len(steps.labels)), campaign.threads
-    meshes = list(ordered_map(lambda i: campaign.mesh(links, *steps.surface(i)), over, threads))
-    found = []
+    numbers, threads = range(len(steps.labels)), campaign.threads
+    meshes = list(ordered_map(lambda i: campaign.mesh(links, *steps.surface(i)), numbers, threads))
+    tallies_of_seas = []
     by_sea = ordered_map(_arrivals_over(campaign, meshes), meshes, threads)
     for link, tallies in zip(links, zip(*by_sea, strict=True), strict=True):
-        lit = [tally for tally in tallies if tally.weight.any()]
-        responses = [response_of(tally, link.water.n, link.n_air) for tally in lit]
-        found.append(_mean(responses) if responses else None)
-    return found
+        nonzero = [tally for tally in tallies if tally.weight.any()]
+        responses = [response_of(tally, link.water.n, link.n_air) for tally in nonzero]
+        tallies_of_seas.append(_mean(responses) if responses else None)
+    return tallies_of_seas
 
 
 def _arrivals_over(
@@ -155,13 +155,13 @@ def gain_spectrum(ook: OokLink, campaign: Campaign, seas: int) -> Curve | None:
     return Curve(wavelength_nm=fine.tolist(), value=value.tolist())
 
 
-def _mean(found: list[ImpulseResponse]) -> MeanResponse:
+def _mean(responses: list[ImpulseResponse]) -> MeanResponse:
     """Return the mean of responses; the standard error holds chains and seas."""
-    rows = ((one.delay, one.weight, one.angle) for one in found)
-    delay, weight, angle = map(np.concatenate, zip(*rows, strict=True))
-    error = float(np.mean([one.rms_delay_spread_stderr for one in found]))
-    if len(found) > 1:
-        spreads = np.array([one.rms_delay_spread for one in found])
+    arrivals = ((one.delay, one.weight, one.angle) for one in responses)
+    delay, weight, angle = map(np.concatenate, zip(*arrivals, strict=True))
+    error = float(np.mean([one.rms_delay_spread_stderr for one in responses]))
+    if len(responses) > 1:
+        spreads = np.array([one.rms_delay_spread for one in responses])
         error = math.hypot(error, float(error_of_groups(spreads)))
     response = ChannelResponse.from_arrivals(delay, weight, angle)
     return MeanResponse(response, spread_of(delay, weight), error)
@@ -174,15 +174,17 @@ def light_response(
 
     None without light. `pulses` are the delays of its pulses [s], by default its own.
     """
-    rows = []
-    for light in lights:
-        lit = light.weight > 0.0
-        if lit.any():
-            way = link.water.n * light.water[lit] + link.n_air * light.air[lit]
-            rows.append(((way - way.min()) / SPEED_OF_LIGHT, light.weight[lit], light.angle[lit]))
-    if not rows:
+    columns = []
+    for part in lights:
+        nonzero = part.weight > 0.0
+        if nonzero.any():
+            way = link.water.n * part.water[nonzero] + link.n_air * part.air[nonzero]
+            columns.append(
+                ((way - way.min()) / SPEED_OF_LIGHT, part.weight[nonzero], part.angle[nonzero])
+            )
+    if not columns:
         return None
-    delay, weight, angle = map(np.concatenate, zip(*rows, strict=True))
+    delay, weight, angle = map(np.concatenate, zip(*columns, strict=True))
     return ChannelResponse.from_arrivals(delay, weight, angle, pulses or 64)
 
 
@@ -253,11 +255,11 @@ class Responses:
         return self._kept[key]
 
 
-def _third(light: Light) -> Light:
+def _third(table: Light) -> Light:
     """Return light by a third of the chains."""
-    chosen = light.shift % _PARTS == 0
-    share = np.where(light.shift < 0, 1.0, chosen * SHIFTS / len(range(0, SHIFTS, _PARTS)))
-    return light._replace(weight=light.weight * share)
+    chosen = table.shift % _PARTS == 0
+    share = np.where(table.shift < 0, 1.0, chosen * SHIFTS / len(range(0, SHIFTS, _PARTS)))
+    return table._replace(weight=table.weight * share)
 
 
 def _neighbours_pulses(response: ChannelResponse | None) -> tuple[float, ...] | None:

@@ -178,7 +178,7 @@ class Sensitivities(Stored):
         """Return the table as text for a terminal."""
         shown = f"{self.value:.5g} +- {self.stderr:.1g} {self.unit}".removesuffix(" 1")
         head = ("parameter", "base", "unit", "elasticity", "std. error", "derivative", "method")
-        rows = [
+        table = [
             (
                 row.name,
                 f"{row.base:g}",
@@ -191,8 +191,8 @@ class Sensitivities(Stored):
             for row in self.table
         ]
         notes = [f"{row.name}: {row.notes}" for row in self.table if row.notes]
-        light = [f"background light: {self.light}"] if self.light else []
-        return "\n".join([f"{self.of} {shown}", "", text_table(rows, head), *notes, *light])
+        lines = [f"background light: {self.light}"] if self.light else []
+        return "\n".join([f"{self.of} {shown}", "", text_table(table, head), *notes, *lines])
 
     def derivative(self, name: str) -> Value:
         """Return d quantity / d parameter with its standard error, in their units."""
@@ -398,12 +398,12 @@ def sensitivities(
     if of == "range" and depth not in asked:
         names += parameters(variant, [depth], None, normals)
     study = Study(variant, campaign, realizations, quantity)
-    found = []
+    rates = []
     with np.errstate(divide="ignore"), campaign.workers():
         for p in names:
-            found.append(study.derivatives(p))
+            rates.append(study.derivatives(p))
             campaign.advance()
-    return replace(_result(study, found, asked), light=study.lights.text(variant))
+    return replace(_result(study, rates, asked), light=study.lights.text(variant))
 
 
 def _first(link: Link) -> str:
@@ -478,26 +478,26 @@ class Study:
         if soft:
             wide = min((1.0 + WINDOW) * fov, 180.0)
             link = link.replace(f"{_first(link)}.fov_deg", wide)
-        found = [near.light(link, i, sea)[0] for i in range(min(near.seas, MOST_SEAS))]
+        arrivals = [near.light(link, i, sea)[0] for i in range(min(near.seas, MOST_SEAS))]
         if not soft:
-            return found
+            return arrivals
         half, lights = math.radians(0.5 * fov), []
-        for light in found:
-            inside = np.clip((1.0 - light.angle / half) / WINDOW, -1.0, 1.0)
+        for arrival in arrivals:
+            inside = np.clip((1.0 - arrival.angle / half) / WINDOW, -1.0, 1.0)
             share = 0.5 + 0.25 * inside * (3.0 - inside**2)
-            lights.append(light._replace(weight=light.weight * share))
+            lights.append(arrival._replace(weight=arrival.weight * share))
         return lights
 
     def logs(self, gains: Floats, variant: Variant) -> Floats:
         """Return the logarithms of the quantity, see `Quantity.logs`, under the light of day."""
-        lit = self.lights.lit(self.responses.behind(variant))
-        return self.quantity.logs(gains, lit, self._tilt(variant))
+        exposed = self.lights.lit(self.responses.behind(variant))
+        return self.quantity.logs(gains, exposed, self._tilt(variant))
 
     def log(self, gains: Floats, variant: Variant, other: bool = False) -> float:
         """Return the first of `logs`, or its value by other rays and a third of the chains."""
         lights = self._other_rays if other else self.lights
-        lit = lights.lit(self.responses.behind(variant, other))
-        return self.quantity.log(gains, lit, self._tilt(variant))
+        exposed = lights.lit(self.responses.behind(variant, other))
+        return self.quantity.log(gains, exposed, self._tilt(variant))
 
     def logs_of(self, variant: Variant) -> Floats:
         """Return the logarithms of the quantity of a variant."""
@@ -506,10 +506,12 @@ class Study:
     def gains(self, name: str, *variants: Variant) -> Floats:
         """Return the gains of variants over all seas, shape (variants * seas, shifts)."""
         base, near = self.variant.sea, self.near
-        if all(one.sea is base and one.link == self.variant.link for one in variants):
+        if all(variant.sea is base and variant.link == self.variant.link for variant in variants):
             if name != "base":  # keys that change no light
                 return np.concatenate([self.base] * len(variants))
-        inputs = [(one.link, None if one.sea is base else one.sea) for one in variants]
+        inputs = [
+            (variant.link, None if variant.sea is base else variant.sea) for variant in variants
+        ]
 
         def of_first(i: int) -> Floats:
             link, surface = inputs[i // near.seas]
@@ -527,8 +529,8 @@ class Study:
         known = {"seas": self.near.seas, "variants": variants}
         steps, name = range(variants * self.near.seas), f"{name}{self.where}"
         campaign = self.near.campaign
-        rows = campaign.over(lambda: evaluate, steps, name, known, lambda step: shape)
-        return np.array(list(rows))
+        results = campaign.over(lambda: evaluate, steps, name, known, lambda step: shape)
+        return np.array(list(results))
 
     @cached_property
     def base(self) -> Floats:
@@ -560,10 +562,10 @@ class Study:
         The difference of a window of half its width is taken as its bias.
         """
         shape = 3, len(WINDOWS), SHIFTS
-        found = self._over(partial(edge_over, self.near, p.name), 1, p.name, shape)
-        k, resolved = resolving_window(found)
-        rates = self._exactly(p, found[:, 0, k], "angle")
-        narrow = self._exactly(p, found[:, 0, min(k + _HALVED, len(WINDOWS) - 1)], "angle")
+        edges = self._over(partial(edge_over, self.near, p.name), 1, p.name, shape)
+        k, resolved = resolving_window(edges)
+        rates = self._exactly(p, edges[:, 0, k], "angle")
+        narrow = self._exactly(p, edges[:, 0, min(k + _HALVED, len(WINDOWS) - 1)], "angle")
         bias = math.hypot(rates.bias, float(narrow.rates[0] - rates.rates[0]))
         notes = "" if resolved else "light at the edge varies within the narrowest window"
         return rates._replace(bias=bias, suspicious=not resolved, notes=notes)
@@ -584,14 +586,14 @@ class Study:
         the response of the channel, from other rays and a part of the chains.
         """
         low, high = (self.logs(*pair) for pair in pairs)
-        found, sides = (high - low) / (2.0 * step), [variant for _, variant in pairs]
+        rates, sides = (high - low) / (2.0 * step), [variant for _, variant in pairs]
         seen = [self.lights.background(variant) for variant in sides]
         same = sides[0].detector is None or seen[0] is seen[1]
         if same and not any(map(self.responses.spreads, sides)):
-            return found, 0.0
+            return rates, 0.0
         other = [self.log(*pair, other=True) for pair in pairs]
-        off = (other[1] - other[0]) / (2.0 * step) - float(found[0])
-        return found, abs(off) / math.sqrt(2.0)
+        off = (other[1] - other[0]) / (2.0 * step) - float(rates[0])
+        return rates, abs(off) / math.sqrt(2.0)
 
     def _differences(self, p: Parameter) -> _Rates:
         """Return central differences over a step, compared with differences over a longer step.
@@ -626,19 +628,19 @@ class Study:
                 second = (math.exp(high - mid) - 2.0 + math.exp(low - mid)) / steps[-1] ** 2
         return _Rates(p, rates[0], biases[0], second, "difference", suspicious, notes)
 
-    def _compared(self, found: Sequence[Floats], by_rays: float) -> tuple[bool, str]:
+    def _compared(self, rates: Sequence[Floats], by_rays: float) -> tuple[bool, str]:
         """Return the disagreement of the derivatives over two steps, if any."""
-        if len(found) < 2:
+        if len(rates) < 2:
             return False, "one step: the longer one leaves the range"
-        off = found[1] - found[0]
+        off = rates[1] - rates[0]
         error = math.hypot(error_of(off), by_rays)
-        bend = _BEND * max(abs(float(found[1][0])), 1.0)
+        bend = _BEND * max(abs(float(rates[1][0])), 1.0)
         if abs(off[0]) <= math.hypot(_DOUBT * error, bend):
             return False, ""
-        return True, f"{found[1][0]:.5g} +- {error_of(found[1]):.1g} over the longer step"
+        return True, f"{rates[1][0]:.5g} +- {error_of(rates[1]):.1g} over the longer step"
 
 
-def _result(study: Study, found: list[_Rates], asked: list[str]) -> Sensitivities:
+def _result(study: Study, all_rates: list[_Rates], asked: list[str]) -> Sensitivities:
     """Return the table of the derivatives."""
     quantity, variant, campaign = study.quantity, study.variant, study.campaign
     logs = study.logs(study.base, variant)
@@ -646,23 +648,30 @@ def _result(study: Study, found: list[_Rates], asked: list[str]) -> Sensitivitie
     if study.responses.spreads(variant):
         off = study.log(study.base, variant, other=True) - float(logs[0])
         stderr = math.hypot(stderr, off / math.sqrt(2.0))
-    rates, biases = np.array([one.rates for one in found]), np.array([one.bias for one in found])
+    rates, biases = (
+        np.array([one.rates for one in all_rates]),
+        np.array([one.bias for one in all_rates]),
+    )
     if quantity.of == "range":
         # at a fixed need: dR / R = -(d ln q / d ln p) / (d ln q / d ln d)
         depth = depth_key(variant.link)
-        deeper = rates[[one.parameter.name for one in found].index(depth)]
+        deeper = rates[[one.parameter.name for one in all_rates].index(depth)]
         value = variant.link.depth
         stderr = abs(value * error_of(logs / deeper[0]))
-        rates = np.where([[one.parameter.name == depth] for one in found], rates, -rates / deeper)
-        biases = np.where([one.parameter.name == depth for one in found], 0.0, biases / deeper[0])
-        found = [one._replace(second=-one.second / deeper[0]) for one in found]
+        rates = np.where(
+            [[one.parameter.name == depth] for one in all_rates], rates, -rates / deeper
+        )
+        biases = np.where(
+            [one.parameter.name == depth for one in all_rates], 0.0, biases / deeper[0]
+        )
+        all_rates = [one._replace(second=-one.second / deeper[0]) for one in all_rates]
     else:
         stderr *= abs(quantity.slope(value))
-    kept = [i for i, one in enumerate(found) if one.parameter.name in asked]
-    covariance = covariance_of(rates[kept]) + np.diag(biases[kept] ** 2)
+    asked_for = [i for i, one in enumerate(all_rates) if one.parameter.name in asked]
+    covariance = covariance_of(rates[asked_for]) + np.diag(biases[asked_for] ** 2)
     slope, rows, factors = value if quantity.of == "range" else quantity.slope(value), [], []
-    for i, error in zip(kept, np.sqrt(np.diag(covariance)).tolist(), strict=True):
-        one, rate, p = found[i], float(rates[i, 0]), found[i].parameter
+    for i, error in zip(asked_for, np.sqrt(np.diag(covariance)).tolist(), strict=True):
+        one, rate, p = all_rates[i], float(rates[i, 0]), all_rates[i].parameter
         relative, nil = rate / p.scale, p.absolute and p.base == 0.0
         factors.append(p.base if p.absolute and not nil else 1.0)
         elastic = math.nan if nil else rate * factors[-1], abs(factors[-1]) * error, relative
@@ -756,12 +765,12 @@ def swings(
         moved = moved[0] - (study.logs_of(there._replace(link=link)) - base) / rate
         return float(moved[0]), error_of(moved)
 
-    found = []
+    bars = []
     for name, pair in ends.items():
         p = known[name]
         (low, low_error), (high, high_error) = (changed(p.at(variant, end)) for end in pair)
-        found.append(Swing(name, p.unit, pair, (low, high), (low_error, high_error)))
-    return sorted(found, key=lambda one: -max(map(abs, one.change)))
+        bars.append(Swing(name, p.unit, pair, (low, high), (low_error, high_error)))
+    return sorted(bars, key=lambda bar: -max(map(abs, bar.change)))
 
 
 def _study_of(s: Sensitivities) -> Study:

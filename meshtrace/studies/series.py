@@ -178,19 +178,19 @@ def closed_form(link: Link, surface: Any, n: int, level: int = 3) -> dict[str, A
 
     `level` is the stack level of the warning.
     """
-    found = band_fading(link, surface) if n >= _STATISTICS else None
-    if found is None:
+    fading = band_fading(link, surface) if n >= _STATISTICS else None
+    if fading is None:
         return {}
-    text = found.warning(link.direction == "down")
+    text = fading.warning(link.direction == "down")
     if text:
         warnings.warn(text, stacklevel=level + 1)
-    return {"closed_form": found._asdict()}
+    return {"closed_form": fading._asdict()}
 
 
 def _beside_closed_form(campaign: Campaign, series: GainSeries) -> GainSeries:
     """Add the closed form of the scintillation index to a series; warn of a short band."""
-    found = closed_form(campaign.link, campaign.surface, len(series.coordinate))
-    return replace(series, provenance={**series.provenance, **found})
+    closed = closed_form(campaign.link, campaign.surface, len(series.coordinate))
+    return replace(series, provenance={**series.provenance, **closed})
 
 
 def in_flight(

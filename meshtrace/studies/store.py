@@ -127,7 +127,7 @@ class Store:
         # other code may give other digits
         code = {"meshtrace": version("meshtrace"), "kernels": sources().hex()}
         here = json.loads(json.dumps({**identity, **code, "study": self._study}))
-        of = digest_of(here, name)
+        digest = digest_of(here, name)
         with self._held():
             with self._turn:
                 file = self._opened(name, here)
@@ -135,7 +135,7 @@ class Store:
                 file,
                 _brief_interruption(f"finished steps are in {self.path}: the same call resumes"),
             ):
-                yield Kept(self._items.setdefault(of, {}), of, file, self._turn)
+                yield Kept(self._items.setdefault(digest, {}), digest, file, self._turn)
                 with self._turn:
                     os.fsync(file.fileno())
                     self._end = max(self._end, file.tell())
@@ -176,9 +176,11 @@ class Store:
     def _require_same(self, name: str, here: dict[str, Any]) -> None:
         """Refuse a store of another study, or of one with another identity of a loop."""
         there = self.identities.get(name, here)
-        others = [one for one in self.identities.values() if one["study"] != self._study]
+        others = [
+            identity for identity in self.identities.values() if identity["study"] != self._study
+        ]
         if others:
-            there, here = ({"study": one["study"]} for one in (others[0], here))
+            there, here = ({"study": identity["study"]} for identity in (others[0], here))
         elif digest_of(there) == digest_of(here):
             return
         held = Described(f"{str(self.path)!r} holds another study ({_difference(there, here)})")
@@ -189,8 +191,8 @@ class Store:
         sizes = zip(numbers.shape, shape, strict=False)
         if numbers.ndim != len(shape) or not all(n is None or n == size for size, n in sizes):
             wanted = " x ".join("n" if n is None else str(n) for n in shape)
-            found = Described(f"{str(self.path)!r}: an item of shape {numbers.shape}")
-            raise Refused("store", found, f"items of {wanted} numbers, or a new path")
+            reason = Described(f"{str(self.path)!r}: an item of shape {numbers.shape}")
+            raise Refused("store", reason, f"items of {wanted} numbers, or a new path")
 
     def items(self, name: str) -> Kept:
         """Return the finished items of a loop as they were read."""
@@ -233,8 +235,8 @@ class Store:
             self._take_content(json.loads(content))
         except (LookupError, ValueError, TypeError, AttributeError, RecursionError) as error:
             # sound, but written by another program: no damage that a new computation mends
-            found = f"{str(self.path)!r}: a line that no study wrote ({one_line(error)})"
-            raise _unusable(Path(self.path or ""), found) from error
+            reason = f"{str(self.path)!r}: a line that no study wrote ({one_line(error)})"
+            raise _unusable(Path(self.path or ""), reason) from error
         return True
 
     def _take_content(self, content: dict[str, Any]) -> None:
@@ -248,12 +250,12 @@ class Store:
         names = content["of"], content["item"], content["text"]
         if not all(isinstance(name, str) for name in names):
             raise TypeError("names and texts that are none")
-        of, item, text = names
+        digest, item, text = names
         numbers = np.frombuffer(b64decode(content["numbers"], validate=True))
         shape = [operator.index(n) for n in content["shape"]]
         if min(shape, default=0) < 0 or math.prod(shape) != numbers.size:
             raise ValueError(f"{numbers.size} numbers of shape {shape}")
-        self._items.setdefault(of, {})[item] = Item(numbers.reshape(shape), text)
+        self._items.setdefault(digest, {})[item] = Item(numbers.reshape(shape), text)
 
 
 def is_store(path: Path) -> bool:

@@ -150,8 +150,8 @@ class Sweep:
 
     def changes(self, task: Task) -> dict[str, Any]:
         """Return the values of the parameters at the point of a task."""
-        rows = zip(self.parameters.items(), task.point, strict=True)
-        return {name: values[i] for (name, values), i in rows}
+        pairs = zip(self.parameters.items(), task.point, strict=True)
+        return {name: values[i] for (name, values), i in pairs}
 
     def compute(self, task: Task) -> Item:
         """Run the realizations of a task; a failed one has an error text and no numbers.
@@ -188,8 +188,8 @@ class Sweep:
         record = [Arrivals()] if self.lit else ()
         if not self.wavelengths_nm:
             return self._numbers(scenario, simulate(scenario, record=record))[:, None]
-        found = simulate(scenario, wavelengths_nm=self.wavelengths_nm, record=record)
-        pairs = zip(self._each_colour(scenario), found.results, strict=True)
+        results = simulate(scenario, wavelengths_nm=self.wavelengths_nm, record=record)
+        pairs = zip(self._each_colour(scenario), results.results, strict=True)
         return np.stack([self._numbers(*pair) for pair in pairs], axis=1)
 
     def _each_colour(self, scenario: Scenario) -> list[Scenario]:
@@ -198,11 +198,11 @@ class Sweep:
 
     def _numbers(self, scenario: Scenario, result: GainResult) -> NDArray[np.float64]:
         """Return the numbers of `measured` of a result, each by receiver."""
-        rows = [getattr(result, name) for name in MEASURED]
-        rows = [np.full(self.receivers, np.nan if row is None else row) for row in rows]
+        measured = [getattr(result, name) for name in MEASURED]
+        measured = [np.full(self.receivers, np.nan if row is None else row) for row in measured]
         if self.lit:
-            rows += list(_under_daylight(scenario, result))
-        return np.stack(rows)
+            measured += list(_under_daylight(scenario, result))
+        return np.stack(measured)
 
     @cached_property
     def lit(self) -> bool:
@@ -239,31 +239,31 @@ class Sweep:
         cluster = Cluster(workers, timeout).checked()
         advance = progress or (lambda done: None)
         file, identity = Store(store, "sweep"), self.identity()
-        with file.loop("sweep", identity) as kept:
+        with file.loop("sweep", identity) as stored:
             tasks = list(self.tasks())
-            found = {task: kept[task.key] for task in tasks if task.key in kept}
-            _require_shapes(file, identity, found)
-            waiting = [task for task in tasks if task not in found]
-            for _ in found:
+            finished = {task: stored[task.key] for task in tasks if task.key in stored}
+            _require_shapes(file, identity, finished)
+            waiting = [task for task in tasks if task not in finished]
+            for _ in finished:
                 advance(1)
             with closing(cluster.map(lambda: self.compute, waiting)) as results:
                 for i, result in paced(results, len(waiting), f"{len(waiting):,} points"):
                     task, n = waiting[i], waiting[i].last - waiting[i].first
                     if isinstance(result, Exception):  # not kept: the next call tries again
                         errors = json.dumps([error_text(result)] * n)
-                        found[task] = Item(np.full((n, 1), np.nan), errors)
+                        finished[task] = Item(np.full((n, 1), np.nan), errors)
                     else:
-                        found[task] = kept.keep(task.key, *result)
+                        finished[task] = stored.keep(task.key, *result)
                     advance(1)
         with refusing("store", "items of this sweep, or a new path"):
-            return dataset(identity, found)
+            return dataset(identity, finished)
 
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies this sweep, as plain data."""
-        given = asdict(self)
-        del given["base"], given["modules"]
+        fields = asdict(self)
+        del fields["base"], fields["modules"]
         return {
-            **given,
+            **fields,
             "link": tomllib.loads(self.base),
             "measured": list(self.measured),
             "receivers": self.receivers,
@@ -297,11 +297,15 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
         "error": (dims, error.astype(str)),
     }
     for i, name in enumerate(names):
-        light = {"light": identity["light"]} if name == "ber" else {}
+        background = {"light": identity["light"]} if name == "ber" else {}
         several = bool(at), identity["listed"]
-        kept = tuple(slice(None) if each else 0 for each in several)
+        selection = tuple(slice(None) if each else 0 for each in several)
         along = (*dims, *itertools.compress(("wavelength", "receiver"), several))
-        variables[name] = (along, measured[..., i, :, :][(..., *kept)], {**attrs(name), **light})
+        variables[name] = (
+            along,
+            measured[..., i, :, :][(..., *selection)],
+            {**attrs(name), **background},
+        )
     about = {key: attrs(key.rpartition(".")[2]) for key in dims if key.rpartition(".")[2] in FIELDS}
     labelled = {key: (key, values, about.get(key, {})) for key, values in coordinates.items()}
     if at:
@@ -325,7 +329,7 @@ def _labels(values: list[Any]) -> NDArray[Any]:
 
 def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float64]:
     """Return the numbers of `LIT` (4, receivers) at the gains and responses of a scenario."""
-    rows = []
+    results = []
     numbers = zip(scenario.link.receivers, result.gains, result.stderrs, strict=True)
     for i, (receiver, h, error) in enumerate(numbers):
         link = scenario.link.replace(receiver=receiver)
@@ -337,9 +341,9 @@ def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float6
         if checked_daylight(scenario.daylight, link) is not None:
             alone = scenario.model_copy(update={"link": link})
             found = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
-        light = (found.radiance, found.radiance_stderr) if found else (0.0, 0.0)
-        rows.append([*light, *error_rate(ook, np.array([h]), float(error), found)])
-    return np.array(rows).T
+        radiance = (found.radiance, found.radiance_stderr) if found else (0.0, 0.0)
+        results.append([*radiance, *error_rate(ook, np.array([h]), float(error), found)])
+    return np.array(results).T
 
 
 @check_call
@@ -429,10 +433,10 @@ def sweep(
     The cluster on this machine starts new Python processes: in a script call `sweep` under
     `if __name__ == "__main__":`.
     """
-    given = link.get("daylight") if isinstance(link, Mapping) else None
+    configured = link.get("daylight") if isinstance(link, Mapping) else None
     options: dict[str, Any] = {"rtol": rtol, "photons": photons, "seed": seed}
     options |= {"realizations": realizations, "wavelengths_nm": wavelengths_nm}
-    study = _study(_base(link, surface), given, parameters, **options)
+    study = _study(_base(link, surface), configured, parameters, **options)
     return study.run(store, workers, timeout, progress)
 
 
@@ -450,8 +454,8 @@ def _study(
     plain = {name: _plain(values) for name, values in parameters.items()}
     config = base.to_config()
     if base.daylight is not None and any(map(changes_irradiance, plain)):
-        found = daylight_recipe(base.daylight) if light is None else light
-        config["daylight"] = as_table(found, "daylight", "model")
+        recipe = daylight_recipe(base.daylight) if light is None else light
+        config["daylight"] = as_table(recipe, "daylight", "model")
     if base.link.water.spectrum is None and any(map(gives_spectrum, plain)):
         config["water"] = {k: v for k, v in config["water"].items() if k.startswith("bottom")}
     text = tomli_w.dumps(config)
@@ -477,9 +481,9 @@ def read_store(path: Path) -> xr.Dataset:
     items, identity = store.items("sweep"), store.identities["sweep"]
     with refusing("store", "the items of a sweep"):
         tasks = tasks_of(identity["parameters"], identity["realizations"])
-        found = {task: items[task.key] for task in tasks if task.key in items}
-        _require_shapes(store, identity, found)
-        return dataset(identity, found)
+        finished = {task: items[task.key] for task in tasks if task.key in items}
+        _require_shapes(store, identity, finished)
+        return dataset(identity, finished)
 
 
 def _require_shapes(store: Store, identity: dict[str, Any], items: Mapping[Task, Item]) -> None:
@@ -566,11 +570,11 @@ def read_study(
     except Refused as error:
         raise error.of(str(path)) from error.__cause__
     run = config.get("run", {})
-    given = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
+    shared = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
     parameters = dict(_dotted(table.pop("parameters", {})))
     with trusting(trust):
         base = _base(Scenario.from_config(config, folder=path.parent), None)
-        study = _study(base, config.get("daylight"), parameters, **{**given, **table})
+        study = _study(base, config.get("daylight"), parameters, **{**shared, **table})
     return study, path.parent / beside if store is None else Path(store)
 
 
@@ -593,8 +597,8 @@ def _base(
         scenario = Scenario.from_config({**scenario.to_config(), "sea": dict(sea)})
     run = scenario.run
     photons = FIRST_CHAINS if isinstance(run.estimator, Forced) else run.photons
-    kept = run.model_dump(exclude={*_SHARED, "threads"}, exclude_none=True)
-    return scenario.model_copy(update={"run": Run(**kept, photons=photons)})
+    fields = run.model_dump(exclude={*_SHARED, "threads"}, exclude_none=True)
+    return scenario.model_copy(update={"run": Run(**fields, photons=photons)})
 
 
 def _plain(values: Sequence[Any]) -> list[Any]:

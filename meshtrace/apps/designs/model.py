@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -46,7 +46,9 @@ from meshtrace.uav import TiltFactors
 DEFAULT_CHAINS = 512
 """Chains of a design, common to all seas and links."""
 
-LENS, VIEW, WIDTH = "receiver.radius", "receiver.fov_deg", "detector.optics.filter_width_nm"
+LENS: Final = "receiver.radius"
+VIEW: Final = "receiver.fov_deg"
+WIDTH: Final = "detector.optics.filter_width_nm"
 RATE, COLOUR = "detector.bit_rate", "transmitter.wavelength_nm"
 _SEAS, _RESOLVED_SEAS = 2, 6  # where each has the mean gain, and where waves are resolved
 _RUN_SEAS = 16  # of a link that is run by itself
