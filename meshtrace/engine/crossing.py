@@ -222,6 +222,33 @@ def differences(m, a, b):
     return Jacobian(ok, m, *quotients(m.at, a.at, b.at), *quotients(m.w, a.w, b.w))
 
 
+@inlined
+def determinant(j):
+    """Return |det dX/dP|, the area of landing points per area of crossings."""
+    return abs(j.a * j.d - j.b * j.c)
+
+
+@inlined
+def emission_per_area(turns, w, spread):
+    """Return dOmega / dX [sr m-2], the solid angle of emission per area of landing points.
+
+    `turns`: derivatives of (w_x, w_y) by (P_x, P_y); `spread`: |det dX/dP|. 0 on a caustic.
+    """
+    # w_x and w_y chart the sphere: dOmega = dw_x dw_y / |w_z|. The rotation from e_z to w
+    # has no axis at w = -e_z, see `gain.turned`.
+    if spread == 0.0 or w.z == 0.0 or w.z <= -0.999999:
+        return 0.0
+    return abs(turns[0] * turns[3] - turns[1] * turns[2]) / (abs(w.z) * spread)
+
+
+@inlined
+def solid_angle_per_area(j):
+    """Return `emission_per_area` of a `Jacobian`, 0 where it has none."""
+    if not j.ok:
+        return 0.0
+    return emission_per_area((j.wa, j.wb, j.wc, j.wd), j.aim.w, determinant(j))
+
+
 @outlined
 def jacobian(x, y, facet, shot, scene):
     """Return the `Jacobian` at a crossing point, by forward differences.
@@ -363,7 +390,8 @@ def enumerate_roots(roots, n, flat, radius, close, shot, scene):
                     continue
                 if is_first_bin(i, j, i0, j0, f, scene.surface, grid):
                     if close:
-                        n = _root_on(roots, n, n, flat.x, flat.y, f, radius, shot, scene)
+                        middle = Vec2(flat.x, flat.y)
+                        n = _root_on(roots, n, n, middle, f, radius, shot, scene)
                     else:
                         n = _facet_roots(roots, n, f, flat, shot, scene)
     return n
@@ -418,18 +446,18 @@ def _facet_roots(roots, n, f, flat, shot, scene):
     elif not corner_shines(f, shot, scene):
         return n
     first, longest = n, 2.0 * facet.radius
-    n = _root_on(roots, n, first, x, y, f, longest, shot, scene)
+    n = _root_on(roots, n, first, Vec2(x, y), f, longest, shot, scene)
     if not m.ok or (scene.surface.interpolate and bend > 0.5 * flat.high):
         for p in corners(scene.surface.vertices, f, scene.surface.faces):
-            n = _root_on(roots, n, first, p.x, p.y, f, longest, shot, scene)
+            n = _root_on(roots, n, first, Vec2(p.x, p.y), f, longest, shot, scene)
     return n
 
 
 @inlined
-def _root_on(roots, n, first, x, y, f, longest, shot, scene):
-    """Append the crossing on facet f that Newton finds from a point."""
-    found, x, y, _ = newton(x, y, f, YES, longest, shot, scene)
-    if not found or not inside_facet(x, y, f, scene.surface):
+def _root_on(roots, n, first, start, f, longest, shot, scene):
+    """Append the crossing on facet f that Newton finds from a start."""
+    converged, x, y, _ = newton(start.x, start.y, f, YES, longest, shot, scene)
+    if not converged or not inside_facet(x, y, f, scene.surface):
         return n
     return add_root(roots, n, first, x, y, f, shot.branch, 1.0)
 

@@ -243,8 +243,8 @@ def flat_contributions(chains, flat, scene, score):
                 continue
             shot = shot_of(chains, i, scene, f.branch, SMOOTH)
             j = crossing.jacobian(f.x, f.y, FLAT_SEA, shot, scene)
-            p = Vec3(f.x, f.y, f.level)
-            w, deep = weight_of(chains, i, p, j, FLAT_SEA, shot, scene)
+            p, per_area = Vec3(f.x, f.y, f.level), crossing.solid_angle_per_area(j)
+            w, deep = weight_of(chains, i, p, j.aim, per_area, FLAT_SEA, shot, scene)
             if deep:
                 score[i] += w
 
@@ -340,11 +340,14 @@ def _sloped_crossing(chains, i, flat, k, spread, scene):
         return nothing
     ok_x, w_x = _emission_at(x + crossing.STEP, y, facet, shot, scene)
     ok_y, w_y = _emission_at(x, y + crossing.STEP, facet, shot, scene)
+    if not (ok_x and ok_y):  # a scattering closer to the surface than a step has no derivative
+        return nothing
+    # The crossing is drawn with `density` per area and lands with `slope.density` per area: their
+    # ratio takes the place of |det dX/dP|.
     turns = crossing.quotients(w, w_x, w_y)
-    # a scattering closer to the surface than a step has no derivative
-    j = crossing.Jacobian(ok_x and ok_y, slope.aim, density / slope.density, 0.0, 0.0, 1.0, *turns)
+    per_area = crossing.emission_per_area(turns, w, density / slope.density)
     shot = crossing.Shot(shot.start, shot.q, shot.v, shot.goal, shot.branch, slope.tilt)
-    weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
+    weight, deep = weight_of(chains, i, p, slope.aim, per_area, facet, shot, scene)
     return Crossing(weight, is_steep(slope.aim, scene) and deep, slope.aim, p, shot.start)
 
 
@@ -385,28 +388,27 @@ def weigh(chains, i, x, y, facet, shot, scene):
     """
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
     j = crossing.jacobian(x, y, facet, shot, scene)
-    weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
+    per_area = crossing.solid_angle_per_area(j)
+    weight, deep = weight_of(chains, i, p, j.aim, per_area, facet, shot, scene)
     weight *= over_gaussian(scene.surface.roughness.series, chains.tilt[i, 0], chains.tilt[i, 1])
     return Crossing(weight, is_steep(j.aim, scene) and deep, j.aim, p, shot.start)
 
 
 @inlined
-def weight_of(chains, i, p, j, facet, shot, scene):
-    """Return (|A| I(w) W / |det dX/dOmega|, all vertices deep) of chain i through a crossing.
+def weight_of(chains, i, p, m, per_area, facet, shot, scene):
+    """Return (|A| I(w) W dOmega/dX, all vertices deep) of chain i through a crossing.
 
-    The random slope is that of `shot`.
+    m is the `Aim` at P, `per_area` = dOmega/dX, 0 without light; `shot` has the random slope.
     """
-    m, spread = j.aim, abs(j.a * j.d - j.b * j.c)
-    if not j.ok or m.w.z <= -0.999999 or spread == 0.0:
+    if per_area == 0.0:
         return 0.0, True
     n = normal_at(p.x, p.y, facet, scene.surface) if facet >= 0 else UP
     light = crossing.passed(intensity(scene.emitter, m.w), m, p, n, facet, shot.tilt, scene)
     if light == 0.0:
         return 0.0, True
-    solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
     w, deep = _transmit(chains, i, m, p, shot.start, scene)
     area = scene.target.area * scene.emitter.power
-    return area * light * solid_angle * w * chains.weight[i], deep
+    return area * light * per_area * w * chains.weight[i], deep
 
 
 @inlined

@@ -117,7 +117,8 @@ def _exact_weight(chains, i, x, y, waves, shot, scene):
     As `weigh` on a mesh, with slopes and curvatures of the waves.
     """
     z, j = _exact_jacobian(x, y, waves, shot, scene)
-    return weight_of(chains, i, Vec3(x, y, z), j, FLAT_SEA, shot, scene)[0]
+    p, per_area = Vec3(x, y, z), crossing.solid_angle_per_area(j)
+    return weight_of(chains, i, p, j.aim, per_area, FLAT_SEA, shot, scene)[0]
 
 
 @entry

@@ -22,6 +22,7 @@ import numpy as np
 from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.flight import bending_normal, facet_ahead, head, heading, place, put
 from meshtrace.engine.photons.next_event import join_collision, join_crossing
+from meshtrace.engine.photons.targets import Law
 from meshtrace.kernels import interface, medium
 from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
@@ -92,34 +93,45 @@ def redirect(q, s, u_phi, world):
     head almost for a target are too heavy for their number, and directions even over the cones to
     what the targets see. Photon and copies count by the densities of all that is drawn.
     """
-    start, before, aimed = place(q), heading(q), q.aimed
-    guide, n = targets.guide_of(q, world), len(world.joins.guide)
-    q.aimed = 0
-    lot, u, u_kind, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE.value)
-    if aimed == 0:
-        if lot < guide.lobe + guide.cone and q.copies + 1 < len(world.photon):
-            i = min(int(lot / guide.lobe * n), n - 1) if lot < guide.lobe else n
-            if i == n:
-                i += min(int((lot - guide.lobe) / guide.cone * n), n - 1)
-            q.copies += 1
-            q.aimed = 1 + i
-            world.photon[q.copies] = q
-            q.aimed = 0
-        d = turn(before, s, u_phi)
-    elif aimed <= n:
+    start, before, law = place(q), heading(q), q.law
+    lobe, cone = targets.guided_directions(q, world)
+    u_guide, u, u_kind, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE.value)
+    if law == Law.LOBE:
         uv = targets.aim_of(q, world)
-        d = turn(targets.way_to(aimed - 1, start, q.level, uv, world), s, u_phi)
-    else:
-        axis, edge = targets.cone_to(aimed - 1 - n, start, world)
+        d = turn(targets.way_to(q.guide, start, q.level, uv, world), s, u_phi)
+    elif law == Law.CONE:
+        axis, edge = targets.cone_to(q.guide, start, world)
         d = turn(axis, u * edge, u_phi)
-    own = targets.mixed_phase(before, d, start, world)
+    else:
+        if u_guide < lobe + cone and q.copies + 1 < len(world.photon):
+            _choose_guide(q, u_guide, lobe, cone, len(world.joins.guide))
+            _push(q, world)
+        d = turn(before, s, u_phi)
+    q.law = Law.PHASE.value
+    phase = targets.mixed_phase(before, d, start, world)
     theta = targets.angle_between(before, d) if is_tinted(world.tints) else 0.0
     targets.tint_mixed(q.tint, theta, u_kind, start, world)
-    q.density = own
-    if guide.lobe + guide.cone > 0.0:
-        q.density = targets.drawn_density(d, own, guide, q, start, world)
-        q.weight *= own / q.density
+    q.density = phase
+    if lobe + cone > 0.0:
+        q.density = targets.drawn_density(d, phase, q, world)
+        q.weight *= phase / q.density
     head(q, d)
+
+
+@inlined
+def _choose_guide(q, u, lobe, cone, n):
+    """Choose law and guide of a guided direction by u < lobe + cone."""
+    if u < lobe:
+        q.law, q.guide = Law.LOBE.value, min(int(u / lobe * n), n - 1)
+    else:
+        q.law, q.guide = Law.CONE.value, min(int((u - lobe) / cone * n), n - 1)
+
+
+@inlined
+def _push(q, world):
+    """Leave a copy of a photon to be followed later."""
+    q.copies += 1
+    world.photon[q.copies] = q  # assignment of a record copies it
 
 
 @outlined
@@ -214,7 +226,7 @@ def _start(q, photon, world):
     head(q, d)
     q.water, q.id, q.event, q.order, q.reflections, q.returns = 0.0, photon, 0, 0, 0, 0
     q.level, q.density, q.bend = targets.level_over(p, world), 0.0, 0.0
-    q.copies, q.is_guided, q.aimed = 0, 0, 0
+    q.copies, q.is_guided, q.law = 0, 0, Law.PHASE.value
     reset_tint(world.tints, q.tint)
     q.importance = importance(p, world.joins)
     _draw_path(q, u_path, world)
@@ -367,8 +379,7 @@ def _scatter(q, world):
         n = copies_of(q, world)
         q.weight /= n
         for _ in range(n - 1):
-            q.copies += 1
-            world.photon[q.copies] = q
+            _push(q, world)
         redirect(q, s, u_phi, world)
         _look_ahead(q, world, world.manifold)
         if not _is_worth(q, YES, world):

@@ -96,12 +96,23 @@ def _crossings_between(still, shot, q, scene, world, manifold):
     found, rx, ry, facet = _trial(ZERO, still, step, shot, q, scene, world)
     if not found or (n == 1 and _is_same(rx, ry, x, y)):
         return n
+    count = _inverse_probability(rx, ry, still, step, shot, q, scene, world)
+    return _append(n, rx, ry, facet, count, shot, manifold)
+
+
+@outlined
+def _inverse_probability(x, y, still, step, shot, q, scene, world):
+    """Return an unbiased estimate of 1 / p, p the chance that a drawn start leads to (x, y).
+
+    Zeltner et al. (2020), Alg. 2: Bernoulli trials up to the first that finds the crossing again
+    are geometrically distributed, with the mean 1 / p.
+    """
     trials, again = ONE, False
     while not again and trials < _MOST_TRIALS:
-        again, x, y, _ = _trial(trials, still, step, shot, q, scene, world)
-        again = again and _is_same(rx, ry, x, y)
+        again, other_x, other_y, _ = _trial(trials, still, step, shot, q, scene, world)
+        again = again and _is_same(x, y, other_x, other_y)
         trials += 1
-    return _append(n, rx, ry, facet, float(trials - 1), shot, manifold)
+    return float(trials - 1)
 
 
 @inlined
@@ -278,6 +289,7 @@ def join_collision(q, at_bottom, world):
     if q.returns + 1 < joins.first:
         return
     chance = targets.collision_chance(max(level - start.z, targets.LEAST_DEPTH), joins)
+    q.chance, q.at_bottom = chance, 1 if at_bottom else 0
     q.density = 1.0  # until the direction is known
     lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN.value)
     if lot >= chance:
@@ -295,29 +307,30 @@ def join_collision(q, at_bottom, world):
         still = targets.still_crossing(start, goal, level, scene)
         if rough:
             p = targets.beside(still, r, v, joins)
-            _join_by_slope(p, q, i, goal, still, chance, at_bottom, scene, world, world.manifold)
+            _join_by_slope(p, q, i, goal, still, scene, world, world.manifold)
         else:
-            _join_bent(q, i, goal, still, chance, at_bottom, scene, world, world.manifold)
+            _join_bent(q, i, goal, still, scene, world, world.manifold)
 
 
 @inlined
-def _scattered(w, d, start, at_bottom, world):
+def _scattered(w, q, world):
     """Return the density of directions [sr-1] behind an event, and the angle if it is needed.
 
     The angle [rad] is -1 at the bottom.
     """
-    if at_bottom:
+    start, d = place(q), heading(q)
+    if q.at_bottom == 1:
         return max(w.z, 0.0) / math.pi, -1.0
     theta = targets.angle_between(d, w) if is_tinted(world.tints) else 0.0
     return targets.mixed_phase(d, w, start, world), theta
 
 
 @outlined
-def _join_by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manifold):
+def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
     """Join an event to target i by the slope at a crossing over (x, y), see `join_collision`."""
     if manifold is not None:
         return
-    joins, start, d = world.joins, place(q), heading(q)
+    joins, start = world.joins, place(q)
     x, y = at.x, at.y
     facet = targets.facet_below(x, y, world)
     if facet < 0:
@@ -334,11 +347,11 @@ def _join_by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manif
     light = _through(p, n, g, w, goal, facet, scene, world)
     if light.share <= 0.0 or not _is_clear(start, w, length, facet, world):
         return
-    turned, theta = _scattered(w, d, start, at_bottom, world)
+    turned, theta = _scattered(w, q, world)
     drawn = turned
-    if not at_bottom:
-        drawn = targets.drawn_density(w, turned, targets.guide_of(q, world), q, start, world)
-    own = chance * targets.crossing_density(x, y, still, joins) * length * length * g.z
+    if q.at_bottom == 0:
+        drawn = targets.drawn_density(w, turned, q, world)
+    own = q.chance * targets.crossing_density(x, y, still, joins) * length * length * g.z
     own /= facing * scene.target.area
     bend = targets.bend_ahead(start, w, q.level, world)
     other = (
@@ -353,27 +366,26 @@ def _join_by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manif
 
 
 @outlined
-def _join_bent(q, i, goal, still, chance, at_bottom, scene, world, manifold):
+def _join_bent(q, i, goal, still, scene, world, manifold):
     """Join an event to target i by all crossings without random slopes, see `join_collision`."""
     start = place(q)
     shot = crossing.Shot(start, ORIGIN, UP, goal, 1.0, Vec2(0.0, 0.0))
     if manifold is None:  # an argument: the other branch is not compiled
         at = Vec2(still.x, still.y)
-        _join_at(at, FLAT_SEA, 1.0, q, i, shot, chance, at_bottom, scene, world)
+        _join_at(at, FLAT_SEA, 1.0, q, i, shot, scene, world)
     else:
         for k in range(_crossings_between(still, shot, q, scene, world, manifold)):
             root = manifold.roots[k]
             at, facet = Vec2(root.x, root.y), np.int64(root.facet)
-            _join_at(at, facet, root.multiplicity, q, i, shot, chance, at_bottom, scene, world)
+            _join_at(at, facet, root.multiplicity, q, i, shot, scene, world)
 
 
 @outlined
-def _join_at(at, facet, multiplicity, q, i, shot, chance, at_bottom, scene, world):
+def _join_at(at, facet, multiplicity, q, i, shot, scene, world):
     """Join an event to target i by a crossing that refracts its light to the goal."""
-    start, d = place(q), heading(q)
-    j = crossing.jacobian(at.x, at.y, facet, shot, scene)
-    m, spread = j.aim, abs(j.a * j.d - j.b * j.c)
-    if not j.ok or spread == 0.0 or m.w.z == 0.0:
+    start, j = place(q), crossing.jacobian(at.x, at.y, facet, shot, scene)
+    m, per_area = j.aim, crossing.solid_angle_per_area(j)
+    if per_area == 0.0:
         return
     p = Vec3(at.x, at.y, height_on(at.x, at.y, facet, world.surface))
     light = crossing.acceptance(m, p, scene.target, world.interface.fov)
@@ -389,9 +401,8 @@ def _join_at(at, facet, multiplicity, q, i, shot, chance, at_bottom, scene, worl
             return
         if world.interface.follow_second_hit and not _is_clear(p, m.r, m.flight, facet, world):
             return
-    solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
-    light *= scene.target.area * solid_angle * crossing.transmittance(m, world.interface) / chance
-    turned, theta = _scattered(m.w, d, start, at_bottom, world)
+    light *= scene.target.area * per_area * crossing.transmittance(m, world.interface) / q.chance
+    turned, theta = _scattered(m.w, q, world)
     light *= turned
     light *= math.exp(-depth_between(world.medium, start, p, m.length))
     light *= multiplicity

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
@@ -45,10 +46,22 @@ JOINED_PHOTON = record_type(
         ("v", float),
         ("copies", np.int64),  # that wait
         ("is_guided", np.int64),  # whether copies take directions to the targets
-        ("aimed", np.int64),  # a copy's direction: 0 by the phase function, 1 ... by target
+        ("law", np.int64),  # `Law` of a copy's next direction
+        ("guide", np.int64),  # guide of that law
+        ("chance", float),  # of the connection of its last event
+        ("at_bottom", np.int64),  # whether its last event was at the bottom
     ]
 )
 """A joined photon under way."""
+
+
+class Law(IntEnum):
+    """Law by which the next direction of a photon is drawn."""
+
+    PHASE = 0  # phase function about the direction before
+    LOBE = 1  # phase function about the way to a guide
+    CONE = 2  # even over the cone to what a guide sees
+
 
 _TYPES: Any = {float: (float,), int: (np.int64,), bool: (bool,), Vec3: (float, (3,))}
 
@@ -360,16 +373,9 @@ def chance_ahead(p, d, level, bend, joins):
     return min(1.0, _AHEAD * bent * math.exp(-joins.b * way))
 
 
-class Guide(NamedTuple):
-    """Expected numbers of guided directions drawn at a collision."""
-
-    lobe: float  # by the phase function about the ways to the targets
-    cone: float  # even over the cones to what they see
-
-
 @inlined
-def guide_of(q, world):
-    """Return the `Guide` of a collision.
+def guided_directions(q, world):
+    """Return the expected numbers of directions drawn by `Law.LOBE` and `Law.CONE` at a collision.
 
     Array twin: none.
     """
@@ -384,7 +390,7 @@ def guide_of(q, world):
             x, y = seen[0] - start.x, seen[1] - start.y
             if x * x + y * y + start.z * start.z < seen[2] * seen[2]:
                 cone = 0.0
-    return Guide(lobe, cone)
+    return lobe, cone
 
 
 @inlined
@@ -423,19 +429,20 @@ def aim_of(q, world):
 
 
 @outlined
-def drawn_density(d, own, guide, q, start, world):
+def drawn_density(d, phase, q, world):
     """Return the density of all directions drawn behind a collision [sr-1].
 
-    `own` is the phase function, by which the photon itself goes on.
+    `phase` is the phase function, by which the photon itself goes on.
     """
-    n = len(world.joins.guide)
-    total = own
+    start, n = place(q), len(world.joins.guide)
+    lobe, cone = guided_directions(q, world)
+    total = phase
     for i in range(n):
-        if guide.lobe > 0.0:
+        if lobe > 0.0:
             way = way_to(i, start, q.level, aim_of(q, world), world)
-            total += guide.lobe / n * mixed_phase(way, d, start, world)
-    if guide.cone > 0.0:
-        total += guide.cone * cone_density(d, start, world)
+            total += lobe / n * mixed_phase(way, d, start, world)
+    if cone > 0.0:
+        total += cone * cone_density(d, start, world)
     return total
 
 
