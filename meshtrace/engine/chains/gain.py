@@ -124,9 +124,12 @@ def flat_crossings(chains, starts, still, raised, out):
     for i in range(len(chains.last)):
         q, v = row(chains.tail, i), row(chains.last, i)
         size = norm(q)
+        # A chain that ends well below still water and goes on outwards meets the sphere of each P
+        # once: one crossing at most.
         plain = size < 0.95 * depth and dot(q, v) >= 0.4 * size
         n = ZERO
         for scene in (still, raised):
+            # Branch -1 needs a segment that starts outside the sphere of radius |P| >= depth.
             for side in range(1 if size < depth else 2):
                 for k in range(len(starts)):
                     if n < len(out[i]) and not (n > 0 and plain):
@@ -142,8 +145,8 @@ def flat_crossings(chains, starts, still, raised, out):
 def _flat_root(n, start, shot, scene, out):
     """Add the flat-sea crossing that Newton finds from a start, if it is new."""
     longest = scene.target.center.z
-    found, x, y, _ = crossing.newton(start[0], start[1], FLAT_SEA, YES, longest, shot, scene)
-    if not found or crossing.is_known(out, ZERO, n, x, y, shot.branch, 1e-4):
+    converged, x, y, _ = crossing.newton(start[0], start[1], FLAT_SEA, YES, longest, shot, scene)
+    if not converged or crossing.is_known(out, ZERO, n, x, y, shot.branch, 1e-4):
         return n
     crossing.flat_crossing(out[n], x, y, shot, scene)
     return n + 1
@@ -158,6 +161,7 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
     """
     surface, target, tilt = scene.surface, scene.target, shot.tilt
     radius = crossing.radius_of(flat, search, shot, scene)
+    # first the cheap bounds, which end most searches
     off = math.hypot(flat.x - target.center.x, flat.y - target.center.y)
     if off > target.reach + radius:
         return n  # outside the field of view for any waves
@@ -165,25 +169,29 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
         return n
     first, share = n, 1.0
     if surface.interpolate:
+        # The random slope of the chain moves the crossing of still water to first order: a better
+        # start.
         x0 = flat.x + flat.m11 * tilt.x + flat.m12 * tilt.y
         y0 = flat.y + flat.m21 * tilt.x + flat.m22 * tilt.y
-        found, x, y, facet = crossing.root_from(x0, y0, radius, shot, scene)
-        if found:
+        converged, x, y, facet = crossing.root_from(x0, y0, radius, shot, scene)
+        if converged:
             counters[Counter.SOLVED.value] += 1
             n = crossing.add_root(roots, n, ZERO, x, y, facet, shot.branch, 1.0)
         # most chains that Newton gives up have no crossing: a quarter of them shows it
         audited = 1.0 if search.curvature * flat.lever > _FOCUSING else search.audit
-        share = audited if found else max(audited, _AUDIT_FAILED)
+        # Russian roulette for the search of all facets: counted by 1 / share, so the expectation is
+        # that of a full search.
+        share = audited if converged else max(audited, _AUDIT_FAILED)
         if audit >= share:
             return n
-    kept = n
+    unique = n
     counters[Counter.ENUMERATED.value] += 1
     last = crossing.enumerate_roots(roots, n, flat, radius, NO, shot, scene)
     for k in range(n, last):
         r = roots[k]
-        kept = crossing.add_root(roots, kept, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
-    counters[Counter.EXTRA_ROOTS.value] += kept - max(n, first)
-    return kept
+        unique = crossing.add_root(roots, unique, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
+    counters[Counter.EXTRA_ROOTS.value] += unique - max(n, first)
+    return unique
 
 
 @inlined
@@ -219,10 +227,10 @@ def contributions(chains, flat, audits, search, scene, out):
         for k in range(n):
             root = out.roots[k]
             shot = shot_of(chains, i, scene, root.branch, scene.surface.roughness)
-            light = weigh(chains, i, root.x, root.y, root.facet, shot, scene)
-            w = light.weight * root.multiplicity
+            path = weigh(chains, i, root.x, root.y, root.facet, shot, scene)
+            w = path.weight * root.multiplicity
             if w > 0.0:
-                arrivals = keep(chains, i, w, light, i, arrivals, scene, out)
+                arrivals = keep(chains, i, w, path, i, arrivals, scene, out)
     return arrivals
 
 
@@ -273,16 +281,17 @@ def blurred_contributions(chains, flat, places, near, spread, scene, out):
                 continue
             for k in range(len(near)):
                 near[k] = flat[i, k]
+                # To first order only: the proposal moves, the weight is exact for any proposal.
                 near[k].x += flat[i, k].c11 * x + flat[i, k].c12 * y
                 near[k].y += flat[i, k].c21 * x + flat[i, k].c22 * y
             for k in range(len(near)):
                 if near[k].branch == 0.0:
                     break
-                light = _sloped_crossing(chains, i, near, k, spread, there)
-                if light.weight > 0.0:
+                path = _sloped_crossing(chains, i, near, k, spread, there)
+                if path.weight > 0.0:
                     out.counters[Counter.SOLVED.value] += 1
-                    w, place = light.weight, m * n + i
-                    arrivals = keep(chains, i, w, light, place, arrivals, there, out)
+                    w, place = path.weight, m * n + i
+                    arrivals = keep(chains, i, w, path, place, arrivals, there, out)
     return arrivals
 
 
@@ -310,6 +319,8 @@ def _density(flat, x, y, branch, spread, scene):
         dx, dy = (x - x0) / det, (y - y0) / det
         s = Vec2(flat[k].m22 * dx - flat[k].m12 * dy, flat[k].m11 * dy - flat[k].m21 * dx)
         u = whitened(spread, s)
+        # Slopes of the proposal are Gaussian; |det dP/dslope| turns their density into one of
+        # crossings.
         law = math.exp(-0.5 * (u.x * u.x + u.y * u.y))
         total += law / (2.0 * math.pi * spread.along * spread.across * abs(det))
     return total
@@ -335,6 +346,8 @@ def _sloped_crossing(chains, i, flat, k, spread, scene):
         return nothing
     n = normal_at(x, y, facet, scene.surface)
     slope = slope_towards(p, n, w, d, length, shot.goal, scene)
+    # Several crossings of still water may lead here: the sum of their densities, as the balance
+    # heuristic for equal numbers of samples.
     density = _density(flat, x, y, shot.branch, spread, scene)
     if slope.density == 0.0 or density == 0.0:
         return nothing
@@ -406,6 +419,7 @@ def weight_of(chains, i, p, m, per_area, facet, shot, scene):
     light = crossing.passed(intensity(scene.emitter, m.w), m, p, n, facet, shot.tilt, scene)
     if light == 0.0:
         return 0.0, True
+    # last: it is the dearest factor
     w, deep = _transmit(chains, i, m, p, shot.start, scene)
     area = scene.target.area * scene.emitter.power
     return area * light * per_area * w * chains.weight[i], deep
@@ -417,6 +431,7 @@ def turned(w, p):
 
     Array twin: the rotation matrix of the tests.
     """
+    # Rodrigues for the axis e_z x w, in a form without square roots (Moller and Hughes 1999).
     along = (-w.y * p.x + w.x * p.y) / (1.0 + w.z)
     return Vec3(
         p.x * w.z + w.x * p.z - w.y * along,
@@ -440,11 +455,13 @@ def _transmit(chains, i, m, p, start, scene):
     weight, tau, deep = 1.0, 0.0, True
     for k in range(chains.vertex.shape[1]):
         v = _vertex(chains, i, k, m, start)
+        # Above the lowest trough a vertex may lie in the air: its ways are checked by rays.
         if v.z > scene.surface.low[2]:
             deep = False
         if v.z < medium.bottom_z:  # straight ways between points above it do not meet it
             return 0.0, True
         if simple:
+            # The phase function is in the law of the directions, the coefficient is not.
             weight *= medium.b
         else:
             if chains.kind[i, k] == 1:
@@ -456,6 +473,7 @@ def _transmit(chains, i, m, p, start, scene):
             tau += scattering_path(medium, before, v, length)
         before = v
     if simple:
+        # The weight of a chain has 1 / density of its distances: exp(-tau) is whole here.
         tau = (medium.a + medium.b) * (chains.path[i] + m.length)
     else:
         tau += absorption_path(medium, before.z, p.z, m.length)
@@ -541,6 +559,7 @@ def tint_chains(chains, arrivals, emitter, clear, tints, out):
                 at = plus(turned(w, row(chains.vertex[i], k)), start)
             way = minus(at, before)
             if k > 0:
+                # By the chord, which keeps the digits of small angles.
                 s = 0.5 * norm(minus(unit(way), unit(last)))
                 theta = 2.0 * math.asin(min(s, 1.0))
                 tint_scattering(tints, tint, before.z, theta, chains.kind[i, k - 1] == 1)

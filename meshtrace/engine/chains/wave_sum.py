@@ -77,6 +77,8 @@ def shape_at(waves, x, y):
 @inlined
 def _aim_beside(x, y, dx, dy, s, shot, scene):
     """Return the `Aim` of a crossing at (x + dx, y + dy), close to a point of known shape."""
+    # Second order: slopes linear, heights by the tangent, exact in the limit of the difference
+    # step.
     slope_x, slope_y = s.zx + s.zxx * dx + s.zxy * dy, s.zy + s.zxy * dx + s.zyy * dy
     p = Vec3(x + dx, y + dy, s.z + s.zx * dx + s.zy * dy)
     return crossing.land_sloped(p, slope_x, slope_y, shot, scene)
@@ -134,6 +136,7 @@ def move_crossings(chains, arrivals, waves, scene, score, counters):
         a = arrivals[k]
         i, x, y = a.chain, a.point[0], a.point[1]
         forward = dot(row(chains.tail, i), row(chains.last, i))
+        # t = -q.v +- sqrt(...): the open segment t tells which branch it was on
         branch = 1.0 if a.water - chains.path[i] + forward >= 0.0 else -1.0
         shot = shot_of(chains, i, scene, branch, scene.surface.roughness)
         facet = locate(scene.locator, scene.surface, x, y)

@@ -170,14 +170,15 @@ def set_weight(q, weight, fate, world):
 
 
 @inlined
-def roulette(q, lot, world):
-    """Play Russian roulette with a low-weight photon; draw a new uniform if `lot` is negative."""
+def roulette(q, u_survival, world):
+    """Play Russian roulette with a low-weight photon; a negative `u_survival` is drawn anew."""
     if q.weight >= world.limits.weight:
         return GOES_ON
+    # Unbiased for any p: survivors carry weight / p.
     p = world.limits.survival if world.limits.survival > 0.0 else q.weight / world.limits.weight
-    if lot < 0.0:
-        lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE.value)
-    if lot >= p:
+    if u_survival < 0.0:
+        u_survival, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE.value)
+    if u_survival >= p:
         return Fate.ROULETTE.value
     set_weight(q, q.weight / p, Fate.ROULETTE.value, world)
     return GOES_ON
@@ -210,6 +211,7 @@ def facet_ahead(q, in_water, retry, world):
         t = (world.surface.low[2] - p.z) / d.z
     elif not in_water and d.z < 0.0:
         t = (world.surface.high[2] - p.z) / d.z
+    # A short way before the slab, and near to it: Embree has single precision.
     t = max(t - 1e-3 * (1.0 + t), 0.0)
     nudge = _NUDGE * retry
     aside = Vec3(nudge, 0.7 * nudge, -nudge if in_water else nudge)
@@ -243,10 +245,12 @@ def to_sky(q, d, weight, world):
     """Score light that leaves the surface for good and deposit its weight."""
     flight = Segment(place(q), d, math.inf, weight, q.water, q.air)
     if sources.is_backward(world.back) and (q.water > 0.0 or not world.back.after_water):
-        light = weight * sources.radiance(world.back.sky, d)
-        world.tallies.score[q.id - world.first, sources.SKY_SCORE] += light
+        scored_radiance = weight * sources.radiance(world.back.sky, d)
+        world.tallies.score[q.id - world.first, sources.SKY_SCORE] += scored_radiance
         if is_tinted(world.tints):
-            tally.keep_arrival(world.tallies, q.id, sources.SKY_SCORE, light, world.tints, q.tint)
+            tally.keep_arrival(
+                world.tallies, q.id, sources.SKY_SCORE, scored_radiance, world.tints, q.tint
+            )
     scored = _is_scored(q, world)
     received = scored and tally.score_apertures(q, False, flight, world)
     if scored:
@@ -286,13 +290,15 @@ def cross(q, world):
         if foam == 0.0:
             return Fate.WHITECAP.value
     record(world.recorder, q, Vertex.SURFACE_OUT if in_water else Vertex.SURFACE_IN)
-    rho, g, air, water, lot = _split(q, in_water, world)
+    rho, g, air, water, u_survival = _split(q, in_water, world)
     w_air, w_water = q.weight * (1.0 - rho), q.weight * rho
     if not in_water:
         w_air, w_water = w_water, w_air
     free = not world.interface.follow_second_hit or (  # of the surface
         air.z > 0.0 and (q.z >= world.surface.high[2] or steeper_than_waves(air, world.surface))
     )
+    # Both parts of the light can be followed only if one of them ends at once; else roulette by
+    # their weights.
     if world.interface.fresnel != interface.FresnelMode.WEIGHT or not free:
         u, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
         if u * (w_air + w_water) < w_air:
@@ -314,7 +320,7 @@ def cross(q, world):
         return Fate.LANDED.value
     if in_water and not world.interface.follow_reflected:
         return Fate.REFLECTED.value
-    fate = roulette(q, lot, world)
+    fate = roulette(q, u_survival, world)
     if fate != GOES_ON:
         return fate
     record(world.recorder, q, Vertex.BRANCH)
@@ -438,10 +444,10 @@ def bounce(q, world):
     """Apply the reflection or absorption at the bottom; not inlined: rarely used."""
     fly_water(q, (world.medium.bottom_z - q.z) / q.dz, world)
     q.z = world.medium.bottom_z
-    kept = q.weight * world.medium.bottom_albedo
-    if kept == 0.0:
+    remaining = q.weight * world.medium.bottom_albedo
+    if remaining == 0.0:
         return Fate.BOTTOM.value
-    set_weight(q, kept, Fate.BOTTOM.value, world)
+    set_weight(q, remaining, Fate.BOTTOM.value, world)
     q.event += 1
     u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM.value)
     head(q, sources.lambert_reflection(u_cos, u_phi))
@@ -485,6 +491,7 @@ def _needs_ray(q, world):
         return True
     low = world.surface.low[2]
     z1 = q.z + q.free * q.dz if q.dz != 0.0 else q.z
+    # below the waves: only a path that starts among them, and not steep, may meet one
     if z1 < low:
         return q.z >= low and not steeper_than_waves(heading(q), world.surface)
     return True
@@ -515,6 +522,7 @@ def _settle_miss(q, seen, world):
         t = (high - q.z) / q.dz
     if not seen and not (t < math.inf and _inside(q, t, world.surface)):
         return Fate.LEFT_DOMAIN.value, 0.0
+    # single precision may slip through an edge: cast again from a point aside
     if q.retry < _RETRIES:
         world.tallies.misses[Miss.CAST_AGAIN.value] += 1
         q.retry += 1

@@ -78,6 +78,7 @@ def _crossings_between(still, shot, q, scene, world, manifold):
     """
     surface, target = scene.surface, scene.target
     side = math.hypot(still.x - shot.start.x, still.y - shot.start.y)
+    # bound on the displacement by slopes and heights of the waves, as `crossing.radius_of`
     move = crossing.MARGIN * surface.max_slope * max(still.along, still.across)
     move += (
         crossing.MARGIN * (surface.high[2] - surface.low[2]) * side / still.depth
@@ -136,6 +137,7 @@ def _trial(k, still, step, shot, q, scene, world):
     """
     purpose = Purpose.TRIAL.value + _STREAMS * k
     u, v, _, _ = uniforms(world.seed, q.id, q.event, purpose)
+    # Student in the plane, nu = 4: P(r > x) = (1 + x^2 / 4)^-2, inverted
     r = 2.0 * math.sqrt(1.0 / math.sqrt(u) - 1.0)
     start = targets.beside(still, r, v, world.joins)
     return crossing.root_from(start.x, start.y, step, shot, scene)
@@ -270,6 +272,8 @@ def join_crossing(q, facet, length, chance, world):
             other = targets.collision_chance(still.depth, joins) * targets.crossing_density(
                 p.x, p.y, still, joins
             )
+            # Density of the other connection per landing area: dP = length^2 / cos dOmega on the
+            # facet, seen from above by g_z.
             other *= length * length * g.z / (dot(d, g) * scene.target.area * q.density)
         score = weight * light.density * light.share / (own + other)
         _score(q, i, score, -1.0, p.z, length, light.flight, world)
@@ -295,6 +299,7 @@ def join_collision(q, at_bottom, world):
     if lot >= chance:
         return
     u, v, wide, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
+    # Box and Muller: distance of the crossing from that of still water, in standard deviations
     r = math.sqrt(-2.0 * math.log(u))
     if wide < targets.WIDE_SHARE:
         r *= targets.WIDE
