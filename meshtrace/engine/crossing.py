@@ -195,6 +195,7 @@ def land_sloped(p, slope_x, slope_y, shot, scene):
 
     Array twin: see `land`.
     """
+    # normal (-z_x, -z_y, 1) / norm
     scale = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
     return land(p, Vec3(-slope_x * scale, -slope_y * scale, scale), shot, scene)
 
@@ -230,12 +231,6 @@ def differences(m, a, b):
 
 
 @inlined
-def determinant(j):
-    """Return |det dX/dP|, the area of landing points per area of crossings."""
-    return abs(j.a * j.d - j.b * j.c)
-
-
-@inlined
 def emission_per_area(turns, w, spread):
     """Return dOmega / dX [sr m-2], the solid angle of emission per area of landing points.
 
@@ -253,7 +248,7 @@ def solid_angle_per_area(j):
     """Return `emission_per_area` of a `Jacobian`, 0 where it has none."""
     if not j.ok:
         return 0.0
-    return emission_per_area((j.wa, j.wb, j.wc, j.wd), j.aim.w, determinant(j))
+    return emission_per_area((j.wa, j.wb, j.wc, j.wd), j.aim.w, abs(j.a * j.d - j.b * j.c))
 
 
 @outlined
@@ -343,6 +338,7 @@ def newton(x, y, facet, fixed, longest, shot, scene):
     to `longest` [m]. Between facets the derivatives jump: a point that does not settle is handed
     to the enumeration by the caller.
     """
+    # Newton on the specular manifold (Jakob and Marschner 2012), in the plane of the facet.
     for _ in range(_ITERATIONS):
         ok, dx, dy, size = newton_step(jacobian(x, y, facet, shot, scene), shot, longest)
         if not ok:
@@ -522,18 +518,18 @@ def straight_shot(u, v, scene):
 
 @inlined
 def root_from(x0, y0, radius, shot, scene):
-    """Return (found, x, y, facet): the crossing that Newton finds from a point.
+    """Return (converged, x, y, facet): the crossing that Newton finds from a point.
 
     Array twin: `enumerate_roots`, which searches every facet.
     """
-    found, x, y, facet = False, x0, y0, locate(scene.locator, scene.surface, x0, y0)
+    converged, x, y, facet = False, x0, y0, locate(scene.locator, scene.surface, x0, y0)
     start = facet
     # Long steps first: nearly all starts converge, and short ones cost iterations.
     for step in (0.5, 0.1):  # the second time more carefully
-        if start >= 0 and not found:
-            found, x, y, facet = newton(x0, y0, start, NO, step * radius, shot, scene)
-            found = found and inside_facet(x, y, facet, scene.surface)
-    return found, x, y, facet
+        if start >= 0 and not converged:
+            converged, x, y, facet = newton(x0, y0, start, NO, step * radius, shot, scene)
+            converged = converged and inside_facet(x, y, facet, scene.surface)
+    return converged, x, y, facet
 
 
 @inlined
@@ -608,18 +604,20 @@ def forwards(m, p, facet, tilt, surface):
 
 
 @inlined
-def passed(light, m, p, n, facet, tilt, scene):
-    """Return the light that a crossing at P lets pass, by its arrival, transmittance and tilt.
+def passed(share, m, p, n, facet, tilt, scene):
+    """Return the share of light, times `share`, that a crossing at P lets pass.
+
+    By its arrival, transmittance and tilt.
 
     Array twin: the analog photon.
     n is the normal of the mesh on a facet, `tilt` the random slope.
     """
-    light *= acceptance(m, p, scene.target, scene.interface.fov)
-    if light == 0.0:
+    share *= acceptance(m, p, scene.target, scene.interface.fov)
+    if share == 0.0:
         return 0.0
-    light *= transmittance(m, scene.interface)
+    share *= transmittance(m, scene.interface)
     if scene.target.is_lamp:
-        return light * forwards(m, p, facet, tilt, scene.surface)
+        return share * forwards(m, p, facet, tilt, scene.surface)
     if tilt.x != 0.0 or tilt.y != 0.0:
-        light *= exposure(m.d, n, tilt)
-    return light
+        share *= exposure(m.d, n, tilt)
+    return share

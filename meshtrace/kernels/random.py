@@ -54,6 +54,7 @@ def philox(seed, photon, event, purpose):
     Array twin: none; checked against the Random123 known answers.
     Masked uint64 arithmetic gives the same words with and without the JIT.
     """
+    # The counter: event, purpose and the two halves of the photon's id. The key: the seed.
     c0 = np.uint64(event) & _LOW
     c1 = np.uint64(purpose) & _LOW
     c2 = np.uint64(photon) & _LOW

@@ -194,6 +194,7 @@ def facet_summary(surface, out):
         k, m, n = corners(surface.vertex_normals, f, surface.faces)
         x, y, z = (a.x + b.x + c.x) / 3.0, (a.y + b.y + c.y) / 3.0, (a.z + b.z + c.z) / 3.0
         middle = Vec2(x, y)
+        # horizontal: bounds over (x, y) are bounds of projections
         out[f].radius = math.sqrt(max(_span(a, middle), _span(b, middle), _span(c, middle)))
         # Change of the interpolated slope per length: bounds how far the image of a facet departs
         # from that of a plane.

@@ -299,8 +299,8 @@ def sunlight(back, medium: Medium, p, d, weight):
     # Light scattered by small angles stays in the sun's beam (quasi-single scattering).
     tau = back.lost_water * by_water + back.lost_bubble * by_bubbles
     tau += absorption_path(medium, p.z, top.z, t)
-    light = weight / medium.b_max * back.irradiance * math.exp(-tau)
-    return light * water, light * bubbles
+    collected = weight / medium.b_max * back.irradiance * math.exp(-tau)
+    return collected * water, collected * bubbles
 
 
 @inlined

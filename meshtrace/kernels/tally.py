@@ -161,6 +161,7 @@ def crosses_aperture(apertures, i, flight, fov):
     The angle is tested against the aperture's axis; the paper tests the position of the
     surface crossing instead, which accepts a superset (E11).
     """
+    # First the cosine, which is cheap: most light of a scattering sea heads elsewhere.
     d, axis = flight.direction, row(apertures.axis, i)
     facing = dot(d, axis)
     if facing <= 0.0:
@@ -202,6 +203,7 @@ def score_apertures(q, in_water, flight, world):
         t = crosses_aperture(apertures, i, flight, world.interface.fov)
         if t < 0.0:
             continue
+        # An aperture is no obstacle: light goes on, and may be scored by several.
         received = True
         w, z = flight.weight, flight.origin.z
         if in_water:
@@ -293,6 +295,7 @@ def score_map(tallies, flight, medium, tints, log_weights):
         if grid.z < 0.0:
             w *= _transmission(medium, flight.origin.z, grid.z, t)
             tint_way(tints, here, flight.origin.z, grid.z, t)
+        # Photons of several base wavelengths may bring this light, see `tints.Mixture`.
         w *= balance(grid.mixture, here)
         fill_factors(grid.mixture, here, tallies.map_factors)
         for k in range(len(grid.scale)):

@@ -190,6 +190,7 @@ def turn(d, s, u_phi):
     p, q = sin_theta * cos_phi, sin_theta * sin_phi
     # Orthonormal frame of d without a square root or branch (Duff et al. 2017).
     sign = math.copysign(1.0, d.z)
+    # never 0: sign has that of d.z
     f = -1.0 / (sign + d.z)
     g = d.x * d.y * f
     out = Vec3(

@@ -131,11 +131,14 @@ def _part_cells(part, cells, poly, shot, scene, colours, gain):
     c = aim_at(r.x, r.y, f, shot, scene)
     if not (a.ok and b.ok and c.ok):
         return
+    # the cells that the bounding box of the image meets
     west = _cell_of(min(a.at.x, b.at.x, c.at.x), cells.x, cells)
     east = _cell_of(max(a.at.x, b.at.x, c.at.x), cells.x, cells)
     south = _cell_of(min(a.at.y, b.at.y, c.at.y), cells.y, cells)
     north = _cell_of(max(a.at.y, b.at.y, c.at.y), cells.y, cells)
+    # Most images lie in one cell, which takes all of their light without clipping.
     source, in_one_cell = scene.emitter.position, west == east and south == north
+    # The flux of a part is its solid angle at the source times the intensity: exact for any size.
     omega = unscattered.solid_angle(minus(p, source), minus(q, source), minus(r, source))
     for k in range(max(west, 0), min(east, cells.n - 1) + 1):
         x = cells.x + (k + 0.5) * cells.step
@@ -230,6 +233,7 @@ def blurred_map(scene, cells, stretch, most, across, rules, colours, gain):
         p = Vec3(facet.x, facet.y, facet.z)
         if is_dark(p, unscattered.spatial_radius(facet), dark, scene.emitter):
             continue
+        # Light of the centroid by the normal of the mesh alone; random slopes spread it from there.
         m = aim_at(p.x, p.y, f, shot, scene)
         x, y = (m.at.x, m.at.y) if m.ok else (0.0, 0.0)
         size = 2.0 * facet.radius * stretch
@@ -237,6 +241,7 @@ def blurred_map(scene, cells, stretch, most, across, rules, colours, gain):
         if box.west > box.east or box.south > box.north:
             continue
         a, b, c = corners(scene.surface.vertices, f, scene.surface.faces)
+        # an aperture where that light lands
         here = unscattered.aperture_at(Vec3(center.x + x, center.y + y, center.z), scene)
         # The number of parts follows from the slopes needed for the cell straight ahead, where the
         # light is brightest.

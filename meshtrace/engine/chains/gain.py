@@ -214,6 +214,8 @@ def contributions(chains, flat, audits, search, scene, out):
 
     Array twin: the analog estimator.
     """
+    # Manifold next-event estimation (Hanika et al. 2015) for whole histories turned about their
+    # source, as the track-rotation estimator.
     arrivals = ZERO
     for i in range(len(chains.last)):
         n = ZERO
@@ -271,6 +273,8 @@ def blurred_contributions(chains, flat, places, near, spread, scene, out):
     the aperture of the scene, moved to first order to its `places` (m, 3); `near` has room for
     those of a chain.
     """
+    # Next-event estimation through a rough refracting surface: the crossing is sampled, the slope
+    # that connects it is unique (Walter et al. 2007), its density is the weight.
     arrivals, n = ZERO, len(chains.last)
     for m in range(len(places)):
         there = aperture_at(row(places, m), scene)
@@ -373,21 +377,22 @@ def _emission_at(x, y, facet, shot, scene):
 
 
 @outlined
-def keep(chains, i, w, light, place, n, scene, out):
+def keep(chains, i, w, path, place, n, scene, out):
     """Score the light w of chain i by its `Crossing`, unless a wave cuts its path off.
 
     Array twin: none, sums.
     `place` is the row of its score, n the number of arrivals, which is returned with this one.
     """
-    if not (light.steep or _is_clear(chains, i, light, scene)):
+    if not (path.steep or _is_clear(chains, i, path, scene)):
+        # Light that meets another wave is left out.
         out.counters[Counter.BLOCKED.value] += 1
         return n
     out.score[place] += w
     if n < len(out.arrivals):
-        a, aim = out.arrivals[n], light.aim
+        a, aim = out.arrivals[n], path.aim
         a.chain, a.weight = place, w
         a.water, a.air = chains.path[i] + aim.length, aim.flight
-        write(a.point, light.point)
+        write(a.point, path.point)
         write(a.emission, aim.w)
         n += 1
     return n
@@ -416,13 +421,13 @@ def weight_of(chains, i, p, m, per_area, facet, shot, scene):
     if per_area == 0.0:
         return 0.0, True
     n = normal_at(p.x, p.y, facet, scene.surface) if facet >= 0 else UP
-    light = crossing.passed(intensity(scene.emitter, m.w), m, p, n, facet, shot.tilt, scene)
-    if light == 0.0:
+    passed = crossing.passed(intensity(scene.emitter, m.w), m, p, n, facet, shot.tilt, scene)
+    if passed == 0.0:
         return 0.0, True
     # last: it is the dearest factor
     w, deep = _transmit(chains, i, m, p, shot.start, scene)
     area = scene.target.area * scene.emitter.power
-    return area * light * per_area * w * chains.weight[i], deep
+    return area * passed * per_area * w * chains.weight[i], deep
 
 
 @inlined
@@ -482,20 +487,20 @@ def _transmit(chains, i, m, p, start, scene):
 
 
 @outlined
-def _is_clear(chains, i, light, scene):
+def _is_clear(chains, i, path, scene):
     """Return whether no wave cuts a straight part of the path of a `Crossing`.
 
     A vertex above the highest crest needs no part of its own: the path to it or from it is cut.
     """
-    m, start, slope = light.aim, light.start, scene.surface.max_slope
+    m, start, slope = path.aim, path.start, scene.surface.max_slope
     order = chains.vertex.shape[1]
     for k in range(order + (2 if scene.interface.follow_second_hit else 1)):
         if k < order:
-            end = _vertex(chains, i, k, m, light.start)
+            end = _vertex(chains, i, k, m, path.start)
         elif k == order:
-            end = light.point
+            end = path.point
         else:
-            end = along(light.point, m.r, m.flight)
+            end = along(path.point, m.r, m.flight)
         way = minus(end, start)
         length = norm(way)
         climbs = way.z > slope * math.hypot(way.x, way.y) and k >= order
@@ -528,14 +533,14 @@ def straight_factors(p, q, colours):
 
 
 @inlined
-def _add_way(p, q, clear, tints, tint):
+def _add_way(p, q, clear, tints, log_weights):
     """Add a straight way from p to q."""
     if tints is not None:
         length = norm(minus(q, p))
-        tint_way(tints, tint, p.z, q.z, length)
+        tint_way(tints, log_weights, p.z, q.z, length)
         depth = scattering_path(clear, p, q, length)
         for r in range(len(tints.c)):
-            tint[r] -= tints.bubble_c[r] * depth
+            log_weights[r] -= tints.bubble_c[r] * depth
 
 
 @entry
@@ -546,11 +551,11 @@ def tint_chains(chains, arrivals, emitter, clear, tints, out):
     `clear` is the water with its bubbles alone.
     """
     for n in range(len(arrivals)):
-        a, tint = arrivals[n], out[n]
+        a, log_weights = arrivals[n], out[n]
         i, w = a.chain, Vec3(a.emission[0], a.emission[1], a.emission[2])
         start = crossing.start_of(emitter, chains.disk[i, 0], chains.disk[i, 1])
         end = Vec3(a.point[0], a.point[1], a.point[2])
-        reset_tint(tints, tint)
+        reset_tint(tints, log_weights)
         before, last = start, w
         order = chains.vertex.shape[1]
         for k in range(order + 1):
@@ -562,8 +567,8 @@ def tint_chains(chains, arrivals, emitter, clear, tints, out):
                 # By the chord, which keeps the digits of small angles.
                 s = 0.5 * norm(minus(unit(way), unit(last)))
                 theta = 2.0 * math.asin(min(s, 1.0))
-                tint_scattering(tints, tint, before.z, theta, chains.kind[i, k - 1] == 1)
-            _add_way(before, at, clear, tints, tint)
+                tint_scattering(tints, log_weights, before.z, theta, chains.kind[i, k - 1] == 1)
+            _add_way(before, at, clear, tints, log_weights)
             before, last = at, way
 
 

@@ -230,6 +230,8 @@ def blurred_gain(scene, rule, blocks, stack, coarse, work, gain):
     dark, most = dark_angle(scene.emitter), 0.0
     # two passes for beams: how bright a facet is decides how finely it is cut
     first = _COARSE if scene.emitter.kind == SourceKind.GAUSSIAN_BEAM else 1.0
+    # Quadrature of the refraction lobe of Walter et al. (2007) over facets and aperture; no
+    # sampling.
     for b in range(len(blocks.radius)):
         if not _block_is_lit(b, blocks, dark, scene):
             continue
@@ -238,8 +240,8 @@ def blurred_gain(scene, rule, blocks, stack, coarse, work, gain):
             facet = scene.facets[f]
             p = Vec3(facet.x, facet.y, facet.z)
             if is_lit(f, p, unscattered.spatial_radius(facet), dark, scene):
-                light, finer = _facet_light(f, first, dark, rule, stack, work, scene)
-                gain[f] = unscattered.unless_hidden(light, f, scene)
+                total, finer = _facet_light(f, first, dark, rule, stack, work, scene)
+                gain[f] = unscattered.unless_hidden(total, f, scene)
                 if work[Work.LEFT.value] <= 0.0:
                     whole = pencil_to(unscattered.Part(f, _NODES, ZERO, ZERO, _NODES), scene)
                     work[Work.CUT_SHORT.value] += max(gain[f], whole.intensity * whole.omega)
@@ -262,6 +264,7 @@ def _turn_within(p, h, scene):
     way = minus(p, scene.emitter.position)
     length = norm(way)
     big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
+    # any point of the aperture may be aimed at: it adds to the turn of r
     wide = h + scene.target.radius
     if h >= length or wide >= flight:
         return False, big, 0.0
@@ -391,6 +394,8 @@ def _parts_along(part, rule, scene):
         return longest / (PART_BEAM * width), max(longest / edge, _LITTLE)
     a, b, c = unscattered.corners_of(part, scene.surface)
     change, least = slope_change(f, a, b, c, scene)
+    # The centre is nearer to all points than corners are to each other; slopes far from linear get
+    # no such credit.
     from_center = 0.5 if change < _EVEN else 1.0
     # twice the change from the centre of the aperture to its rim, for light that is not slanted
     big, _, flight = _normal_from_source(p, Vec2(0.0, 0.0), scene)
@@ -716,12 +721,15 @@ def _lens_light(pencil, rule, work, scene):
         if near >= far:
             continue
         start, length = (near, far - near) if side == 0 else (far, near - far)
+        # The chord vanishes like a square root at the rim only: a stretch that stops short of it,
+        # or at the bend, is smooth.
         rooted = start == end
         n = _number_of_nodes(far - near, s.sigma_t, rule)
         for i in range(n):
             v = rule.nodes[n - 1, i]
             t = start + length * (v * v if rooted else v)
             weight = rule.weights[n - 1, i] * (far - near) * (2.0 * v if rooted else 1.0)
+            # half-chords of either disk at t; the smaller one bounds the lens
             off = t - view.apart
             square = min(radius * radius - t * t, view.radius * view.radius - off * off)
             half = math.sqrt(max(square, 0.0))

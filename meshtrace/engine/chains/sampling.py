@@ -90,6 +90,8 @@ def make_chains(chains, nominal, medium, uniforms, component):
     chains longer than the vertical way have the small density of the free paths alone, and large
     weights; without fitted chains, most chains of many turns end far below the surface.
     """
+    # Multiple importance sampling of the lengths of a history whose shape is drawn by the phase
+    # function.
     fitted = len(nominal.stretch) + 1
     n, order, _ = chains.vertex.shape
     log_factorial = 0.0

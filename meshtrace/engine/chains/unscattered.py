@@ -198,10 +198,10 @@ def view_radius(height, target, fov):
 
 
 @inlined
-def carried(light, p, m, scene):
-    """Return accepted light times intensity and transmittance of surface and water."""
-    light *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
-    return light * math.exp(-straight_depth(p, m, scene.emitter.position, scene))
+def carried(accepted, p, m, scene):
+    """Return the accepted share times intensity and transmittance of surface and water."""
+    accepted *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
+    return accepted * math.exp(-straight_depth(p, m, scene.emitter.position, scene))
 
 
 @inlined
@@ -241,6 +241,8 @@ def image_gain(scene, facets, stretch, lever, bend, stack, gain):
     themselves, since images overlap. `stretch` and `lever` bound |dX/dP| of a flat sea and
     |dX/dslope|, `bend` the relative change of the first; `stack` is room for (STACK, 3) integers.
     """
+    # Beam tracing (Heckbert and Hanrahan 1984; Watt 1990 for caustics of water): a facet's beam is
+    # refracted by its corners and clipped by the aperture.
     shot = crossing.straight_shot(0.0, 0.0, scene)
     gaussian = scene.emitter.kind == SourceKind.GAUSSIAN_BEAM
     fine, coarse = part_sizes(_GAUSSIAN_SHARE if gaussian else BEAM_SHARE, bend, scene)
@@ -343,6 +345,7 @@ def _may_shine(part, image, region, shot, scene):
     """Return whether unscattered light may reach a region through a part of a facet."""
     f, p = part.facet, centroid(part, scene.surface)
     share, facet = abs(part.side) / part.n, scene.facets[f]
+    # cheap bounds first: beam, then field of view, then the image
     if is_dark(p, spatial_radius(facet) * share, image.dark, scene.emitter):
         return False
     size, center = facet.radius * share, scene.target.center

@@ -143,17 +143,20 @@ def move_crossings(chains, arrivals, waves, scene, score, counters):
         meshed = 0.0
         if facet >= 0:
             meshed = weigh(chains, i, x, y, facet, shot, scene).weight
-        found, x, y = _exact_newton(x, y, waves, shot, scene)
-        if not found or meshed == 0.0:
+        converged, x, y = _exact_newton(x, y, waves, shot, scene)
+        if not converged or meshed == 0.0:
             counters[Moved.LOST.value] += 1
             continue
         a.point[0], a.point[1] = x, y
+        # Two crossings of the mesh may lead to one of the exact surface: counted once.
         if k > 0 and arrivals[k - 1].chain == i:
             before = arrivals[k - 1].point
             if abs(before[0] - x) + abs(before[1] - y) < _SAME:
                 counters[Moved.MERGED.value] += 1
                 continue
         counters[Moved.MOVED.value] += 1
+        # A control by the mesh: its weight keeps roulette and multiplicity, the ratio is that of
+        # the surfaces.
         score[i] += a.weight * _exact_weight(chains, i, x, y, waves, shot, scene) / meshed
 
 

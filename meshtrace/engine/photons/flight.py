@@ -227,8 +227,8 @@ def bending_normal(q, facet, world):
     g = row(world.surface.face_normals, facet)
     n = interface.normal_on(place(q), facet, world.surface)
     if interface.takes_slopes(g, world.surface.roughness):
-        u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE.value)
-        return g, interface.roughened(heading(q), n, u, v, w, world.surface.roughness), lot
+        u, v, w, u_spare = uniforms(world.seed, q.id, q.event, Purpose.SLOPE.value)
+        return g, interface.roughened(heading(q), n, u, v, w, world.surface.roughness), u_spare
     return g, n, -1.0
 
 
@@ -284,6 +284,7 @@ def cross(q, world):
     in_water = q.in_water == 1
     q.crossings += 1
     foam = world.interface.foam_transmittance
+    # Foam is a loss at each crossing: light scattered by whitecaps is not followed.
     if foam < 1.0:
         deposit(world.tallies, Fate.WHITECAP.value, q.weight * (1.0 - foam))
         q.weight *= foam
@@ -332,7 +333,7 @@ def cross(q, world):
 @inlined
 def _split(q, in_water, world):
     """Return reflectance, facet normal, directions in air and water and a spare uniform."""
-    g, n, lot = bending_normal(q, q.facet, world)
+    g, n, u_spare = bending_normal(q, q.facet, world)
     side, n1, n2 = 1.0, world.medium.n_water, world.medium.n_air
     if not in_water:
         side, n1, n2 = -1.0, n2, n1
@@ -340,14 +341,15 @@ def _split(q, in_water, world):
         heading(q), scaled(side, n), scaled(side, g), n1, n2, world.interface
     )
     if in_water:
-        return rho, g, transmitted, reflected, lot
-    return rho, g, reflected, transmitted, lot
+        return rho, g, transmitted, reflected, u_spare
+    return rho, g, reflected, transmitted, u_spare
 
 
 @outlined
 def _leave(q, d, g, world):
     """Send a photon off a facet, along d, on the side that g points to."""
     head(q, d)
+    # Started on the facet itself, a ray of single precision could meet it again.
     put(q, along(place(q), g, _OFFSET))
     if q.in_water == 0:
         q.free = math.inf
@@ -407,12 +409,12 @@ def _continue(q, u_path, world):
 @inlined
 def _meet_sun(q, world):
     """Score the sunlight that a collision scatters into a path."""
-    light = sources.sunlight(world.back, world.medium, place(q), heading(q), q.weight)
+    scattered = sources.sunlight(world.back, world.medium, place(q), heading(q), q.weight)
     for i in range(2):
         score = sources.SUN_SCORE + i
-        world.tallies.score[q.id - world.first, score] += light[i]
-        if is_tinted(world.tints) and light[i] > 0.0:
-            n = tally.keep_arrival(world.tallies, q.id, score, light[i], world.tints, q.tint)
+        world.tallies.score[q.id - world.first, score] += scattered[i]
+        if is_tinted(world.tints) and scattered[i] > 0.0:
+            n = tally.keep_arrival(world.tallies, q.id, score, scattered[i], world.tints, q.tint)
             if n >= 0:  # where and by which angle, for the factors of the last scattering
                 a, cosine = world.tallies.arrivals[n], dot(heading(q), world.back.sun)
                 a.air, a.water = q.z, math.acos(min(max(cosine, -1.0), 1.0))
@@ -513,6 +515,7 @@ def _settle_miss(q, seen, world):
     if q.in_water == 0:
         if q.dz < 0.0:
             t = (low - q.z) / q.dz
+    # downwards out of the slab: no facet was to be met
     elif not seen and q.dz < 0.0 and q.z + q.free * q.dz < low:
         return GOES_ON, (low - q.z) / q.dz + 1e-9
     elif not seen and q.free < math.inf and q.z + q.free * q.dz <= high:
@@ -579,6 +582,7 @@ def _move(q, world):
         if q.dz < 0.0 and q.z + q.free * q.dz < world.medium.bottom_z:
             fate = bounce(q, world)
         elif math.isinf(q.free):  # descends without end: with no bottom only absorption is left
+            # far enough to pass all planes; then only its end is left
             low = lowest(world)
             if q.z > low and q.dz < 0.0:
                 fly_water(q, (low - q.z) / q.dz, world)
@@ -596,6 +600,8 @@ def follow(first, last, world):
 
     Array twin: the plain tracer of `tests/benchmarks`.
     """
+    # Analog Monte Carlo with absorption by weight (Prahl et al. 1989); roulette below a
+    # weight.
     q = world.photon[0]
     for photon in range(first, last):
         _start(q, photon, world)

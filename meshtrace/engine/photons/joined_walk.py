@@ -254,8 +254,10 @@ def _look_ahead(q, world, manifold):
     if manifold is not None:  # an argument: the rest is not compiled
         return
     joins = world.joins
+    # Without random slopes no chance leads through a crossing: collisions alone are joined.
     if not interface.is_rough(world.surface.roughness) or q.returns + 1 < joins.first:
         return
+    # for the weight window, whether or not a connection follows
     q.bend = targets.bend_ahead(place(q), heading(q), q.level, world)
     if q.order == 0 and q.reflections == 0 and not joins.direct:
         return
@@ -309,6 +311,7 @@ def _stays(q, world):
     _, _, u_survival, _ = uniforms(world.seed, q.id, q.event + 1, Purpose.INTERFACE.value)
     q.bend = 0.0
     way = max(q.level - q.z, 0.0) / q.dz if q.dz > 0.0 else 0.0
+    # A bound on the weight that reflection can leave: roulette before the facet is searched.
     share = _most_reflected(q, world)
     if world.medium.absorption == medium.Absorption.CONTINUOUS:
         share *= math.exp(-medium.absorption_path(world.medium, q.z, q.z + way * q.dz, way))
@@ -408,6 +411,7 @@ def _resume(q, world):
     """
     event, copies = q.event, q.copies
     world.photon[0] = world.photon[copies]
+    # the event of the photon that went on before, so that no numbers are used twice
     q.event, q.copies = event + 1, copies - 1
     u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION.value)
     b, bubbles = medium.scattering_coefficients(world.medium, place(q))
@@ -457,6 +461,8 @@ def follow_joined(first, last, world):
 
     Array twin: the analog photon, `meshtrace.engine.photons.flight.follow`.
     """
+    # Next-event estimation (Kalos 1963) with splitting and roulette by a weight window (Haghighat
+    # and Wagner 2003); copies wait on a stack, the last one goes first.
     q = world.photon[0]
     for photon in range(first, last):
         _start(q, photon, world)

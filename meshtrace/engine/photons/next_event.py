@@ -90,12 +90,12 @@ def _crossings_between(still, shot, q, scene, world, manifold):
         return _on_all_facets(still, shot, scene, manifold)
     widths = targets.widths_of(still, world.joins)
     step = widths.x + widths.y
-    found, x, y, facet = crossing.root_from(still.x, still.y, step, shot, scene)
+    converged, x, y, facet = crossing.root_from(still.x, still.y, step, shot, scene)
     n = ZERO
-    if found:
+    if converged:
         n = _append(n, x, y, facet, 1.0, shot, manifold)
-    found, rx, ry, facet = _trial(ZERO, still, step, shot, q, scene, world)
-    if not found or (n == 1 and _is_same(rx, ry, x, y)):
+    converged, rx, ry, facet = _trial(ZERO, still, step, shot, q, scene, world)
+    if not converged or (n == 1 and _is_same(rx, ry, x, y)):
         return n
     count = _inverse_probability(rx, ry, still, step, shot, q, scene, world)
     return _append(n, rx, ry, facet, count, shot, manifold)
@@ -135,6 +135,7 @@ def _trial(k, still, step, shot, q, scene, world):
 
     Starts have a Student law of four degrees of freedom: far crossings are not too rare.
     """
+    # a stream of random numbers for each trial
     purpose = Purpose.TRIAL.value + _STREAMS * k
     u, v, _, _ = uniforms(world.seed, q.id, q.event, purpose)
     # Student in the plane, nu = 4: P(r > x) = (1 + x^2 / 4)^-2, inverted
@@ -147,6 +148,7 @@ def _trial(k, still, step, shot, q, scene, world):
 def _on_all_facets(still, shot, scene, manifold):
     """Write the crossings on all facets near the flat-sea crossing; return their number."""
     search, flat = manifold.search, manifold.flat[0]
+    # `still` may belong to a wave above the start, not to the mean level.
     level = shot.start.z + still.depth  # of the flat sea
     sea = MeshArrays(*scene.surface[:-1], level)  # type: ignore[call-arg]
     raised = Scene(scene.emitter, scene.target, sea, *scene[3:])
@@ -166,14 +168,15 @@ def _is_clear(p, d, length, facet, world):
 
     `facet` is the one where it starts or ends.
     """
+    # A path steeper than every facet leaves a surface once and for all.
     slope = world.surface.max_slope
     if d.z > slope * math.sqrt(d.x * d.x + d.y * d.y):
         return True
     hair = _HAIR * (1.0 + length)
-    found = first_facet(world.bvh, along(p, d, hair), d)
-    if found < 0 or found == facet:
+    hit = first_facet(world.bvh, along(p, d, hair), d)
+    if hit < 0 or hit == facet:
         return True
-    return interface.plane_distance(p, d, found, world.surface) > length - 2.0 * hair
+    return interface.plane_distance(p, d, hit, world.surface) > length - 2.0 * hair
 
 
 class Passage(NamedTuple):
@@ -216,6 +219,7 @@ def _landing(p, n, d, u, v, scene, world):
 def _point_density(i, light, world):
     """Return the density of the points of target i that are drawn at a crossing [m-2]."""
     t = world.joins.target[i]
+    # mixture of even points of the aperture and of landing points of drawn slopes
     return (1.0 - t.sloped) / t.area + t.sloped * light.density
 
 
@@ -252,16 +256,17 @@ def join_crossing(q, facet, length, chance, world):
     p = along(start, d, length)
     g = row(world.surface.face_normals, facet)
     n = interface.normal_on(p, facet, world.surface)
-    u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
+    u, v, u_target, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
+    # The expected light of a photon that passes the way to the surface without a collision.
     weight = q.weight * math.exp(-depth_between(world.medium, start, p, length))
     for i in range(len(joins.target)):
         if q.returns + 1 < joins.target[i].first:
             continue
         scene = targets.scene_to(joins.target[i], world)
-        found, goal = True, targets.goal_on(scene.target, u, v)
-        if lot < joins.target[i].sloped:
-            found, goal = _landing(p, n, d, u, v, scene, world)
-        if not found:
+        lands, goal = True, targets.goal_on(scene.target, u, v)
+        if u_target < joins.target[i].sloped:
+            lands, goal = _landing(p, n, d, u, v, scene, world)
+        if not lands:
             continue
         light = _through(p, n, g, d, goal, facet, scene, world)
         if light.share <= 0.0:
@@ -292,15 +297,17 @@ def join_collision(q, at_bottom, world):
     q.level = level = targets.level_over(start, world)
     if q.returns + 1 < joins.first:
         return
+    # Roulette: connections of deep collisions bring exp(-c depth), and cost as much as others.
     chance = targets.collision_chance(max(level - start.z, targets.LEAST_DEPTH), joins)
     q.chance, q.at_bottom = chance, 1 if at_bottom else 0
     q.density = 1.0  # until the direction is known
-    lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN.value)
-    if lot >= chance:
+    u_connection, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN.value)
+    if u_connection >= chance:
         return
     u, v, wide, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
     # Box and Muller: distance of the crossing from that of still water, in standard deviations
     r = math.sqrt(-2.0 * math.log(u))
+    # second component of the law of crossings, see `targets.crossing_density`
     if wide < targets.WIDE_SHARE:
         r *= targets.WIDE
     rough = interface.is_rough(world.surface.roughness)
@@ -325,6 +332,7 @@ def _scattered(w, q, world):
     """
     start, d = place(q), heading(q)
     if q.at_bottom == 1:
+        # Lambert's law
         return max(w.z, 0.0) / math.pi, -1.0
     theta = targets.angle_between(d, w) if is_tinted(world.tints) else 0.0
     return targets.mixed_phase(d, w, start, world), theta
@@ -356,16 +364,17 @@ def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
     drawn = turned
     if q.at_bottom == 0:
         drawn = targets.drawn_density(w, turned, q, world)
-    own = q.chance * targets.crossing_density(x, y, still, joins) * length * length * g.z
-    own /= facing * scene.target.area
+    here = q.chance * targets.crossing_density(x, y, still, joins) * length * length * g.z
+    here /= facing * scene.target.area
     bend = targets.bend_ahead(start, w, q.level, world)
     other = (
         drawn
         * targets.chance_ahead(start, w, q.level, bend, joins)
         * _point_density(i, light, world)
     )
+    # balance heuristic: `here` for this connection, `other` for one at the crossing ahead
     turned *= math.exp(-depth_between(world.medium, start, p, length))
-    light_in = turned * light.density * light.share / (own + other)
+    light_in = turned * light.density * light.share / (here + other)
     if light_in > 0.0:
         _score(q, i, q.weight * light_in, theta, p.z, length, light.flight, world)
 

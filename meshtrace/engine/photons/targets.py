@@ -68,7 +68,7 @@ _TYPES: Any = {float: (float,), int: (np.int64,), bool: (bool,), Vec3: (float, (
 
 def _fields_of(kind: type) -> list[tuple[Any, ...]]:
     """Return the record fields for a NamedTuple of numbers."""
-    return [(name, *_TYPES[of]) for name, of in get_type_hints(kind).items() if of in _TYPES]
+    return [(name, *_TYPES[item]) for name, item in get_type_hints(kind).items() if item in _TYPES]
 
 
 TARGET = record_type(
