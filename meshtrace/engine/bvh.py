@@ -84,10 +84,10 @@ class Library(NamedTuple):
 
 def new_scene(vertices: Floats, faces: NDArray[np.integer[Any]]) -> RayScene:
     """Return a committed scene of a mesh in robust mode, in single precision."""
-    found = library()
-    if found is not None:
+    embree = library()
+    if embree is not None:
         try:
-            return SharedScene(found, vertices, faces)
+            return SharedScene(embree, vertices, faces)
         except OSError as error:
             warnings.warn(f"{error}; embreex is used, which is slower", stacklevel=2)
     return CopiedScene(vertices, faces)
@@ -123,35 +123,36 @@ class SharedScene:
         If Embree reports an error.
     """
 
-    def __init__(self, found: Library, vertices: Floats, faces: NDArray[np.integer[Any]]) -> None:
-        rtc = found.functions
+    def __init__(self, embree: Library, vertices: Floats, faces: NDArray[np.integer[Any]]) -> None:
+        rtc = embree.functions
         # Embree may read 16 bytes at the last vertex
         corners = np.zeros((len(vertices) + 1, 3), np.float32)
         corners[:-1] = vertices
         indices = np.ascontiguousarray(faces, np.int32)
-        rtc.rtcGetDeviceError(found.device)  # clears an older one
-        scene = rtc.rtcNewScene(found.device)
+        rtc.rtcGetDeviceError(embree.device)  # clears an older one
+        scene = rtc.rtcNewScene(embree.device)
         if not scene:
             raise OSError("Embree made no scene")
         # the arrays live as long as the scene that reads them
         self._release = weakref.finalize(self, _release, rtc, scene, corners, indices)
         rtc.rtcSetSceneFlags(scene, _ROBUST)
-        geometry = rtc.rtcNewGeometry(found.device, _TRIANGLES)
+        geometry = rtc.rtcNewGeometry(embree.device, _TRIANGLES)
         for kind, form, array, n in (
             (_VERTEX, _FLOAT3, corners, len(vertices)),
             (_INDEX, _UINT3, indices, len(indices)),
         ):
             start = array.ctypes.data
             rtc.rtcSetSharedGeometryBuffer(geometry, kind, 0, form, start, 0, _ROW, n)
+        # committed here: a scene that its first ray commits would do so in two threads at once
         rtc.rtcCommitGeometry(geometry)
         rtc.rtcAttachGeometry(scene, geometry)
         rtc.rtcReleaseGeometry(geometry)
         rtc.rtcCommitScene(scene)
-        code = rtc.rtcGetDeviceError(found.device)
+        code = rtc.rtcGetDeviceError(embree.device)
         if code:
             self._release()
             raise OSError(f"error {code} of Embree")
-        self.function = found.intersect, scene
+        self.function = embree.intersect, scene
         """Address of the function that casts a ray, and its first argument."""
 
     def run(self, origins: Rays, directions: Rays) -> NDArray[np.int32]:
@@ -266,8 +267,8 @@ class Intersector(ABC):
             except Exception as error:
                 errors.append(error)
 
-        kept = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(first)
-        yield bvh_of(int(ctypes.cast(kept, ctypes.c_void_p).value or 0), 0)
+        callback = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(first)
+        yield bvh_of(int(ctypes.cast(callback, ctypes.c_void_p).value or 0), 0)
         if errors:
             raise errors[0]
 
@@ -287,10 +288,11 @@ class Intersector(ABC):
         _require_pairs(o, d)
         triangles = Triangles(self.mesh.vertices, self.mesh.faces, self.mesh.face_normals)
 
-        def hits(rows: slice) -> Hits:
-            facet = self.facets(o[rows].astype(np.float32), d[rows].astype(np.float32))
-            return Hits(facet, *facet_hits(facet, o[rows], d[rows], triangles))
+        def hits(part: slice) -> Hits:
+            facet = self.facets(o[part].astype(np.float32), d[part].astype(np.float32))
+            return Hits(facet, *facet_hits(facet, o[part], d[part], triangles))
 
+        # Few rays do not pay for threads.
         threads = self.threads if len(o) >= 2 * self.threads else 1
         bounds = np.linspace(0, len(o), threads + 1, dtype=int)
         parts = ordered_map(hits, (slice(*ends) for ends in pairwise(bounds)), threads)
@@ -329,10 +331,10 @@ class EmbreeIntersector(Intersector):
     @cached_property
     def _scene(self) -> RayScene:
         """Scene of the mesh, which its intersectors have in common."""
-        found = _SCENES.get(self.mesh)
-        if found is None:
-            found = _SCENES[self.mesh] = new_scene(self.mesh.vertices, self.mesh.faces)
-        return found
+        scene = _SCENES.get(self.mesh)
+        if scene is None:
+            scene = _SCENES[self.mesh] = new_scene(self.mesh.vertices, self.mesh.faces)
+        return scene
 
     def over(self, mesh: TriangleMesh) -> Self:
         """Return an intersector of the same kind over another mesh."""
@@ -384,6 +386,7 @@ def _first_facets(
             a, b, c = corners(vertices, f, faces)
             e1, e2, s = minus(b, a), minus(c, a), minus(o, a)
             p = cross(d, e2)
+            # Moller and Trumbore (1997): Cramer's rule for t, u, v
             det = dot(e1, p)
             if det == 0.0:
                 continue

@@ -117,6 +117,8 @@ def emission_through(q, v, p, branch):
     P is relative to the source. `branch` +1 is the forward intersection of the open segment
     with the sphere of radius |P|, -1 the near one, which exists when q lies outside.
     """
+    # |q + t v| = |p|: a rotation about the source keeps distances, so the crossing lies where the
+    # open segment meets the sphere of radius |P|.
     qv = dot(q, v)
     disc = qv * qv - dot(q, q) + p.x * p.x + p.y * p.y + p.z * p.z
     if disc < 0.0:
@@ -127,8 +129,11 @@ def emission_through(q, v, p, branch):
     y = along(q, v, t)
     hx, hy = p.x - y.x, p.y - y.y
     h = math.sqrt(hx * hx + hy * hy)
+    # no rotation: P lies above the point of the segment already
     if h < 1e-14:
         return p.z * y.z > 0.0, t, UP, v
+    # The minimal rotation from e_z to w has a horizontal axis k, and k . y = k . P: k is across the
+    # horizontal part of P - y.
     kx, ky = -hy / h, hx / h  # horizontal axis of the rotation
     shift = kx * y.x + ky * y.y
     a = Vec3(y.x - shift * kx, y.y - shift * ky, y.z)  # parts of y and P across the axis
@@ -139,6 +144,7 @@ def emission_through(q, v, p, branch):
     cos_phi = dot(a, b) / square
     # k . (a x b) with k horizontal
     sin_phi = (kx * (a.y * b.z - a.z * b.y) + ky * (a.z * b.x - a.x * b.z)) / square
+    # Rodrigues: d = v cos + (k x v) sin + k (k . v)(1 - cos)
     kv = (kx * v.x + ky * v.y) * (1.0 - cos_phi)
     d = Vec3(
         v.x * cos_phi + ky * v.z * sin_phi + kx * kv,
@@ -173,6 +179,7 @@ def land_from(p, n, w, d, length, scene):
         cos_i = min(cos_i, 1.0)
         cos_t, rho, r = transmit(d, n, cos_i, medium.n_water, medium.n_air, scene.interface)
     facing = dot(r, target.axis)
+    # Light along the plane of the aperture lands nowhere on it.
     if cos_t <= 0.0 or facing <= 1e-9:
         return Aim(False, Vec2(0.0, 0.0), w, d, r, rho, length, 0.0)
     way = minus(target.center, p)
@@ -188,6 +195,7 @@ def land_sloped(p, slope_x, slope_y, shot, scene):
 
     Array twin: see `land`.
     """
+    # normal (-z_x, -z_y, 1) / norm
     scale = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
     return land(p, Vec3(-slope_x * scale, -slope_y * scale, scale), shot, scene)
 
@@ -222,6 +230,27 @@ def differences(m, a, b):
     return Jacobian(ok, m, *quotients(m.at, a.at, b.at), *quotients(m.w, a.w, b.w))
 
 
+@inlined
+def emission_per_area(turns, w, spread):
+    """Return dOmega / dX [sr m-2], the solid angle of emission per area of landing points.
+
+    `turns`: derivatives of (w_x, w_y) by (P_x, P_y); `spread`: |det dX/dP|. 0 on a caustic.
+    """
+    # w_x and w_y chart the sphere: dOmega = dw_x dw_y / |w_z|. The rotation from e_z to w
+    # has no axis at w = -e_z, see `gain.turned`.
+    if spread == 0.0 or w.z == 0.0 or w.z <= -0.999999:
+        return 0.0
+    return abs(turns[0] * turns[3] - turns[1] * turns[2]) / (abs(w.z) * spread)
+
+
+@inlined
+def solid_angle_per_area(j):
+    """Return `emission_per_area` of a `Jacobian`, 0 where it has none."""
+    if not j.ok:
+        return 0.0
+    return emission_per_area((j.wa, j.wb, j.wc, j.wd), j.aim.w, abs(j.a * j.d - j.b * j.c))
+
+
 @outlined
 def jacobian(x, y, facet, shot, scene):
     """Return the `Jacobian` at a crossing point, by forward differences.
@@ -244,6 +273,8 @@ def flat_crossing(flat, x, y, shot, scene):
     It bounds the crossings of the same chain on a wavy sea.
     """
     j = jacobian(x, y, FLAT_SEA, shot, scene)
+    # Singular values of dX/dP: their squares sum up to the squared Frobenius norm, their product is
+    # |det|.
     total = j.a * j.a + j.b * j.b + j.c * j.c + j.d * j.d
     det = j.a * j.d - j.b * j.c
     high = math.sqrt(0.5 * (total + math.sqrt(max(total * total - 4.0 * det * det, 0.0))))
@@ -257,6 +288,8 @@ def flat_crossing(flat, x, y, shot, scene):
     flat.low, flat.high = abs(det) / high if high > 0.0 else 0.0, high
     flat.lever = math.sqrt(px * px + py * py + qx * qx + qy * qy)
     flat.lift = math.hypot(rx, ry)
+    # Implicit derivative at a fixed landing point: dP/dslope = -(dX/dP)^-1 dX/dslope, and so for
+    # the height and the aperture's centre.
     flat.m11, flat.m12 = -(j.d * px - j.b * py) * k, -(j.d * qx - j.b * qy) * k
     flat.m21, flat.m22 = -(j.a * py - j.c * px) * k, -(j.a * qy - j.c * qx) * k
     flat.h1, flat.h2 = -(j.d * rx - j.b * ry) * k, -(j.a * ry - j.c * rx) * k
@@ -290,6 +323,7 @@ def newton_step(j, shot, longest):
     f = minus2(j.aim.at, shot.goal)
     x, y = (j.d * f.x - j.b * f.y) / det, (j.a * f.y - j.c * f.x) / det
     size = math.sqrt(x * x + y * y)
+    # A full step from far off may leave the sea, or jump to the crossing of another wave.
     if size > longest:
         x, y = x * longest / size, y * longest / size
     return True, x, y, size
@@ -304,11 +338,14 @@ def newton(x, y, facet, fixed, longest, shot, scene):
     to `longest` [m]. Between facets the derivatives jump: a point that does not settle is handed
     to the enumeration by the caller.
     """
+    # Newton on the specular manifold (Jakob and Marschner 2012), in the plane of the facet.
     for _ in range(_ITERATIONS):
         ok, dx, dy, size = newton_step(jacobian(x, y, facet, shot, scene), shot, longest)
         if not ok:
             return False, x, y, facet
         x, y = x - dx, y - dy
+        # Newton converges quadratically: the next error is about size^2 over the radius of
+        # curvature, below 1e-8 m.
         if size < _TOLERANCE:
             return True, x, y, facet
         if not fixed:
@@ -354,6 +391,8 @@ def enumerate_roots(roots, n, flat, radius, close, shot, scene):
     of its centroid and its size: there Newton runs on the plane of every facet.
     """
     grid = scene.locator
+    # Walter et al. (2009) prune a hierarchy of triangles by bounds on normals; bins and first-order
+    # bounds serve a surface that is nearly flat.
     i0, i1, j0, j1 = bins_near(flat.x, flat.y, radius, grid)
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
@@ -363,7 +402,8 @@ def enumerate_roots(roots, n, flat, radius, close, shot, scene):
                     continue
                 if is_first_bin(i, j, i0, j0, f, scene.surface, grid):
                     if close:
-                        n = _root_on(roots, n, n, flat.x, flat.y, f, radius, shot, scene)
+                        middle = Vec2(flat.x, flat.y)
+                        n = _root_on(roots, n, n, middle, f, radius, shot, scene)
                     else:
                         n = _facet_roots(roots, n, f, flat, shot, scene)
     return n
@@ -412,24 +452,26 @@ def _facet_roots(roots, n, f, flat, shot, scene):
     m = aim_at(x, y, f, shot, scene)
     bend = flat.lever * facet.curvature
     if m.ok:
+        # Lipschitz bound: over the facet the landing point moves by at most |dX/dP| of a flat sea,
+        # plus the bend of the normals times the lever of a slope.
         spread = MARGIN * facet.radius * (flat.high + bend)
         if math.hypot(m.at.x - shot.goal.x, m.at.y - shot.goal.y) > spread:
             return n
     elif not corner_shines(f, shot, scene):
         return n
     first, longest = n, 2.0 * facet.radius
-    n = _root_on(roots, n, first, x, y, f, longest, shot, scene)
+    n = _root_on(roots, n, first, Vec2(x, y), f, longest, shot, scene)
     if not m.ok or (scene.surface.interpolate and bend > 0.5 * flat.high):
         for p in corners(scene.surface.vertices, f, scene.surface.faces):
-            n = _root_on(roots, n, first, p.x, p.y, f, longest, shot, scene)
+            n = _root_on(roots, n, first, Vec2(p.x, p.y), f, longest, shot, scene)
     return n
 
 
 @inlined
-def _root_on(roots, n, first, x, y, f, longest, shot, scene):
-    """Append the crossing on facet f that Newton finds from a point."""
-    found, x, y, _ = newton(x, y, f, YES, longest, shot, scene)
-    if not found or not inside_facet(x, y, f, scene.surface):
+def _root_on(roots, n, first, start, f, longest, shot, scene):
+    """Append the crossing on facet f that Newton finds from a start."""
+    converged, x, y, _ = newton(start.x, start.y, f, YES, longest, shot, scene)
+    if not converged or not inside_facet(x, y, f, scene.surface):
         return n
     return add_root(roots, n, first, x, y, f, shot.branch, 1.0)
 
@@ -440,6 +482,7 @@ def add_root(roots, n, first, x, y, facet, branch, multiplicity):
 
     Array twin: list.append.
     """
+    # Two facets may both claim a crossing on their edge.
     if n == len(roots) or is_known(roots, first, n, x, y, branch, 1e-6):
         return n
     r = roots[n]
@@ -475,17 +518,18 @@ def straight_shot(u, v, scene):
 
 @inlined
 def root_from(x0, y0, radius, shot, scene):
-    """Return (found, x, y, facet): the crossing that Newton finds from a point.
+    """Return (converged, x, y, facet): the crossing that Newton finds from a point.
 
     Array twin: `enumerate_roots`, which searches every facet.
     """
-    found, x, y, facet = False, x0, y0, locate(scene.locator, scene.surface, x0, y0)
+    converged, x, y, facet = False, x0, y0, locate(scene.locator, scene.surface, x0, y0)
     start = facet
+    # Long steps first: nearly all starts converge, and short ones cost iterations.
     for step in (0.5, 0.1):  # the second time more carefully
-        if start >= 0 and not found:
-            found, x, y, facet = newton(x0, y0, start, NO, step * radius, shot, scene)
-            found = found and inside_facet(x, y, facet, scene.surface)
-    return found, x, y, facet
+        if start >= 0 and not converged:
+            converged, x, y, facet = newton(x0, y0, start, NO, step * radius, shot, scene)
+            converged = converged and inside_facet(x, y, facet, scene.surface)
+    return converged, x, y, facet
 
 
 @inlined
@@ -497,6 +541,7 @@ def radius_of(flat, search, shot, scene):
     surface = scene.surface
     waves = max(abs(surface.high[2] - flat.level), abs(surface.low[2] - flat.level))
     slope = search.slope + math.hypot(shot.tilt.x, shot.tilt.y)
+    # |dP| <= (|dX/dslope| |slope| + |dX/dz| |z|) / smallest stretch, from the implicit derivative.
     move = MARGIN * (slope * flat.lever + waves * flat.lift) / max(flat.low, 1e-3)
     return min(move + search.margin, search.widest)
 
@@ -559,18 +604,20 @@ def forwards(m, p, facet, tilt, surface):
 
 
 @inlined
-def passed(light, m, p, n, facet, tilt, scene):
-    """Return the light that a crossing at P lets pass, by its arrival, transmittance and tilt.
+def passed(share, m, p, n, facet, tilt, scene):
+    """Return the share of light, times `share`, that a crossing at P lets pass.
+
+    By its arrival, transmittance and tilt.
 
     Array twin: the analog photon.
     n is the normal of the mesh on a facet, `tilt` the random slope.
     """
-    light *= acceptance(m, p, scene.target, scene.interface.fov)
-    if light == 0.0:
+    share *= acceptance(m, p, scene.target, scene.interface.fov)
+    if share == 0.0:
         return 0.0
-    light *= transmittance(m, scene.interface)
+    share *= transmittance(m, scene.interface)
     if scene.target.is_lamp:
-        return light * forwards(m, p, facet, tilt, scene.surface)
+        return share * forwards(m, p, facet, tilt, scene.surface)
     if tilt.x != 0.0 or tilt.y != 0.0:
-        light *= exposure(m.d, n, tilt)
-    return light
+        share *= exposure(m.d, n, tilt)
+    return share

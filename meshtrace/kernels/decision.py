@@ -17,6 +17,7 @@ def _errors(mean, std, is_one, threshold, most):
     """Return twice the sum of the error rates of all patterns, or any number above `most`."""
     total = 0.0
     for j in range(len(mean)):
+        # error rate of a pattern: Q((mean - threshold) / std) = erfc(margin) / 2 for a one
         margin = (mean[j] - threshold) / (std[j] * math.sqrt(2.0))
         total += math.erfc(margin if is_one[j] else -margin)
         if total > most:
@@ -51,6 +52,8 @@ def _between(mean, std, is_one):
             m0, s0 = m0 + mean[j], s0 + std[j]
     zeros = max(len(mean) - ones, 1)
     m0, s0, m1, s1 = m0 / zeros, s0 / zeros, m1 / max(ones, 1), s1 / max(ones, 1)
+    # Equal distance to both middle levels in their standard deviations, the best threshold of two
+    # Gaussians of small errors (Agrawal, Fiber-Optic Communication Systems, sec. 4.6).
     return low, high, (m0 * s1 + m1 * s0) / (s0 + s1)
 
 
@@ -77,6 +80,7 @@ def best_thresholds(mean, std, is_one, ber, threshold):
         start, end, middle = _between(m, s, is_one)
         step, least, best = (end - start) / _INTERVALS, math.inf, middle
         first = min(max(math.floor((middle - start) / step), 0), _INTERVALS)
+        # Several levels make several minima: the grid finds the lowest, Newton alone the nearest.
         for k in range(2 * _INTERVALS + 1):
             node = first + ((k + 1) // 2 if k & 1 else -(k // 2))
             if node < 0 or node > _INTERVALS:
@@ -91,6 +95,7 @@ def best_thresholds(mean, std, is_one, ber, threshold):
                 high = best
             else:
                 low = best
+            # A negative curvature would lead Newton to a maximum: halve the bracket there.
             trial = best - slope / bend if bend > 0.0 else low
             if not low < trial < high:
                 trial = 0.5 * (low + high)

@@ -39,7 +39,7 @@ class Series(NamedTuple):
     along and c across the wind, in standard deviations.
     """
 
-    one: float
+    constant: float
     a: float
     aa: float
     aaa: float
@@ -114,6 +114,7 @@ def plane_distance(p, d, facet, mesh):
     facing = dot(d, n)
     if facing == 0.0:
         return math.inf
+    # The distance follows from the plane in double precision, whatever precision found the facet.
     return dot(minus(row(mesh.vertices, mesh.faces[facet, 0]), p), n) / facing
 
 
@@ -168,6 +169,8 @@ def interpolated_normal(u, v, facet, surface):
     Array twin: `TriangleMesh.vertex_normals` averaged with (1 - u - v, u, v).
     Interpolated exact slopes make refraction converge as the square of the spacing.
     """
+    # Phong interpolation, of normals whose slopes are exact at the corners (not averages of
+    # facets).
     a, b, c = corners(surface.vertex_normals, facet, surface.faces)
     return unit(blend(u, v, a, b, c))
 
@@ -221,8 +224,9 @@ def over_gaussian(series, a, c):
     if series.most == 0.0:
         return 1.0
     a2, c2 = a * a, c * c
-    p = series.one + series.a * a + (series.aa + series.aaa * a + series.aaaa * a2) * a2
+    p = series.constant + series.a * a + (series.aa + series.aaa * a + series.aaaa * a2) * a2
     p += (series.cc + series.acc * a + series.aacc * a2 + series.cccc * c2) * c2
+    # max(p, 0) without a branch: a truncated Gram-Charlier series is negative in its far tails.
     return 0.5 * (p + abs(p))
 
 
@@ -236,22 +240,27 @@ def _tilt_of_series(d, n, u, v, roughness):
     these two.
     """
     series = roughness.series
+    # The two uniforms name a random stream of their own, so that the number of rejected proposals
+    # does not change any other number of the photon.
     key, number = np.uint64(u / _RESOLUTION), np.uint64(v / _RESOLUTION)
     attempt = 0
     while True:
+        # Box and Muller, with the variance WIDE: tails heavier than the Gaussian's keep the ratio
+        # of the densities bounded.
         r = math.sqrt(-2.0 * WIDE * math.log(u))
         cos_phi, sin_phi = on_circle(v)
         a, c = r * cos_phi, r * sin_phi
         tilt = slope_tilt(roughness, a, c)
         seen = exposure(d, n, tilt)
-        one, other = (
-            seen * over_gaussian(series, a, c),
-            (2.0 - seen) * over_gaussian(series, -a, -c),
-        )
+        # exposures of a tilt and its opposite add up to 2, so one of the pair is always exposed
+        density = seen * over_gaussian(series, a, c)
+        opposite = (2.0 - seen) * over_gaussian(series, -a, -c)
+        # `most` bounds the ratio of the density to the wider proposal; the exposures of a pair add
+        # up to 2.
         bound = 2.0 * series.most / WIDE * math.exp(0.5 * r * r * (1.0 - 1.0 / WIDE))
-        u, v, lot, side = uniforms(key, number, attempt, Purpose.SERIES.value)
-        if lot * bound < one + other:
-            return tilt if side * (one + other) < one else Vec2(-tilt.x, -tilt.y)
+        u, v, u_accept, side = uniforms(key, number, attempt, Purpose.SERIES.value)
+        if u_accept * bound < density + opposite:
+            return tilt if side * (density + opposite) < density else Vec2(-tilt.x, -tilt.y)
         attempt += 1
 
 
@@ -286,6 +295,8 @@ def exposure(d, n, tilt):
     facing = dot(d, n)
     if facing == 0.0:
         return 1.0
+    # Clipped at 2, as the opposite tilt is at 0: exposures of the pair keep their sum, and the mean
+    # 1.
     return min(max(1.0 - n.z * (d.x * tilt.x + d.y * tilt.y) / facing, 0.0), 2.0)
 
 
@@ -295,6 +306,7 @@ def takes_slopes(g, roughness):
 
     Array twin: none.
     """
+    # Slopes added to an almost upright facet of a breaking crest could turn it over.
     return g.z > _LEAST_ROUGH and is_rough(roughness)
 
 
@@ -385,6 +397,8 @@ def reflectance(cos_i, cos_t, n1, n2):
     Array twin: `meshtrace.optics.fresnel.fresnel_reflectance`.
     Amplitude form: no 0/0 at normal incidence.
     """
+    # Fresnel's amplitudes (Born and Wolf, Principles of Optics, sec. 1.5.2); unpolarised light
+    # takes the mean of both intensities.
     rs = (n1 * cos_i - n2 * cos_t) / (n1 * cos_i + n2 * cos_t)
     rp = (n2 * cos_i - n1 * cos_t) / (n2 * cos_i + n1 * cos_t)
     return 0.5 * (rs * rs + rp * rp)
@@ -398,6 +412,7 @@ def refract(d, n, cos_i, n1, n2):
     The normal points along the light (cos_i > 0). Vector form of Snell's law.
     """
     eta = n1 / n2
+    # Snell: t = eta d + (cos_t - eta cos_i) n, with n along the light.
     sin2_t = eta * eta * (1.0 - cos_i * cos_i)
     if sin2_t >= 1.0:
         return -1.0, ORIGIN
@@ -413,6 +428,8 @@ def refract_as_printed(d, n, cos_i, n1, n2, interface):
     Errata E2 (Snell upside-down) and E3 (sine of the components), each by its switch.
     """
     sin_i = math.sqrt(max(1.0 - cos_i * cos_i, 0.0))
+    # The paper tests for total reflection with the correct index ratio, even where it refracts by
+    # the inverted one.
     if sin_i >= n2 / n1:
         return -1.0, 1.0, ORIGIN
     sin_t = sin_i * (n2 / n1 if interface.snell == Snell.PAPER else n1 / n2)
@@ -464,6 +481,7 @@ def branches(d, n, g, n1, n2, interface):
         sound = cos_i > 0.0 and not (rho < 1.0 and dot(transmitted, g) <= 0.0)
         if sound and dot(reflected, g) < 0.0:
             break
+        # second pass: by the facet's own normal
         n = g
     return rho, transmitted, reflected
 
@@ -479,6 +497,7 @@ def split_rays(directions, normals, facet_normals, u, roughness, n, rho, mirrore
         d, normal, g = row(directions, i), row(normals, i), row(facet_normals, i)
         if takes_slopes(g, roughness):
             normal = roughened(d, normal, u[i, 0], u[i, 1], u[i, 2], roughness)
+        # `branches` takes normals along the light, which comes from above here.
         down, g = scaled(-1.0, normal), scaled(-1.0, g)
         rho[i], transmitted, reflected = branches(d, down, g, 1.0, n, PHYSICAL)
         write(mirrored[i], reflected)

@@ -1,5 +1,8 @@
 """Compilation of kernels and their cache.
 
+This is the one file that knows the inside of numba; all others use its decorators: `entry` for
+functions that Python calls, `inlined` and `outlined` for those that kernels call.
+
 numba counts references: every array in every argument of every call is counted up and down
 with atomic instructions. A photon makes some twenty calls with some forty arrays: counting
 them took 4.8 microseconds, all of the physics takes 0.2. Kernels make no arrays, the caller
@@ -83,10 +86,10 @@ class Part(_Lowered):
 
     def _get_module_for_linking(self) -> Any:
         """Return the code with all that it calls, for callers that numba compiles."""
-        own = self.own_module().clone()
+        whole = self.own_module().clone()
         for module in _modules(self._linking_libraries):
-            own.link_in(module, preserve=True)
-        return own
+            whole.link_in(module, preserve=True)
+        return whole
 
     @property
     def codegen(self) -> _NoEnvironments:
@@ -103,17 +106,19 @@ class Whole(_Lowered):
 
     def finalize(self) -> None:
         """Link every function below the entry point once, optimise and emit."""
-        own = set(_environments(self._final_module))
+        environments = set(_environments(self._final_module))
         for module in _modules(self._linking_libraries):
             self._final_module.link_in(module, preserve=True)
         self._linking_libraries = []
-        for name in set(_environments(self._final_module)) - own:
+        for name in set(_environments(self._final_module)) - environments:
             # left out if unused, as nearly all: every load of the kernel would restore them
             self._final_module.get_global_variable(name).linkage = Linkage.linkonce_any
         for function in self._final_module.functions:
             if function.linkage == Linkage.linkonce_odr and not function.is_declaration:
                 function.linkage = Linkage.internal  # nothing else calls it: unused arguments go
+        # The base class optimises and emits; it asks for one module, which now has all.
         super().finalize()
+        # An environment holds the constants and messages of errors that a function raises.
         generator: Any = self._codegen
         for name in _environments(self._final_module):
             environment = lookup_environment(name)
@@ -122,6 +127,7 @@ class Whole(_Lowered):
 
     def serialize_using_object_code(self) -> tuple[str, str, tuple[bytes, bytes]]:
         """Return the emitted code, and the names that it defines in place of code to link."""
+        # numba saves the bitcode for callers that link it. Entry points have none: names suffice.
         names = (f.name for f in self._final_module.functions if not f.is_declaration)
         stubs = "\n".join(f'@"{name}" = global i8 0' for name in names)
         return (
@@ -148,18 +154,19 @@ def _environments(module: Any) -> list[str]:
 
 def _modules(libraries: list[Any]) -> list[Any]:
     """Return the modules of libraries and of all that they call, each once."""
-    found: dict[Any, Any] = {}
+    modules: dict[Any, Any] = {}
     waiting = list(libraries)
     while waiting:
         library = waiting.pop()
-        if library in found:
+        if library in modules:
             continue
+        # numba's own functions arrive with all that they call; parts name what they call.
         if isinstance(library, Part):
-            found[library] = library.own_module()
+            modules[library] = library.own_module()
             waiting += library._linking_libraries
         else:
-            found[library] = library._get_module_for_linking()
-    return list(found.values())
+            modules[library] = library._get_module_for_linking()
+    return list(modules.values())
 
 
 class _Compiler(compiler.Compiler):
@@ -170,6 +177,7 @@ class _Compiler(compiler.Compiler):
     def define_pipelines(self) -> Any:
         """Return the pipelines of numba."""
         state = self.state
+        # Before numba makes a library of its own kind, which is optimised and emitted at once.
         if state.library is None:
             state.library = self.kind(state.targetctx.codegen(), state.func_id.func_qualname)
             state.library.enable_object_caching()
@@ -220,6 +228,7 @@ _LONGEST_WAIT = 30.0  # [s] in all: twice the CPU time of the slowest kernel, th
 def kernel_files() -> list[Path]:
     """Return the files that hold kernels: this folder, and files of the engine that import it."""
     room = Path(__file__).parent
+    # Any file that imports this one may hold kernels: no list that could be forgotten.
     engine = sorted(room.parent.glob("engine/**/*.py"))
     return sorted(room.glob("*.py")) + [p for p in engine if b"kernels.jit" in p.read_bytes()]
 
@@ -232,6 +241,7 @@ def sources() -> bytes:
 
 def folder() -> Path:
     """Return the cache folder of these kernels, compiler and Python."""
+    # Code of another compiler may not fit, and pickles of another Python may not load.
     versions = (numba.__version__, llvmlite.__version__, platform.python_version())
     digest = hashlib.sha256(sources() + repr(versions).encode()).hexdigest()
     root = Path(config.CACHE_DIR).absolute() if config.CACHE_DIR else cache_directory()
@@ -247,7 +257,8 @@ class KernelCache(FunctionCache):
     """Compiled overloads of a function, one file each: a checksum and the pickled object code.
 
     numba's cache refuses to import where no folder can be written, and executes files as it
-    finds them. Here a folder that cannot be written costs one warning, and a damaged file is
+    finds them: its index, too, is a pickle, which processes read, extend and write back without a
+    lock. Here a folder that cannot be written costs one warning, and a damaged file is
     removed, so that its kernel is compiled and saved again. Files are replaced atomically, and of
     processes that share the folder one compiles a kernel while the others wait for its file, for
     a time: the process may be stopped.
@@ -256,6 +267,7 @@ class KernelCache(FunctionCache):
     def __init__(self, py_func: Callable[..., Any]) -> None:
         self._py_func = py_func
         file = Path(inspect.getfile(py_func))
+        # Lambdas and functions of tests share names: the source of their file tells them apart.
         self._source = file.read_bytes() if file.is_file() else b""
         name = f"{py_func.__module__}.{py_func.__qualname__}"
         self._prefix = name.replace("<", "").replace(">", "") + "-"
@@ -269,11 +281,11 @@ class KernelCache(FunctionCache):
 
     def files(self) -> list[Path]:
         """Return the files of the saved overloads in readable folders."""
-        found: list[Path] = []
+        paths: list[Path] = []
         for place in (folder(), shipped()):
             with contextlib.suppress(OSError):
-                found += place.glob(f"{self._prefix}*{_SUFFIX}")
-        return [path for path in found if _is_trusted(path)]
+                paths += place.glob(f"{self._prefix}*{_SUFFIX}")
+        return [path for path in paths if _is_trusted(path)]
 
     @contextlib.contextmanager
     def turn(self, sig: Any, target_context: Any) -> Iterator[None]:
@@ -305,6 +317,7 @@ class KernelCache(FunctionCache):
             content = path.read_bytes()
         except OSError:
             return None
+        # Compared before the pickle is read: a flipped bit of machine code would crash, or compute.
         checksum, payload = content[:32], content[32:]
         if checksum == hashlib.sha256(payload).digest():
             # An intact file may name a class that its module no longer has.
@@ -323,6 +336,7 @@ class KernelCache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save the overload of a signature; warn once if that fails."""
+        # Addresses of this process, as of ctypes functions, mean nothing in another.
         if not self._enabled or data.library.has_dynamic_globals:
             return
         key = self._index_key(sig, data.codegen)
@@ -350,6 +364,7 @@ class KernelCache(FunctionCache):
         path = self._path(key)
         if path.is_file() and _is_trusted(path):
             return key, path
+        # Shipped code is for any processor of the architecture, code compiled here for this one.
         key = key[0], (key[1][0], *_ANY_PROCESSOR), key[2]
         return key, shipped() / self._path(key).name
 
@@ -397,6 +412,7 @@ def _is_trusted(path: Path) -> bool:
     """
     if path.parent == shipped():
         return True
+    # Whoever can write to the folder can replace a file in it.
     for place in (path.parent, path):
         try:
             reason = foreign_hand(place)
@@ -517,6 +533,7 @@ def is_compiled(compiled: Any) -> bool:
 @contextlib.contextmanager
 def foreign_kernels() -> Iterator[None]:
     """Use this cache for the kernels of an imported package."""
+    # numba looks the class up when a function is decorated.
     module: Any = dispatcher
     original = module.FunctionCache
     module.FunctionCache = KernelCache

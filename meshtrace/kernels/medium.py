@@ -52,8 +52,12 @@ def sample_s(tables: PhaseTables, u: float) -> float:
     Quantiles are linear between equal steps of u. Only the first intervals pay for a power.
     """
     intervals = len(tables.nodes) - 2
+    # Quantiles at equal steps of u: the interval follows without a search (inversion of a tabulated
+    # distribution function).
     x = u * intervals
     i = min(int(x), intervals - 1)
+    # Near u = 0 the quantile s(u) rises as a power of u, since phase functions of sea water peak
+    # forwards; interpolation of s^(1/e) is exact for such a power law.
     if x < tables.powers:
         y = tables.nodes[i]
         return min((y + (x - i) * (tables.nodes[i + 1] - y)) ** tables.exponent, 1.0)
@@ -87,6 +91,7 @@ class AngleTable(NamedTuple):
 def _cell(table, theta):
     if theta <= table.edge[0]:
         return 0
+    # Rounding may step over the last edge, pi.
     j = int((math.log(theta) - table.log_first) * table.per_log)
     return min(max(j, 0), len(table.beta) - 1)
 
@@ -182,6 +187,7 @@ def local_elevation(medium, p):
     Array twin: scipy.interpolate.RegularGridInterpolator.
     Under an overhang that is the lowest crossing of the vertical, and in the jet the topmost.
     """
+    # Below the middle of the air under a jet, the water ends at the lowest crossing.
     if medium.overhangs and p.z <= _on_raster(medium, medium.raster_split, p):
         return _on_raster(medium, medium.raster_low, p)
     return _on_raster(medium, medium.raster, p)
@@ -191,6 +197,7 @@ def local_elevation(medium, p):
 def _on_raster(medium, r, p):
     """Return the value of a raster over a point, bilinear, clamped."""
     nx, ny = r.shape
+    # Just short of the last node, so that i + 1 and j + 1 exist.
     px = min(max((p.x - medium.raster_x) / medium.raster_step, 0.0), nx - 1.000001)
     py = min(max((p.y - medium.raster_y) / medium.raster_step, 0.0), ny - 1.000001)
     i, j = int(px), int(py)
@@ -211,6 +218,8 @@ def bubble_scattering(medium, p):
     depth = -p.z
     if medium.depth_mode == DepthMode.LOCAL:
         depth = local_elevation(medium, p) - p.z
+    # Crests stand above the mean level: Hall's profile is clamped to its value at the surface
+    # there, not extrapolated.
     if medium.depth_mode != DepthMode.MEAN_LEVEL:
         depth = max(depth, 0.0)
     position = (depth - medium.bubble_start) / medium.bubble_step
@@ -240,6 +249,7 @@ def absorption_path(medium, z0, z1, length):
     """
     if not medium.layered:
         return medium.a * length
+    # The mean over the depths of the path is the mean along the path, as depth is linear in length.
     return length * mean_between(medium.layer_a, medium.layer_a_path, medium.layer_step, -z0, -z1)
 
 
@@ -268,6 +278,7 @@ def scattering_path(medium, p, q, length):
     if medium.depth_mode != DepthMode.LOCAL:
         shift = medium.bubble_start
         return tau + length * mean_between(table, path, step, -p.z - shift, -q.z - shift)
+    # The depth below a wave is not linear along the path: trapezoids over a few pieces.
     before = local_elevation(medium, p) - p.z
     for i in range(1, _PIECES + 1):
         at = along(p, minus(q, p), i / _PIECES)
@@ -283,6 +294,7 @@ def mean_between(table, path, step, d0, d1):
 
     Array twin: quadrature of `Water` layers in the tests.
     """
+    # The difference of the integrals would cancel: 1e-7 m leaves nine of sixteen digits.
     if abs(d1 - d0) < 1e-7:
         return lookup(table, 0.5 * (d0 + d1) / step)
     return (_cumulative(table, path, step, d1) - _cumulative(table, path, step, d0)) / (d1 - d0)
@@ -310,6 +322,8 @@ def sample_free_path(medium, p, u):
     Delta tracking: a tentative collision is real with probability c(z) / c_max, which is exact
     for any profile; a homogeneous medium has no null collisions.
     """
+    # Absorption that is a weight takes no part in free paths: a longer mean path, and no photon
+    # lost.
     rate = medium.b_max if medium.absorption == Absorption.CONTINUOUS else medium.c_max
     if medium.local_c:
         a, b = water_coefficients(medium, p.z)
@@ -338,12 +352,15 @@ def collide(medium, p, weight, u_kind, u_theta):
         total, majorant = a + scatter, medium.c_max
     if medium.local_c:
         majorant = total
+    # One uniform decides all: [0, b) water, [b, scatter) bubble, [scatter, total) absorption,
+    # [total, majorant) null collision of delta tracking (Woodcock et al. 1965).
     pick = u_kind * majorant
     if pick >= total:
         return -1.0, weight, False
     if mode == Absorption.IMPLICIT or mode == Absorption.PAPER:
         weight *= scatter / total
     if mode == Absorption.IMPLICIT:
+        # Implicit capture: the same uniform, compressed to the scattering part.
         pick *= scatter / total
     elif pick >= scatter:
         # Algorithm 1 as published is weighted at every interaction, turned in few

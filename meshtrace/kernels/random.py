@@ -54,12 +54,14 @@ def philox(seed, photon, event, purpose):
     Array twin: none; checked against the Random123 known answers.
     Masked uint64 arithmetic gives the same words with and without the JIT.
     """
+    # The counter: event, purpose and the two halves of the photon's id. The key: the seed.
     c0 = np.uint64(event) & _LOW
     c1 = np.uint64(purpose) & _LOW
     c2 = np.uint64(photon) & _LOW
     c3 = np.uint64(photon) >> _SHIFT
     k0 = np.uint64(seed) & _LOW
     k1 = np.uint64(seed) >> _SHIFT
+    # Ten rounds, of which seven pass all tests of TestU01 (Salmon et al. 2011).
     for _ in range(10):
         p0 = _M0 * c0
         p1 = _M1 * c2
@@ -80,6 +82,7 @@ def uniforms(seed, photon, event, purpose):
     32 bits each, so that one Philox call serves a whole scattering event; the resolution of
     2.3e-10 is far below any Monte Carlo error and neither 0 nor 1 can occur.
     """
+    # Half a step off the ends: log(u) and log(1 - u) stay finite.
     w0, w1, w2, w3 = philox(seed, photon, event, purpose)
     return (
         (np.float64(w0) + 0.5) * _TO_UNIT,

@@ -73,6 +73,7 @@ _call: Any = _plain_call if config.DISABLE_JIT else _compiled_call
 @inlined
 def _prepare(ray, word):
     """Write all that Embree reads of a ray but its origin and direction."""
+    # Embree writes its answer over these words, so that they are set before every ray.
     ray[Word.NEAR.value] = ray[Word.TIME.value] = 0.0
     ray[Word.FAR.value] = _FAR
     word[Word.MASK.value] = -1
@@ -121,6 +122,7 @@ def bvh_of(intersect: int, scene: int) -> Bvh:
 def aligned_rays(n: int) -> NDArray[np.float32]:
     """Return a buffer for n rays, aligned as Embree reads them."""
     room = np.zeros(n * RAY_WORDS + _ALIGNMENT // 4, np.float32)
+    # Embree reads rays by aligned vector instructions; numpy aligns to 16 bytes only.
     skipped = -room.ctypes.data % _ALIGNMENT // 4
     return room[skipped : skipped + n * RAY_WORDS].reshape(n, RAY_WORDS)
 
@@ -156,6 +158,7 @@ def is_free(p, d, length, surface, grid):
     paths that leave these are compared with every facet.
     """
     hair = _HAIR * (1.0 + length)
+    # A path leaves or meets the surface at its ends, which must not count as cut by it.
     first, last = _between(p.z, d.z, hair, length - 2.0 * hair, surface)
     return first >= last or not _is_cut(p, d, first, last, surface, grid)
 
@@ -163,6 +166,7 @@ def is_free(p, d, length, surface, grid):
 @inlined
 def _between(z, rise, first, last, surface):
     """Return the part of a path that lies between the lowest trough and the highest crest."""
+    # Only between the lowest trough and the highest crest can a path meet the surface.
     low, high = surface.low[2], surface.high[2]
     if rise == 0.0:
         return first, (last if low <= z <= high else -math.inf)
@@ -186,18 +190,21 @@ def _is_cut(p, d, first, last, surface, grid):
     a, b = along(p, d, first), along(p, d, last)
     west, east = (min(a.x, b.x) - grid.x) / grid.step, (max(a.x, b.x) - grid.x) / grid.step
     south, north = (min(a.y, b.y) - grid.y) / grid.step, (max(a.y, b.y) - grid.y) / grid.step
+    # Bins cover what the light of a link reaches; few paths leave it.
     if west < 0.0 or south < 0.0 or east >= grid.nx or north >= grid.ny:
         for f in range(len(surface.faces)):
             if _meets(p, d, first, last, f, surface):
                 return True
         return False
     for i in range(math.floor(west), math.floor(east) + 1):
+        # part of the path over this column of bins
         t0, t1 = first, last
         if d.x != 0.0:
             enter = (grid.x + i * grid.step - p.x) / d.x
             leave = (grid.x + (i + 1) * grid.step - p.x) / d.x
             t0, t1 = max(t0, min(enter, leave)), min(t1, max(enter, leave))
         y0, y1 = p.y + t0 * d.y, p.y + t1 * d.y
+        # 1e-6 of a bin for rounding: a facet at the border of two bins is listed in both.
         j0 = max(math.floor((min(y0, y1) - grid.y) / grid.step - 1e-6), 0)
         j1 = min(math.floor((max(y0, y1) - grid.y) / grid.step + 1e-6), grid.ny - 1)
         for j in range(j0, j1 + 1):
@@ -242,6 +249,7 @@ def cell_of(axis, x):
 
     Array twin: numpy.searchsorted.
     """
+    # Equal bins of at most one grid line each: the cell follows without a search.
     at = (x - axis.line[0]) * axis.per_bin
     if not 0.0 <= at < len(axis.guide):
         return -1
@@ -255,6 +263,7 @@ def grid_facet(grid, vertices, p, d):
 
     Array twin: `BruteForceIntersector`.
     """
+    # A ray less steep than the steepest facet may meet the surface several times, in any order.
     if d.z * d.z < grid.steep * (d.x * d.x + d.y * d.y):
         return UNKNOWN
     ny = len(grid.y.line)
@@ -263,6 +272,7 @@ def grid_facet(grid, vertices, p, d):
         i, j = cell_of(grid.x, p.x + t * d.x), cell_of(grid.y, p.y + t * d.y)
         if i < 0 or j < 0:
             return UNKNOWN
+        # A corner near the first guess gives a better height than the mean level.
         t = (vertices[i * ny + j, 2] - p.z) / d.z
     for _ in range(_STEPS):
         x, y, z = p.x + t * d.x, p.y + t * d.y, p.z + t * d.z
@@ -278,6 +288,7 @@ def grid_facet(grid, vertices, p, d):
         per_x, per_y = grid.x.per_edge[i], grid.y.per_edge[j]
         u = odd + sign * (x - grid.x.line[i]) * per_x
         v = (y - grid.y.line[j]) * per_y
+        # Height is linear in (u, v) on either triangle: one Newton step meets its plane exactly.
         du, dv = sign * d.x * per_x, d.y * per_y
         first = u > v
         rise_u = zb - za if first else zc - zd
@@ -287,6 +298,8 @@ def grid_facet(grid, vertices, p, d):
         u, v = u + step * du, v + step * dv
         inside = min(min(u, 1.0 - u), min(v, 1.0 - v))
         inside = min(inside, u - v if first else v - u)
+        # Within rounding of an edge single precision may choose either facet: left to Embree, so
+        # that results are the same bit for bit with and without this shortcut.
         margin = grid.rounding * (abs(x) + abs(y) + grid.height) * max(per_x, per_y)
         if inside > margin:
             facet = 2 * (left - i) + np.int64(u <= v)

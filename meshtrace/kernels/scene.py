@@ -113,6 +113,7 @@ def locate(locator, surface, x, y):
     j = math.floor((y - locator.y) / locator.step)
     if i < 0 or j < 0 or i >= locator.nx or j >= locator.ny:
         return FLAT_SEA
+    # a few facets a bin: compared one by one
     cell = i * locator.ny + j
     for k in range(locator.start[cell], locator.start[cell + 1]):
         f = np.int64(locator.facet[k])
@@ -135,6 +136,7 @@ def bins_near(x, y, radius, grid):
 def is_first_bin(i, j, i0, j0, f, surface, grid):
     """Return whether bin (i, j) is the first bin from (i0, j0) on that lists a facet."""
     a, b, c = corners(surface.vertices, f, surface.faces)
+    # A facet is listed in all bins that it touches: taken in the first of those searched, once.
     fi = _bin_of(min(a.x, b.x, c.x), grid.x, grid.step, grid.nx)
     fj = _bin_of(min(a.y, b.y, c.y), grid.y, grid.step, grid.ny)
     return i == max(fi, i0) and j == max(fj, j0)
@@ -172,6 +174,7 @@ def facet_normals(vertices, faces, normal, area):
         n = cross(minus(b, a), minus(c, a))
         area[f] = norm(n)
         normal[f, 0], normal[f, 1], normal[f, 2] = n.x / area[f], n.y / area[f], n.z / area[f]
+        # squared slope: the root is taken once, by the caller
         steepest = max(steepest, (n.x * n.x + n.y * n.y) / (n.z * n.z))
         for p in (a, b, c):
             low = Vec3(min(low.x, p.x), min(low.y, p.y), min(low.z, p.z))
@@ -191,7 +194,10 @@ def facet_summary(surface, out):
         k, m, n = corners(surface.vertex_normals, f, surface.faces)
         x, y, z = (a.x + b.x + c.x) / 3.0, (a.y + b.y + c.y) / 3.0, (a.z + b.z + c.z) / 3.0
         middle = Vec2(x, y)
+        # horizontal: bounds over (x, y) are bounds of projections
         out[f].radius = math.sqrt(max(_span(a, middle), _span(b, middle), _span(c, middle)))
+        # Change of the interpolated slope per length: bounds how far the image of a facet departs
+        # from that of a plane.
         curvature = max(_bend(k, m) / _span(a, b), _bend(m, n) / _span(b, c))
         curvature = max(curvature, _bend(n, k) / _span(c, a))
         out[f].curvature = math.sqrt(curvature) if surface.interpolate else 0.0
@@ -230,4 +236,5 @@ def _bin_range(faces, f, grid, bins):
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
     i0, j0 = min(bins[a, 0], bins[b, 0], bins[c, 0]), min(bins[a, 1], bins[b, 1], bins[c, 1])
     i1, j1 = max(bins[a, 0], bins[b, 0], bins[c, 0]), max(bins[a, 1], bins[b, 1], bins[c, 1])
+    # Bounding box of the facet, cut to the grid.
     return max(i0, 0), min(i1, grid.nx - 1), max(j0, 0), min(j1, grid.ny - 1)

@@ -70,6 +70,8 @@ def intensity(emitter, w):
         return emitter.norm * max(cos_theta, 0.0) if theta <= emitter.spread else 0.0
     if emitter.kind == SourceKind.GAUSSIAN_BEAM:
         # density per solid angle of the sampler: theta Gaussian in the plane
+        # The beam is Gaussian in the tangent plane: dA = theta dtheta dphi for dOmega = sin(theta)
+        # dtheta dphi.
         shape = theta / math.sin(theta) if theta > 1e-6 else 1.0
         return emitter.norm * shape * math.exp(-2.0 * (theta / emitter.spread) ** 2)
     return emitter.norm if theta <= emitter.spread else 0.0
@@ -131,14 +133,17 @@ def emission_s(kind, spread, u):
     Array twin: inverse distributions of `intensity` in the tests.
     """
     if kind == SourceKind.LED:
+        # P(cos > c) = 1 - c^(m + 1) for a Lambertian order m, inverted.
         return 0.5 - 0.5 * math.exp(math.log(u) / (spread + 1.0))
     if kind == SourceKind.ISOTROPIC:
         return u
     if kind == SourceKind.TOP_HAT_BEAM:
         return u * math.sin(0.5 * spread) ** 2
     if kind == SourceKind.APERTURE:
+        # Cosine law inside a cone: sin^2 is uniform; s = (1 - cos) / 2 without cancellation.
         sin2 = u * math.sin(spread) ** 2
         return 0.5 * sin2 / (1.0 + math.sqrt(1.0 - sin2))
+    # Irradiance exp(-2 theta^2 / spread^2): the square of theta is exponential.
     theta = spread * math.sqrt(-0.5 * math.log(u))
     return math.sin(0.5 * min(theta, math.pi)) ** 2
 
@@ -152,6 +157,7 @@ def launch(sources, seed, photon):
     """
     u0, u1, u2, u3 = uniforms(seed, photon, 0, Purpose.LAUNCH.value)
     i = 0
+    # Few sources: a linear search of the cumulative powers.
     if len(sources.kind) > 1:
         while i < len(sources.kind) - 1 and u3 >= sources.cum_power[i]:
             i += 1
@@ -175,6 +181,7 @@ def _spread_out(kind, p, axis, size, seed, photon):
     u0, u1, _, _ = uniforms(seed, photon, 0, Purpose.SOURCE.value)
     if SourceKind.SUN <= kind < SourceKind.APERTURE:
         return Vec3(p.x + size * (2.0 * u0 - 1.0), p.y + size * (2.0 * u1 - 1.0), p.z)
+    # Even disks for top hats and apertures, the 1/e^2 radius of a Gaussian beam for others.
     even = kind == SourceKind.TOP_HAT_BEAM or kind == SourceKind.APERTURE
     r = size * math.sqrt(u0 if even else -0.5 * math.log(u0))
     return along(p, turn(axis, 0.5, u1), r)
@@ -280,6 +287,8 @@ def sunlight(back, medium: Medium, p, d, weight):
     """
     angle = math.acos(min(max(dot(d, back.sun), -1.0), 1.0)) / math.pi
     water, bubbles = scattering_coefficients(medium, p)
+    # Single scattering at the collision: b p(angle) of either scatterer, over the rate b_max of
+    # tentative collisions.
     water *= lookup(back.phase_water, angle * (len(back.phase_water) - 1))
     if bubbles > 0.0:
         bubbles *= lookup(back.phase_bubble, angle * (len(back.phase_bubble) - 1))
@@ -287,10 +296,11 @@ def sunlight(back, medium: Medium, p, d, weight):
     top = along(p, back.sun, t)
     by_water = water_path(medium, p.z, top.z, t)
     by_bubbles = scattering_path(medium, p, top, t) - by_water
+    # Light scattered by small angles stays in the sun's beam (quasi-single scattering).
     tau = back.lost_water * by_water + back.lost_bubble * by_bubbles
     tau += absorption_path(medium, p.z, top.z, t)
-    light = weight / medium.b_max * back.irradiance * math.exp(-tau)
-    return light * water, light * bubbles
+    collected = weight / medium.b_max * back.irradiance * math.exp(-tau)
+    return collected * water, collected * bubbles
 
 
 @inlined
@@ -301,13 +311,14 @@ def radiance(sky, direction):
     One product of two factors holds every pattern, so that one kernel is compiled.
     """
     cos_chi = min(max(dot(direction, sky.sun), -1.0), 1.0)
+    # CIE general sky: gradation f(Z) times indicatrix (ISO 15469:2004).
     gradation = sky.p + sky.a * math.exp(sky.b / max(direction.z, LEAST_COS))
     glow = sky.f + sky.c * math.exp(sky.d * math.acos(cos_chi)) + sky.e * cos_chi * cos_chi
     return gradation * glow
 
 
 @entry
-def land_sunlight(z, zx, zy, corner, spacing, sun, n, c, depth, cells, cell, light):
+def land_sunlight(z, zx, zy, corner, spacing, sun, n, c, depth, cells, cell, landed):
     """Add the unscattered sunlight of the points of a surface to the cells of a plane.
 
     Array twin: `refracted` in `tests/apps/test_irradiance.py`.
@@ -327,7 +338,7 @@ def land_sunlight(z, zx, zy, corner, spacing, sun, n, c, depth, cells, cell, lig
         Attenuation [m-1] and depth of the plane [m].
     cells, cell : (float, float), float
         Corner of the plane and edge of its cells [m].
-    light : ndarray, shape (mx, my)
+    landed : ndarray, shape (mx, my)
         Power on the cells per irradiance across the sunlight [m2], shared out between the four
         nearest ones.
     """
@@ -340,6 +351,7 @@ def land_sunlight(z, zx, zy, corner, spacing, sun, n, c, depth, cells, cell, lig
             long = math.sqrt(1.0 + p * p + q * q)
             cos_i = upright / long
             cos_t = math.sqrt(1.0 - (1.0 - cos_i * cos_i) / (n * n))
+            # Vector form of Snell's law, for the unit vector to the sun.
             along = (cos_i / n - cos_t) / long
             down = sun[2] / n - along
             if down <= 0.0:
@@ -351,13 +363,13 @@ def land_sunlight(z, zx, zy, corner, spacing, sun, n, c, depth, cells, cell, lig
             y = corner[1] + j * spacing + way * (-sun[1] / n - along * q)
             u, v = (x - cells[0]) / cell - 0.5, (y - cells[1]) / cell - 0.5
             k, m = math.floor(u), math.floor(v)
-            if k < 0 or m < 0 or k >= light.shape[0] - 1 or m >= light.shape[1] - 1:
+            if k < 0 or m < 0 or k >= landed.shape[0] - 1 or m >= landed.shape[1] - 1:
                 continue
             u, v = u - k, v - m
-            light[k, m] += (1.0 - u) * (1.0 - v) * power
-            light[k + 1, m] += u * (1.0 - v) * power
-            light[k, m + 1] += (1.0 - u) * v * power
-            light[k + 1, m + 1] += u * v * power
+            landed[k, m] += (1.0 - u) * (1.0 - v) * power
+            landed[k + 1, m] += u * (1.0 - v) * power
+            landed[k, m + 1] += (1.0 - u) * v * power
+            landed[k + 1, m + 1] += u * v * power
 
 
 class Beams(NamedTuple):
@@ -379,7 +391,7 @@ class Beams(NamedTuple):
 
 
 @entry
-def add_upwelling(directions, beams, toward, scattered, light):
+def add_upwelling(directions, beams, toward, scattered, radiances):
     """Add the radiance that travels up along directions.
 
     Array twin: `scattered_once` in `tests/daylight/test_background_air.py`.
@@ -393,10 +405,11 @@ def add_upwelling(directions, beams, toward, scattered, light):
         Beams and water.
     toward, scattered : ndarray, shape (rings, functions + 1), (wavelengths,)
         Scratch: power of a ring times function, and alone; phase function.
-    light : ndarray, shape (n, wavelengths)
+    radiances : ndarray, shape (n, wavelengths)
         Radiances.
     """
     nodes, per_angle = len(beams.m), (len(beams.phase) - 1) / math.pi
+    # The nodes are a geometric series: the interval follows from a logarithm.
     per_m = (nodes - 1) / math.log(beams.m[nodes - 1] / beams.m[0])
     for i in range(len(directions)):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
@@ -412,6 +425,8 @@ def add_upwelling(directions, beams, toward, scattered, light):
                 toward[r, q] += power * p
             toward[r, -1] += power
         for r in range(len(beams.slant)):
+            # Single scattering of depth z returns exp(-k z (1 / mu_0 + 1 / mu)): tabulated over
+            # that sum.
             m = 1.0 / beams.slant[r] + 1.0 / mu
             j = min(max(int(math.log(m / beams.m[0]) * per_m), 0), nodes - 2)
             f = min(max((m - beams.m[j]) / (beams.m[j + 1] - beams.m[j]), 0.0), 1.0)
@@ -424,11 +439,11 @@ def add_upwelling(directions, beams, toward, scattered, light):
                 low, high = beams.integral[s, j], beams.integral[s, j + 1]
                 for c in range(len(low)):
                     scattered[c] *= (1.0 - f) * low[c] + f * high[c]
-                row, lit = light[i], beams.lit[r]
+                row, irradiance = radiances[i], beams.lit[r]
                 for c in range(len(row)):
-                    row[c] += lit[c] / mu * scattered[c]
+                    row[c] += irradiance[c] / mu * scattered[c]
             if len(beams.floor) > 0:
-                level, row, lit = toward[r, -1] * beams.slant[r], light[i], beams.lit[r]
+                level, row, irradiance = toward[r, -1] * beams.slant[r], radiances[i], beams.lit[r]
                 low, high = beams.floor[j], beams.floor[j + 1]
                 for c in range(len(row)):
-                    row[c] += lit[c] * level * ((1.0 - f) * low[c] + f * high[c])
+                    row[c] += irradiance[c] * level * ((1.0 - f) * low[c] + f * high[c])

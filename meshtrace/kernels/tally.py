@@ -140,6 +140,7 @@ def units(weight):
 
     Array twin: numpy.floor.
     """
+    # Integer sums are associative: the same bits for any order of threads.
     return np.int64(math.floor(weight * SCALE + 0.5))
 
 
@@ -160,6 +161,7 @@ def crosses_aperture(apertures, i, flight, fov):
     The angle is tested against the aperture's axis; the paper tests the position of the
     surface crossing instead, which accepts a superset (E11).
     """
+    # First the cosine, which is cheap: most light of a scattering sea heads elsewhere.
     d, axis = flight.direction, row(apertures.axis, i)
     facing = dot(d, axis)
     if facing <= 0.0:
@@ -174,6 +176,7 @@ def crosses_aperture(apertures, i, flight, fov):
         return -1.0
     if fov == FieldOfView.ANGLE:
         return t if facing >= apertures.cos_half_fov[i] * norm(d) else -1.0
+    # Erratum E11: the position of the crossing below the aperture stands for the angle.
     reach = r + way.z * apertures.tan_half_fov[i]
     return t if way.x * way.x + way.y * way.y < reach * reach else -1.0
 
@@ -200,6 +203,7 @@ def score_apertures(q, in_water, flight, world):
         t = crosses_aperture(apertures, i, flight, world.interface.fov)
         if t < 0.0:
             continue
+        # An aperture is no obstacle: light goes on, and may be scored by several.
         received = True
         w, z = flight.weight, flight.origin.z
         if in_water:
@@ -218,19 +222,19 @@ def score_apertures(q, in_water, flight, world):
 
 
 @inlined
-def keep_arrival(kept, photon, receiver, weight, tints, tint):
-    """Keep the light of a path on demand; return its row, -1 without room.
+def keep_arrival(store, photon, receiver, weight, tints, log_weights):
+    """Record the light of a path on demand; return its row, -1 without room.
 
     Array twin: none.
-    `kept` has `arrivals` and their number `n_arrivals`.
+    `store` is anything with the fields `arrivals` and `n_arrivals`.
     """
-    n = kept.n_arrivals[0]
-    kept.n_arrivals[0] = n + 1  # counts those without room, too: the chunk is run again
-    if n >= len(kept.arrivals):
+    n = store.n_arrivals[0]
+    store.n_arrivals[0] = n + 1  # counts those without room, too: the chunk is run again
+    if n >= len(store.arrivals):
         return -1
-    a = kept.arrivals[n]
+    a = store.arrivals[n]
     a.photon, a.receiver, a.weight = photon, receiver, weight
-    copy_tint(tints, tint, a.tint)
+    copy_tint(tints, log_weights, a.tint)
     return n
 
 
@@ -250,6 +254,7 @@ def score_planes(tallies, column, index, flight, medium):
             continue
         before = flight.length * (z0 - h) / (z0 - z1)
         w = flight.weight * _transmission(medium, z0, h, before)
+        # A level that the path starts on counts, one that it ends on does not: each crossing once.
         scores = tallies.score[index, column + N_PLANE_SCORES * k :]
         scores[(PlaneScore.E_D if d.z < 0.0 else PlaneScore.E_U).value] += w
         scores[(PlaneScore.E_OD if d.z < 0.0 else PlaneScore.E_OU).value] += w / abs(d.z)
@@ -257,12 +262,13 @@ def score_planes(tallies, column, index, flight, medium):
         if n_cos > 0:
             group = index % groups  # independent photons, from which the standard error comes
             i = min(int((0.5 - 0.5 * d.z) * n_cos), n_cos - 1)
+            # rounding may give n_phi
             j = int((math.atan2(d.y, d.x) / TWO_PI + 1.0) % 1.0 * n_phi)
             tallies.radiance[group, k, i, min(j, n_phi - 1)] += units(w)
 
 
 @inlined
-def score_map(tallies, flight, medium, tints, tint):
+def score_map(tallies, flight, medium, tints, log_weights):
     """Add a path to the map on the receiver plane, if within the field of view.
 
     Array twin: numpy.histogram2d of recorded paths.
@@ -281,15 +287,18 @@ def score_map(tallies, flight, medium, tints, tint):
     i = math.floor((p.x - grid.x) / grid.step)
     j = math.floor((p.y - grid.y) / grid.step)
     if 0 <= i < grid.n and 0 <= j < grid.n:
+        # Flux through a level cell is weight over area; across a tilted aperture it is facing / d_z
+        # of that.
         w = flight.weight * facing / abs(d.z)
         here = tallies.map_tint
-        copy_tint(tints, tint, here)
+        copy_tint(tints, log_weights, here)
         if grid.z < 0.0:
             w *= _transmission(medium, flight.origin.z, grid.z, t)
             tint_way(tints, here, flight.origin.z, grid.z, t)
+        # Photons of several base wavelengths may bring this light, see `tints.Mixture`.
         w *= balance(grid.mixture, here)
         fill_factors(grid.mixture, here, tallies.map_factors)
         for k in range(len(grid.scale)):
-            light = w * tallies.map_factors.values[k] * grid.scale[k]
-            tallies.map[i, j, k] += units(light)
-            tallies.map_squared[i, j, k] += units(light * light)
+            scaled_weight = w * tallies.map_factors.values[k] * grid.scale[k]
+            tallies.map[i, j, k] += units(scaled_weight)
+            tallies.map_squared[i, j, k] += units(scaled_weight * scaled_weight)

@@ -47,44 +47,47 @@ NO_TINTS = None
 
 
 @inlined
-def reset_tint(tints, tint):
+def reset_tint(tints, log_weights):
     """Start the sums of a path.
 
-    Array twin: `tint[:] = 0`.
+    Array twin: `log_weights[:] = 0`.
     """
     if tints is not None:
         for r in range(len(tints.c)):
-            tint[r] = 0.0
+            log_weights[r] = 0.0
 
 
 @inlined
-def copy_tint(tints, tint, out):
+def copy_tint(tints, log_weights, out):
     """Write the sums of a path.
 
-    Array twin: `out[:] = tint`.
+    Array twin: `out[:] = log_weights`.
     """
     if tints is not None:
         for r in range(len(tints.c)):
-            out[r] = tint[r]
+            out[r] = log_weights[r]
 
 
 @outlined
-def tint_way(tints, tint, z0, z1, length):
+def tint_way(tints, log_weights, z0, z1, length):
     """Add a straight way through the water from height z0 to z1.
 
     Array twin: direct runs of the wavelengths.
     """
     if tints is not None:
+        # Uniform water has the same attenuation at both nodes: no interpolation for nearly all
+        # links.
         uniform = tints.c.shape[1] == 2
         for r in range(len(tints.c)):
             c = tints.c[r, 0]
             if not uniform:
                 c = mean_between(tints.c[r], tints.c_path[r], tints.step, -z0, -z1)
-            tint[r] -= length * c
+            # Beer and Lambert, as a logarithm: c_j - c of the base, by common functions.
+            log_weights[r] -= length * c
 
 
 @outlined
-def tint_scattering(tints, tint, z, theta, by_bubble):
+def tint_scattering(tints, log_weights, z, theta, by_bubble):
     """Add a scattering by the water at height z, or by a bubble.
 
     Array twin: direct runs of the wavelengths.
@@ -96,9 +99,9 @@ def tint_scattering(tints, tint, z, theta, by_bubble):
             j = min(max(j, 0), cells - 1)
         for r in range(len(tints.c)):
             if by_bubble:
-                tint[r] += tints.bubble[r, j]
+                log_weights[r] += tints.bubble[r, j]
             else:
-                tint[r] += lookup(tints.b[r], -z / tints.step) + tints.phase[r, j]
+                log_weights[r] += lookup(tints.b[r], -z / tints.step) + tints.phase[r, j]
 
 
 class Mixture(NamedTuple):
@@ -119,21 +122,22 @@ ALONE = Mixture(np.zeros((0, 1)), np.zeros((1, 0)), np.ones(1), 0)
 
 
 @inlined
-def balance(mixture, tint):
+def balance(mixture, log_weights):
     """Return the factor of the balance heuristic on a path.
 
     Array twin: `Tinting.mixed`.
     """
-    total, own = 0.0, 1.0
+    # Veach and Guibas (1995), balance heuristic: w_k = d_k / sum_i n_i d_i
+    total, base_density = 0.0, 1.0
     for k in range(len(mixture.density)):
         log = 0.0
         for r in range(mixture.density.shape[1]):
-            log += mixture.density[k, r] * tint[r]
-        drawn = math.exp(log)
-        total += mixture.parts[k] * drawn
+            log += mixture.density[k, r] * log_weights[r]
+        density = math.exp(log)
+        total += mixture.parts[k] * density
         if k == mixture.base:
-            own = drawn
-    return own / total
+            base_density = density
+    return base_density / total
 
 
 class Factors(NamedTuple):
@@ -151,21 +155,21 @@ def factors_of(wavelengths: int) -> Factors:
 
 
 @inlined
-def fill_factors(mixture, tint, factors):
+def fill_factors(mixture, log_weights, factors):
     """Write the factors of all wavelengths over the base on a path.
 
     Array twin: `Tinting.factors`.
     """
     factors.values[:] = 0.0
-    _add_tint(mixture, tint, factors)
+    _add_tint(mixture, log_weights, factors)
 
 
 @inlined
-def _add_tint(mixture, tint, factors):
+def _add_tint(mixture, log_weights, factors):
     """Add the logarithms of the factors on a path to others, and replace the sums by factors."""
     logs = factors.values
     for r in range(len(mixture.shares)):
-        factor, row = tint[r], mixture.shares[r]
+        factor, row = log_weights[r], mixture.shares[r]
         for c in range(len(logs)):
             logs[c] += factor * row[c]
     exponentiate(logs, factors.powers, factors.bits)
@@ -184,15 +188,15 @@ class LastScattering(NamedTuple):
 
 
 @entry
-def add_tinted(light, score, group, mixture, last, factors, out):
-    """Add kept light at all wavelengths to groups.
+def add_tinted(arrivals, score, group, mixture, last, factors, out):
+    """Add recorded light at all wavelengths to groups.
 
     Array twin: `Tinting.mixed`.
 
     Parameters
     ----------
-    light, score : ndarray of `ARRIVAL`, int
-        Kept light, and which of it counts; `air` is the height [m], `water` the angle [rad].
+    arrivals, score : ndarray of `ARRIVAL`, int
+        Recorded light, and the score that counts; `air` is the height [m], `water` the angle [rad].
     group : ndarray, shape (photons,)
         Group of each photon.
     mixture : Mixture
@@ -205,10 +209,11 @@ def add_tinted(light, score, group, mixture, last, factors, out):
         Sums.
     """
     per_angle = (len(last.phase) - 1) / math.pi
-    for i in range(len(light)):
-        a = light[i]
+    for i in range(len(arrivals)):
+        a = arrivals[i]
         if a.receiver != score:
             continue
+        # Light of several bases, each of which stands for all wavelengths, counts once.
         weight = a.weight * balance(mixture, a.tint)
         at = max(-a.air, 0.0) / last.step
         j = min(int(at), len(last.log) - 2)
@@ -235,24 +240,26 @@ def is_tinted(tints):
 
 
 def common_functions(
-    rows: NDArray[np.float64], exact: float
+    functions: NDArray[np.float64], exact: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return coefficients (rows, k) and common functions (k, nodes) of rows.
+    """Return coefficients (n, k) and common functions (k, nodes) of functions (n, nodes).
 
     As few as `exact` allows, the largest error of an element: singular vectors, of the coefficients
     of an orthogonal basis by pivoted Gram-Schmidt. Threads of a linear algebra library would cost
     more.
     """
-    rest, basis, parts = rows.copy(), list[NDArray[np.float64]](), list[NDArray[np.float64]]()
-    while len(basis) < len(rows) and np.abs(rest).max() > 1e-3 * exact:
+    # Pivoted: the largest remainder becomes the next vector, so that few of them reach the error.
+    rest, basis, parts = functions.copy(), list[NDArray[np.float64]](), list[NDArray[np.float64]]()
+    while len(basis) < len(functions) and np.abs(rest).max() > 1e-3 * exact:
         first = rest[np.argmax(np.einsum("ij,ij->i", rest, rest))]
         basis.append(first / math.sqrt(float(np.einsum("j,j", first, first))))
         parts.append(np.einsum("ij,j->i", rest, basis[-1]))
         rest -= parts[-1][:, None] * basis[-1]
     if not basis:
-        return np.zeros((len(rows), 1)), np.zeros((1, rows.shape[1]))
+        return np.zeros((len(functions), 1)), np.zeros((1, functions.shape[1]))
+    # The singular vectors of the coefficients give the best approximation of each rank.
     u, s, v = np.linalg.svd(np.transpose(parts), full_matrices=False)
-    functions, rest = np.einsum("ik,kj->ij", v, np.array(basis)), rows.copy()
+    functions, rest = np.einsum("ik,kj->ij", v, np.array(basis)), functions.copy()
     for k in range(len(s)):
         rest -= (u[:, k] * s[k])[:, None] * functions[k]
         if np.abs(rest).max() <= exact:
@@ -287,17 +294,22 @@ def exponentiate(x, powers, bits):
         Scratch: powers of two, and the same memory as 64-bit integers.
     """
     for c in range(len(x)):
+        # exp(x) = 2^k exp(r): k = round(x / ln 2) by adding and subtracting 1.5 * 2^52, which
+        # leaves k in the lowest bits of `rounded`, and r = x - k ln 2 in two steps that lose no
+        # digit.
         limited = min(max(x[c], -_MOST), _MOST)
         rounded = limited * _PER_LN2 + _ROUNDS
         k = rounded - _ROUNDS
         r = (limited - k * _LN2_HIGH) - k * _LN2_LOW
         r2 = r * r
+        # Estrin's scheme: terms in pairs, which a processor evaluates side by side.
         low = (_C2 + _C3 * r) + (_C4 + _C5 * r) * r2
         high = (_C6 + _C7 * r) + (_C8 + _C9 * r) * r2
         high += ((_C10 + _C11 * r) + _C12 * r2) * (r2 * r2)
         x[c] = 1.0 + (r + r2 * (low + high * (r2 * r2)))
         powers[c] = rounded
     for c in range(len(x)):
+        # 2^k as bits of IEEE 754: the exponent k + 1023 above 52 bits of fraction.
         bits[c] = (bits[c] + _BIAS) << _FRACTION_BITS
     for c in range(len(x)):
         x[c] *= powers[c]

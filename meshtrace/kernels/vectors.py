@@ -171,6 +171,7 @@ def on_circle(u):
     Array twin: numpy.cos, numpy.sin.
     One of the two functions is enough: the other is a square root and a sign.
     """
+    # The sine is positive in the first half turn, u < 1/2.
     c = math.cos(TWO_PI * u)
     return c, math.copysign(math.sqrt(max(1.0 - c * c, 0.0)), 0.5 - u)
 
@@ -187,7 +188,9 @@ def turn(d, s, u_phi):
     cos_theta = 1.0 - 2.0 * s
     cos_phi, sin_phi = on_circle(u_phi)
     p, q = sin_theta * cos_phi, sin_theta * sin_phi
+    # Orthonormal frame of d without a square root or branch (Duff et al. 2017).
     sign = math.copysign(1.0, d.z)
+    # never 0: sign has that of d.z
     f = -1.0 / (sign + d.z)
     g = d.x * d.y * f
     out = Vec3(

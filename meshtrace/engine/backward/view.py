@@ -60,6 +60,7 @@ class View(NamedTuple):
 
     def blocks(self) -> Iterator[View]:
         """Yield the view with the rays of some shifts at a time."""
+        # Whole shifts: the standard error comes from their spread.
         rays = self.per_shift * max(_BLOCK // self.per_shift, 1)
         for first in range(0, len(self.uniforms), rays):
             yield self._replace(uniforms=self.uniforms[first : first + rays], first=first)
@@ -67,11 +68,13 @@ class View(NamedTuple):
     def later_tilts(self, reflection: int, seed: int) -> Floats:
         """Return the uniforms (rays, 3) of a reflection after the first, whatever the blocks."""
         rng = np.random.PCG64((seed, 23))
+        # PCG64 jumps ahead: the numbers of a ray do not depend on the size of the blocks.
         rng.advance(3 * ((reflection - 1) * SHIFTS * self.per_shift + self.first))
         return np.random.Generator(rng).random((len(self.uniforms), 3))
 
     def origins(self) -> Floats:
         """Return points on the disk (rays, 3)."""
+        # even over the disk
         r, phi = self.radius * np.sqrt(self.uniforms[:, 0]), 2 * math.pi * self.uniforms[:, 1]
         e1, e2 = _across(self.axis)
         return self.center + np.outer(r * np.cos(phi), e1) + np.outer(r * np.sin(phi), e2)
@@ -93,14 +96,15 @@ class View(NamedTuple):
         """
         psi = math.asin(math.sqrt(self.sin2_psi))
         apart = math.acos(max(-1.0, min(1.0, float(towards @ self.axis))))
+        # the disk lies outside of the view, or inside
         if apart >= psi + radius:
             return 0.0
         if apart <= psi - radius:
             return 1.0
         a = math.acos((apart**2 + radius**2 - psi**2) / (2.0 * apart * radius))
         b = math.acos((apart**2 + psi**2 - radius**2) / (2.0 * apart * psi))
-        common = radius**2 * a + psi**2 * b - apart * radius * math.sin(a)
-        return common / (math.pi * radius**2)
+        overlap = radius**2 * a + psi**2 * b - apart * radius * math.sin(a)
+        return overlap / (math.pi * radius**2)
 
 
 def cone(axis: Floats, sin2: Floats, u_phi: Floats) -> Floats:
@@ -113,6 +117,7 @@ def cone(axis: Floats, sin2: Floats, u_phi: Floats) -> Floats:
 
 def _across(axis: Floats) -> tuple[Floats, Floats]:
     """Return two unit vectors across an axis and each other."""
+    # the axis of coordinates that is farthest from parallel
     aside = np.eye(3)[int(np.argmin(np.abs(axis)))]
     e1 = np.cross(axis, aside)
     e1 /= np.linalg.norm(e1)
@@ -170,10 +175,10 @@ def scene_of(
     """Return sea and light at the wavelengths of links, in the local coordinates of these."""
     link = links[0]
     local = frame_of(link).mesh(mesh)
-    n = np.array([one.water.n / one.n_air for one in links])
+    n = np.array([each.water.n / each.n_air for each in links])
     indices, water = np.unique([n.min(), n.max()]), list[QuasiSingle]()
     if days[0].water == "quasi-single" and only_aperture(link).center[2] > 0.0:
-        below = [one.water for one in links], [one.bubbles for one in links]
+        below = [each.water for each in links], [each.bubbles for each in links]
         water = [QuasiSingle(*below, index, days) for index in indices.tolist()]
     return SeenSea(
         intersector=EmbreeIntersector(local, case.threads),
@@ -207,6 +212,7 @@ def first_hits(
     facet = hits.facet
     facet_normal = surface.face_normals[facet]
     on_mesh = (facet >= 0) & (side * np.einsum("ij,ij->i", facet_normal, direction) < 0.0)
+    # Beyond the mesh the sea is level: light from near the horizon leaves any mesh.
     level = -origin[:, 2] / np.where(direction[:, 2] == 0.0, math.inf, direction[:, 2])
     distance = np.where(on_mesh, hits.distance, np.maximum(level, 0.0))
     point = origin + distance[:, None] * direction
@@ -217,6 +223,7 @@ def first_hits(
     up = np.array([0.0, 0.0, 1.0])
     facet_normal = np.where(on_mesh[:, None], facet_normal, up)
     normal = np.where(on_mesh[:, None], normal, up)
+    # An interpolated normal may turn away from a grazing ray that meets its facet from the front.
     behind = side * np.einsum("ij,ij->i", normal, direction) >= 0.0
     normal[behind] = facet_normal[behind]
     return Hit(point, facet_normal, normal), on_mesh | (side * direction[:, 2] < 0.0)
@@ -244,26 +251,29 @@ def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] =
     nearest = np.linalg.norm(surface.vertices - view.center, axis=1).min()
     turns = view.radius / nearest + _SUN_RADIUS
     n = float(np.min(law.n))
+    # One list of facets serves all points of both disks: gaps change by at most `slack` between
+    # them.
     slack = 2.0 * turns * n / (n - 1.0)  # s_r turns by less over both disks
+    # Nearly all facets are told from their corners, where the gap would have to change its sign.
     near = np.flatnonzero(_may_vanish(_gaps(law, view.center, *corners), slack))
     points = view.origins()[chosen]
     # a point of the sun's disk for each; pairs are opposite
     odd = np.arange(len(chosen)) % 2
     u = view.uniforms[chosen, 2:4][np.arange(len(chosen)) - odd]
     suns = cone(law.sun, math.sin(_SUN_RADIUS) ** 2 * u[:, 0], u[:, 1] + 0.5 * odd)
-    found = [
+    irradiances = [
         _irradiance(scene, near, law._replace(sun=sun), view, point, depths)
         for sun, point in zip(suns, points, strict=True)
     ]
-    by_shift = np.transpose(found).reshape(-1, SHIFTS, len(points) // SHIFTS).mean(axis=2)
+    by_shift = np.transpose(irradiances).reshape(-1, SHIFTS, len(points) // SHIFTS).mean(axis=2)
     return by_shift / (math.pi * view.sin2_psi)
 
 
 def _gaps(law: Bending, point: Floats, places: Floats, normals: Floats) -> Floats:
     """Return s_r - s_m (..., 2) at places with normals, for a point of the aperture."""
-    light = point - places
-    light /= np.linalg.norm(light, axis=-1, keepdims=True)
-    return slopes_to(law.normal(light), normals)
+    ray = point - places
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    return slopes_to(law.normal(ray), normals)
 
 
 def _corners(surface: MeshArrays, facets: Any) -> tuple[Floats, Floats]:
@@ -290,8 +300,8 @@ def _irradiance(
     At the indices of a reflection, or at the wavelengths of the depths.
     """
     corner, normals = _corners(scene.surface, facets)
-    kept = _may_vanish(_gaps(law, point, corner, normals), 0.0)
-    corner, normals = corner[kept], normals[kept]
+    possible = _may_vanish(_gaps(law, point, corner, normals), 0.0)
+    corner, normals = corner[possible], normals[possible]
 
     def gap(u: Floats) -> Floats:
         return _gaps(law, point, _blend(u, corner), _blend(u, normals))
@@ -299,22 +309,27 @@ def _irradiance(
     u = np.full((len(corner), 2), 1.0 / 3.0)
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
+            # Newton in barycentrics, for all facets at once; another search than `crossing.newton`,
+            # as the light of a sun has no point of start.
             u = u - np.einsum("nij,nj->ni", _inverse(_jacobian(gap, u)), gap(u))
         inside = (u >= 0.0).all(axis=1) & (u.sum(axis=1) < 1.0)
+        # Those that have not converged have no root on their facet.
         inside &= np.abs(gap(u)).max(axis=1) < 1e-9
         det = np.abs(np.linalg.det(_jacobian(gap, u)[inside]))
     if not inside.any():
         return np.zeros(len(depths) or np.size(law.n))
     edges = corner[inside][:, 1:, :2] - corner[inside][:, :1, :2]
+    # from barycentrics to (x, y)
     det = det / np.abs(np.linalg.det(edges))
     place = _blend(u, corner)[inside]
     distance = np.linalg.norm(point - place, axis=1)
-    light = (point - place) / distance[:, None]
-    first = scene.intersector.intersect(np.broadcast_to(point, light.shape), -light).distance
+    ray = (point - place) / distance[:, None]
+    first = scene.intersector.intersect(np.broadcast_to(point, ray.shape), -ray).distance
+    # Embree finds the facet itself, by single precision a little nearer or farther.
     seen = first > distance * (1.0 - 1e-3)
-    light_in = law.strength(light, law.normal(light)) * view.accepted(-light) / (distance**2 * det)
+    light_in = law.strength(ray, law.normal(ray)) * view.accepted(-ray) / (distance**2 * det)
     tau = np.array([depth(place) for depth in depths] or [np.zeros(len(place))])
-    return np.asarray((light_in * np.exp(-tau / np.abs(light[:, 2])))[:, seen].sum(axis=1))
+    return np.asarray((light_in * np.exp(-tau / np.abs(ray[:, 2])))[:, seen].sum(axis=1))
 
 
 def _blend(u: Floats, corners: Floats) -> Floats:

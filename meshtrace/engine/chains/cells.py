@@ -82,6 +82,7 @@ def _moments(poly, n):
     area, mx, my = 0.0, 0.0, 0.0
     if n < 3:
         return area, Vec2(mx, my)
+    # Fan of triangles about the first corner, from which small areas keep their digits.
     ox, oy = poly[0, 0], poly[0, 1]
     for k in range(1, n - 1):
         ax, ay = poly[k, 0] - ox, poly[k, 1] - oy
@@ -105,51 +106,56 @@ def _free(p, m, scene):
 
 
 @outlined
-def _light(x, y, f, shot, scene):
-    """Return the light per solid angle of a crossing that the field of view accepts."""
+def _radiant(x, y, f, shot, scene):
+    """Return the transmitted intensity [sr-1] at a crossing that the field of view accepts."""
     m = aim_at(x, y, f, shot, scene)
     if not m.ok:
         return 0.0
     p = Vec3(x, y, height_on(x, y, f, scene.surface))
-    light = acceptance(m, p, scene.target, scene.interface.fov)
-    if light == 0.0 or not (is_steep(m, scene) or _free(p, m, scene)):
+    accepted = acceptance(m, p, scene.target, scene.interface.fov)
+    if accepted == 0.0 or not (is_steep(m, scene) or _free(p, m, scene)):
         return 0.0
-    return unscattered.carried(light, p, m, scene)
+    return unscattered.carried(accepted, p, m, scene)
 
 
 @outlined
-def _part_cells(f, n, i, j, side, cells, poly, shot, scene, colours, gain):
-    """Add the light of the part (i, j, side) of a facet to the cells that its image meets.
+def _part_cells(part, cells, poly, shot, scene, colours, gain):
+    """Add the light of a part of a facet to the cells that its image meets.
 
     Array twin: `unscattered.image_gain` of one aperture.
     """
-    p, q, r = unscattered.nodes_of(f, n, i, j, side, scene.surface)
+    f = part.facet
+    p, q, r = unscattered.corners_of(part, scene.surface)
     a = aim_at(p.x, p.y, f, shot, scene)
     b = aim_at(q.x, q.y, f, shot, scene)
     c = aim_at(r.x, r.y, f, shot, scene)
     if not (a.ok and b.ok and c.ok):
         return
+    # the cells that the bounding box of the image meets
     west = _cell_of(min(a.at.x, b.at.x, c.at.x), cells.x, cells)
     east = _cell_of(max(a.at.x, b.at.x, c.at.x), cells.x, cells)
     south = _cell_of(min(a.at.y, b.at.y, c.at.y), cells.y, cells)
     north = _cell_of(max(a.at.y, b.at.y, c.at.y), cells.y, cells)
-    source, one = scene.emitter.position, west == east and south == north
+    # Most images lie in one cell, which takes all of their light without clipping.
+    source, in_one_cell = scene.emitter.position, west == east and south == north
+    # The flux of a part is its solid angle at the source times the intensity: exact for any size.
     omega = unscattered.solid_angle(minus(p, source), minus(q, source), minus(r, source))
     for k in range(max(west, 0), min(east, cells.n - 1) + 1):
         x = cells.x + (k + 0.5) * cells.step
         for m in range(max(south, 0), min(north, cells.n - 1) + 1):
             y = cells.y + (m + 0.5) * cells.step
             share, u, v = 1.0, 1.0 / 3.0, 1.0 / 3.0
-            if not one:
+            if not in_one_cell:
                 share, u, v = _overlap(a.at, b.at, c.at, x, y, 0.5 * cells.step, poly)
             if share > 0.0:
                 # light that is linear in the image has its mean over the overlap at the centroid
                 at = along(along(p, minus(q, p), u), minus(r, p), v)
-                light = _light(at.x, at.y, f, shot, scene)
-                if light > 0.0:
+                radiant = _radiant(at.x, at.y, f, shot, scene)
+                if radiant > 0.0:
                     straight_factors(source, at, colours)
-                    for colour in range(len(colours.factors.values)):
-                        gain[k, m, colour] += omega * share * light * colours.factors.values[colour]
+                    factors = colours.factors.values
+                    for colour in range(len(factors)):
+                        gain[k, m, colour] += omega * share * radiant * factors[colour]
 
 
 @outlined
@@ -167,6 +173,7 @@ def _overlap(a, b, c, x, y, half, poly):
     poly[0, 0, 0], poly[0, 0, 1] = a.x, a.y
     poly[0, 1, 0], poly[0, 1, 1] = b.x, b.y
     poly[0, 2, 0], poly[0, 2, 1] = c.x, c.y
+    # Sutherland and Hodgman (1974): half plane by half plane.
     n = _clip(poly[0], 3, 0, x - half, 1.0, poly[1])
     n = _clip(poly[1], n, 0, x + half, -1.0, poly[0])
     n = _clip(poly[0], n, 1, y - half, 1.0, poly[1])
@@ -198,13 +205,11 @@ def image_map(scene, cells, stretch, lever, bend, stack, poly, colours, gain):
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         image = unscattered.Image(stretch + lever * facet.curvature, coarse, dark)
-        nodes, top = unscattered.whole_facet(2.0 * facet.radius / fine, stack)
+        n, top = unscattered.whole_facet(2.0 * facet.radius / fine, stack)
         while top > 0:
-            i, j, side, top = unscattered.next_part(
-                f, nodes, image, region, stack, top, shot, scene
-            )
-            if side != 0:
-                _part_cells(f, nodes, i, j, side, cells, poly, shot, scene, colours, gain)
+            part, top = unscattered.next_part(f, n, image, region, stack, top, shot, scene)
+            if part.side != 0:
+                _part_cells(part, cells, poly, shot, scene, colours, gain)
 
 
 @entry
@@ -228,6 +233,7 @@ def blurred_map(scene, cells, stretch, most, across, rules, colours, gain):
         p = Vec3(facet.x, facet.y, facet.z)
         if is_dark(p, unscattered.spatial_radius(facet), dark, scene.emitter):
             continue
+        # Light of the centroid by the normal of the mesh alone; random slopes spread it from there.
         m = aim_at(p.x, p.y, f, shot, scene)
         x, y = (m.at.x, m.at.y) if m.ok else (0.0, 0.0)
         size = 2.0 * facet.radius * stretch
@@ -235,18 +241,21 @@ def blurred_map(scene, cells, stretch, most, across, rules, colours, gain):
         if box.west > box.east or box.south > box.north:
             continue
         a, b, c = corners(scene.surface.vertices, f, scene.surface.faces)
+        # an aperture where that light lands
         here = unscattered.aperture_at(Vec3(center.x + x, center.y + y, center.z), scene)
+        # The number of parts follows from the slopes needed for the cell straight ahead, where the
+        # light is brightest.
         change, _ = microfacets.slope_change(f, a, b, c, here)
         if math.isinf(change) and not m.ok:
             change = 0.0  # light is reflected there
         parts = max(change / microfacets.PART_SLOPE, 2.0 * facet.radius / edge, 1.0)
         if parts > most:
             return False
-        n = math.ceil(parts)
+        n, whole = math.ceil(parts), unscattered.Part(f, 1, 0, 0, 1)
         for i in range(n):
             for k in range(2 * (n - i) - 1):
-                at = unscattered.part_of_row(i, k)
-                _blurred_part(f, n, *at, box, cells, rules, scene, colours, gain)
+                part = unscattered.subpart(whole, n, i, k)
+                _blurred_part(part, box, cells, rules, scene, colours, gain)
     return True
 
 
@@ -298,6 +307,7 @@ def _reached(p, n, w, length, size, most, cells, scene):
     Array twin: none, a bound.
     Cells are narrower than all slopes that occur: none is lit between two centres alone.
     """
+    # The landing points of a facet spread by its size about those of its centroid.
     pad = math.ceil(size / cells.step)
     west, east, south, north = cells.n, -1, cells.n, -1
     for i in range(cells.n):
@@ -311,42 +321,42 @@ def _reached(p, n, w, length, size, most, cells, scene):
 
 
 @outlined
-def _blurred_part(f, n, i, j, side, box, cells, rules, scene, colours, gain):
+def _blurred_part(part, box, cells, rules, scene, colours, gain):
     """Add the light of a part of a facet, blurred by random slopes, to the cells of a box.
 
     Array twin: see `blurred_map`.
     """
-    part = microfacets.lit_part(f, n, i, j, side, scene)
-    if part.light == 0.0:
+    pencil = microfacets.pencil_to(part, scene)
+    if pencil.intensity == 0.0:
         return
-    tau = depth_between(scene.medium, scene.emitter.position, part.middle, part.length)
-    light = part.light * math.exp(-tau) * part.omega
-    light *= cells.step * cells.step
-    straight_factors(scene.emitter.position, part.middle, colours)
+    tau = depth_between(scene.medium, scene.emitter.position, pencil.middle, pencil.length)
+    flux = pencil.intensity * math.exp(-tau) * pencil.omega
+    flux *= cells.step * cells.step
+    straight_factors(scene.emitter.position, pencil.middle, colours)
     for k in range(box.west, box.east + 1):
         x = cells.x + (k + 0.5) * cells.step
         for m in range(box.south, box.north + 1):
             y = cells.y + (m + 0.5) * cells.step
             across = box.across
-            inside, _ = microfacets.margin(part.middle, Vec2(x, y), scene)
+            inside, _ = microfacets.margin(pencil.middle, Vec2(x, y), scene)
             if abs(inside) < 0.75 * cells.step:  # the edge of the field of view may pass through
                 across = max(across, min(4 * across, _AT_EDGE))
-            seen = light * _blur(part, x, y, cells, across, rules, scene)
+            seen = flux * _blur(pencil, x, y, cells, across, rules, scene)
             if seen > 0.0:
                 for colour in range(len(colours.factors.values)):
                     gain[k, m, colour] += seen * colours.factors.values[colour]
 
 
 @outlined
-def _blur(part, x, y, cells, across, rules, scene):
-    """Return the mean density over a cell of unit light through a part of a facet [m-2]."""
+def _blur(pencil, x, y, cells, across, rules, scene):
+    """Return the mean density over a cell of the light of a pencil of unit flux [m-2]."""
     total = 0.0
-    middle, normal, w = part.middle, part.normal, part.w
+    middle, normal, w = pencil.middle, pencil.normal, pencil.w
     nodes, shares = rules.nodes[across - 1], rules.shares[across - 1]
     for k in range(across * across):
         i, j = k // across, k % across
         goal = Vec2(x + cells.step * nodes[i], y + cells.step * nodes[j])
-        s = microfacets.slope_towards(middle, normal, w, w, part.length, goal, scene)
+        s = microfacets.slope_towards(middle, normal, w, w, pencil.length, goal, scene)
         if s.density > 0.0:
             share = acceptance(s.aim, middle, scene.target, scene.interface.fov)
             if share > 0.0 and (is_steep(s.aim, scene) or _free(middle, s.aim, scene)):

@@ -124,9 +124,12 @@ def flat_crossings(chains, starts, still, raised, out):
     for i in range(len(chains.last)):
         q, v = row(chains.tail, i), row(chains.last, i)
         size = norm(q)
+        # A chain that ends well below still water and goes on outwards meets the sphere of each P
+        # once: one crossing at most.
         plain = size < 0.95 * depth and dot(q, v) >= 0.4 * size
         n = ZERO
         for scene in (still, raised):
+            # Branch -1 needs a segment that starts outside the sphere of radius |P| >= depth.
             for side in range(1 if size < depth else 2):
                 for k in range(len(starts)):
                     if n < len(out[i]) and not (n > 0 and plain):
@@ -142,8 +145,8 @@ def flat_crossings(chains, starts, still, raised, out):
 def _flat_root(n, start, shot, scene, out):
     """Add the flat-sea crossing that Newton finds from a start, if it is new."""
     longest = scene.target.center.z
-    found, x, y, _ = crossing.newton(start[0], start[1], FLAT_SEA, YES, longest, shot, scene)
-    if not found or crossing.is_known(out, ZERO, n, x, y, shot.branch, 1e-4):
+    converged, x, y, _ = crossing.newton(start[0], start[1], FLAT_SEA, YES, longest, shot, scene)
+    if not converged or crossing.is_known(out, ZERO, n, x, y, shot.branch, 1e-4):
         return n
     crossing.flat_crossing(out[n], x, y, shot, scene)
     return n + 1
@@ -158,6 +161,7 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
     """
     surface, target, tilt = scene.surface, scene.target, shot.tilt
     radius = crossing.radius_of(flat, search, shot, scene)
+    # first the cheap bounds, which end most searches
     off = math.hypot(flat.x - target.center.x, flat.y - target.center.y)
     if off > target.reach + radius:
         return n  # outside the field of view for any waves
@@ -165,25 +169,29 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
         return n
     first, share = n, 1.0
     if surface.interpolate:
+        # The random slope of the chain moves the crossing of still water to first order: a better
+        # start.
         x0 = flat.x + flat.m11 * tilt.x + flat.m12 * tilt.y
         y0 = flat.y + flat.m21 * tilt.x + flat.m22 * tilt.y
-        found, x, y, facet = crossing.root_from(x0, y0, radius, shot, scene)
-        if found:
+        converged, x, y, facet = crossing.root_from(x0, y0, radius, shot, scene)
+        if converged:
             counters[Counter.SOLVED.value] += 1
             n = crossing.add_root(roots, n, ZERO, x, y, facet, shot.branch, 1.0)
         # most chains that Newton gives up have no crossing: a quarter of them shows it
         audited = 1.0 if search.curvature * flat.lever > _FOCUSING else search.audit
-        share = audited if found else max(audited, _AUDIT_FAILED)
+        # Russian roulette for the search of all facets: counted by 1 / share, so the expectation is
+        # that of a full search.
+        share = audited if converged else max(audited, _AUDIT_FAILED)
         if audit >= share:
             return n
-    kept = n
+    unique = n
     counters[Counter.ENUMERATED.value] += 1
     last = crossing.enumerate_roots(roots, n, flat, radius, NO, shot, scene)
     for k in range(n, last):
         r = roots[k]
-        kept = crossing.add_root(roots, kept, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
-    counters[Counter.EXTRA_ROOTS.value] += kept - max(n, first)
-    return kept
+        unique = crossing.add_root(roots, unique, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
+    counters[Counter.EXTRA_ROOTS.value] += unique - max(n, first)
+    return unique
 
 
 @inlined
@@ -206,6 +214,8 @@ def contributions(chains, flat, audits, search, scene, out):
 
     Array twin: the analog estimator.
     """
+    # Manifold next-event estimation (Hanika et al. 2015) for whole histories turned about their
+    # source, as the track-rotation estimator.
     arrivals = ZERO
     for i in range(len(chains.last)):
         n = ZERO
@@ -219,10 +229,10 @@ def contributions(chains, flat, audits, search, scene, out):
         for k in range(n):
             root = out.roots[k]
             shot = shot_of(chains, i, scene, root.branch, scene.surface.roughness)
-            light = weigh(chains, i, root.x, root.y, root.facet, shot, scene)
-            w = light.weight * root.multiplicity
+            path = weigh(chains, i, root.x, root.y, root.facet, shot, scene)
+            w = path.weight * root.multiplicity
             if w > 0.0:
-                arrivals = keep(chains, i, w, light, i, arrivals, scene, out)
+                arrivals = keep(chains, i, w, path, i, arrivals, scene, out)
     return arrivals
 
 
@@ -243,8 +253,8 @@ def flat_contributions(chains, flat, scene, score):
                 continue
             shot = shot_of(chains, i, scene, f.branch, SMOOTH)
             j = crossing.jacobian(f.x, f.y, FLAT_SEA, shot, scene)
-            p = Vec3(f.x, f.y, f.level)
-            w, deep = weight_of(chains, i, p, j, FLAT_SEA, shot, scene)
+            p, per_area = Vec3(f.x, f.y, f.level), crossing.solid_angle_per_area(j)
+            w, deep = weight_of(chains, i, p, j.aim, per_area, FLAT_SEA, shot, scene)
             if deep:
                 score[i] += w
 
@@ -263,6 +273,8 @@ def blurred_contributions(chains, flat, places, near, spread, scene, out):
     the aperture of the scene, moved to first order to its `places` (m, 3); `near` has room for
     those of a chain.
     """
+    # Next-event estimation through a rough refracting surface: the crossing is sampled, the slope
+    # that connects it is unique (Walter et al. 2007), its density is the weight.
     arrivals, n = ZERO, len(chains.last)
     for m in range(len(places)):
         there = aperture_at(row(places, m), scene)
@@ -273,16 +285,17 @@ def blurred_contributions(chains, flat, places, near, spread, scene, out):
                 continue
             for k in range(len(near)):
                 near[k] = flat[i, k]
+                # To first order only: the proposal moves, the weight is exact for any proposal.
                 near[k].x += flat[i, k].c11 * x + flat[i, k].c12 * y
                 near[k].y += flat[i, k].c21 * x + flat[i, k].c22 * y
             for k in range(len(near)):
                 if near[k].branch == 0.0:
                     break
-                light = _sloped_crossing(chains, i, near, k, spread, there)
-                if light.weight > 0.0:
+                path = _sloped_crossing(chains, i, near, k, spread, there)
+                if path.weight > 0.0:
                     out.counters[Counter.SOLVED.value] += 1
-                    w, place = light.weight, m * n + i
-                    arrivals = keep(chains, i, w, light, place, arrivals, there, out)
+                    w, place = path.weight, m * n + i
+                    arrivals = keep(chains, i, w, path, place, arrivals, there, out)
     return arrivals
 
 
@@ -310,6 +323,8 @@ def _density(flat, x, y, branch, spread, scene):
         dx, dy = (x - x0) / det, (y - y0) / det
         s = Vec2(flat[k].m22 * dx - flat[k].m12 * dy, flat[k].m11 * dy - flat[k].m21 * dx)
         u = whitened(spread, s)
+        # Slopes of the proposal are Gaussian; |det dP/dslope| turns their density into one of
+        # crossings.
         law = math.exp(-0.5 * (u.x * u.x + u.y * u.y))
         total += law / (2.0 * math.pi * spread.along * spread.across * abs(det))
     return total
@@ -335,16 +350,21 @@ def _sloped_crossing(chains, i, flat, k, spread, scene):
         return nothing
     n = normal_at(x, y, facet, scene.surface)
     slope = slope_towards(p, n, w, d, length, shot.goal, scene)
+    # Several crossings of still water may lead here: the sum of their densities, as the balance
+    # heuristic for equal numbers of samples.
     density = _density(flat, x, y, shot.branch, spread, scene)
     if slope.density == 0.0 or density == 0.0:
         return nothing
     ok_x, w_x = _emission_at(x + crossing.STEP, y, facet, shot, scene)
     ok_y, w_y = _emission_at(x, y + crossing.STEP, facet, shot, scene)
+    if not (ok_x and ok_y):  # a scattering closer to the surface than a step has no derivative
+        return nothing
+    # The crossing is drawn with `density` per area and lands with `slope.density` per area: their
+    # ratio takes the place of |det dX/dP|.
     turns = crossing.quotients(w, w_x, w_y)
-    # a scattering closer to the surface than a step has no derivative
-    j = crossing.Jacobian(ok_x and ok_y, slope.aim, density / slope.density, 0.0, 0.0, 1.0, *turns)
+    per_area = crossing.emission_per_area(turns, w, density / slope.density)
     shot = crossing.Shot(shot.start, shot.q, shot.v, shot.goal, shot.branch, slope.tilt)
-    weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
+    weight, deep = weight_of(chains, i, p, slope.aim, per_area, facet, shot, scene)
     return Crossing(weight, is_steep(slope.aim, scene) and deep, slope.aim, p, shot.start)
 
 
@@ -357,21 +377,22 @@ def _emission_at(x, y, facet, shot, scene):
 
 
 @outlined
-def keep(chains, i, w, light, place, n, scene, out):
+def keep(chains, i, w, path, place, n, scene, out):
     """Score the light w of chain i by its `Crossing`, unless a wave cuts its path off.
 
     Array twin: none, sums.
     `place` is the row of its score, n the number of arrivals, which is returned with this one.
     """
-    if not (light.steep or _is_clear(chains, i, light, scene)):
+    if not (path.steep or _is_clear(chains, i, path, scene)):
+        # Light that meets another wave is left out.
         out.counters[Counter.BLOCKED.value] += 1
         return n
     out.score[place] += w
     if n < len(out.arrivals):
-        a, aim = out.arrivals[n], light.aim
+        a, aim = out.arrivals[n], path.aim
         a.chain, a.weight = place, w
         a.water, a.air = chains.path[i] + aim.length, aim.flight
-        write(a.point, light.point)
+        write(a.point, path.point)
         write(a.emission, aim.w)
         n += 1
     return n
@@ -385,28 +406,28 @@ def weigh(chains, i, x, y, facet, shot, scene):
     """
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
     j = crossing.jacobian(x, y, facet, shot, scene)
-    weight, deep = weight_of(chains, i, p, j, facet, shot, scene)
+    per_area = crossing.solid_angle_per_area(j)
+    weight, deep = weight_of(chains, i, p, j.aim, per_area, facet, shot, scene)
     weight *= over_gaussian(scene.surface.roughness.series, chains.tilt[i, 0], chains.tilt[i, 1])
     return Crossing(weight, is_steep(j.aim, scene) and deep, j.aim, p, shot.start)
 
 
 @inlined
-def weight_of(chains, i, p, j, facet, shot, scene):
-    """Return (|A| I(w) W / |det dX/dOmega|, all vertices deep) of chain i through a crossing.
+def weight_of(chains, i, p, m, per_area, facet, shot, scene):
+    """Return (|A| I(w) W dOmega/dX, all vertices deep) of chain i through a crossing.
 
-    The random slope is that of `shot`.
+    m is the `Aim` at P, `per_area` = dOmega/dX, 0 without light; `shot` has the random slope.
     """
-    m, spread = j.aim, abs(j.a * j.d - j.b * j.c)
-    if not j.ok or m.w.z <= -0.999999 or spread == 0.0:
+    if per_area == 0.0:
         return 0.0, True
     n = normal_at(p.x, p.y, facet, scene.surface) if facet >= 0 else UP
-    light = crossing.passed(intensity(scene.emitter, m.w), m, p, n, facet, shot.tilt, scene)
-    if light == 0.0:
+    passed = crossing.passed(intensity(scene.emitter, m.w), m, p, n, facet, shot.tilt, scene)
+    if passed == 0.0:
         return 0.0, True
-    solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
+    # last: it is the dearest factor
     w, deep = _transmit(chains, i, m, p, shot.start, scene)
     area = scene.target.area * scene.emitter.power
-    return area * light * solid_angle * w * chains.weight[i], deep
+    return area * passed * per_area * w * chains.weight[i], deep
 
 
 @inlined
@@ -415,6 +436,7 @@ def turned(w, p):
 
     Array twin: the rotation matrix of the tests.
     """
+    # Rodrigues for the axis e_z x w, in a form without square roots (Moller and Hughes 1999).
     along = (-w.y * p.x + w.x * p.y) / (1.0 + w.z)
     return Vec3(
         p.x * w.z + w.x * p.z - w.y * along,
@@ -438,11 +460,13 @@ def _transmit(chains, i, m, p, start, scene):
     weight, tau, deep = 1.0, 0.0, True
     for k in range(chains.vertex.shape[1]):
         v = _vertex(chains, i, k, m, start)
+        # Above the lowest trough a vertex may lie in the air: its ways are checked by rays.
         if v.z > scene.surface.low[2]:
             deep = False
         if v.z < medium.bottom_z:  # straight ways between points above it do not meet it
             return 0.0, True
         if simple:
+            # The phase function is in the law of the directions, the coefficient is not.
             weight *= medium.b
         else:
             if chains.kind[i, k] == 1:
@@ -454,6 +478,7 @@ def _transmit(chains, i, m, p, start, scene):
             tau += scattering_path(medium, before, v, length)
         before = v
     if simple:
+        # The weight of a chain has 1 / density of its distances: exp(-tau) is whole here.
         tau = (medium.a + medium.b) * (chains.path[i] + m.length)
     else:
         tau += absorption_path(medium, before.z, p.z, m.length)
@@ -462,20 +487,20 @@ def _transmit(chains, i, m, p, start, scene):
 
 
 @outlined
-def _is_clear(chains, i, light, scene):
+def _is_clear(chains, i, path, scene):
     """Return whether no wave cuts a straight part of the path of a `Crossing`.
 
     A vertex above the highest crest needs no part of its own: the path to it or from it is cut.
     """
-    m, start, slope = light.aim, light.start, scene.surface.max_slope
+    m, start, slope = path.aim, path.start, scene.surface.max_slope
     order = chains.vertex.shape[1]
     for k in range(order + (2 if scene.interface.follow_second_hit else 1)):
         if k < order:
-            end = _vertex(chains, i, k, m, light.start)
+            end = _vertex(chains, i, k, m, path.start)
         elif k == order:
-            end = light.point
+            end = path.point
         else:
-            end = along(light.point, m.r, m.flight)
+            end = along(path.point, m.r, m.flight)
         way = minus(end, start)
         length = norm(way)
         climbs = way.z > slope * math.hypot(way.x, way.y) and k >= order
@@ -508,14 +533,14 @@ def straight_factors(p, q, colours):
 
 
 @inlined
-def _add_way(p, q, clear, tints, tint):
+def _add_way(p, q, clear, tints, log_weights):
     """Add a straight way from p to q."""
     if tints is not None:
         length = norm(minus(q, p))
-        tint_way(tints, tint, p.z, q.z, length)
+        tint_way(tints, log_weights, p.z, q.z, length)
         depth = scattering_path(clear, p, q, length)
         for r in range(len(tints.c)):
-            tint[r] -= tints.bubble_c[r] * depth
+            log_weights[r] -= tints.bubble_c[r] * depth
 
 
 @entry
@@ -526,11 +551,11 @@ def tint_chains(chains, arrivals, emitter, clear, tints, out):
     `clear` is the water with its bubbles alone.
     """
     for n in range(len(arrivals)):
-        a, tint = arrivals[n], out[n]
+        a, log_weights = arrivals[n], out[n]
         i, w = a.chain, Vec3(a.emission[0], a.emission[1], a.emission[2])
         start = crossing.start_of(emitter, chains.disk[i, 0], chains.disk[i, 1])
         end = Vec3(a.point[0], a.point[1], a.point[2])
-        reset_tint(tints, tint)
+        reset_tint(tints, log_weights)
         before, last = start, w
         order = chains.vertex.shape[1]
         for k in range(order + 1):
@@ -539,10 +564,11 @@ def tint_chains(chains, arrivals, emitter, clear, tints, out):
                 at = plus(turned(w, row(chains.vertex[i], k)), start)
             way = minus(at, before)
             if k > 0:
+                # By the chord, which keeps the digits of small angles.
                 s = 0.5 * norm(minus(unit(way), unit(last)))
                 theta = 2.0 * math.asin(min(s, 1.0))
-                tint_scattering(tints, tint, before.z, theta, chains.kind[i, k - 1] == 1)
-            _add_way(before, at, clear, tints, tint)
+                tint_scattering(tints, log_weights, before.z, theta, chains.kind[i, k - 1] == 1)
+            _add_way(before, at, clear, tints, log_weights)
             before, last = at, way
 
 

@@ -136,6 +136,8 @@ def slope_towards(p, n, w, d, length, goal, scene):
     Array twin: `crossing.land` of the tilted normal, and its derivatives by the tilt.
     n is the normal of the mesh, w the direction of emission, d that of arrival.
     """
+    # Walter et al. (2007), eq. 16: the half vector of refraction, n_w d - n_a r, is along the
+    # normal.
     big, r, flight = _normal_to(p, d, goal, scene)
     size = norm(big)
     cos_i, cos_t = dot(big, d) / size, dot(big, r) / size
@@ -143,6 +145,7 @@ def slope_towards(p, n, w, d, length, goal, scene):
     none = Slope(math.inf, math.inf, Vec2(0.0, 0.0), 0.0, aim)
     if big.z <= 0.0 or cos_t <= 0.0 or dot(r, scene.target.axis) <= 1e-9:
         return none
+    # slope of the required normal, -N_xy / N_z, less that of the mesh, -n_xy / n_z
     tilt = Vec2(n.x / n.z - big.x / big.z, n.y / n.z - big.y / big.z)
     roughness = scene.surface.roughness
     u = whitened(roughness, tilt)
@@ -153,8 +156,10 @@ def slope_towards(p, n, w, d, length, goal, scene):
     k = scene.medium.n_air / (flight * big.z * big.z)
     a = along(scene.target.e1, r, -dot(r, scene.target.e1))
     b = along(scene.target.e2, r, -dot(r, scene.target.e2))
+    # s = -N_xy / N_z with dN = -n_a dr: ds = n_a (dr_xy N_z - N_xy dr_z) / N_z^2
     det = (a.x * big.z - big.x * a.z) * (b.y * big.z - big.y * b.z)
     det -= (a.y * big.z - big.y * a.z) * (b.x * big.z - big.x * b.z)
+    # Density of slopes times |det ds/dx|, the density of landing points [m-2].
     density = math.exp(-0.5 * square) / (2.0 * math.pi * roughness.along * roughness.across)
     density *= over_gaussian(roughness.series, u.x, u.y)
     rho = reflectance(cos_i, cos_t, scene.medium.n_water, scene.medium.n_air)
@@ -223,7 +228,10 @@ def blurred_gain(scene, rule, blocks, stack, coarse, work, gain):
     a thousandth of the light.
     """
     dark, most = dark_angle(scene.emitter), 0.0
+    # two passes for beams: how bright a facet is decides how finely it is cut
     first = _COARSE if scene.emitter.kind == SourceKind.GAUSSIAN_BEAM else 1.0
+    # Quadrature of the refraction lobe of Walter et al. (2007) over facets and aperture; no
+    # sampling.
     for b in range(len(blocks.radius)):
         if not _block_is_lit(b, blocks, dark, scene):
             continue
@@ -232,11 +240,11 @@ def blurred_gain(scene, rule, blocks, stack, coarse, work, gain):
             facet = scene.facets[f]
             p = Vec3(facet.x, facet.y, facet.z)
             if is_lit(f, p, unscattered.spatial_radius(facet), dark, scene):
-                light, finer = _facet_light(f, first, dark, rule, stack, work, scene)
-                gain[f] = unscattered.unless_hidden(light, f, scene)
+                total, finer = _facet_light(f, first, dark, rule, stack, work, scene)
+                gain[f] = unscattered.unless_hidden(total, f, scene)
                 if work[Work.LEFT.value] <= 0.0:
-                    part = lit_part(f, _NODES, ZERO, ZERO, _NODES, scene)
-                    work[Work.CUT_SHORT.value] += max(gain[f], part.light * part.omega)
+                    whole = pencil_to(unscattered.Part(f, _NODES, ZERO, ZERO, _NODES), scene)
+                    work[Work.CUT_SHORT.value] += max(gain[f], whole.intensity * whole.omega)
                 coarse[f], most = finer and first > 1.0, max(most, gain[f])
     for f in range(len(gain)):
         if coarse[f] and gain[f] > _DIM * most:
@@ -256,6 +264,7 @@ def _turn_within(p, h, scene):
     way = minus(p, scene.emitter.position)
     length = norm(way)
     big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
+    # any point of the aperture may be aimed at: it adds to the turn of r
     wide = h + scene.target.radius
     if h >= length or wide >= flight:
         return False, big, 0.0
@@ -276,6 +285,8 @@ def _is_reached(p, h, bend, scene):
         return False
     rough = scene.surface.roughness
     narrow, broad = min(rough.along, rough.across), max(rough.along, rough.across)
+    # |N_xy| <= |s| N_z for the steepest facet: what is missing must come from random slopes, of
+    # which those beyond `MOST_SLOPE` deviations are left out.
     steep = scene.surface.max_slope + bend
     slack = turn * math.sqrt(1.0 + steep * steep) + bend * (abs(big.z) + turn)
     missing = math.sqrt(big.x * big.x + big.y * big.y) - steep * abs(big.z)
@@ -319,46 +330,44 @@ def _facet_light(f, coarse, dark, rule, stack, work, scene):
     top = 1
     while top > 0:
         top -= 1
-        i, j, side = stack[top, 0], stack[top, 1], stack[top, 2]
-        smooth, sharp = _parts_along(f, i, j, side, rule, scene)
+        part = unscattered.part_on(stack, top, f, _NODES)
+        side = abs(part.side)
+        smooth, sharp = _parts_along(part, rule, scene)
         if sharp == 0.0:
             continue
         finer = finer or max(smooth, sharp) > 1.0
         smooth, sharp = smooth / coarse, sharp / coarse
         n = max(smooth, sharp, 1.0)
-        if abs(side) < _NODES:
+        if side < _NODES:
             n = max(_HALF_FINER * smooth, _FINER * sharp, 1.0)
-            p = unscattered.node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
-            h = unscattered.spatial_radius(scene.facets[f]) * abs(side) / _NODES
+            p = unscattered.centroid(part, scene.surface)
+            h = unscattered.spatial_radius(scene.facets[f]) * side / _NODES
             if not is_lit(f, p, h, dark, scene):
                 continue
         if work[Work.LEFT.value] <= 0.0:
             n = 1.0
-        if n > _FEW and abs(side) > 1:
-            top = unscattered.push_quarters(stack, top, i, j, side)
+        if n > _FEW and side > 1:
+            top = unscattered.push_quarters(stack, top, part)
             continue
         m = math.ceil(min(n, float(_FEW)))
-        if m > 1 and abs(side) == _NODES:
+        if m > 1 and side == _NODES:
             m = math.ceil(_FINE * n)
-        for k in range(m):
-            for q in range(2 * (m - k) - 1):
-                x, y, z = unscattered.part_of_row(k, q)
-                # part (x, y, z) of m along the edges of the part (i, j, side)
-                x, y, z = m * i + x * side, m * j + y * side, z * side
-                total += _part_gain(f, m * _NODES, x, y, z, rule, work, scene)
+        for i in range(m):
+            for k in range(2 * (m - i) - 1):
+                total += _part_gain(unscattered.subpart(part, m, i, k), rule, work, scene)
     return total, finer
 
 
 @outlined
-def _parts_along(f, i, j, side, rule, scene):
+def _parts_along(part, rule, scene):
     """Return the numbers of parts along an edge of a part of a facet: smooth and sharp.
 
     Smooth for the profile of the beam, over which all facets are cut alike; sharp for edges of
     light and for slopes, 0 where no slope that counts sends light to the aperture.
     """
-    emitter, facet = scene.emitter, scene.facets[f]
-    share = abs(side) / _NODES
-    p = unscattered.node(f, 3 * _NODES, 3 * i + side, 3 * j + side, scene.surface)
+    f, emitter = part.facet, scene.emitter
+    facet, share = scene.facets[f], abs(part.side) / _NODES
+    p = unscattered.centroid(part, scene.surface)
     h = unscattered.spatial_radius(facet) * share
     width = beam_width(emitter) * -emitter.position.z
     inside, flight = margin(p, Vec2(0.0, 0.0), scene)
@@ -372,7 +381,7 @@ def _parts_along(f, i, j, side, rule, scene):
     edge = max(share_of_view, _FINEST * PART_BEAM * width)
     where = _MEETS_RIM
     if rule.is_wide:
-        where = _spot_place(lit_part(f, _NODES, i, j, side, scene), f, i, j, side, scene)
+        where = _spot_place(part, pencil_to(part, scene), scene)
         if where == _BESIDE:
             return 0.0, 0.0
         edge = math.inf
@@ -383,8 +392,10 @@ def _parts_along(f, i, j, side, rule, scene):
     longest = 2.0 * facet.radius * share
     if where == _INSIDE:
         return longest / (PART_BEAM * width), max(longest / edge, _LITTLE)
-    a, b, c = unscattered.nodes_of(f, _NODES, i, j, side, scene.surface)
+    a, b, c = unscattered.corners_of(part, scene.surface)
     change, least = slope_change(f, a, b, c, scene)
+    # The centre is nearer to all points than corners are to each other; slopes far from linear get
+    # no such credit.
     from_center = 0.5 if change < _EVEN else 1.0
     # twice the change from the centre of the aperture to its rim, for light that is not slanted
     big, _, flight = _normal_from_source(p, Vec2(0.0, 0.0), scene)
@@ -405,22 +416,23 @@ def _parts_along(f, i, j, side, rule, scene):
 
 
 @outlined
-def _spot_place(part, f, i, j, side, scene):
+def _spot_place(part, pencil, scene):
     """Return whether light of a part lies inside the rims of aperture and view, or beside one.
 
     Array twin: none, a bound.
     The light of its centre reaches as far as `Spot`, that of its corners is moved by their images.
     """
     surface, source, radius = scene.surface, scene.emitter.position, scene.target.radius
-    view = _view_of(part.middle, scene)
+    f, middle, w = part.facet, pencil.middle, pencil.w
+    view = _view_of(middle, scene)
     if view.high <= 0.0:
         return _BESIDE
-    m = crossing.land_from(part.middle, part.normal, part.w, part.w, part.length, scene)
-    spot = _spot(part, view.ahead, view.high, scene)
+    m = crossing.land_from(middle, pencil.normal, w, w, pencil.length, scene)
+    spot = _spot(pencil, view.ahead, view.high, scene)
     if not m.ok or math.isinf(spot.half_t):
         return _MEETS_RIM
     moves, size = 0.0, 0.0
-    for p in unscattered.nodes_of(f, _NODES, i, j, side, surface):
+    for p in unscattered.corners_of(part, surface):
         way = minus(p, source)
         length = norm(way)
         w, normal = scaled(1.0 / length, way), normal_at(p.x, p.y, f, surface)
@@ -428,7 +440,7 @@ def _spot_place(part, f, i, j, side, scene):
         if not at.ok:
             return _MEETS_RIM
         off = minus2(at.at, m.at)
-        moves, size = max(moves, math.sqrt(dot2(off, off))), max(size, norm(minus(p, part.middle)))
+        moves, size = max(moves, math.sqrt(dot2(off, off))), max(size, norm(minus(p, middle)))
     reach = math.sqrt(spot.half_t * spot.half_t + spot.half_y * spot.half_y) + _BENT * moves
     from_view = math.sqrt((spot.t - view.apart) * (spot.t - view.apart) + spot.y * spot.y)
     from_center, slack = math.sqrt(dot2(m.at, m.at)), size * (1.0 + scene.target.tan_half_fov)
@@ -474,6 +486,7 @@ def _variation(u, v, w):
 def _clipped(p, f, goal, scene):
     """Return the random slope at P that refracts light to a point, at most `_CLIPPED` in size."""
     u, _ = _slope_to(p, f, goal, scene)
+    # Far beyond `MOST_SLOPE` there is no light, and a change there must not cut parts.
     share = min(_CLIPPED / max(math.sqrt(dot2(u, u)), 1e-12), 1.0)
     return Vec2(share * u.x, share * u.y)
 
@@ -499,6 +512,7 @@ def _share_in_view(p, q, r, goal, scene):
     The edge of the field of view is taken for a straight line.
     """
     a, b, c = margin(p, goal, scene)[0], margin(q, goal, scene)[0], margin(r, goal, scene)[0]
+    # corners in view; ZERO makes the sum an integer
     seen = ZERO + (a >= 0.0) + (b >= 0.0) + (c >= 0.0)
     if seen == 0 or seen == 3:
         return seen / 3.0
@@ -506,6 +520,7 @@ def _share_in_view(p, q, r, goal, scene):
         a, b, c = b, c, a
     elif (a >= 0.0) == (b >= 0.0):
         a, b, c = c, a, b
+    # similar triangles: the edges from corner a are cut at a / (a - b) and a / (a - c)
     corner = a * a / ((a - b) * (a - c))
     return corner if seen == 1 else 1.0 - corner
 
@@ -540,22 +555,22 @@ def _slope_to(p, f, goal, scene):
     return whitened(scene.surface.roughness, tilt), big.z
 
 
-class LitPart(NamedTuple):
-    """Part of a facet in the light of the source."""
+class Pencil(NamedTuple):
+    """Pencil of rays from the source to a part of a facet."""
 
     middle: Vec3  # [m]
     normal: Vec3
     w: Vec3  # direction from the source
     length: float  # from the source [m]
     omega: float  # solid angle at the source [sr]
-    light: float  # intensity towards the middle [sr-1], 0 behind the facet
+    intensity: float  # towards the middle [sr-1], 0 behind the facet
 
 
 @inlined
-def lit_part(f, n, i, j, side, scene):
-    """Return the part with the corners `nodes_of`."""
-    surface, source = scene.surface, scene.emitter.position
-    p, q, r = unscattered.nodes_of(f, n, i, j, side, surface)
+def pencil_to(part, scene):
+    """Return the `Pencil` of rays from the source to a part of a facet."""
+    f, surface, source = part.facet, scene.surface, scene.emitter.position
+    p, q, r = unscattered.corners_of(part, surface)
     p, q, r = minus(p, source), minus(q, source), minus(r, source)
     way = blend(1.0 / 3.0, 1.0 / 3.0, p, q, r)
     length = norm(way)
@@ -563,8 +578,8 @@ def lit_part(f, n, i, j, side, scene):
     middle = plus(source, way)
     normal = normal_at(middle.x, middle.y, f, surface)
     facing = dot(w, row(surface.face_normals, f))
-    light = intensity(scene.emitter, w) if facing > 0.0 else 0.0
-    return LitPart(middle, normal, w, length, unscattered.solid_angle(p, q, r), light)
+    strength = intensity(scene.emitter, w) if facing > 0.0 else 0.0
+    return Pencil(middle, normal, w, length, unscattered.solid_angle(p, q, r), strength)
 
 
 class View(NamedTuple):
@@ -617,8 +632,8 @@ class Spot(NamedTuple):
 
 
 @outlined
-def _spot(part, ahead, high, scene):
-    """Return the `Spot` of a part, from slopes that are linear in the landing point.
+def _spot(pencil, ahead, high, scene):
+    """Return the `Spot` of a pencil, from slopes that are linear in the landing point.
 
     Array twin: none, a bound.
     """
@@ -626,16 +641,16 @@ def _spot(part, ahead, high, scene):
     n = scene.medium.n_water / scene.medium.n_air
     narrow = abs(n - 1.0) * high * min(rough.along, rough.across)
     unknown = Spot(0.0, 0.0, math.inf, math.inf, narrow, narrow)
-    middle, normal, w = part.middle, part.normal, part.w
-    m = crossing.land_from(middle, normal, w, w, part.length, scene)
+    middle, normal, w = pencil.middle, pencil.normal, pencil.w
+    m = crossing.land_from(middle, normal, w, w, pencil.length, scene)
     if not m.ok:
         return unknown
     step = _PROBE * narrow
     x, y = Vec2(m.at.x + step * ahead.x, m.at.y + step * ahead.y), m.at
     z = Vec2(y.x - step * ahead.y, y.y + step * ahead.x)
-    o = slope_towards(middle, normal, w, w, part.length, y, scene)
-    a = slope_towards(middle, normal, w, w, part.length, x, scene)
-    b = slope_towards(middle, normal, w, w, part.length, z, scene)
+    o = slope_towards(middle, normal, w, w, pencil.length, y, scene)
+    a = slope_towards(middle, normal, w, w, pencil.length, x, scene)
+    b = slope_towards(middle, normal, w, w, pencil.length, z, scene)
     if math.isinf(o.along) or math.isinf(a.along) or math.isinf(b.along):
         return unknown
     g11, g12 = (a.along - o.along) / step, (b.along - o.along) / step
@@ -644,6 +659,8 @@ def _spot(part, ahead, high, scene):
     if det == 0.0:
         return unknown
     along_t, along_y = math.sqrt(g11 * g11 + g21 * g21), math.sqrt(g12 * g12 + g22 * g22)
+    # The ellipse |G x| <= MOST_SLOPE: its bounding box has the half-widths MOST_SLOPE |column| /
+    # det.
     reach = _BENT * MOST_SLOPE / det
     return Spot(
         m.at.x * ahead.x + m.at.y * ahead.y,
@@ -663,18 +680,18 @@ def _number_of_nodes(length, sigma, rule):
 
 
 @inlined
-def _passed(s, part, scene):
+def _passed(s, pencil, scene):
     """Return the light of a `Slope` that crosses the surface, and the water behind it."""
-    share = exposure(part.w, part.normal, s.tilt)
+    share = exposure(pencil.w, pencil.normal, s.tilt)
     share *= crossing.transmittance(s.aim, scene.interface)
     if scene.mirrored and share > 0.0:
         source = scene.emitter.position
-        share *= math.exp(-unscattered.straight_depth(part.middle, s.aim, source, scene))
+        share *= math.exp(-unscattered.straight_depth(pencil.middle, s.aim, source, scene))
     return share
 
 
 @outlined
-def _lens_light(part, rule, work, scene):
+def _lens_light(pencil, rule, work, scene):
     """Return the light on the part of the aperture from which light of a point is accepted.
 
     Array twin: `still_gain` in the tests, over rows of the aperture.
@@ -683,11 +700,11 @@ def _lens_light(part, rule, work, scene):
     end, which t = end + L v^2 makes linear in v, and a bend where the rims meet, at which two
     Gauss rules join. Across it light is smooth.
     """
-    view, radius = _view_of(part.middle, scene), scene.target.radius
+    view, radius = _view_of(pencil.middle, scene), scene.target.radius
     low, high = max(-radius, view.apart - view.radius), min(radius, view.apart + view.radius)
     if view.high <= 0.0 or low >= high:
         return 0.0
-    s = _spot(part, view.ahead, view.high, scene)
+    s = _spot(pencil, view.ahead, view.high, scene)
     bend = 0.0
     if view.apart + view.radius <= radius:
         bend = view.apart
@@ -704,21 +721,24 @@ def _lens_light(part, rule, work, scene):
         if near >= far:
             continue
         start, length = (near, far - near) if side == 0 else (far, near - far)
+        # The chord vanishes like a square root at the rim only: a stretch that stops short of it,
+        # or at the bend, is smooth.
         rooted = start == end
         n = _number_of_nodes(far - near, s.sigma_t, rule)
         for i in range(n):
             v = rule.nodes[n - 1, i]
             t = start + length * (v * v if rooted else v)
             weight = rule.weights[n - 1, i] * (far - near) * (2.0 * v if rooted else 1.0)
+            # half-chords of either disk at t; the smaller one bounds the lens
             off = t - view.apart
             square = min(radius * radius - t * t, view.radius * view.radius - off * off)
             half = math.sqrt(max(square, 0.0))
-            total += weight * _chord_light(part, t, half, view.ahead, s, rule, work, scene)
+            total += weight * _chord_light(pencil, t, half, view.ahead, s, rule, work, scene)
     return total
 
 
 @inlined
-def _chord_light(part, t, half, ahead, s, rule, work, scene):
+def _chord_light(pencil, t, half, ahead, s, rule, work, scene):
     """Return the light on the chord of a lens at t, see `_lens_light`."""
     low, high = max(-half, s.y - s.half_y), min(half, s.y + s.half_y)
     if low >= high:
@@ -729,51 +749,58 @@ def _chord_light(part, t, half, ahead, s, rule, work, scene):
     for i in range(n):
         y = low + (high - low) * rule.nodes[n - 1, i]
         goal = Vec2(t * ahead.x - y * ahead.y, t * ahead.y + y * ahead.x)
-        slope = slope_towards(part.middle, part.normal, part.w, part.w, part.length, goal, scene)
+        slope = slope_towards(
+            pencil.middle, pencil.normal, pencil.w, pencil.w, pencil.length, goal, scene
+        )
         if slope.density > 0.0:
-            total += rule.weights[n - 1, i] * slope.density * _passed(slope, part, scene)
+            total += rule.weights[n - 1, i] * slope.density * _passed(slope, pencil, scene)
     return (high - low) * total
 
 
 @inlined
-def _disk_light(part, near, inside, corner, rule, scene):
-    """Return the light on the whole aperture, of the share of a part that it sees."""
+def _disk_light(pencil, near, inside, corner, rule, scene):
+    """Return the light of a pencil on the whole aperture, of the share of it in view."""
     p, q, r = corner
     total, radius, area = 0.0, scene.target.radius, scene.target.area
     for k in range(len(rule.points)):
         goal = Vec2(radius * rule.points[k, 0], radius * rule.points[k, 1])
-        s = slope_towards(part.middle, part.normal, part.w, part.w, part.length, goal, scene)
+        s = slope_towards(
+            pencil.middle, pencil.normal, pencil.w, pencil.w, pencil.length, goal, scene
+        )
         if s.density > 0.0:
             share = 1.0 if inside > near else _share_in_view(p, q, r, s.aim.at, scene)
-            total += rule.shares[k] * s.density * (share * _passed(s, part, scene))
+            total += rule.shares[k] * s.density * (share * _passed(s, pencil, scene))
     return area, total
 
 
 @outlined
-def _part_gain(f, n, i, j, side, rule, work, scene):
-    """Return the gain of a part of a facet, see `lit_part`.
+def _part_gain(part, rule, work, scene):
+    """Return the gain of a part of a facet.
 
     Where a part is smaller than the aperture the view of its centre stands for all of it; a larger
     one is cut at the edge of the view of each node.
     """
-    part = lit_part(f, n, i, j, side, scene)
-    middle, light, radius = part.middle, part.light, scene.target.radius
+    pencil = pencil_to(part, scene)
+    middle, radiant, radius = pencil.middle, pencil.intensity, scene.target.radius
     inside, _ = margin(middle, Vec2(0.0, 0.0), scene)
-    p, q, r = unscattered.nodes_of(f, n, i, j, side, scene.surface)
+    p, q, r = unscattered.corners_of(part, scene.surface)
     size = max(norm(minus(p, middle)), norm(minus(q, r)))
     near = _NEAR * (size + radius)
-    if light == 0.0 or inside < -near:
+    if radiant == 0.0 or inside < -near:
         return 0.0
+    # Small parts see the rims of aperture and view alike: integrate over the lens. Larger ones take
+    # fixed nodes and are cut at the view of each.
     at_edge = inside <= near and size <= radius and scene.interface.fov == FieldOfView.ANGLE
     area, total = 1.0, 0.0
     if at_edge or rule.is_wide:
         work[Work.LENSES.value] += 1.0
-        total = _lens_light(part, rule, work, scene)
+        total = _lens_light(pencil, rule, work, scene)
         if scene.interface.fov != FieldOfView.ANGLE and inside <= near:  # the same for all nodes
             total *= _share_in_view(p, q, r, Vec2(0.0, 0.0), scene)
     else:
         work[Work.LEFT.value] -= len(rule.points)
-        area, total = _disk_light(part, near, inside, (p, q, r), rule, scene)
+        area, total = _disk_light(pencil, near, inside, (p, q, r), rule, scene)
     if not scene.mirrored:
-        light *= math.exp(-depth_between(scene.medium, scene.emitter.position, middle, part.length))
-    return area * light * part.omega * total
+        tau = depth_between(scene.medium, scene.emitter.position, middle, pencil.length)
+        radiant *= math.exp(-tau)
+    return area * radiant * pencil.omega * total

@@ -62,6 +62,7 @@ def _distance(nominal, u):
     Inside a cell the density is linear, so that the inverse is a quadratic.
     """
     low, high = 0, len(nominal.share) - 1
+    # bisection: the first node at or above the share u
     while high - low > 1:
         mid = (low + high) // 2
         if nominal.share[mid] <= u:
@@ -71,6 +72,7 @@ def _distance(nominal, u):
     rest = u - nominal.share[low]
     p0, p1 = nominal.density[low], nominal.density[low + 1]
     slope = (p1 - p0) / nominal.step
+    # Root of p0 x + slope x^2 / 2 = rest, in the form that does not cancel for small slopes.
     return nominal.step * low + 2.0 * rest / (
         p0 + math.sqrt(max(p0 * p0 + 2.0 * slope * rest, 0.0))
     )
@@ -88,6 +90,8 @@ def make_chains(chains, nominal, medium, uniforms, component):
     chains longer than the vertical way have the small density of the free paths alone, and large
     weights; without fitted chains, most chains of many turns end far below the surface.
     """
+    # Multiple importance sampling of the lengths of a history whose shape is drawn by the phase
+    # function.
     fitted = len(nominal.stretch) + 1
     n, order, _ = chains.vertex.shape
     log_factorial = 0.0
@@ -108,11 +112,15 @@ def make_chains(chains, nominal, medium, uniforms, component):
             total = _fitted_length(at, nominal, medium, u)
             for k in range(order):
                 at[k, 0] *= total
+        # One-sample balance heuristic (Veach and Guibas 1995): divide by the density of the whole
+        # mixture, whichever component has drawn.
         total = at[order - 1, 0] if order > 0 else 0.0
         density = nominal.mixture[0] * math.exp(order * math.log(nominal.c) - nominal.c * total)
         for j in range(len(nominal.stretch)):
             stretch = nominal.stretch[j]
             if total < stretch * nominal.distance:
+                # K sorted draws have the joint density K! p(x_1) ... p(x_K); logarithms, as the
+                # product underflows at high orders.
                 log_profile = log_factorial - order * math.log(stretch)
                 for k in range(order):
                     p = lookup(nominal.density, at[k, 0] / (stretch * nominal.step))
@@ -124,9 +132,11 @@ def make_chains(chains, nominal, medium, uniforms, component):
             q, v = row(chains.tail, i), row(chains.last, i)
             density += nominal.mixture[fitted] * _fitted_density(q, v, total, order, nominal)
         chains.weight[i] = weight / density
+        # even over the unit disk of the aperture
         r = math.sqrt(u[3 * order])
         phi = TWO_PI * u[3 * order + 1]
         chains.disk[i, 0], chains.disk[i, 1] = r * math.cos(phi), r * math.sin(phi)
+        # Box and Muller: two standard normal slopes
         r = math.sqrt(-2.0 * math.log(u[3 * order + 2]))
         phi = TWO_PI * u[3 * order + 3]
         chains.tilt[i, 0], chains.tilt[i, 1] = r * math.cos(phi), r * math.sin(phi)
@@ -160,8 +170,10 @@ def _fitted_length(at, nominal, medium, u):
     which = u[3 * order - 3] * spheres
     sphere = min(int(which), spheres - 1)
     radius = nominal.distance * nominal.stretch[1 + sphere]
+    # free path of the open segment, cut off at the radius: longer ones would overshoot the sphere
     t = -math.log1p((which - sphere) * math.expm1(-nominal.c * radius)) / nominal.c
     square = max(dot(q, q), 1e-300)
+    # T^2 |q|^2 + 2 T t q.v + t^2 = D^2, solved for the positive T
     half = t * dot(q, d) / square
     return -half + math.sqrt(half * half + (radius * radius - t * t) / square)
 
@@ -180,6 +192,8 @@ def _fitted_density(q, v, total, order, nominal):
         disc = qv * qv - square + radius * radius
         if disc > 0.0:
             root = math.sqrt(disc)
+            # |dt / dT| from the same quadratic; both points of the sphere may have led to this
+            # chain.
             law = c / (-math.expm1(-c * radius) * total * root)
             for t in (root - qv, -root - qv):
                 if 0.0 < t < radius:
@@ -202,6 +216,8 @@ def _place(chains, i, nominal, medium, u):
         # the height decides which scatterer is likely: a chain turned aside stays deeper
         share = lookup(nominal.bubble, max(p.z, 0.0) / nominal.step)
         u_theta = u[3 * k + 1]
+        # One uniform chooses the scatterer and, rescaled, the angle: a dimension less for the Sobol
+        # points.
         if u_theta < share:
             chains.kind[i, k] = 1
             weight /= share

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from meshtrace.engine import crossing
 from meshtrace.engine.crossing import transmittance
 from meshtrace.kernels.interface import FieldOfView, corners, normal_at
@@ -40,6 +42,20 @@ _FLATTEST = 1e-4  # cosine of such light
 _STRAIGHT = 0.1  # relative change of the stretch of an image along the longest edge of a part
 STACK = 128
 """Parts of a large facet that wait to be cut."""
+
+
+class Part(NamedTuple):
+    """Part of a facet: a triangle of the grid of n parts along each of its edges.
+
+    Corners are the nodes (i, j), (i + side, j), (i, j + side) of that grid: a part of negative side
+    points the other way. Integers name a part exactly, so that neighbours share their corners.
+    """
+
+    facet: int | np.int64
+    n: int | np.int64
+    i: int | np.int64
+    j: int | np.int64
+    side: int | np.int64
 
 
 class Corner(NamedTuple):
@@ -102,6 +118,7 @@ def solid_angle(a, b, c):
 @inlined
 def _sector(p, q, r):
     """Return signed area and first moments of the sector of the disk r between two rays."""
+    # signed, and right for any two rays less than half a turn apart
     angle = math.atan2(cross2(p, q), dot2(p, q))
     s, t = r / math.hypot(p.x, p.y), r / math.hypot(q.x, q.y)
     k = r * r / 3.0
@@ -119,6 +136,7 @@ def _edge_part(a, b, r):
     disc = shift * shift - d2 * (a.x * a.x + a.y * a.y - r * r)
     if disc <= 0.0:
         return _sector(a, b, r)
+    # The edge meets the circle at t0 and t1: a triangle between, sectors outside.
     root = math.sqrt(disc)
     t0, t1 = max((-shift - root) / d2, 0.0), min((-shift + root) / d2, 1.0)
     if t0 >= t1:
@@ -161,6 +179,7 @@ def view_margin(p, r, flight, target, fov):
     if fov == FieldOfView.ANGLE:
         # the sine of an angle for the angle: all that counts lies near the edge
         cosine, half = dot(r, target.axis), target.cos_half_fov
+        # sin(half - theta) = cos(theta) sin(half) - cos(half) sin(theta)
         inside = cosine * math.sqrt(max(1.0 - half * half, 0.0))
         return flight * (inside - half * math.sqrt(max(1.0 - cosine * cosine, 0.0)))
     reach = target.radius + (target.center.z - p.z) * target.tan_half_fov
@@ -179,10 +198,10 @@ def view_radius(height, target, fov):
 
 
 @inlined
-def carried(light, p, m, scene):
-    """Return accepted light times intensity and transmittance of surface and water."""
-    light *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
-    return light * math.exp(-straight_depth(p, m, scene.emitter.position, scene))
+def carried(accepted, p, m, scene):
+    """Return the accepted share times intensity and transmittance of surface and water."""
+    accepted *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
+    return accepted * math.exp(-straight_depth(p, m, scene.emitter.position, scene))
 
 
 @inlined
@@ -222,19 +241,21 @@ def image_gain(scene, facets, stretch, lever, bend, stack, gain):
     themselves, since images overlap. `stretch` and `lever` bound |dX/dP| of a flat sea and
     |dX/dslope|, `bend` the relative change of the first; `stack` is room for (STACK, 3) integers.
     """
+    # Beam tracing (Heckbert and Hanrahan 1984; Watt 1990 for caustics of water): a facet's beam is
+    # refracted by its corners and clipped by the aperture.
     shot = crossing.straight_shot(0.0, 0.0, scene)
     gaussian = scene.emitter.kind == SourceKind.GAUSSIAN_BEAM
     fine, coarse = part_sizes(_GAUSSIAN_SHARE if gaussian else BEAM_SHARE, bend, scene)
     aperture, dark = Region(0.0, 0.0, 0.0, scene.target.radius), dark_angle(scene.emitter)
     for f in facets:
         image = Image(stretch + lever * scene.facets[f].curvature, coarse, dark)
-        nodes, top = whole_facet(2.0 * scene.facets[f].radius / fine, stack)
-        light = 0.0
+        n, top = whole_facet(2.0 * scene.facets[f].radius / fine, stack)
+        total = 0.0
         while top > 0:
-            i, j, side, top = next_part(f, nodes, image, aperture, stack, top, shot, scene)
-            if side != 0:
-                light += _triangle_gain(f, nodes, i, j, side, shot, scene)
-        gain[f] = unless_hidden(light, f, scene)
+            part, top = next_part(f, n, image, aperture, stack, top, shot, scene)
+            if part.side != 0:
+                total += _triangle_gain(part, shot, scene)
+        gain[f] = unless_hidden(total, f, scene)
 
 
 @inlined
@@ -257,13 +278,13 @@ def part_sizes(share, bend, scene):
 
 
 @outlined
-def unless_hidden(light, f, scene):
-    """Return the light of a facet; none where waves hide the ways to its centroid.
+def unless_hidden(total, f, scene):
+    """Return the total light of a facet; none where waves hide the ways to its centroid.
 
     Array twin: `EmbreeIntersector.intersect`.
     """
-    if light == 0.0:
-        return light
+    if total == 0.0:
+        return total
     p = Vec3(scene.facets[f].x, scene.facets[f].y, scene.facets[f].z)
     slope, below, above = scene.surface.max_slope, scene.emitter.position, scene.target.center
     for end, is_air in ((below, scene.mirrored), (above, not scene.mirrored)):
@@ -272,7 +293,7 @@ def unless_hidden(light, f, scene):
         if not (steep or (is_air and not scene.interface.follow_second_hit)):
             if not is_free(end, unit(way), norm(way), scene.surface, scene.locator):
                 return 0.0
-    return light
+    return total
 
 
 @inlined
@@ -280,31 +301,32 @@ def whole_facet(n, stack):
     """Put a facet on a stack; return the first power of two from n on, and the stack's height.
 
     Array twin: numpy.log2.
-    A part is a triangle (i, j, side) of the grid of that many `nodes` per edge, see
-    `_triangle_gain`; its halves are parts again.
+    The stack holds (i, j, side) of parts, see `Part`.
     """
-    nodes = 1
-    while nodes < n:
-        nodes *= 2
-    stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, nodes
-    return nodes, ONE
+    # a power of two: quarters of quarters stay on the grid, down to a side of 1
+    parts = 1
+    while parts < n:
+        parts *= 2
+    stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, parts
+    return parts, ONE
 
 
 @outlined
-def next_part(f, nodes, image, region, stack, top, shot, scene):
-    """Return (i, j, side, height of the stack) of the next smallest part that may shine.
+def next_part(f, n, image, region, stack, top, shot, scene):
+    """Return the next smallest `Part` that may shine, and the height of the stack.
 
     Array twin: all parts of a facet.
     Parts that may send unscattered light to the region are quartered; side 0: none is left.
     """
     while top > 0:
         top -= 1
-        i, j, side = stack[top, 0], stack[top, 1], stack[top, 2]
-        if abs(side) == 1:
-            return i, j, side, top
-        if _may_shine(f, nodes, i, j, side, image, region, shot, scene):
-            top = push_quarters(stack, top, i, j, side)
-    return ZERO, ZERO, ZERO, top
+        part = part_on(stack, top, f, n)
+        # the smallest parts of the grid are not cut: their images are triangles
+        if abs(part.side) == 1:
+            return part, top
+        if _may_shine(part, image, region, shot, scene):
+            top = push_quarters(stack, top, part)
+    return Part(f, n, ZERO, ZERO, ZERO), top
 
 
 @inlined
@@ -319,15 +341,18 @@ def is_beside(x, y, reach, region):
 
 
 @outlined
-def _may_shine(f, nodes, i, j, side, image, region, shot, scene):
+def _may_shine(part, image, region, shot, scene):
     """Return whether unscattered light may reach a region through a part of a facet."""
-    p = node(f, 3 * nodes, 3 * i + side, 3 * j + side, scene.surface)
-    share, facet = abs(side) / nodes, scene.facets[f]
+    f, p = part.facet, centroid(part, scene.surface)
+    share, facet = abs(part.side) / part.n, scene.facets[f]
+    # cheap bounds first: beam, then field of view, then the image
     if is_dark(p, spatial_radius(facet) * share, image.dark, scene.emitter):
         return False
     size, center = facet.radius * share, scene.target.center
     if is_beside(p.x - center.x, p.y - center.y, scene.target.reach + size, region):
         return False
+    # Bounds on the image hold for small parts: larger ones are cut without a look at their image,
+    # unless no light leaves them.
     if size > image.coarse:
         return not _is_reflected(p, size, f, scene)
     m = crossing.aim_at(p.x, p.y, f, shot, scene)
@@ -335,19 +360,25 @@ def _may_shine(f, nodes, i, j, side, image, region, shot, scene):
         # flatter light than any that lands on the region is stretched more on its way there
         reach = size * max(image.stretch, 1.5 * _flat_stretch(m, scene))
         return not is_beside(m.at.x, m.at.y, region.radius + reach, region)
-    for q in nodes_of(f, nodes, i, j, side, scene.surface):
+    for q in corners_of(part, scene.surface):
         if crossing.aim_at(q.x, q.y, f, shot, scene).ok:
             return True
     return False
 
 
 @inlined
-def push_quarters(stack, top, i, j, side):
-    """Push the four parts (i, j, side) of a part on a stack; return its height."""
-    half = side // 2
-    for k in range(4):
-        stack[top, 0] = i + (half if k in (1, 3) else 0)
-        stack[top, 1] = j + (half if k in (2, 3) else 0)
+def part_on(stack, k, f, n):
+    """Return element k of a stack as a `Part` of facet f, whose edges have n parts."""
+    return Part(f, n, stack[k, 0], stack[k, 1], stack[k, 2])
+
+
+@inlined
+def push_quarters(stack, top, part):
+    """Push the four quarters of a part on a stack; return its height."""
+    half = part.side // 2
+    for k in range(4):  # one at each corner, and the middle one upside down
+        stack[top, 0] = part.i + (half if k in (1, 3) else 0)
+        stack[top, 1] = part.j + (half if k in (2, 3) else 0)
         stack[top, 2] = -half if k == 3 else half
         top += 1
     return top
@@ -366,20 +397,31 @@ def _is_reflected(p, size, f, scene):
     n = normal_at(p.x, p.y, f, scene.surface)
     if seen >= 1.0 or dot(way, n) <= 0.0:
         return False
+    # sin(theta_c) = n_air / n_water
     critical = math.asin(min(scene.medium.n_air / scene.medium.n_water, 1.0))
     bend = 2.0 * facet.curvature * size
     return math.acos(dot(way, n) / norm(way)) > critical + math.asin(seen) + bend
 
 
 @inlined
-def part_of_row(i, k):
-    """Return (i, j, side) of part k of row i of a facet: parts of either side in turn."""
+def subpart(part, m, i, k):
+    """Return part k of row i of the m rows that a part is cut into: m^2 parts in all.
+
+    Row i has 2 (m - i) - 1 parts, of either side in turn.
+    """
     odd = k % 2
-    return i + odd, k // 2 + odd, ONE - 2 * odd
+    x, y, z = i + odd, k // 2 + odd, ONE - 2 * odd
+    return Part(
+        part.facet,
+        m * part.n,
+        m * part.i + x * part.side,
+        m * part.j + y * part.side,
+        z * part.side,
+    )
 
 
 @inlined
-def node(f, n, i, j, surface):
+def _node(f, n, i, j, surface):
     """Return the point (i, j) of the n parts along two edges of a facet.
 
     Array twin: barycentrics (i / n, j / n).
@@ -389,19 +431,28 @@ def node(f, n, i, j, surface):
 
 
 @inlined
-def nodes_of(f, n, i, j, side, surface):
-    """Return the nodes (i, j), (i + side, j), (i, j + side) of a part of a facet."""
-    p, q = node(f, n, i, j, surface), node(f, n, i + side, j, surface)
-    return p, q, node(f, n, i, j + side, surface)
+def centroid(part, surface):
+    """Return the centroid of a part [m]."""
+    i, j = 3 * part.i + part.side, 3 * part.j + part.side
+    return _node(part.facet, 3 * part.n, i, j, surface)
+
+
+@inlined
+def corners_of(part, surface):
+    """Return the three corners of a part [m]."""
+    f, n, i, j, side = part
+    p, q = _node(f, n, i, j, surface), _node(f, n, i + side, j, surface)
+    return p, q, _node(f, n, i, j + side, surface)
 
 
 @outlined
-def _triangle_gain(f, n, i, j, side, shot, scene):
-    """Return the gain of the part with the corners `nodes_of`, inside the field of view.
+def _triangle_gain(part, shot, scene):
+    """Return the gain of a part inside the field of view.
 
     A part is cut at the edge of the field of view, a straight line between its corners.
     """
-    p, q, r = nodes_of(f, n, i, j, side, scene.surface)
+    f = part.facet
+    p, q, r = corners_of(part, scene.surface)
     a, b = _corner(p, f, shot, scene), _corner(q, f, shot, scene)
     c = _corner(r, f, shot, scene)
     if not (a.ok and b.ok and c.ok):
@@ -412,6 +463,7 @@ def _triangle_gain(f, n, i, j, side, shot, scene):
         return _image_light(a, b, c, f, shot, scene)
     if seen == 0:
         return 0.0
+    # Turn the triangle until corner a is the one that the edge of the view parts from both others.
     if first == third:
         a, b, c = b, c, a
     elif first == second:
@@ -419,8 +471,9 @@ def _triangle_gain(f, n, i, j, side, shot, scene):
     ab, ac = _at_edge(a, b), _at_edge(a, c)
     if seen == 1:
         return _image_light(a, ab, ac, f, shot, scene)
-    one = _image_light(ab, b, c, f, shot, scene)
-    return one + _image_light(ab, c, ac, f, shot, scene)
+    # two corners in view: a quadrangle, as two triangles
+    near = _image_light(ab, b, c, f, shot, scene)
+    return near + _image_light(ab, c, ac, f, shot, scene)
 
 
 @inlined
@@ -436,6 +489,7 @@ def _corner(p, f, shot, scene):
 @inlined
 def _at_edge(a, b):
     """Return the corner at the edge of the field of view between two others."""
+    # linear interpolation of the margin, which vanishes at the edge
     t = a.inside / (a.inside - b.inside)
     off = minus2(b.at, a.at)
     at = Vec2(a.at.x + t * off.x, a.at.y + t * off.y)

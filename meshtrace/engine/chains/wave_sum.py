@@ -77,6 +77,8 @@ def shape_at(waves, x, y):
 @inlined
 def _aim_beside(x, y, dx, dy, s, shot, scene):
     """Return the `Aim` of a crossing at (x + dx, y + dy), close to a point of known shape."""
+    # Second order: slopes linear, heights by the tangent, exact in the limit of the difference
+    # step.
     slope_x, slope_y = s.zx + s.zxx * dx + s.zxy * dy, s.zy + s.zxy * dx + s.zyy * dy
     p = Vec3(x + dx, y + dy, s.z + s.zx * dx + s.zy * dy)
     return crossing.land_sloped(p, slope_x, slope_y, shot, scene)
@@ -117,7 +119,8 @@ def _exact_weight(chains, i, x, y, waves, shot, scene):
     As `weigh` on a mesh, with slopes and curvatures of the waves.
     """
     z, j = _exact_jacobian(x, y, waves, shot, scene)
-    return weight_of(chains, i, Vec3(x, y, z), j, FLAT_SEA, shot, scene)[0]
+    p, per_area = Vec3(x, y, z), crossing.solid_angle_per_area(j)
+    return weight_of(chains, i, p, j.aim, per_area, FLAT_SEA, shot, scene)[0]
 
 
 @entry
@@ -133,23 +136,27 @@ def move_crossings(chains, arrivals, waves, scene, score, counters):
         a = arrivals[k]
         i, x, y = a.chain, a.point[0], a.point[1]
         forward = dot(row(chains.tail, i), row(chains.last, i))
+        # t = -q.v +- sqrt(...): the open segment t tells which branch it was on
         branch = 1.0 if a.water - chains.path[i] + forward >= 0.0 else -1.0
         shot = shot_of(chains, i, scene, branch, scene.surface.roughness)
         facet = locate(scene.locator, scene.surface, x, y)
         meshed = 0.0
         if facet >= 0:
             meshed = weigh(chains, i, x, y, facet, shot, scene).weight
-        found, x, y = _exact_newton(x, y, waves, shot, scene)
-        if not found or meshed == 0.0:
+        converged, x, y = _exact_newton(x, y, waves, shot, scene)
+        if not converged or meshed == 0.0:
             counters[Moved.LOST.value] += 1
             continue
         a.point[0], a.point[1] = x, y
+        # Two crossings of the mesh may lead to one of the exact surface: counted once.
         if k > 0 and arrivals[k - 1].chain == i:
             before = arrivals[k - 1].point
             if abs(before[0] - x) + abs(before[1] - y) < _SAME:
                 counters[Moved.MERGED.value] += 1
                 continue
         counters[Moved.MOVED.value] += 1
+        # A control by the mesh: its weight keeps roulette and multiplicity, the ratio is that of
+        # the surfaces.
         score[i] += a.weight * _exact_weight(chains, i, x, y, waves, shot, scene) / meshed
 
 

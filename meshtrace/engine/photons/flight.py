@@ -170,14 +170,15 @@ def set_weight(q, weight, fate, world):
 
 
 @inlined
-def roulette(q, lot, world):
-    """Play Russian roulette with a low-weight photon; draw a new uniform if `lot` is negative."""
+def roulette(q, u_survival, world):
+    """Play Russian roulette with a low-weight photon; a negative `u_survival` is drawn anew."""
     if q.weight >= world.limits.weight:
         return GOES_ON
+    # Unbiased for any p: survivors carry weight / p.
     p = world.limits.survival if world.limits.survival > 0.0 else q.weight / world.limits.weight
-    if lot < 0.0:
-        lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE.value)
-    if lot >= p:
+    if u_survival < 0.0:
+        u_survival, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE.value)
+    if u_survival >= p:
         return Fate.ROULETTE.value
     set_weight(q, q.weight / p, Fate.ROULETTE.value, world)
     return GOES_ON
@@ -210,6 +211,7 @@ def facet_ahead(q, in_water, retry, world):
         t = (world.surface.low[2] - p.z) / d.z
     elif not in_water and d.z < 0.0:
         t = (world.surface.high[2] - p.z) / d.z
+    # A short way before the slab, and near to it: Embree has single precision.
     t = max(t - 1e-3 * (1.0 + t), 0.0)
     nudge = _NUDGE * retry
     aside = Vec3(nudge, 0.7 * nudge, -nudge if in_water else nudge)
@@ -225,8 +227,8 @@ def bending_normal(q, facet, world):
     g = row(world.surface.face_normals, facet)
     n = interface.normal_on(place(q), facet, world.surface)
     if interface.takes_slopes(g, world.surface.roughness):
-        u, v, w, lot = uniforms(world.seed, q.id, q.event, Purpose.SLOPE.value)
-        return g, interface.roughened(heading(q), n, u, v, w, world.surface.roughness), lot
+        u, v, w, u_spare = uniforms(world.seed, q.id, q.event, Purpose.SLOPE.value)
+        return g, interface.roughened(heading(q), n, u, v, w, world.surface.roughness), u_spare
     return g, n, -1.0
 
 
@@ -243,10 +245,12 @@ def to_sky(q, d, weight, world):
     """Score light that leaves the surface for good and deposit its weight."""
     flight = Segment(place(q), d, math.inf, weight, q.water, q.air)
     if sources.is_backward(world.back) and (q.water > 0.0 or not world.back.after_water):
-        light = weight * sources.radiance(world.back.sky, d)
-        world.tallies.score[q.id - world.first, sources.SKY_SCORE] += light
+        scored_radiance = weight * sources.radiance(world.back.sky, d)
+        world.tallies.score[q.id - world.first, sources.SKY_SCORE] += scored_radiance
         if is_tinted(world.tints):
-            tally.keep_arrival(world.tallies, q.id, sources.SKY_SCORE, light, world.tints, q.tint)
+            tally.keep_arrival(
+                world.tallies, q.id, sources.SKY_SCORE, scored_radiance, world.tints, q.tint
+            )
     scored = _is_scored(q, world)
     received = scored and tally.score_apertures(q, False, flight, world)
     if scored:
@@ -280,19 +284,22 @@ def cross(q, world):
     in_water = q.in_water == 1
     q.crossings += 1
     foam = world.interface.foam_transmittance
+    # Foam is a loss at each crossing: light scattered by whitecaps is not followed.
     if foam < 1.0:
         deposit(world.tallies, Fate.WHITECAP.value, q.weight * (1.0 - foam))
         q.weight *= foam
         if foam == 0.0:
             return Fate.WHITECAP.value
     record(world.recorder, q, Vertex.SURFACE_OUT if in_water else Vertex.SURFACE_IN)
-    rho, g, air, water, lot = _split(q, in_water, world)
+    rho, g, air, water, u_survival = _split(q, in_water, world)
     w_air, w_water = q.weight * (1.0 - rho), q.weight * rho
     if not in_water:
         w_air, w_water = w_water, w_air
     free = not world.interface.follow_second_hit or (  # of the surface
         air.z > 0.0 and (q.z >= world.surface.high[2] or steeper_than_waves(air, world.surface))
     )
+    # Both parts of the light can be followed only if one of them ends at once; else roulette by
+    # their weights.
     if world.interface.fresnel != interface.FresnelMode.WEIGHT or not free:
         u, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
         if u * (w_air + w_water) < w_air:
@@ -314,7 +321,7 @@ def cross(q, world):
         return Fate.LANDED.value
     if in_water and not world.interface.follow_reflected:
         return Fate.REFLECTED.value
-    fate = roulette(q, lot, world)
+    fate = roulette(q, u_survival, world)
     if fate != GOES_ON:
         return fate
     record(world.recorder, q, Vertex.BRANCH)
@@ -326,7 +333,7 @@ def cross(q, world):
 @inlined
 def _split(q, in_water, world):
     """Return reflectance, facet normal, directions in air and water and a spare uniform."""
-    g, n, lot = bending_normal(q, q.facet, world)
+    g, n, u_spare = bending_normal(q, q.facet, world)
     side, n1, n2 = 1.0, world.medium.n_water, world.medium.n_air
     if not in_water:
         side, n1, n2 = -1.0, n2, n1
@@ -334,14 +341,15 @@ def _split(q, in_water, world):
         heading(q), scaled(side, n), scaled(side, g), n1, n2, world.interface
     )
     if in_water:
-        return rho, g, transmitted, reflected, lot
-    return rho, g, reflected, transmitted, lot
+        return rho, g, transmitted, reflected, u_spare
+    return rho, g, reflected, transmitted, u_spare
 
 
 @outlined
 def _leave(q, d, g, world):
     """Send a photon off a facet, along d, on the side that g points to."""
     head(q, d)
+    # Started on the facet itself, a ray of single precision could meet it again.
     put(q, along(place(q), g, _OFFSET))
     if q.in_water == 0:
         q.free = math.inf
@@ -401,12 +409,12 @@ def _continue(q, u_path, world):
 @inlined
 def _meet_sun(q, world):
     """Score the sunlight that a collision scatters into a path."""
-    light = sources.sunlight(world.back, world.medium, place(q), heading(q), q.weight)
+    scattered = sources.sunlight(world.back, world.medium, place(q), heading(q), q.weight)
     for i in range(2):
         score = sources.SUN_SCORE + i
-        world.tallies.score[q.id - world.first, score] += light[i]
-        if is_tinted(world.tints) and light[i] > 0.0:
-            n = tally.keep_arrival(world.tallies, q.id, score, light[i], world.tints, q.tint)
+        world.tallies.score[q.id - world.first, score] += scattered[i]
+        if is_tinted(world.tints) and scattered[i] > 0.0:
+            n = tally.keep_arrival(world.tallies, q.id, score, scattered[i], world.tints, q.tint)
             if n >= 0:  # where and by which angle, for the factors of the last scattering
                 a, cosine = world.tallies.arrivals[n], dot(heading(q), world.back.sun)
                 a.air, a.water = q.z, math.acos(min(max(cosine, -1.0), 1.0))
@@ -438,10 +446,10 @@ def bounce(q, world):
     """Apply the reflection or absorption at the bottom; not inlined: rarely used."""
     fly_water(q, (world.medium.bottom_z - q.z) / q.dz, world)
     q.z = world.medium.bottom_z
-    kept = q.weight * world.medium.bottom_albedo
-    if kept == 0.0:
+    remaining = q.weight * world.medium.bottom_albedo
+    if remaining == 0.0:
         return Fate.BOTTOM.value
-    set_weight(q, kept, Fate.BOTTOM.value, world)
+    set_weight(q, remaining, Fate.BOTTOM.value, world)
     q.event += 1
     u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM.value)
     head(q, sources.lambert_reflection(u_cos, u_phi))
@@ -485,6 +493,7 @@ def _needs_ray(q, world):
         return True
     low = world.surface.low[2]
     z1 = q.z + q.free * q.dz if q.dz != 0.0 else q.z
+    # below the waves: only a path that starts among them, and not steep, may meet one
     if z1 < low:
         return q.z >= low and not steeper_than_waves(heading(q), world.surface)
     return True
@@ -506,6 +515,7 @@ def _settle_miss(q, seen, world):
     if q.in_water == 0:
         if q.dz < 0.0:
             t = (low - q.z) / q.dz
+    # downwards out of the slab: no facet was to be met
     elif not seen and q.dz < 0.0 and q.z + q.free * q.dz < low:
         return GOES_ON, (low - q.z) / q.dz + 1e-9
     elif not seen and q.free < math.inf and q.z + q.free * q.dz <= high:
@@ -515,6 +525,7 @@ def _settle_miss(q, seen, world):
         t = (high - q.z) / q.dz
     if not seen and not (t < math.inf and _inside(q, t, world.surface)):
         return Fate.LEFT_DOMAIN.value, 0.0
+    # single precision may slip through an edge: cast again from a point aside
     if q.retry < _RETRIES:
         world.tallies.misses[Miss.CAST_AGAIN.value] += 1
         q.retry += 1
@@ -571,6 +582,7 @@ def _move(q, world):
         if q.dz < 0.0 and q.z + q.free * q.dz < world.medium.bottom_z:
             fate = bounce(q, world)
         elif math.isinf(q.free):  # descends without end: with no bottom only absorption is left
+            # far enough to pass all planes; then only its end is left
             low = lowest(world)
             if q.z > low and q.dz < 0.0:
                 fly_water(q, (low - q.z) / q.dz, world)
@@ -588,6 +600,8 @@ def follow(first, last, world):
 
     Array twin: the plain tracer of `tests/benchmarks`.
     """
+    # Analog Monte Carlo with absorption by weight (Prahl et al. 1989); roulette below a
+    # weight.
     q = world.photon[0]
     for photon in range(first, last):
         _start(q, photon, world)

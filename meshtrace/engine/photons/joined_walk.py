@@ -22,6 +22,7 @@ import numpy as np
 from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.flight import bending_normal, facet_ahead, head, heading, place, put
 from meshtrace.engine.photons.next_event import join_collision, join_crossing
+from meshtrace.engine.photons.targets import Law
 from meshtrace.kernels import interface, medium
 from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
@@ -59,28 +60,30 @@ def guide_start(d, p, source, photon, uv, world):
     joins, sources = world.joins, world.sources
     lobe, cone, n = joins.start * joins.lobe, joins.start * joins.cone, len(joins.guide)
     kind = sources.kind[source]
+    # Beams have their own direction: others would carry none of their light.
     beam = kind != SourceKind.LED and kind != SourceKind.ISOTROPIC and kind != SourceKind.APERTURE
     if lobe + cone == 0.0 or beam:
         return d, 1.0
     level = targets.level_over(p, world)
-    lot, u, v, _ = uniforms(world.seed, photon, 0, Purpose.GUIDE.value)
-    if lot < lobe:
-        way = targets.way_to(min(int(lot / lobe * n), n - 1), p, level, uv, world)
+    u_guide, u, v, _ = uniforms(world.seed, photon, 0, Purpose.GUIDE.value)
+    if u_guide < lobe:
+        way = targets.way_to(min(int(u_guide / lobe * n), n - 1), p, level, uv, world)
         d = turn(way, medium.sample_s(world.medium.phase_water, u), v)
-    elif lot < lobe + cone:
-        axis, edge = targets.cone_to(min(int((lot - lobe) / cone * n), n - 1), p, world)
+    elif u_guide < lobe + cone:
+        axis, edge = targets.cone_to(min(int((u_guide - lobe) / cone * n), n - 1), p, world)
         d = turn(axis, u * edge, v)
-    own = _emitted(dot(d, row(sources.axis, source)), kind, sources.spread[source])
-    if own == 0.0:
+    lamp_density = _emitted(dot(d, row(sources.axis, source)), kind, sources.spread[source])
+    # outside the pattern of the lamp: drawn in vain, with weight 0
+    if lamp_density == 0.0:
         return d, 0.0
-    drawn = (1.0 - lobe - cone) * own
+    drawn = (1.0 - lobe - cone) * lamp_density
     if cone > 0.0:
         drawn += cone * targets.cone_density(d, p, world)
     for i in range(n):
         if lobe > 0.0:
             way = targets.way_to(i, p, level, uv, world)
             drawn += lobe / n * medium.phase_at(joins.water, targets.angle_between(way, d))
-    return d, own / drawn
+    return d, lamp_density / drawn
 
 
 @outlined
@@ -92,34 +95,45 @@ def redirect(q, s, u_phi, world):
     head almost for a target are too heavy for their number, and directions even over the cones to
     what the targets see. Photon and copies count by the densities of all that is drawn.
     """
-    start, before, aimed = place(q), heading(q), q.aimed
-    guide, n = targets.guide_of(q, world), len(world.joins.guide)
-    q.aimed = 0
-    lot, u, u_kind, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE.value)
-    if aimed == 0:
-        if lot < guide.lobe + guide.cone and q.copies + 1 < len(world.photon):
-            i = min(int(lot / guide.lobe * n), n - 1) if lot < guide.lobe else n
-            if i == n:
-                i += min(int((lot - guide.lobe) / guide.cone * n), n - 1)
-            q.copies += 1
-            q.aimed = 1 + i
-            world.photon[q.copies] = q
-            q.aimed = 0
-        d = turn(before, s, u_phi)
-    elif aimed <= n:
+    start, before, law = place(q), heading(q), q.law
+    lobe, cone = targets.guided_directions(q, world)
+    u_guide, u, u_kind, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE.value)
+    if law == Law.LOBE:
         uv = targets.aim_of(q, world)
-        d = turn(targets.way_to(aimed - 1, start, q.level, uv, world), s, u_phi)
-    else:
-        axis, edge = targets.cone_to(aimed - 1 - n, start, world)
+        d = turn(targets.way_to(q.guide, start, q.level, uv, world), s, u_phi)
+    elif law == Law.CONE:
+        axis, edge = targets.cone_to(q.guide, start, world)
         d = turn(axis, u * edge, u_phi)
-    own = targets.mixed_phase(before, d, start, world)
+    else:
+        if u_guide < lobe + cone and q.copies + 1 < len(world.photon):
+            _choose_guide(q, u_guide, lobe, cone, len(world.joins.guide))
+            _push(q, world)
+        d = turn(before, s, u_phi)
+    q.law = Law.PHASE.value
+    phase = targets.mixed_phase(before, d, start, world)
     theta = targets.angle_between(before, d) if is_tinted(world.tints) else 0.0
     targets.tint_mixed(q.tint, theta, u_kind, start, world)
-    q.density = own
-    if guide.lobe + guide.cone > 0.0:
-        q.density = targets.drawn_density(d, own, guide, q, start, world)
-        q.weight *= own / q.density
+    q.density = phase
+    if lobe + cone > 0.0:
+        q.density = targets.drawn_density(d, phase, q, world)
+        q.weight *= phase / q.density
     head(q, d)
+
+
+@inlined
+def _choose_guide(q, u, lobe, cone, n):
+    """Choose law and guide of a guided direction by u < lobe + cone."""
+    if u < lobe:
+        q.law, q.guide = Law.LOBE.value, min(int(u / lobe * n), n - 1)
+    else:
+        q.law, q.guide = Law.CONE.value, min(int((u - lobe) / cone * n), n - 1)
+
+
+@inlined
+def _push(q, world):
+    """Leave a copy of a photon to be followed later."""
+    q.copies += 1
+    world.photon[q.copies] = q  # assignment of a record copies it
 
 
 @outlined
@@ -142,9 +156,11 @@ def importance(p, joins):
         dx, dy = p.x - seen[0], p.y - seen[1]
         square = dx * dx + dy * dy
         if window.diffuse:
+            # softened within a fifth of a transport length, where diffusion does not hold
             square += 0.04 * window.length * window.length
             low, high = depth - window.length, depth + window.length + 2.0 * window.beyond
             r1, r2 = math.sqrt(square + low * low), math.sqrt(square + high * high)
+            # point source less its image above the extrapolated boundary (Farrell et al. 1992)
             total += math.exp(-window.kappa * r1) / r1 - math.exp(-window.kappa * r2) / r2
         else:
             square += depth * depth
@@ -164,7 +180,7 @@ def ratio_of(q, p, joins):
 
 
 @inlined
-def survives(q, p, share, lot, world):
+def survives(q, p, share, u_survival, world):
     """Play Russian roulette with a photon of low weight times importance; return whether it lives.
 
     Array twin: none.
@@ -173,10 +189,11 @@ def survives(q, p, share, lot, world):
     ratio = share * ratio_of(q, p, world.joins)
     if ratio >= _LOWEST:
         return True
+    # Survivors have twice the lowest ratio, in the middle of the window.
     chance = max(ratio / (2.0 * _LOWEST), _LEAST_CHANCE)
-    if lot < 0.0:
-        lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE.value)
-    if lot >= chance:
+    if u_survival < 0.0:
+        u_survival, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE.value)
+    if u_survival >= chance:
         return False
     q.weight /= chance
     return True
@@ -191,6 +208,7 @@ def copies_of(q, world):
     ratio = ratio_of(q, place(q), world.joins)
     if ratio <= world.joins.window.highest:
         return 1
+    # room for copies that wait, with half of `SPARE` left for guided ones
     return max(min(int(ratio), _MOST_COPIES, len(world.photon) - targets.SPARE // 2 - q.copies), 1)
 
 
@@ -214,7 +232,7 @@ def _start(q, photon, world):
     head(q, d)
     q.water, q.id, q.event, q.order, q.reflections, q.returns = 0.0, photon, 0, 0, 0, 0
     q.level, q.density, q.bend = targets.level_over(p, world), 0.0, 0.0
-    q.copies, q.is_guided, q.aimed = 0, 0, 0
+    q.copies, q.is_guided, q.law = 0, 0, Law.PHASE.value
     reset_tint(world.tints, q.tint)
     q.importance = importance(p, world.joins)
     _draw_path(q, u_path, world)
@@ -236,16 +254,18 @@ def _look_ahead(q, world, manifold):
     if manifold is not None:  # an argument: the rest is not compiled
         return
     joins = world.joins
+    # Without random slopes no chance leads through a crossing: collisions alone are joined.
     if not interface.is_rough(world.surface.roughness) or q.returns + 1 < joins.first:
         return
+    # for the weight window, whether or not a connection follows
     q.bend = targets.bend_ahead(place(q), heading(q), q.level, world)
     if q.order == 0 and q.reflections == 0 and not joins.direct:
         return
     if q.dz <= 0.0 and q.z < world.surface.low[2]:
         return
     chance = targets.chance_ahead(place(q), heading(q), q.level, q.bend, joins)
-    _, _, _, lot = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
-    if lot < chance:
+    _, _, _, u_connection = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
+    if u_connection < chance:
         facet, distance = _facet_ahead(q, world)
         if facet >= 0:
             join_crossing(q, facet, distance, chance, world)
@@ -260,6 +280,8 @@ def _fly(q, length, world):
     tint_way(world.tints, q.tint, start.z, q.z, length)
     if world.medium.absorption == medium.Absorption.CONTINUOUS:
         tau = medium.absorption_path(world.medium, start.z, q.z, length)
+        # Collisions are drawn `often` times too frequently: exp(+(often - 1) tau) corrects the
+        # survival of the way, 1 / often each collision.
         if often > 1.0:
             tau -= (often - 1.0) * medium.scattering_path(world.medium, start, place(q), length)
         q.weight *= math.exp(-tau)
@@ -270,6 +292,7 @@ def _most_reflected(q, world):
     """Return the reflectance of waves that lean away from the light by `_LEANING` deviations."""
     n, lean = world.medium.n_water / world.medium.n_air, _LEANING * world.joins.spread
     flat = math.sqrt(max(1.0 - q.dz * q.dz, 0.0))
+    # cosine of incidence on a wave that leans by that slope away from the light
     c = (q.dz - lean * flat) / math.sqrt(1.0 + lean * lean)
     square = 1.0 - n * n * (1.0 - c * c)
     if c <= 0.0 or square <= 0.0:
@@ -285,20 +308,21 @@ def _stays(q, world):
     if not interface.is_rough(world.surface.roughness):
         return True  # `_reflect` plays, by the reflectance itself
     # of the next event: the last one may have played, too
-    _, _, lot, _ = uniforms(world.seed, q.id, q.event + 1, Purpose.INTERFACE.value)
+    _, _, u_survival, _ = uniforms(world.seed, q.id, q.event + 1, Purpose.INTERFACE.value)
     q.bend = 0.0
     way = max(q.level - q.z, 0.0) / q.dz if q.dz > 0.0 else 0.0
+    # A bound on the weight that reflection can leave: roulette before the facet is searched.
     share = _most_reflected(q, world)
     if world.medium.absorption == medium.Absorption.CONTINUOUS:
         share *= math.exp(-medium.absorption_path(world.medium, q.z, q.z + way * q.dz, way))
-    return survives(q, along(place(q), heading(q), way), share, lot, world)
+    return survives(q, along(place(q), heading(q), way), share, u_survival, world)
 
 
 @outlined
 def _reflect(q, facet, world):
     """Reflect a photon off a facet; return whether it lives."""
     p, d = place(q), heading(q)
-    g, n, lot = bending_normal(q, facet, world)
+    g, n, u_survival = bending_normal(q, facet, world)
     n1, n2 = world.medium.n_water, world.medium.n_air
     rho, _, reflected = interface.branches(d, n, g, n1, n2, world.interface)
     q.event += 1
@@ -306,7 +330,7 @@ def _reflect(q, facet, world):
     q.returns += 1
     q.weight *= rho * world.interface.foam_transmittance
     q.density = 0.0
-    if q.weight == 0.0 or not survives(q, place(q), 1.0, lot, world):
+    if q.weight == 0.0 or not survives(q, place(q), 1.0, u_survival, world):
         return False
     put(q, along(p, g, -_HAIR))
     head(q, reflected)
@@ -364,11 +388,11 @@ def _scatter(q, world):
         join_collision(q, NO, world)
         if not _is_worth(q, NO, world):
             return False
+        # Splitting before the direction is drawn: copies take different ways.
         n = copies_of(q, world)
         q.weight /= n
         for _ in range(n - 1):
-            q.copies += 1
-            world.photon[q.copies] = q
+            _push(q, world)
         redirect(q, s, u_phi, world)
         _look_ahead(q, world, world.manifold)
         if not _is_worth(q, YES, world):
@@ -387,6 +411,7 @@ def _resume(q, world):
     """
     event, copies = q.event, q.copies
     world.photon[0] = world.photon[copies]
+    # the event of the photon that went on before, so that no numbers are used twice
     q.event, q.copies = event + 1, copies - 1
     u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION.value)
     b, bubbles = medium.scattering_coefficients(world.medium, place(q))
@@ -407,6 +432,7 @@ def _walk(q, world):
     while alive and q.event < world.events:
         t, facet = q.free, np.int64(-1)
         if q.z + t * q.dz > low or (q.z >= low and q.dz > -1.0):
+            # beyond the highest crest: it meets the surface on any sea
             surely = q.z + t * q.dz > high
             if surely and not _stays(q, world):
                 return  # before the search for the facet
@@ -435,6 +461,8 @@ def follow_joined(first, last, world):
 
     Array twin: the analog photon, `meshtrace.engine.photons.flight.follow`.
     """
+    # Next-event estimation (Kalos 1963) with splitting and roulette by a weight window (Haghighat
+    # and Wagner 2003); copies wait on a stack, the last one goes first.
     q = world.photon[0]
     for photon in range(first, last):
         _start(q, photon, world)

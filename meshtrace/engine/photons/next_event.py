@@ -78,6 +78,7 @@ def _crossings_between(still, shot, q, scene, world, manifold):
     """
     surface, target = scene.surface, scene.target
     side = math.hypot(still.x - shot.start.x, still.y - shot.start.y)
+    # bound on the displacement by slopes and heights of the waves, as `crossing.radius_of`
     move = crossing.MARGIN * surface.max_slope * max(still.along, still.across)
     move += (
         crossing.MARGIN * (surface.high[2] - surface.low[2]) * side / still.depth
@@ -89,19 +90,30 @@ def _crossings_between(still, shot, q, scene, world, manifold):
         return _on_all_facets(still, shot, scene, manifold)
     widths = targets.widths_of(still, world.joins)
     step = widths.x + widths.y
-    found, x, y, facet = crossing.root_from(still.x, still.y, step, shot, scene)
+    converged, x, y, facet = crossing.root_from(still.x, still.y, step, shot, scene)
     n = ZERO
-    if found:
+    if converged:
         n = _append(n, x, y, facet, 1.0, shot, manifold)
-    found, rx, ry, facet = _trial(ZERO, still, step, shot, q, scene, world)
-    if not found or (n == 1 and _is_same(rx, ry, x, y)):
+    converged, rx, ry, facet = _trial(ZERO, still, step, shot, q, scene, world)
+    if not converged or (n == 1 and _is_same(rx, ry, x, y)):
         return n
+    count = _inverse_probability(rx, ry, still, step, shot, q, scene, world)
+    return _append(n, rx, ry, facet, count, shot, manifold)
+
+
+@outlined
+def _inverse_probability(x, y, still, step, shot, q, scene, world):
+    """Return an unbiased estimate of 1 / p, p the chance that a drawn start leads to (x, y).
+
+    Zeltner et al. (2020), Alg. 2: Bernoulli trials up to the first that finds the crossing again
+    are geometrically distributed, with the mean 1 / p.
+    """
     trials, again = ONE, False
     while not again and trials < _MOST_TRIALS:
-        again, x, y, _ = _trial(trials, still, step, shot, q, scene, world)
-        again = again and _is_same(rx, ry, x, y)
+        again, other_x, other_y, _ = _trial(trials, still, step, shot, q, scene, world)
+        again = again and _is_same(x, y, other_x, other_y)
         trials += 1
-    return _append(n, rx, ry, facet, float(trials - 1), shot, manifold)
+    return float(trials - 1)
 
 
 @inlined
@@ -123,8 +135,10 @@ def _trial(k, still, step, shot, q, scene, world):
 
     Starts have a Student law of four degrees of freedom: far crossings are not too rare.
     """
+    # a stream of random numbers for each trial
     purpose = Purpose.TRIAL.value + _STREAMS * k
     u, v, _, _ = uniforms(world.seed, q.id, q.event, purpose)
+    # Student in the plane, nu = 4: P(r > x) = (1 + x^2 / 4)^-2, inverted
     r = 2.0 * math.sqrt(1.0 / math.sqrt(u) - 1.0)
     start = targets.beside(still, r, v, world.joins)
     return crossing.root_from(start.x, start.y, step, shot, scene)
@@ -134,6 +148,7 @@ def _trial(k, still, step, shot, q, scene, world):
 def _on_all_facets(still, shot, scene, manifold):
     """Write the crossings on all facets near the flat-sea crossing; return their number."""
     search, flat = manifold.search, manifold.flat[0]
+    # `still` may belong to a wave above the start, not to the mean level.
     level = shot.start.z + still.depth  # of the flat sea
     sea = MeshArrays(*scene.surface[:-1], level)  # type: ignore[call-arg]
     raised = Scene(scene.emitter, scene.target, sea, *scene[3:])
@@ -153,14 +168,15 @@ def _is_clear(p, d, length, facet, world):
 
     `facet` is the one where it starts or ends.
     """
+    # A path steeper than every facet leaves a surface once and for all.
     slope = world.surface.max_slope
     if d.z > slope * math.sqrt(d.x * d.x + d.y * d.y):
         return True
     hair = _HAIR * (1.0 + length)
-    found = first_facet(world.bvh, along(p, d, hair), d)
-    if found < 0 or found == facet:
+    hit = first_facet(world.bvh, along(p, d, hair), d)
+    if hit < 0 or hit == facet:
         return True
-    return interface.plane_distance(p, d, found, world.surface) > length - 2.0 * hair
+    return interface.plane_distance(p, d, hit, world.surface) > length - 2.0 * hair
 
 
 class Passage(NamedTuple):
@@ -203,6 +219,7 @@ def _landing(p, n, d, u, v, scene, world):
 def _point_density(i, light, world):
     """Return the density of the points of target i that are drawn at a crossing [m-2]."""
     t = world.joins.target[i]
+    # mixture of even points of the aperture and of landing points of drawn slopes
     return (1.0 - t.sloped) / t.area + t.sloped * light.density
 
 
@@ -239,16 +256,17 @@ def join_crossing(q, facet, length, chance, world):
     p = along(start, d, length)
     g = row(world.surface.face_normals, facet)
     n = interface.normal_on(p, facet, world.surface)
-    u, v, lot, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
+    u, v, u_target, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
+    # The expected light of a photon that passes the way to the surface without a collision.
     weight = q.weight * math.exp(-depth_between(world.medium, start, p, length))
     for i in range(len(joins.target)):
         if q.returns + 1 < joins.target[i].first:
             continue
         scene = targets.scene_to(joins.target[i], world)
-        found, goal = True, targets.goal_on(scene.target, u, v)
-        if lot < joins.target[i].sloped:
-            found, goal = _landing(p, n, d, u, v, scene, world)
-        if not found:
+        lands, goal = True, targets.goal_on(scene.target, u, v)
+        if u_target < joins.target[i].sloped:
+            lands, goal = _landing(p, n, d, u, v, scene, world)
+        if not lands:
             continue
         light = _through(p, n, g, d, goal, facet, scene, world)
         if light.share <= 0.0:
@@ -259,6 +277,8 @@ def join_crossing(q, facet, length, chance, world):
             other = targets.collision_chance(still.depth, joins) * targets.crossing_density(
                 p.x, p.y, still, joins
             )
+            # Density of the other connection per landing area: dP = length^2 / cos dOmega on the
+            # facet, seen from above by g_z.
             other *= length * length * g.z / (dot(d, g) * scene.target.area * q.density)
         score = weight * light.density * light.share / (own + other)
         _score(q, i, score, -1.0, p.z, length, light.flight, world)
@@ -277,13 +297,17 @@ def join_collision(q, at_bottom, world):
     q.level = level = targets.level_over(start, world)
     if q.returns + 1 < joins.first:
         return
+    # Roulette: connections of deep collisions bring exp(-c depth), and cost as much as others.
     chance = targets.collision_chance(max(level - start.z, targets.LEAST_DEPTH), joins)
+    q.chance, q.at_bottom = chance, 1 if at_bottom else 0
     q.density = 1.0  # until the direction is known
-    lot, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN.value)
-    if lot >= chance:
+    u_connection, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN.value)
+    if u_connection >= chance:
         return
     u, v, wide, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
+    # Box and Muller: distance of the crossing from that of still water, in standard deviations
     r = math.sqrt(-2.0 * math.log(u))
+    # second component of the law of crossings, see `targets.crossing_density`
     if wide < targets.WIDE_SHARE:
         r *= targets.WIDE
     rough = interface.is_rough(world.surface.roughness)
@@ -295,29 +319,31 @@ def join_collision(q, at_bottom, world):
         still = targets.still_crossing(start, goal, level, scene)
         if rough:
             p = targets.beside(still, r, v, joins)
-            _join_by_slope(p, q, i, goal, still, chance, at_bottom, scene, world, world.manifold)
+            _join_by_slope(p, q, i, goal, still, scene, world, world.manifold)
         else:
-            _join_bent(q, i, goal, still, chance, at_bottom, scene, world, world.manifold)
+            _join_bent(q, i, goal, still, scene, world, world.manifold)
 
 
 @inlined
-def _scattered(w, d, start, at_bottom, world):
+def _scattered(w, q, world):
     """Return the density of directions [sr-1] behind an event, and the angle if it is needed.
 
     The angle [rad] is -1 at the bottom.
     """
-    if at_bottom:
+    start, d = place(q), heading(q)
+    if q.at_bottom == 1:
+        # Lambert's law
         return max(w.z, 0.0) / math.pi, -1.0
     theta = targets.angle_between(d, w) if is_tinted(world.tints) else 0.0
     return targets.mixed_phase(d, w, start, world), theta
 
 
 @outlined
-def _join_by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manifold):
+def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
     """Join an event to target i by the slope at a crossing over (x, y), see `join_collision`."""
     if manifold is not None:
         return
-    joins, start, d = world.joins, place(q), heading(q)
+    joins, start = world.joins, place(q)
     x, y = at.x, at.y
     facet = targets.facet_below(x, y, world)
     if facet < 0:
@@ -334,46 +360,46 @@ def _join_by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manif
     light = _through(p, n, g, w, goal, facet, scene, world)
     if light.share <= 0.0 or not _is_clear(start, w, length, facet, world):
         return
-    turned, theta = _scattered(w, d, start, at_bottom, world)
+    turned, theta = _scattered(w, q, world)
     drawn = turned
-    if not at_bottom:
-        drawn = targets.drawn_density(w, turned, targets.guide_of(q, world), q, start, world)
-    own = chance * targets.crossing_density(x, y, still, joins) * length * length * g.z
-    own /= facing * scene.target.area
+    if q.at_bottom == 0:
+        drawn = targets.drawn_density(w, turned, q, world)
+    here = q.chance * targets.crossing_density(x, y, still, joins) * length * length * g.z
+    here /= facing * scene.target.area
     bend = targets.bend_ahead(start, w, q.level, world)
     other = (
         drawn
         * targets.chance_ahead(start, w, q.level, bend, joins)
         * _point_density(i, light, world)
     )
+    # balance heuristic: `here` for this connection, `other` for one at the crossing ahead
     turned *= math.exp(-depth_between(world.medium, start, p, length))
-    light_in = turned * light.density * light.share / (own + other)
+    light_in = turned * light.density * light.share / (here + other)
     if light_in > 0.0:
         _score(q, i, q.weight * light_in, theta, p.z, length, light.flight, world)
 
 
 @outlined
-def _join_bent(q, i, goal, still, chance, at_bottom, scene, world, manifold):
+def _join_bent(q, i, goal, still, scene, world, manifold):
     """Join an event to target i by all crossings without random slopes, see `join_collision`."""
     start = place(q)
     shot = crossing.Shot(start, ORIGIN, UP, goal, 1.0, Vec2(0.0, 0.0))
     if manifold is None:  # an argument: the other branch is not compiled
         at = Vec2(still.x, still.y)
-        _join_at(at, FLAT_SEA, 1.0, q, i, shot, chance, at_bottom, scene, world)
+        _join_at(at, FLAT_SEA, 1.0, q, i, shot, scene, world)
     else:
         for k in range(_crossings_between(still, shot, q, scene, world, manifold)):
             root = manifold.roots[k]
             at, facet = Vec2(root.x, root.y), np.int64(root.facet)
-            _join_at(at, facet, root.multiplicity, q, i, shot, chance, at_bottom, scene, world)
+            _join_at(at, facet, root.multiplicity, q, i, shot, scene, world)
 
 
 @outlined
-def _join_at(at, facet, multiplicity, q, i, shot, chance, at_bottom, scene, world):
+def _join_at(at, facet, multiplicity, q, i, shot, scene, world):
     """Join an event to target i by a crossing that refracts its light to the goal."""
-    start, d = place(q), heading(q)
-    j = crossing.jacobian(at.x, at.y, facet, shot, scene)
-    m, spread = j.aim, abs(j.a * j.d - j.b * j.c)
-    if not j.ok or spread == 0.0 or m.w.z == 0.0:
+    start, j = place(q), crossing.jacobian(at.x, at.y, facet, shot, scene)
+    m, per_area = j.aim, crossing.solid_angle_per_area(j)
+    if per_area == 0.0:
         return
     p = Vec3(at.x, at.y, height_on(at.x, at.y, facet, world.surface))
     light = crossing.acceptance(m, p, scene.target, world.interface.fov)
@@ -389,9 +415,8 @@ def _join_at(at, facet, multiplicity, q, i, shot, chance, at_bottom, scene, worl
             return
         if world.interface.follow_second_hit and not _is_clear(p, m.r, m.flight, facet, world):
             return
-    solid_angle = abs(j.wa * j.wd - j.wb * j.wc) / (abs(m.w.z) * spread)
-    light *= scene.target.area * solid_angle * crossing.transmittance(m, world.interface) / chance
-    turned, theta = _scattered(m.w, d, start, at_bottom, world)
+    light *= scene.target.area * per_area * crossing.transmittance(m, world.interface) / q.chance
+    turned, theta = _scattered(m.w, q, world)
     light *= turned
     light *= math.exp(-depth_between(world.medium, start, p, m.length))
     light *= multiplicity

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
@@ -45,17 +46,29 @@ JOINED_PHOTON = record_type(
         ("v", float),
         ("copies", np.int64),  # that wait
         ("is_guided", np.int64),  # whether copies take directions to the targets
-        ("aimed", np.int64),  # a copy's direction: 0 by the phase function, 1 ... by target
+        ("law", np.int64),  # `Law` of a copy's next direction
+        ("guide", np.int64),  # guide of that law
+        ("chance", float),  # of the connection of its last event
+        ("at_bottom", np.int64),  # whether its last event was at the bottom
     ]
 )
 """A joined photon under way."""
+
+
+class Law(IntEnum):
+    """Law by which the next direction of a photon is drawn."""
+
+    PHASE = 0  # phase function about the direction before
+    LOBE = 1  # phase function about the way to a guide
+    CONE = 2  # even over the cone to what a guide sees
+
 
 _TYPES: Any = {float: (float,), int: (np.int64,), bool: (bool,), Vec3: (float, (3,))}
 
 
 def _fields_of(kind: type) -> list[tuple[Any, ...]]:
     """Return the record fields for a NamedTuple of numbers."""
-    return [(name, *_TYPES[of]) for name, of in get_type_hints(kind).items() if of in _TYPES]
+    return [(name, *_TYPES[item]) for name, item in get_type_hints(kind).items() if item in _TYPES]
 
 
 TARGET = record_type(
@@ -159,9 +172,9 @@ def vector_of(a):
 @inlined
 def scene_to(t, world):
     """Return the surface with a target; nothing is read of its emitter."""
-    light, center, axis = t.lamp, vector_of(t.center), vector_of(t.axis)
+    pattern, center, axis = t.lamp, vector_of(t.center), vector_of(t.axis)
     lamp = Emitter(
-        center, vector_of(light.axis), light.kind, light.spread, light.norm, 1.0, 0.0,
+        center, vector_of(pattern.axis), pattern.kind, pattern.spread, pattern.norm, 1.0, 0.0,
         ORIGIN, ORIGIN,
     )  # fmt: skip
     target = Target(
@@ -224,11 +237,14 @@ def still_crossing(p, goal, level, scene):
     h, z = max(at.z - level, LEAST_DEPTH), max(level - p.z, LEAST_DEPTH)
     gx, gy = at.x - p.x, at.y - p.y
     r = math.sqrt(gx * gx + gy * gy)
+    # start: Snell's law for small angles, n u / z = (r - u) / h
     u = r * z / (z + n * h)
     low, high = 0.0, r
     for _ in range(20):
         q = r - u
         a, b = math.sqrt(u * u + z * z), math.sqrt(q * q + h * h)
+        # derivative of the optical path n a + b, which rises with u: the bracket always holds its
+        # one root
         g = n * u / a - q / b
         if g > 0.0:
             high = u
@@ -245,6 +261,7 @@ def still_crossing(p, goal, level, scene):
     cos_w, cos_a = z / a, h / b
     ux, uy = (gx / r, gy / r) if r > 1e-9 else (1.0, 0.0)
     bend = n * cos_w - cos_a
+    # A slope ds adds bend ds to the gradient of the path: dP = bend / (second derivative) ds.
     lever = bend / (n * cos_w * cos_w / a + cos_a * cos_a / b)
     return Still(p.x + u * ux, p.y + u * uy, ux, uy, lever, bend / (n / a + 1.0 / b), z)
 
@@ -273,6 +290,7 @@ def crossing_density(x, y, still, joins):
     p = (dx * still.ux + dy * still.uy) / sa
     q = (dy * still.ux - dx * still.uy) / sc
     e, wide = p * p + q * q, WIDE * WIDE
+    # Defensive mixture (Hesterberg 1995): far crossings keep a bounded weight.
     law = (1.0 - WIDE_SHARE) * math.exp(-0.5 * e) + WIDE_SHARE / wide * math.exp(-0.5 * e / wide)
     return law / (TWO_PI * sa * sc)
 
@@ -306,7 +324,7 @@ def mixed_phase(d, w, p, world):
 
 
 @inlined
-def tint_mixed(tint, theta, u, p, world):
+def tint_mixed(log_weights, theta, u, p, world):
     """Add a scattering by an angle to the sums of a path, see `meshtrace.kernels.tints`.
 
     Array twin: direct runs of the wavelengths.
@@ -319,7 +337,7 @@ def tint_mixed(tint, theta, u, p, world):
         if bubbles > 0.0:
             water = b * phase_at(world.joins.water, theta)
             by_bubble = u * (water + bubbles * phase_at(world.joins.bubble, theta)) >= water
-        tint_scattering(world.tints, tint, p.z, theta, by_bubble)
+        tint_scattering(world.tints, log_weights, p.z, theta, by_bubble)
 
 
 @outlined
@@ -340,6 +358,7 @@ def bend_ahead(p, d, level, world):
         flight = norm(to)
         big = along(scaled(medium.n_water, d), to, -medium.n_air / flight)
         if big.z > 0.0:
+            # the aperture itself accepts a range of slopes
             soft = medium.n_air * t.radius / flight
             square = big.x * big.x + big.y * big.y
             bend = min(bend, square / ((joins.spread * big.z) ** 2 + soft * soft))
@@ -360,16 +379,9 @@ def chance_ahead(p, d, level, bend, joins):
     return min(1.0, _AHEAD * bent * math.exp(-joins.b * way))
 
 
-class Guide(NamedTuple):
-    """Expected numbers of guided directions drawn at a collision."""
-
-    lobe: float  # by the phase function about the ways to the targets
-    cone: float  # even over the cones to what they see
-
-
 @inlined
-def guide_of(q, world):
-    """Return the `Guide` of a collision.
+def guided_directions(q, world):
+    """Return the expected numbers of directions drawn by `Law.LOBE` and `Law.CONE` at a collision.
 
     Array twin: none.
     """
@@ -384,7 +396,7 @@ def guide_of(q, world):
             x, y = seen[0] - start.x, seen[1] - start.y
             if x * x + y * y + start.z * start.z < seen[2] * seen[2]:
                 cone = 0.0
-    return Guide(lobe, cone)
+    return lobe, cone
 
 
 @inlined
@@ -394,6 +406,7 @@ def cone_to(i, p, world):
     way = Vec3(t.seen[0] - p.x, t.seen[1] - p.y, -p.z)
     distance = norm(way)
     sine = min(t.seen[2] / distance, 1.0)
+    # (1 - cos) / 2 without cancellation for narrow cones
     edge = 0.5 * sine * sine / (1.0 + math.sqrt(1.0 - sine * sine))
     return scaled(1.0 / distance, way), edge
 
@@ -405,6 +418,7 @@ def cone_density(d, p, world):
     for i in range(n):
         axis, edge = cone_to(i, p, world)
         if 0.5 * (1.0 - dot(d, axis)) <= edge:
+            # solid angle 2 pi (1 - cos) = 4 pi edge
             total += 1.0 / (n * 4.0 * math.pi * edge)
     return total
 
@@ -423,19 +437,20 @@ def aim_of(q, world):
 
 
 @outlined
-def drawn_density(d, own, guide, q, start, world):
+def drawn_density(d, phase, q, world):
     """Return the density of all directions drawn behind a collision [sr-1].
 
-    `own` is the phase function, by which the photon itself goes on.
+    `phase` is the phase function, by which the photon itself goes on.
     """
-    n = len(world.joins.guide)
-    total = own
+    start, n = place(q), len(world.joins.guide)
+    lobe, cone = guided_directions(q, world)
+    total = phase
     for i in range(n):
-        if guide.lobe > 0.0:
+        if lobe > 0.0:
             way = way_to(i, start, q.level, aim_of(q, world), world)
-            total += guide.lobe / n * mixed_phase(way, d, start, world)
-    if guide.cone > 0.0:
-        total += guide.cone * cone_density(d, start, world)
+            total += lobe / n * mixed_phase(way, d, start, world)
+    if cone > 0.0:
+        total += cone * cone_density(d, start, world)
     return total
 
 
