@@ -127,7 +127,7 @@ class Optimum(Stored):
     def summary(self) -> str:
         """Return variables, values and validation as text for a terminal."""
         head = ("variable", "start", "best", "flat from", "to", "bounds")
-        rows = [
+        of_values = [
             (name, f"{s:.4g}", f"{v:.4g}", f"{f[0]:.4g}", f"{f[1]:.4g}", f"{b[0]:g} .. {b[1]:g}")
             for name, s, v, f, b in zip(
                 self.variables, self.start, self.values, self.flatness, self.bounds, strict=True
@@ -140,7 +140,7 @@ class Optimum(Stored):
         lines = [
             f"{self.objective} {self.value:.4g} after {len(self.history)} candidates",
             "",
-            text_table(rows, head),
+            text_table(of_values, head),
             "",
             f"fresh seeds: best {check.best:.4g}, start {check.start:.4g}, gained {gained}",
             *self.notes,
@@ -271,25 +271,25 @@ def optimize(
         raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
     search = _Search(campaign, goal, start, variables, bounds, (realizations, spread, flight))
     with campaign.workers():
-        found = search.optimum(tuple(constraints), method)
+        optimum = search.optimum(tuple(constraints), method)
     if electronics is None or objective == "gain":
-        return found
-    light = lights.text(search.variant(found.values))
-    return replace(found, notes=(*found.notes, f"background light: {light}"))
+        return optimum
+    background = lights.text(search.variant(optimum.values))
+    return replace(optimum, notes=(*optimum.notes, f"background light: {background}"))
 
 
 def _variables(
-    campaign: Campaign, start: Variant, over: Bounds | None
+    campaign: Campaign, start: Variant, ranges: Bounds | None
 ) -> tuple[list[Parameter], Floats]:
     """Return the variables and their bounds (n, 2)."""
-    if not isinstance(over, Mapping) or not over:
-        raise Refused("over", over, "a table of names and bounds (low, high)")
-    bounds = np.array(list(checked_bounds(over).values()))
-    found = parameters(start, list(over), None, campaign.meshing.normals, "over")
-    for p, pair in zip(found, bounds, strict=True):
+    if not isinstance(ranges, Mapping) or not ranges:
+        raise Refused("over", ranges, "a table of names and bounds (low, high)")
+    bounds = np.array(list(checked_bounds(ranges).values()))
+    variables = parameters(start, list(ranges), None, campaign.meshing.normals, "over")
+    for p, pair in zip(variables, bounds, strict=True):
         for end in pair.tolist():
             p.at(start, end)
-    return found, bounds
+    return variables, bounds
 
 
 @dataclass(eq=False)
@@ -298,7 +298,7 @@ class _Search:
 
     campaign: Campaign
     goal: Goal
-    given: Variant
+    start: Variant
     variables: list[Parameter]
     bounds: Floats
     sampled: tuple[int, tuple[float, float], Flight | None]
@@ -339,7 +339,7 @@ class _Search:
 
     def variant(self, values: Floats) -> Variant:
         """Return the candidate with values of the variables."""
-        return self.given.at(zip(self.variables, values.tolist(), strict=True))
+        return self.start.at(zip(self.variables, values.tolist(), strict=True))
 
     def _costs(self, values: Floats, sample: Sample | None = None) -> Floats:
         """Return the costs of a candidate: of all gains, and of the groups of the jackknife."""
@@ -423,7 +423,7 @@ class _Search:
     def _flat(self, best: Floats, cost: float, stderr: float) -> Floats:
         """Return the interval of each variable with costs within one standard error (n, 2)."""
         x0 = self._place(best)
-        found = np.empty((len(best), 2))
+        ends = np.empty((len(best), 2))
         for i in range(len(best)):
             for side in (0, 1):
                 inside, outside = float(x0[i]), float(side)
@@ -438,8 +438,8 @@ class _Search:
                     else:
                         outside = float(at[i])
                 at[i] = inside
-                found[i, side] = self._values(at)[i]
-        return found
+                ends[i, side] = self._values(at)[i]
+        return ends
 
     def _result(self, best: Floats, cost: float, stderr: float) -> Optimum:
         """Return the optimum with its validation on fresh seeds."""
@@ -473,7 +473,7 @@ class _Search:
             bounds=self.bounds,
             flatness=flatness,
             candidates=np.array(list(tried)),
-            costs=np.array([found[0] for found in tried.values()]),
+            costs=np.array([costs[0] for costs in tried.values()]),
             validation=Validation(quantities[0], quantities[1], difference, error, improved),
             notes=tuple(notes),
             provenance=campaign.provenance() | {"best": at.link.model_dump(mode="json")},
