@@ -218,10 +218,12 @@ class Sample(Restored):
         """Draw places, their weights and the winds of all seas."""
         flight, m = self._flight, self._places
         rng = np.random.default_rng([self._seed, 1])
+        # beyond r lies a share exp(-r^2 / 2) of a normal law of two axes; rings by its inverse
         edges = (1.0 - np.arange(m + 1) / m) ** 2
         share = rng.random() if m == 1 else 0.5
         beyond = edges[1:] + share * (edges[:-1] - edges[1:])
         radius = np.sqrt(-2.0 * np.log(beyond)) if m > 1 else np.zeros(1)
+        # steps of the golden angle spread any number of places evenly over the rings
         azimuth = 2.0 * math.pi * rng.random() + _GOLDEN * np.arange(m)
         places = radius[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
         self._offsets = places * np.array(hover_std)
@@ -320,5 +322,6 @@ class Sample(Restored):
         old, new = self._start.transmitters[0], link.transmitters[0]
         if isinstance(old, Led) and isinstance(new, Led):
             lamp = np.maximum(arrivals.lamp, 1e-300)
+            # a Lambertian lamp of order m emits (m + 1) / (2 pi) cos^m
             factor *= (new.order + 1.0) / (old.order + 1.0) * lamp ** (new.order - old.order)
         return factor

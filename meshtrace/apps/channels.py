@@ -336,6 +336,7 @@ class MarkovChannel(ChannelModel):
 def _steady(transition: Floats) -> Floats:
     """Return the probabilities that a chain keeps."""
     m = len(transition)
+    # p P = p has one equation too few: the sum of 1 closes it
     balance = np.vstack([transition.T - np.eye(m), np.ones(m)])
     probability = np.linalg.lstsq(balance, np.append(np.zeros(m), 1.0))[0]
     probability = np.maximum(probability, 0.0)
@@ -567,6 +568,8 @@ def _spectrum(rho: Floats, size: int) -> Floats:
     period = np.zeros(size)
     period[: rho.size] = rho
     period[-rho.size + 1 :] = rho[:0:-1]
+    # a correlation has no negative power; what is cut off is how far the model can follow it
     power = np.maximum(np.fft.rfft(period).real, 0.0)
+    # rfft has each frequency once but the first and, of even sizes, the last
     twice = 2.0 * power.sum() - power[0] - (power[-1] if size % 2 == 0 else 0.0)
     return power * (size / twice)

@@ -193,6 +193,7 @@ class Predictor(Restored):
         shifts, slopes = gains[:, :SHIFTS], gains[:, SHIFTS:]
         means = shifts.mean(axis=1)
         off = shifts / means[:, None] - 1.0
+        # groups of chains are independent, and common to all predictions: so are their errors
         covariance = off @ off.T / (SHIFTS * (SHIFTS - 1))
         by_all = np.ones((len(gains), len(x)))
         by_all[:, self._of_link] = slopes
@@ -517,6 +518,7 @@ class _Fit(NamedTuple):
 
     def _variance(self, prediction: Prediction) -> Floats:
         """Return the variances of ln gain by the measurements, Poisson's for counts."""
+        # the variance of a logarithm is the relative variance; of counts it is 1 / mean
         relative = np.square(self.data.stderr / np.maximum(self.data.value, 1e-300))
         return np.where(self.data.counted, np.exp(-prediction.log), relative)
 
@@ -528,6 +530,7 @@ class _Fit(NamedTuple):
         """Return predicted minus measured ln gain; of counts relative to a prediction `around`."""
         value, counted = self.data.value, self.data.counted
         counts = (np.exp(log) - value) * np.exp(-around)
+        # counts may be 0, so that they are compared as they are and not by their logarithm
         return np.where(counted, counts, log - np.log(np.where(counted, 1.0, value)))
 
     def _solved(self, x0: Floats, last: Prediction) -> Floats:
@@ -564,8 +567,10 @@ class _Fit(NamedTuple):
             x[self.names.index(SCALE)] = float(np.mean(off))
         last = self.model.at(x)
         sigma = self._sigma(last)
+        # small singular values belong to mixtures of unknowns that the measurements do not tell
         _, singular, directions = np.linalg.svd(first.slope / sigma[:, None], full_matrices=False)
         before = _relative(singular, directions)
+        # Fisher scoring: the weights of counts follow from the prediction, which changes
         for _ in range(_SCORINGS if self.data.counted.any() else _ROUNDS):
             previous, x = x, self._solved(x, last)
             last = self.model.at(x)
@@ -606,6 +611,7 @@ class _Fit(NamedTuple):
         noise = (np.diag(self._variance(last)) + last.covariance) / np.outer(sigma, sigma)
         known = self.priors.slope.T @ self.priors.slope
         information, spread = whitened.T @ whitened + known, whitened.T @ noise @ whitened + known
+        # directions that no measurement tells would have infinite variance
         inverse = np.linalg.pinv(information, rcond=_LEAST**2, hermitian=True)
         alone = _relative(*np.linalg.svd(whitened, full_matrices=False)[1:])
         return inverse @ spread @ inverse, alone

@@ -284,11 +284,13 @@ class SunRay(NamedTuple):
     def lever(self, depth: float) -> float:
         """Return the displacement of the light at a depth by a unit of slope [m]."""
         cosine = float(self.inside[2])
+        # derivative of Snell's law by the slope: the ray turns by (1 - cos_i / (n cos_t))
         return depth * (1.0 - self.day.sun[2] / (self.n * cosine)) / cosine**2
 
     def disk(self, depth: float) -> tuple[float, float]:
         """Return the half-axes of the image of the sun at a depth, along and across its light."""
         cosine = float(self.inside[2])
+        # refraction shrinks the angle by 1 / n, and along the light by the ratio of cosines, too
         across = math.radians(SUN_RADIUS_DEG) * depth / (self.n * cosine)
         return across * self.day.sun[2] / cosine**2, across
 
@@ -484,6 +486,7 @@ class DepthPlan:
         else:
             # the grid is that of the first tile: waves are moved to it from the others
             away = self.x[i] - self.x[0], self.y[j] - self.y[0]
+            # a shift of the origin multiplies each wave by exp(-i k . shift)
             phase = np.exp(-1j * (self._waves.kx * away[0] + self._waves.ky * away[1]))
             z, zx, zy = self._grid.sum(weights * phase)
         return z, zx, zy

@@ -327,6 +327,7 @@ class _Search:
         low, high = self.bounds.T
         x = np.clip(x, 0.0, 1.0)
         with np.errstate(divide="ignore", invalid="ignore"):
+            # the logarithm of a range that ends at 0 is no number; such a range is linear
             logs = low * (high / low) ** x
         return np.where(self._log, logs, low + x * (high - low))
 
@@ -349,6 +350,7 @@ class _Search:
         """Return the cost of a point of the unit cube, kept in the history."""
         values = self._values(np.atleast_1d(np.asarray(x, dtype=float)))
         key = tuple(values.tolist())
+        # scipy asks for some points again, and each costs gains over all seas
         if key not in self._history:
             self._history[key] = self._costs(values)
             self.campaign.advance()
@@ -380,6 +382,7 @@ class _Search:
         """Search one variable: a grid, then the interval around its best point."""
         from scipy.optimize import minimize_scalar
 
+        # a bounded search sees one minimum; the grid says in which interval the lowest one lies
         grid = np.linspace(0.0, 1.0, _GRID)
         best = int(np.argmin([self._cost(x) for x in grid]))
         ends = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _GRID - 1)])
@@ -408,6 +411,7 @@ class _Search:
         def cost(x: Floats) -> float:
             at = self.variant(self._values(x))
             broken = sum(max(-float(g(at)), 0.0) for g in constraints)
+            # above any cost, and less the nearer the constraints are: evolution finds the way back
             return 1e9 * (1.0 + broken) if broken else self._cost(x)
 
         n = len(self.variables)
@@ -422,6 +426,7 @@ class _Search:
 
     def _flat(self, best: Floats, cost: float, stderr: float) -> Floats:
         """Return the interval of each variable with costs within one standard error (n, 2)."""
+        # all candidates share their samples: costs are smooth, and halving finds where they cross
         x0 = self._place(best)
         ends = np.empty((len(best), 2))
         for i in range(len(best)):
@@ -446,6 +451,7 @@ class _Search:
         campaign, goal, at = self.campaign, self.goal, self.variant(best)
         tried = dict(self._history)  # those of the flat intervals come later
         flatness = self._flat(best, cost, stderr)
+        # the best of many candidates is best by luck, too: only new samples tell its true gain
         fresh = self._new_sample((campaign.run.seed + _FRESH) % 2**64)
         notes, new, old = [], self._costs(best, fresh), self._costs(self._start, fresh)
         difference, error = float(old[0] - new[0]), error_of(old - new)

@@ -127,6 +127,7 @@ def log_quantile(gains: Floats, tilt: TiltFactors, share: float, lognormal: bool
     By a law with the mean and the deviation of ln g, see `probability_in_log`, or a lognormal one.
     No light is lost beside either.
     """
+    # a gain of 0 has no logarithm: its share is dark, as are tilts out of view
     log_gains, factors = np.log(gains[gains > 0.0]), np.log(tilt.h[tilt.h > 0.0])
     weight = tilt.weight[tilt.h > 0.0] * (log_gains.size / gains.size)
     dark = 1.0 - float(weight.sum())
@@ -142,6 +143,7 @@ def log_quantile(gains: Floats, tilt: TiltFactors, share: float, lognormal: bool
     def excess(x: float) -> float:
         return dark + float(weight @ below((x - middle - factors) / spread)) - share
 
+    # far beyond both ends of the law, as brentq needs a change of sign
     reach = 40.0 * spread + 10.0
     return float(brentq(excess, middle - reach, middle + reach, xtol=1e-9))
 
@@ -155,11 +157,13 @@ class Need:
         self.exact = receiver.required_power(limit)
         fixed = dark.replace(window=self.window)
         self.fixed, self._floor = fixed, dark.sipm.dark_count_rate + dark.background_rate + 1.0
+        # from a millionth of the present background to ten thousand times it
         rates = max(receiver.background_rate, self._floor) * np.geomspace(1e-6, 1e4, 15)
         powers = [fixed.replace(background_rate=r).required_power(limit) for r in rates.tolist()]
         finite = np.isfinite(powers)
         self._most = float(rates[finite].max()) if finite.any() else -1.0
         if finite.sum() > 1:
+            # ln of the need bends little over ln of the counts; the floor keeps counts of 0 in
             nodes = np.log(rates[finite] + self._floor)
             self._table = PchipInterpolator(nodes, np.log(np.array(powers)[finite]))
 
@@ -302,6 +306,7 @@ class LinkModel:
             return chain_error
         left = [log_quantile(np.delete(gains, i), tilt, self.outage) for i in range(n)]
         spread = (n - 1) * float(np.var(left)) if np.isfinite(left).all() else math.nan
+        # seas do not tell the law of their gains; half of the difference of two laws bounds that
         by_law, other = (log_quantile(gains, tilt, self.outage, law) for law in (False, True))
         of_law = 0.5 * abs(other - by_law) if math.isfinite(by_law) else math.nan
         return math.hypot(math.sqrt(spread), of_law, chain_error)

@@ -444,6 +444,7 @@ class _Study(LinkModel):
 
         first = start[0] * (0.9 if start[1] >= 0.0 else 0.7)
         try:
+            # ratios of means are cheap, and bring the search near to where runs of many seas begin
             depth, *_ = closing_depth(by_means, start, first, far=_FAR_DB)
             if math.isnan(depth):
                 return math.nan, "none below the waves"

@@ -199,6 +199,7 @@ def dominant_wavelength(
     spectra = light_spectra(wind_speed, row.along, patches)
     power = spectra[row.along.index(row.at), :, ("along", "across").index(heading)]
     k = 2.0 * math.pi * np.arange(_CELLS // 2) / (_CELLS * _STEP)
+    # the transfer function of a running mean over the width of the sensor
     power = power * np.sinc(k * smoothing / (2.0 * math.pi)) ** 2
     edges = np.geomspace(k[1], k[-1], 25)
     middle = np.sqrt(edges[1:] * edges[:-1])
