@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.photons.flight import Vertex
+from meshtrace import Vertex
 from meshtrace.optics.fresnel import refract
 from meshtrace.surfaces import FlatSea, JonswapSea
 
