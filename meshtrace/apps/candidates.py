@@ -78,7 +78,7 @@ class Goal:
         gains, ook = self._lit(at, sample)
         if callable(self.objective) or self.objective == "outage":
             at, weights = at._replace(detector=ook), sample.weights
-            return np.array([self._cost(at, some, weights) for some in without_each(gains)])
+            return np.array([self._cost(at, without, weights) for without in without_each(gains)])
         if self.objective in ("margin", "range") and math.isinf(self._rates.need(ook)):
             worst = 0.0 if self.objective == "range" else -math.log(_DARK)  # a closed eye
             return np.array([worst for _ in without_each(gains)])
@@ -150,11 +150,11 @@ REWEIGHED = ("receiver.fov_deg", "transmitter.half_angle_deg")
 again."""
 
 
-def _by_edge(light: Light, half_deg: float) -> NDArray[np.bool_]:
+def _by_edge(arrivals: Light, half_deg: float) -> NDArray[np.bool_]:
     """Return which light comes through facets by the edge of a view; none if that is little."""
-    off = np.abs(light.angle - math.radians(half_deg))
-    found = (light.facet >= 0) & (off < _EDGE)
-    return found & (light.weight[found].sum() > _SMALL * light.weight.sum())
+    off = np.abs(arrivals.angle - math.radians(half_deg))
+    near_edge = (arrivals.facet >= 0) & (off < _EDGE)
+    return near_edge & (arrivals.weight[near_edge].sum() > _SMALL * arrivals.weight.sum())
 
 
 class Sample(Restored):
@@ -204,8 +204,8 @@ class Sample(Restored):
             campaign, self._seas, phases=random, fading=True,
             kept=self._seas, around=self._spread(link, uav, 0),
         )  # fmt: skip
-        lit = self._seas if turned else min(self._seas, MOST_SEAS)
-        self._lights = lru_cache(_CASES * lit)(self._light)
+        traced = self._seas if turned else min(self._seas, MOST_SEAS)
+        self._lights = lru_cache(_CASES * traced)(self._light)
         self.responses = Responses(self.some_light, Variant(link, None, uav=uav))
         self._known = lru_cache(_CANDIDATES)(self._kept)
         self._identity = {
@@ -219,10 +219,12 @@ class Sample(Restored):
         """Draw places, their weights and the winds of all seas."""
         flight, m = self._flight, self._places
         rng = np.random.default_rng([self._seed, 1])
+        # beyond r lies a share exp(-r^2 / 2) of a normal law of two axes; rings by its inverse
         edges = (1.0 - np.arange(m + 1) / m) ** 2
         share = rng.random() if m == 1 else 0.5
         beyond = edges[1:] + share * (edges[:-1] - edges[1:])
         radius = np.sqrt(-2.0 * np.log(beyond)) if m > 1 else np.zeros(1)
+        # steps of the golden angle spread any number of places evenly over the rings
         azimuth = 2.0 * math.pi * rng.random() + _GOLDEN * np.arange(m)
         places = radius[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
         self._offsets = places * np.array(hover_std)
@@ -273,18 +275,18 @@ class Sample(Restored):
         links, frozen, mesh = self._links(link, uav, i), self._near.frozen, self._near.mesh(i)
         if not self._turned:
             return np.concatenate([frozen.gains(at, mesh) for at in links])
-        lights, rows = iter(self.light(link, uav, i)), []
+        lights, per_place = iter(self.arrivals(link, uav, i)), []
         for at in links:
-            some = list(islice(lights, len(at.receivers)))
-            cut = [_by_edge(light, 0.5 * link.receivers[0].fov_deg) for light in some]
-            facets = [light.facet[near] for light, near in zip(some, cut, strict=True)]
+            at_place = list(islice(lights, len(at.receivers)))
+            cut = [_by_edge(arrivals, 0.5 * link.receivers[0].fov_deg) for arrivals in at_place]
+            facets = [arrivals.facet[near] for arrivals, near in zip(at_place, cut, strict=True)]
             exact = frozen.unscattered(at, mesh, facets) if any(map(len, facets)) else None
-            for r, light in enumerate(some):
-                row = light.by_shift(np.where(cut[r], 0.0, self._factor(link, light)))
-                rows.append(row if exact is None else row + exact[r])
-        return np.array(rows)
+            for r, arrivals in enumerate(at_place):
+                row = arrivals.by_shift(np.where(cut[r], 0.0, self._factor(link, arrivals)))
+                per_place.append(row if exact is None else row + exact[r])
+        return np.array(per_place)
 
-    def light(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
+    def arrivals(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
         """Return the light of a candidate at all places over sea i, before it is weighed again.
 
         Variables that only weigh it are those of the start.
@@ -294,18 +296,20 @@ class Sample(Restored):
         return self._lights(link, uav, i)
 
     def _light(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
-        return [one for at in self._links(link, uav, i) for one in self._near.light(at, i)]
+        return [
+            arrivals for at in self._links(link, uav, i) for arrivals in self._near.light(at, i)
+        ]
 
     @held
     def some_light(self, at: Variant) -> list[Light]:
         """Return the light of a candidate at all places over some seas, for its response."""
         link, uav = at.link, None if self._flight is None else at.uav
-        some, threads = range(min(MOST_SEAS, self._seas)), self._near.campaign.threads
-        over_each = ordered_map(lambda i: self.light(link, uav, i), some, threads)
+        seas, threads = range(min(MOST_SEAS, self._seas)), self._near.campaign.threads
+        over_each = ordered_map(lambda i: self.arrivals(link, uav, i), seas, threads)
         lights = []
-        for light, weight in zip(chain.from_iterable(over_each), cycle(self.weights)):
-            factor = weight * self._factor(link, light) if self._turned else weight
-            lights.append(light._replace(weight=factor * light.weight))
+        for arrivals, weight in zip(chain.from_iterable(over_each), cycle(self.weights)):
+            factor = weight * self._factor(link, arrivals) if self._turned else weight
+            lights.append(arrivals._replace(weight=factor * arrivals.weight))
         return lights
 
     def _links(self, link: Link, uav: Uav | None, i: int) -> list[Link]:
@@ -316,12 +320,13 @@ class Sample(Restored):
         # the light of lamps at several places would add up
         return [link.model_copy(update={"transmitter": lamp}) for lamp in spread.transmitters]
 
-    def _factor(self, link: Link, light: Light) -> Floats:
+    def _factor(self, link: Link, arrivals: Light) -> Floats:
         """Return the weights of arrivals at a candidate, relative to the start."""
         half = math.radians(0.5 * link.receivers[0].fov_deg)
-        factor = (light.angle <= half).astype(float)
+        factor = (arrivals.angle <= half).astype(float)
         old, new = self._start.transmitters[0], link.transmitters[0]
         if isinstance(old, Led) and isinstance(new, Led):
-            lit = np.maximum(light.lamp, 1e-300)
-            factor *= (new.order + 1.0) / (old.order + 1.0) * lit ** (new.order - old.order)
+            lamp = np.maximum(arrivals.lamp, 1e-300)
+            # a Lambertian lamp of order m emits (m + 1) / (2 pi) cos^m
+            factor *= (new.order + 1.0) / (old.order + 1.0) * lamp ** (new.order - old.order)
         return factor

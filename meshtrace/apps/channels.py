@@ -130,15 +130,15 @@ def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[Floats, dict[str, An
     }
 
 
-def _memory_note(found: dict[str, Any], model: Floats, cause: str) -> list[str]:
+def _memory_note(statistics: dict[str, Any], model: Floats, cause: str) -> list[str]:
     """Return a note if the autocorrelations of a model and its series differ."""
-    off = model - found["autocorrelation"]
+    off = model - statistics["autocorrelation"]
     at = int(np.argmax(np.abs(off)))
-    if abs(off[at]) < max(_NOTED, 3.0 * found["autocorrelation_stderr"][at]):
+    if abs(off[at]) < max(_NOTED, 3.0 * statistics["autocorrelation_stderr"][at]):
         return []
     return [
-        f"the autocorrelation is {model[at]:.2f} at {found['lag'][at]:.3g} s, that of the series "
-        f"{found['autocorrelation'][at]:.2f}: {cause}"
+        f"the autocorrelation is {model[at]:.2f} at {statistics['lag'][at]:.3g} s, "
+        f"that of the series {statistics['autocorrelation'][at]:.2f}: {cause}"
     ]
 
 
@@ -233,13 +233,13 @@ class MarkovChannel(ChannelModel):
         Refused
             If a value is out of range, or a state is never left.
         """
-        g, found = _series(gain, dt, seed)
+        g, statistics = _series(gain, dt, seed)
         if isinstance(thresholds, int):
             require_whole(thresholds, 2, _MOST_STATES, "thresholds")
             levels = np.quantile(g, np.arange(1, thresholds) / thresholds)
         else:
-            given = require_array(thresholds, "thresholds", "increasing numbers > 0").ravel()
-            levels = np.array([level_of(g, h, relative_to) for h in given])
+            ratios = require_array(thresholds, "thresholds", "increasing numbers > 0").ravel()
+            levels = np.array([level_of(g, h, relative_to) for h in ratios])
         if not (0 < levels.size < _MOST_STATES and (np.diff(levels) > 0.0).all()):
             allowed = f"1 to {_MOST_STATES - 1} increasing thresholds, or a number of states"
             raise Refused("thresholds", thresholds, allowed)
@@ -255,13 +255,13 @@ class MarkovChannel(ChannelModel):
         level = np.bincount(states, g, m) / np.bincount(states, minlength=m)
         mean = float(steady @ level)
         variance = float(steady @ (level - mean) ** 2)
-        rho, expected = np.empty(found["lag"].size), level - mean
+        rho, expected = np.empty(statistics["lag"].size), level - mean
         for lag in range(rho.size):
             rho[lag] = (steady * (level - mean)) @ expected / variance
             expected = transition @ expected
         errors = _chain_errors(states, counts, block_length(g), seed)
         return cls(
-            **found,
+            **statistics,
             threshold=levels,
             state_gain=level,
             steady_state=steady,
@@ -270,7 +270,7 @@ class MarkovChannel(ChannelModel):
             transition_stderr=errors[1],
             model_scintillation_index=variance / mean**2,
             model_autocorrelation=rho,
-            notes=tuple(_memory_note(found, rho, "a chain has no memory of the waves' phase")),
+            notes=tuple(_memory_note(statistics, rho, "a chain has no memory of the waves' phase")),
         )
 
     @property
@@ -315,14 +315,14 @@ class MarkovChannel(ChannelModel):
     def summary(self) -> str:
         """Return the numbers with their standard errors and units as text for a terminal."""
         head, *rest = super().summary().split("\n")
-        rows = zip(
+        states = zip(
             self.state_gain, self.steady_state, self.steady_state_stderr,
             1.0 - self.transition.diagonal(), self.transition_stderr.diagonal(), strict=True,
         )  # fmt: skip
         lines = [
             f"  state {i}: gain {gain:.4g}, probability {share:.4g} +- {share_error:.1g}, "
             f"left per step {left:.4g} +- {left_error:.1g}"
-            for i, (gain, share, share_error, left, left_error) in enumerate(rows)
+            for i, (gain, share, share_error, left, left_error) in enumerate(states)
         ]
         crossings = [
             f"  gain < {h:.4g}: {rate:.4g} crossings per s, mean fade {fade:.4g} s"
@@ -336,10 +336,11 @@ class MarkovChannel(ChannelModel):
 def _steady(transition: Floats) -> Floats:
     """Return the probabilities that a chain keeps."""
     m = len(transition)
+    # p P = p has one equation too few: the sum of 1 closes it
     balance = np.vstack([transition.T - np.eye(m), np.ones(m)])
-    found = np.linalg.lstsq(balance, np.append(np.zeros(m), 1.0))[0]
-    found = np.maximum(found, 0.0)
-    return found / found.sum()
+    probability = np.linalg.lstsq(balance, np.append(np.zeros(m), 1.0))[0]
+    probability = np.maximum(probability, 0.0)
+    return probability / probability.sum()
 
 
 def _chain_errors(
@@ -350,7 +351,7 @@ def _chain_errors(
     pair = states[:-1] * m + states[1:]
     seen = np.flatnonzero(counts.ravel())
     block = min(block, pair.size)
-    columns = ((pair == one).astype(np.float64) for one in seen)
+    columns = ((pair == state_pair).astype(np.float64) for state_pair in seen)
     pairs = np.zeros((m * m, _RESAMPLES))
     pairs[seen] = block_means(columns, block, _RESAMPLES, seed)
     share = pairs.reshape(m, m, -1)
@@ -466,36 +467,36 @@ class TransformedGaussian(ChannelModel):
         Refused
             If a value is out of range, or a law cannot be fitted.
         """
-        g, found = _series(gain, dt, seed)
+        g, statistics = _series(gain, dt, seed)
         quantile = _quantiles(g, law)
         power = _hermite_powers(quantile)
         mean = float(_WEIGHTS @ quantile)
         grid = np.linspace(-1.0, 1.0, 2001)
-        rows, law_of = g, _transformed(grid, power)
+        observed, law_of = g, _transformed(grid, power)
         if threshold is not None:
             require_between(threshold, 0.0, math.inf, "threshold")
-            rows = (g < threshold * g.mean()).astype(np.float64)
-            if np.ptp(rows) == 0.0:
+            observed = (g < threshold * g.mean()).astype(np.float64)
+            if np.ptp(observed) == 0.0:
                 raise Refused("threshold", threshold, "a gain that the series crosses")
-            law_of = _fade_correlation(grid, float(rows.mean()))
-        wanted = autocorrelation(rows, max_lag=found["lag"].size - 1)
+            law_of = _fade_correlation(grid, float(observed.mean()))
+        wanted = autocorrelation(observed, max_lag=statistics["lag"].size - 1)
         wanted *= flat_top(autocorrelation(g, max_lag=g.size - 1))
         gaussian = np.interp(wanted, law_of, grid)
         size = 8 * gaussian.size
-        kept = np.fft.irfft(_spectrum(gaussian, size), size)[: gaussian.size]
-        rho = _transformed(kept, power)
+        realizable = np.fft.irfft(_spectrum(gaussian, size), size)[: gaussian.size]
+        rho = _transformed(realizable, power)
         cause = "no transformed Gaussian series of this law has the correlation"
         if threshold is not None:
             cause = f"the correlation is that of fades below {threshold:g} of the mean"
         return cls(
-            **found,
+            **statistics,
             law=law,
             score=_SCORES,
             gain_quantile=quantile,
             gaussian_autocorrelation=gaussian,
             model_scintillation_index=float(_WEIGHTS @ (quantile - mean) ** 2) / mean**2,
             model_autocorrelation=rho,
-            notes=tuple(_memory_note(found, rho, cause)),
+            notes=tuple(_memory_note(statistics, rho, cause)),
         )
 
     def _drawn(self, n: int, rng: np.random.Generator) -> Floats:
@@ -567,6 +568,8 @@ def _spectrum(rho: Floats, size: int) -> Floats:
     period = np.zeros(size)
     period[: rho.size] = rho
     period[-rho.size + 1 :] = rho[:0:-1]
-    found = np.maximum(np.fft.rfft(period).real, 0.0)
-    twice = 2.0 * found.sum() - found[0] - (found[-1] if size % 2 == 0 else 0.0)
-    return found * (size / twice)
+    # a correlation has no negative power; what is cut off is how far the model can follow it
+    power = np.maximum(np.fft.rfft(period).real, 0.0)
+    # rfft has each frequency once but the first and, of even sizes, the last
+    twice = 2.0 * power.sum() - power[0] - (power[-1] if size % 2 == 0 else 0.0)
+    return power * (size / twice)

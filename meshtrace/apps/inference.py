@@ -73,7 +73,7 @@ class Measurements(NamedTuple):
         return np.isnan(self.stderr)
 
 
-def read_measurements(given: Any) -> Measurements:
+def read_measurements(source: Any) -> Measurements:
     """Return measurements from rows, or from a table of columns.
 
     Raises
@@ -81,11 +81,11 @@ def read_measurements(given: Any) -> Measurements:
     Refused
         If a value or an error is missing or not above 0, or no count is.
     """
-    rows = _rows(given)
-    if not rows:
+    table = _rows(source)
+    if not table:
         raise Refused("measurements", Described("empty"), "at least one")
     values, errors, keys, names = [], [], [], []
-    for i, row in enumerate(rows):
+    for i, row in enumerate(table):
         rest, path = dict(row), f"measurements[{i}]"
         if "counts" in rest and "stderr" not in rest and "gain" not in rest:
             name, counts = "counts", rest.pop("counts")
@@ -94,9 +94,9 @@ def read_measurements(given: Any) -> Measurements:
             errors.append(math.nan)
         else:
             name = next((k for k in ("gain", "counts", *OF_DETECTOR) if k in rest), "gain")
-            for key, found in ((name, values), ("stderr", errors)):
+            for key, numbers in ((name, values), ("stderr", errors)):
                 value, allowed = rest.pop(key, None), "a number > 0"
-                found.append(
+                numbers.append(
                     require_between(value, 0.0, math.inf, f"{path}.{key}", allowed=allowed)
                 )
         keys.append(rest)
@@ -106,25 +106,25 @@ def read_measurements(given: Any) -> Measurements:
     return Measurements(np.array(values), np.array(errors), keys, names)
 
 
-def _rows(given: Any) -> list[Mapping[str, Any]]:
+def _rows(source: Any) -> list[Mapping[str, Any]]:
     """Return the rows of a table of columns, or those given."""
-    if isinstance(given, Mapping) or hasattr(given, "columns"):
-        if not all(isinstance(key, str) for key in given):
+    if isinstance(source, Mapping) or hasattr(source, "columns"):
+        if not all(isinstance(key, str) for key in source):
             raise Refused("measurements", Described("a column without name"), "texts as keys")
         columns = {
             key: np.atleast_1d(
-                require_array(given[key], f"measurements.{key}", "a column of values", None)
+                require_array(source[key], f"measurements.{key}", "a column of values", None)
             ).tolist()
-            for key in given
+            for key in source
         }
         n = max((len(column) for column in columns.values()), default=0)
         uneven = [key for key, column in columns.items() if len(column) not in (1, n)]
         if uneven:
             raise Refused(f"measurements.{uneven[0]}", Described("too short"), f"{n} values")
         return [{k: c[i % len(c)] for k, c in columns.items()} for i in range(n)]
-    if isinstance(given, Sequence) and all(isinstance(row, Mapping) for row in given):
-        return list(given)
-    raise Refused("measurements", Described(type(given).__name__), "rows, or a table")
+    if isinstance(source, Sequence) and all(isinstance(row, Mapping) for row in source):
+        return list(source)
+    raise Refused("measurements", Described(type(source).__name__), "rows, or a table")
 
 
 class Prediction(NamedTuple):
@@ -194,35 +194,36 @@ class Predictor(Restored):
             lambda: self._one, steps, "predictions", self._identity,
             lambda step: (SHIFTS + len(point),),
         )  # fmt: skip
-        rows = np.array(list(each))
-        shifts, slopes = rows[:, :SHIFTS], rows[:, SHIFTS:]
+        gains = np.array(list(each))
+        shifts, slopes = gains[:, :SHIFTS], gains[:, SHIFTS:]
         means = shifts.mean(axis=1)
         off = shifts / means[:, None] - 1.0
+        # groups of chains are independent, and common to all predictions: so are their errors
         covariance = off @ off.T / (SHIFTS * (SHIFTS - 1))
-        by_all = np.ones((len(rows), len(x)))
+        by_all = np.ones((len(gains), len(x)))
         by_all[:, self._of_link] = slopes
-        found = Prediction(np.log(means) + x[~self._of_link].sum(), by_all, covariance)
+        prediction = Prediction(np.log(means) + x[~self._of_link].sum(), by_all, covariance)
         behind = any(name in OF_DETECTOR for name in self._names)
-        return self._detected(point, found) if behind else found
+        return self._detected(point, prediction) if behind else prediction
 
-    def _detected(self, x: tuple[float, ...], light: Prediction) -> Prediction:
+    def _detected(self, x: tuple[float, ...], gains: Prediction) -> Prediction:
         """Return the predicted powers and error rates from predicted gains.
 
         d ln q / dx = (d ln q / d ln g) (d ln g / dx) + (d ln q / dx at a fixed gain)
         """
         n = len(self._starts)
-        logs, growth, own = light.log.copy(), np.ones(n), np.zeros((n, len(x)))
-        for i, gain in enumerate(light.log):
+        logs, growth, slopes = gains.log.copy(), np.ones(n), np.zeros((n, len(x)))
+        for i, gain in enumerate(gains.log):
             logs[i] = self._of_gain(i, x, gain)
             low, high = (self._of_gain(i, x, gain + step) for step in (-_STEP, _STEP))
             growth[i] = (high - low) / (2.0 * _STEP)
             for k in range(len(x)):
                 (below, above), width = self._sides(x, k)
-                own[i, k] = self._of_gain(i, above, gain) - self._of_gain(i, below, gain)
-                own[i, k] /= 2.0 * width
-        slope = growth[:, None] * light.slope
-        slope[:, self._of_link] += own
-        return Prediction(logs, slope, light.covariance * np.outer(growth, growth))
+                slopes[i, k] = self._of_gain(i, above, gain) - self._of_gain(i, below, gain)
+                slopes[i, k] /= 2.0 * width
+        slope = growth[:, None] * gains.slope
+        slope[:, self._of_link] += slopes
+        return Prediction(logs, slope, gains.covariance * np.outer(growth, growth))
 
     def _sides(self, x: tuple[float, ...], k: int) -> tuple[list[tuple[float, ...]], float]:
         """Return the points at a step of one unknown to either side, and the step."""
@@ -236,8 +237,8 @@ class Predictor(Restored):
         if name not in OF_DETECTOR or at.detector is None:
             return log_gain
         power = log_gain + math.log(float(at.detector.received_power(1.0)))
-        lit = self._lights.lit(self._responses(i).behind(at)) if name == "ber" else None
-        return power if lit is None else float(self._rates.law(lit)(np.array([power]))[0])
+        receiver = self._lights.lit(self._responses(i).behind(at)) if name == "ber" else None
+        return power if receiver is None else float(self._rates.law(receiver)(np.array([power]))[0])
 
     def _one(self, step: tuple[Any, ...]) -> Floats:
         """Return gains by shift and logarithmic slopes of one measurement."""
@@ -256,8 +257,8 @@ class Predictor(Restored):
         return np.concatenate([gains, slopes])
 
     def _gains(self, number: int, x: tuple[float, ...]) -> Floats:
-        _, light = self._weighed(number, x)
-        gains = light.by_shift(np.ones(len(light.weight)))
+        _, arrivals = self._weighed(number, x)
+        gains = arrivals.by_shift(np.ones(len(arrivals.weight)))
         if not gains.mean() > 0.0:
             raise Refused("measurements", Described("a dark link"), "links with light")
         return gains
@@ -266,10 +267,10 @@ class Predictor(Restored):
         """Return a measured link at a point of the unknowns, and its light."""
         quick = [self._quick and p.name in WATER for p in self._unknowns]
         traced = tuple(None if q else step for q, step in zip(quick, x, strict=True))
-        link, light = self._at(number, x).link, self._light(number, traced)
+        link, arrivals = self._at(number, x).link, self._light(number, traced)
         old, new = self._at(number, traced).link.water, link.water
         same = (old.a, old.b) == (new.a, new.b)
-        return link, light if same else in_water(light, old, new)
+        return link, arrivals if same else in_water(arrivals, old, new)
 
     def _at(self, number: int, x: tuple[float | None, ...]) -> Variant:
         """Return a measured link with the unknowns that have a value."""
@@ -348,7 +349,7 @@ class Inference(Stored):
 
     def summary(self) -> str:
         """Return values, errors and identifiability as text for a terminal."""
-        rows = [
+        lines = [
             (
                 name,
                 "not determined" if math.isnan(value) else f"{value:.5g}",
@@ -364,7 +365,7 @@ class Inference(Stored):
         singular = ", ".join(f"{value:.3g}" for value in self.singular_values)
         return "\n".join(
             [
-                text_table(rows, head),
+                text_table(lines, head),
                 "",
                 f"chi2 {self.chi2:.3g} for {self.degrees} degrees of freedom",
                 f"singular values {singular}",
@@ -470,11 +471,11 @@ def infer(
     detector = electronics_of(campaign, getattr(campaign.scenario, "detector", None), None)
     if detector is not None and set(data.names) & set(OF_DETECTOR):
         variant = variant._replace(detector=detector, daylight=light_of(campaign, None))
-    found = parameters(variant, keys, None, "vertex", "unknown") if keys else []
-    for p in found:
+    of_keys = parameters(variant, keys, None, "vertex", "unknown") if keys else []
+    for p in of_keys:
         if p.name.split(".")[0] in ("sea", "wind_speed"):
             raise Refused("unknown", p.name, "keys of link, detector and daylight, or scale")
-    of_link = iter(found)
+    of_link = iter(of_keys)
     unknowns = [_SCALE if name == SCALE else next(of_link) for name in names]
     priors = _priors(prior, names, unknowns)
     if not names or len(set(names)) < len(names):
@@ -498,7 +499,7 @@ def _priors(prior: Any, names: list[str], unknowns: list[Parameter]) -> _Priors:
     """Return the priors in the coordinates of the fit."""
     table = {} if prior is None else prior
     require_keys(table, names, "prior")
-    found = _Priors(np.zeros((len(table), len(names))), np.zeros(len(table)))
+    priors = _Priors(np.zeros((len(table), len(names))), np.zeros(len(table)))
     for i, (name, pair) in enumerate(table.items()):
         mean, std = require_pair(pair, f"prior.{name}", "(mean, std), std > 0")
         axis = names.index(name)
@@ -507,8 +508,8 @@ def _priors(prior: Any, names: list[str], unknowns: list[Parameter]) -> _Priors:
             raise Refused(f"prior.{name}", pair, "(mean, std), std > 0")
         off = mean - (p.base if p.absolute else p.origin)
         mean, std = (off, std) if p.absolute else (math.log(off / p.scale), std / off)
-        found.slope[i, axis], found.target[i] = 1.0 / std, mean / std
-    return found
+        priors.slope[i, axis], priors.target[i] = 1.0 / std, mean / std
+    return priors
 
 
 class _Fit(NamedTuple):
@@ -520,19 +521,21 @@ class _Fit(NamedTuple):
     priors: _Priors
     model: Predictor
 
-    def _variance(self, found: Prediction) -> Floats:
+    def _variance(self, prediction: Prediction) -> Floats:
         """Return the variances of ln gain by the measurements, Poisson's for counts."""
+        # the variance of a logarithm is the relative variance; of counts it is 1 / mean
         relative = np.square(self.data.stderr / np.maximum(self.data.value, 1e-300))
-        return np.where(self.data.counted, np.exp(-found.log), relative)
+        return np.where(self.data.counted, np.exp(-prediction.log), relative)
 
-    def _sigma(self, found: Prediction) -> Floats:
+    def _sigma(self, prediction: Prediction) -> Floats:
         """Return the standard errors of ln gain by measurements and chains."""
-        return np.sqrt(self._variance(found) + np.diag(found.covariance))
+        return np.sqrt(self._variance(prediction) + np.diag(prediction.covariance))
 
     def _residuals(self, log: Floats, around: Floats) -> Floats:
         """Return predicted minus measured ln gain; of counts relative to a prediction `around`."""
         value, counted = self.data.value, self.data.counted
         counts = (np.exp(log) - value) * np.exp(-around)
+        # counts may be 0, so that they are compared as they are and not by their logarithm
         return np.where(counted, counts, log - np.log(np.where(counted, 1.0, value)))
 
     def _solved(self, x0: Floats, last: Prediction) -> Floats:
@@ -548,15 +551,15 @@ class _Fit(NamedTuple):
             return np.concatenate([off / sigma, slope @ x - target])
 
         def jacobian(x: Floats) -> Floats:
-            found = self.model.at(x)
-            growth = np.where(counted, np.exp(found.log - last.log), 1.0)
-            return np.concatenate([found.slope * (growth / sigma)[:, None], slope])
+            prediction = self.model.at(x)
+            growth = np.where(counted, np.exp(prediction.log - last.log), 1.0)
+            return np.concatenate([prediction.slope * (growth / sigma)[:, None], slope])
 
         far = [100.0 * p.step if p.absolute else _FARTHEST for p in self.unknowns]
         limits = np.where([name == SCALE for name in self.names], _ANY_SCALE, far)
         bounds = -limits, limits
-        found = least_squares(residuals, x0, jac=jacobian, bounds=bounds, x_scale="jac")
-        solution: Floats = found.x
+        least = least_squares(residuals, x0, jac=jacobian, bounds=bounds, x_scale="jac")
+        solution: Floats = least.x
         return solution
 
     def result(self, origin: dict[str, Any]) -> Inference:
@@ -564,13 +567,15 @@ class _Fit(NamedTuple):
         x = np.zeros(len(self.names))
         first = self.model.at(x)
         if SCALE in self.names:  # one with the right mean
-            lit = self.data.value > 0.0
-            off = np.log(self.data.value[lit]) - first.log[lit]
+            positive = self.data.value > 0.0
+            off = np.log(self.data.value[positive]) - first.log[positive]
             x[self.names.index(SCALE)] = float(np.mean(off))
         last = self.model.at(x)
         sigma = self._sigma(last)
-        _, singular, rows = np.linalg.svd(first.slope / sigma[:, None], full_matrices=False)
-        before = _relative(singular, rows)
+        # small singular values belong to mixtures of unknowns that the measurements do not tell
+        _, singular, directions = np.linalg.svd(first.slope / sigma[:, None], full_matrices=False)
+        before = _relative(singular, directions)
+        # Fisher scoring: the weights of counts follow from the prediction, which changes
         for _ in range(_SCORINGS if self.data.counted.any() else _ROUNDS):
             previous, x = x, self._solved(x, last)
             last = self.model.at(x)
@@ -592,7 +597,7 @@ class _Fit(NamedTuple):
             covariance=covariance,
             free_error=before,
             singular_values=singular,
-            weakest=_words(self.names, absolute, singular, rows),
+            weakest=_words(self.names, absolute, singular, directions),
             chi2=float(off @ off + beside @ beside),
             degrees=len(off) + len(beside) - len(x),
             measured=self.data.value,
@@ -611,30 +616,33 @@ class _Fit(NamedTuple):
         noise = (np.diag(self._variance(last)) + last.covariance) / np.outer(sigma, sigma)
         known = self.priors.slope.T @ self.priors.slope
         information, spread = whitened.T @ whitened + known, whitened.T @ noise @ whitened + known
+        # directions that no measurement tells would have infinite variance
         inverse = np.linalg.pinv(information, rcond=_LEAST**2, hermitian=True)
         alone = _relative(*np.linalg.svd(whitened, full_matrices=False)[1:])
         return inverse @ spread @ inverse, alone
 
 
-def _relative(singular: Floats, rows: Floats) -> Floats:
+def _relative(singular: Floats, directions: Floats) -> Floats:
     """Return the standard errors of the unknowns without priors, infinite if undetermined."""
-    n = rows.shape[1]
+    n = directions.shape[1]
     known = np.zeros(n)
     known[: len(singular)] = np.where(singular > _LEAST * singular[0], singular, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        parts = np.where(rows[: len(known)] != 0.0, rows / known[: len(rows), None], 0.0)
-    found: Floats = np.sqrt(np.square(parts).sum(axis=0))
-    return np.full(n, math.inf) if len(rows) < n else found
+        parts = np.where(
+            directions[: len(known)] != 0.0, directions / known[: len(directions), None], 0.0
+        )
+    errors: Floats = np.sqrt(np.square(parts).sum(axis=0))
+    return np.full(n, math.inf) if len(directions) < n else errors
 
 
-def _words(names: list[str], absolute: Any, singular: Floats, rows: Floats) -> str:
+def _words(names: list[str], absolute: Any, singular: Floats, directions: Floats) -> str:
     """Return the combination that the measurements determine least, in words."""
-    v = rows[-1] / rows[-1][int(np.abs(rows[-1]).argmax())]
+    v = directions[-1] / directions[-1][int(np.abs(directions[-1]).argmax())]
     step, parts = 0.1, []
     for i in np.argsort(-np.abs(v)):
         if abs(v[i]) >= 0.005:
             change = f"{step * v[i]:+.2g}" if absolute[i] else f"{100.0 * step * v[i]:+.2g} %"
             parts.append(f"{names[i]} {change}")
-    length = step / np.abs(rows[-1]).max()
+    length = step / np.abs(directions[-1]).max()
     seen = singular[-1] * length
     return f"{' with '.join(parts)} changes the measurements by {seen:.2g} standard errors"

@@ -154,7 +154,7 @@ def irradiance_series(
     sea, bands = _resolved(sea, depths, disk, water)
     options: dict[str, Any] = {**of_run, "photons": photons, "workers": workers, **run}
     campaign = campaign_of(Link(water=water), sea, "irradiance_series", **options)
-    ray, seed, plans = SunRay.of(daylight, water), campaign.run.seed, []
+    ray, seed, plans = SunRay.of_day(daylight, water), campaign.run.seed, []
     for depth, band in zip(depths.tolist(), bands, strict=True):
         scattered = scattered_light(ray, depth, photons, seed)
         plans.append(DepthPlan(sea, ray, depth, band, disk, scattered))
@@ -170,9 +170,11 @@ def irradiance_series(
     setup = partial(_frames, plans, times)
     cells = 0 if disk.cells is None else len(disk.cells)
     shape = ((2 + cells**2) * len(depths),)
-    rows = campaign.over(setup, range(len(times)), "frames", identity, lambda step: shape, "frames")
-    found = np.array(list(rows))
-    total, direct, pattern = np.split(found, [len(depths), 2 * len(depths)], axis=1)
+    steps = campaign.over(
+        setup, range(len(times)), "frames", identity, lambda step: shape, "frames"
+    )
+    frames = np.array(list(steps))
+    total, direct, pattern = np.split(frames, [len(depths), 2 * len(depths)], axis=1)
     origin = {
         "environment": environment(),
         "surface": sea.to_config(),
@@ -196,9 +198,9 @@ def _inputs(
     surface: Surface | Scenario, day: Daylight | None, water: Water | None
 ) -> tuple[Surface, Daylight, Water, dict[str, Any]]:
     """Return sea, light, water and options of a scenario, or those given; refuse unfit ones."""
-    link, given, options = Link(), cast(Any, surface), dict[str, Any]()
+    link, sea, options = Link(), cast(Any, surface), dict[str, Any]()
     if isinstance(surface, Scenario):
-        link, given = surface.link, surface.case().surface
+        link, sea = surface.link, surface.case().surface
         day = surface.daylight if day is None else day
         options = {"seed": surface.run.seed, "threads": surface.run.threads}
     water = link.water if water is None else water
@@ -206,14 +208,14 @@ def _inputs(
         nm = link.transmitters[0].wavelength_nm
         clear = default_irradiance(30.0, nm)._asdict()
         day = Daylight(**clear, wavelength_nm=nm, light="clear sky")
-    if not isinstance(given, Surface) or getattr(given, "choppy", False):
-        kind = "choppy" if isinstance(given, Surface) else type(given).__name__
+    if not isinstance(sea, Surface) or getattr(sea, "choppy", False):
+        kind = "choppy" if isinstance(sea, Surface) else type(sea).__name__
         raise Refused("surface", Described(kind), "a sea (Surface) that is a height field")
     if day.direct == 0.0:
         raise Refused("daylight.direct", 0.0, "> 0: without sun the irradiance is constant")
     if water.layers is not None:
         raise Refused("water.layers", Described("given"), "homogeneous water")
-    return given, day, water, options
+    return sea, day, water, options
 
 
 def _collector(
@@ -251,8 +253,8 @@ def _frames(plans: list[DepthPlan], times: Floats) -> Callable[[int], Floats]:
     """
 
     def frame(i: int) -> Floats:
-        found = [plan.at(float(times[i])) for plan in plans]
-        total, direct, patterns = zip(*found, strict=True)
+        planes = [plan.at(float(times[i])) for plan in plans]
+        total, direct, patterns = zip(*planes, strict=True)
         return np.concatenate([total, direct, *map(np.ravel, patterns)])
 
     return frame
@@ -268,7 +270,7 @@ class SunRay(NamedTuple):
     entering: float  # irradiance that enters the water [W m-2 nm-1]
 
     @classmethod
-    def of(cls, day: Daylight, water: Water) -> SunRay:
+    def of_day(cls, day: Daylight, water: Water) -> SunRay:
         """Return the sunlight of a day in a water."""
         n = water.n / Link().n_air
         inside, across = refracted_sun(day, n)
@@ -286,11 +288,13 @@ class SunRay(NamedTuple):
     def lever(self, depth: float) -> float:
         """Return the displacement of the light at a depth by a unit of slope [m]."""
         cosine = float(self.inside[2])
+        # derivative of Snell's law by the slope: the ray turns by (1 - cos_i / (n cos_t))
         return depth * (1.0 - self.day.sun[2] / (self.n * cosine)) / cosine**2
 
     def disk(self, depth: float) -> tuple[float, float]:
         """Return the half-axes of the image of the sun at a depth, along and across its light."""
         cosine = float(self.inside[2])
+        # refraction shrinks the angle by 1 / n, and along the light by the ratio of cosines, too
         across = math.radians(SUN_RADIUS_DEG) * depth / (self.n * cosine)
         return across * self.day.sun[2] / cosine**2, across
 
@@ -398,11 +402,11 @@ class DepthPlan:
         self._lines = math.ceil(points / tiles)
         points = tiles * self._lines
         if points**2 > _MOST_POINTS:
-            found = Described(f"{points:,} by {points:,} points of the sea at {self.depth:g} m")
+            size = Described(f"{points:,} by {points:,} points of the sea at {self.depth:g} m")
             allowed = (
                 f"at most {_MOST_POINTS:,}: a wider collector, lower omega_max or smaller patch"
             )
-            raise Refused("depths", found, allowed)
+            raise Refused("depths", size, allowed)
         lines: Floats = spacing * (np.arange(points, dtype=np.float64) - points // 2)
         x, y = self.ray.entry(self.depth)
         self.x, self.y, self.points = x + lines, y + lines, points**2
@@ -438,22 +442,22 @@ class DepthPlan:
 
     def at(self, time: float) -> tuple[float, float, Floats]:
         """Return irradiance, its unscattered part, and the pattern over the cells of the patch."""
-        light, cells = self._landed(time), self.collector.cells
+        sunlit, cells = self._landed(time), self.collector.cells
         sunlight, rest = self.scattered.sunlight, self.scattered.sky + self.scattered.sunlight
-        unscattered, follows = float((light * self._direct).sum()), 0.0
-        relative = light / self.still - 1.0
+        unscattered, follows = float((sunlit * self._direct).sum()), 0.0
+        relative = sunlit / self.still - 1.0
         if sunlight > 0.0:
             follows = float((relative * self._follows).sum())
         total = unscattered + sunlight * follows + rest
         if cells is None:
             return total, unscattered, np.zeros(0)
-        found = np.fft.ifft2(np.fft.fft2(light) * self._transfer).real
+        pattern = np.fft.ifft2(np.fft.fft2(sunlit) * self._transfer).real
         if sunlight > 0.0:
-            found += sunlight * np.fft.ifft2(np.fft.fft2(relative) * self._wide).real
+            pattern += sunlight * np.fft.ifft2(np.fft.fft2(relative) * self._wide).real
         stride = round(float(cells[1] - cells[0]) / self.cell)
-        first = len(light) // 2 - stride * (len(cells) // 2)
+        first = len(sunlit) // 2 - stride * (len(cells) // 2)
         part = slice(first, first + stride * len(cells), stride)
-        return total, unscattered, found[part, part] + rest
+        return total, unscattered, pattern[part, part] + rest
 
     def _landed(self, time: float) -> Floats:
         """Return the irradiance of unscattered sunlight on the cells of a plane."""
@@ -466,15 +470,15 @@ class DepthPlan:
         level = 0.0
         if self.collector.floating:
             level = float(np.mean([sheet(*tile)[0].mean() for tile in tiles]))
-        light, low = np.zeros((self.cells, self.cells)), -0.5 * (self.cells + 1) * cell
+        power, low = np.zeros((self.cells, self.cells)), -0.5 * (self.cells + 1) * cell
         # the collector is over the middle of a cell
         for i, j in tiles:
             z, zx, zy = sheet(i, j)
             land_sunlight(
                 z - level, zx, zy, (float(self.x[i]), float(self.y[j])), self.spacing,
-                ray.day.sun, ray.n, ray.water.c, self.depth, (low, low), cell, light,
+                ray.day.sun, ray.n, ray.water.c, self.depth, (low, low), cell, power,
             )  # fmt: skip
-        return light * (ray.day.direct / cell**2)
+        return power * (ray.day.direct / cell**2)
 
     def _sheet(
         self, time: float, weights: NDArray[np.complex128] | None, i: int, j: int
@@ -486,6 +490,7 @@ class DepthPlan:
         else:
             # the grid is that of the first tile: waves are moved to it from the others
             away = self.x[i] - self.x[0], self.y[j] - self.y[0]
+            # a shift of the origin multiplies each wave by exp(-i k . shift)
             phase = np.exp(-1j * (self._waves.kx * away[0] + self._waves.ky * away[1]))
             z, zx, zy = self._grid.sum(weights * phase)
         return z, zx, zy
@@ -533,8 +538,8 @@ def _spread(
     """Return the shares of the scattered light on n by n cells (odd) over |x|, |y| <= half [m]."""
     step = 2.0 * half / n
     record = IrradianceMap(height=-depth, extent=half, step=step, axis=(0.0, 0.0, -1.0))
-    found = run(record=[record]).map
-    power = np.array(found.irradiance) * step**2
+    irradiances = run(record=[record]).map
+    power = np.array(irradiances.irradiance) * step**2
     power[n // 2, n // 2] -= straight
     return np.asarray(np.maximum(power, 0.0) / max(share, 1e-300))
 

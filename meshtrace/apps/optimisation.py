@@ -127,7 +127,7 @@ class Optimum(Stored):
     def summary(self) -> str:
         """Return variables, values and validation as text for a terminal."""
         head = ("variable", "start", "best", "flat from", "to", "bounds")
-        rows = [
+        of_values = [
             (name, f"{s:.4g}", f"{v:.4g}", f"{f[0]:.4g}", f"{f[1]:.4g}", f"{b[0]:g} .. {b[1]:g}")
             for name, s, v, f, b in zip(
                 self.variables, self.start, self.values, self.flatness, self.bounds, strict=True
@@ -140,7 +140,7 @@ class Optimum(Stored):
         lines = [
             f"{self.objective} {self.value:.4g} after {len(self.history)} candidates",
             "",
-            text_table(rows, head),
+            text_table(of_values, head),
             "",
             f"fresh seeds: best {check.best:.4g}, start {check.start:.4g}, gained {gained}",
             *self.notes,
@@ -271,25 +271,25 @@ def optimize(
         raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
     search = _Search(campaign, goal, start, variables, bounds, (realizations, spread, flight))
     with campaign.workers():
-        found = search.optimum(tuple(constraints), method)
+        optimum = search.optimum(tuple(constraints), method)
     if electronics is None or objective == "gain":
-        return found
-    light = lights.text(search.variant(found.values))
-    return replace(found, notes=(*found.notes, f"background light: {light}"))
+        return optimum
+    background = lights.text(search.variant(optimum.values))
+    return replace(optimum, notes=(*optimum.notes, f"background light: {background}"))
 
 
 def _variables(
-    campaign: Campaign, start: Variant, over: Bounds | None
+    campaign: Campaign, start: Variant, ranges: Bounds | None
 ) -> tuple[list[Parameter], Floats]:
     """Return the variables and their bounds (n, 2)."""
-    if not isinstance(over, Mapping) or not over:
-        raise Refused("over", over, "a table of names and bounds (low, high)")
-    bounds = np.array(list(checked_bounds(over).values()))
-    found = parameters(start, list(over), None, campaign.meshing.normals, "over")
-    for p, pair in zip(found, bounds, strict=True):
+    if not isinstance(ranges, Mapping) or not ranges:
+        raise Refused("over", ranges, "a table of names and bounds (low, high)")
+    bounds = np.array(list(checked_bounds(ranges).values()))
+    variables = parameters(start, list(ranges), None, campaign.meshing.normals, "over")
+    for p, pair in zip(variables, bounds, strict=True):
         for end in pair.tolist():
             p.at(start, end)
-    return found, bounds
+    return variables, bounds
 
 
 @dataclass(eq=False)
@@ -298,7 +298,7 @@ class _Search:
 
     campaign: Campaign
     goal: Goal
-    given: Variant
+    start: Variant
     variables: list[Parameter]
     bounds: Floats
     sampled: tuple[int, tuple[float, float], Flight | None]
@@ -327,6 +327,7 @@ class _Search:
         low, high = self.bounds.T
         x = np.clip(x, 0.0, 1.0)
         with np.errstate(divide="ignore", invalid="ignore"):
+            # the logarithm of a range that ends at 0 is no number; such a range is linear
             logs = low * (high / low) ** x
         return np.where(self._log, logs, low + x * (high - low))
 
@@ -339,7 +340,7 @@ class _Search:
 
     def variant(self, values: Floats) -> Variant:
         """Return the candidate with values of the variables."""
-        return self.given.at(zip(self.variables, values.tolist(), strict=True))
+        return self.start.at(zip(self.variables, values.tolist(), strict=True))
 
     def _costs(self, values: Floats, sample: Sample | None = None) -> Floats:
         """Return the costs of a candidate: of all gains, and of the groups of the jackknife."""
@@ -349,6 +350,7 @@ class _Search:
         """Return the cost of a point of the unit cube, kept in the history."""
         values = self._values(np.atleast_1d(np.asarray(x, dtype=float)))
         key = tuple(values.tolist())
+        # scipy asks for some points again, and each costs gains over all seas
         if key not in self._history:
             self._history[key] = self._costs(values)
             self.campaign.advance()
@@ -380,6 +382,7 @@ class _Search:
         """Search one variable: a grid, then the interval around its best point."""
         from scipy.optimize import minimize_scalar
 
+        # a bounded search sees one minimum; the grid says in which interval the lowest one lies
         grid = np.linspace(0.0, 1.0, _GRID)
         best = int(np.argmin([self._cost(x) for x in grid]))
         ends = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _GRID - 1)])
@@ -408,6 +411,7 @@ class _Search:
         def cost(x: Floats) -> float:
             at = self.variant(self._values(x))
             broken = sum(max(-float(g(at)), 0.0) for g in constraints)
+            # above any cost, and less the nearer the constraints are: evolution finds the way back
             return 1e9 * (1.0 + broken) if broken else self._cost(x)
 
         n = len(self.variables)
@@ -422,8 +426,9 @@ class _Search:
 
     def _flat(self, best: Floats, cost: float, stderr: float) -> Floats:
         """Return the interval of each variable with costs within one standard error (n, 2)."""
+        # all candidates share their samples: costs are smooth, and halving finds where they cross
         x0 = self._place(best)
-        found = np.empty((len(best), 2))
+        ends = np.empty((len(best), 2))
         for i in range(len(best)):
             for side in (0, 1):
                 inside, outside = float(x0[i]), float(side)
@@ -438,14 +443,15 @@ class _Search:
                     else:
                         outside = float(at[i])
                 at[i] = inside
-                found[i, side] = self._values(at)[i]
-        return found
+                ends[i, side] = self._values(at)[i]
+        return ends
 
     def _result(self, best: Floats, cost: float, stderr: float) -> Optimum:
         """Return the optimum with its validation on fresh seeds."""
         campaign, goal, at = self.campaign, self.goal, self.variant(best)
         tried = dict(self._history)  # those of the flat intervals come later
         flatness = self._flat(best, cost, stderr)
+        # the best of many candidates is best by luck, too: only new samples tell its true gain
         fresh = self._new_sample((campaign.run.seed + _FRESH) % 2**64)
         notes, new, old = [], self._costs(best, fresh), self._costs(self._start, fresh)
         difference, error = float(old[0] - new[0]), error_of(old - new)
@@ -473,7 +479,7 @@ class _Search:
             bounds=self.bounds,
             flatness=flatness,
             candidates=np.array(list(tried)),
-            costs=np.array([found[0] for found in tried.values()]),
+            costs=np.array([costs[0] for costs in tried.values()]),
             validation=Validation(quantities[0], quantities[1], difference, error, improved),
             notes=tuple(notes),
             provenance=campaign.provenance() | {"best": at.link.model_dump(mode="json")},

@@ -72,15 +72,17 @@ def plot_trace(result: ChannelTrace, *, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    rows = {"up": result.gain, "down": result.down_gain}
-    gains = {name: row.reshape(len(row), -1) for name, row in rows.items() if row is not None}
-    over = [row[:, 0] / row[:, 0].mean() for row in gains.values()]
-    data = marks.dataset({"over its mean": over}, part=list(gains), time=result.time)
+    links = {"up": result.gain, "down": result.down_gain}
+    gains = {name: row.reshape(len(row), -1) for name, row in links.items() if row is not None}
+    relative = [row[:, 0] / row[:, 0].mean() for row in gains.values()]
+    data = marks.dataset({"over its mean": relative}, part=list(gains), time=result.time)
     ax = marks.lines(ax, data, "over its mean", ("-", "--"))
-    times, light = result.background_time, result.background_radiance
-    if times is not None and light is not None:
+    times, radiance = result.background_time, result.background_radiance
+    if times is not None and radiance is not None:
         color = list(PALETTE.values())[2]
-        ax.plot(times, light / light.mean(), "o", color=color, markersize=5.0, label="background")
+        ax.plot(
+            times, radiance / radiance.mean(), "o", color=color, markersize=5.0, label="background"
+        )
     return marks.finished(ax, ylim=(0.0, None))
 
 
@@ -178,17 +180,20 @@ def plot_measured(table: MeasuredTable, *, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    ax, kept = marks.axes(ax), np.flatnonzero(np.isfinite(table.observed) & (table.computed > 0.0))
+    ax, finite = (
+        marks.axes(ax),
+        np.flatnonzero(np.isfinite(table.observed) & (table.computed > 0.0)),
+    )
     several = len(set(table.experiment)) > 1
-    names = [(table.experiment if several else table.observable)[i] for i in kept]
+    names = [(table.experiment if several else table.observable)[i] for i in finite]
     if not names:
         raise Refused("table", Described("no measured numbers"), "a table with some")
-    rows, value = np.arange(len(kept)), table.computed[kept]
+    places, value = np.arange(len(finite)), table.computed[finite]
     ends = (table.band_low, table.band_high, table.observed_low, table.observed_high)
-    low, high, least, most = (np.maximum(end[kept], 0.0) / value for end in ends)
-    at = table.observed[kept] / value
-    outside = np.array([table.verdict[i] == "outside" for i in kept])
-    ax.hlines(rows, low, high, color=PALETTE["blue"], alpha=0.3, lw=5.0, label="computed, band")
+    low, high, least, most = (np.maximum(end[finite], 0.0) / value for end in ends)
+    at = table.observed[finite] / value
+    outside = np.array([table.verdict[i] == "outside" for i in finite])
+    ax.hlines(places, low, high, color=PALETTE["blue"], alpha=0.3, lw=5.0, label="computed, band")
     for chosen, color, label in (
         (~outside, "black", "measured, inside"),
         (outside, PALETTE["vermilion"], "measured, outside"),
@@ -196,7 +201,7 @@ def plot_measured(table: MeasuredTable, *, ax: Axes | None = None) -> Axes:
         if chosen.any():
             errors = np.maximum(np.abs([at - least, most - at])[:, chosen], 0.0)
             style: dict[str, Any] = {"color": color, "fmt": "o", "lw": 1.2, "label": label}
-            ax.errorbar(at[chosen], rows[chosen], xerr=errors, **style)
+            ax.errorbar(at[chosen], places[chosen], xerr=errors, **style)
     first = [names.index(name) for name in dict.fromkeys(names)]
     ax.set_yticks(first, [verbatim(names[i]) for i in first], fontsize="small")
     ax.axvline(1.0, **_LINE)

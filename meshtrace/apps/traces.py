@@ -133,11 +133,11 @@ class ChannelTrace(Stored):
                 f"tilt of the aircraft  {self.tilt_deg.mean():.3g} deg on average, "
                 f"{self.tilt_deg.min():.3g} to {self.tilt_deg.max():.3g} deg"
             )
-        light = self.background_radiance
-        if light is not None and self.background_time is not None:
+        radiance = self.background_radiance
+        if radiance is not None and self.background_time is not None:
             lines.append(
-                f"background  {light.mean():.3e} W m-2 sr-1 nm-1 on average, {light.min():.3e} to "
-                f"{light.max():.3e} at {len(light):,} times"
+                f"background  {radiance.mean():.3e} W m-2 sr-1 nm-1 on average, "
+                f"{radiance.min():.3e} to {radiance.max():.3e} at {len(radiance):,} times"
             )
         return "\n".join(lines)
 
@@ -249,19 +249,19 @@ def _campaign(
     run: StudyOptions,
 ) -> Campaign:
     """Return the campaign of one or both directions."""
-    one = campaign_of(link, surface, "trace", fading=True, chains=DEFAULT_CHAINS, **run)
-    one = one._replace(lit=_LIT)
+    campaign = campaign_of(link, surface, "trace", fading=True, chains=DEFAULT_CHAINS, **run)
+    campaign = campaign._replace(lit=_LIT)
     if down == "mirrored":
-        single = len(one.link.receivers) == 1 == len(one.link.transmitters)
-        down = one.link.mirrored() if single and one.link.direction == "up" else None
+        single = len(campaign.link.receivers) == 1 == len(campaign.link.transmitters)
+        down = campaign.link.mirrored() if single and campaign.link.direction == "up" else None
     if down is None:
-        return one.of(one.link, "up")
+        return campaign.of(campaign.link, "up")
     options: StudyOptions = {**run}
     if isinstance(link, Scenario):
         if surface is None and isinstance(link.surface, MeshSource):
             surface = link.surface
         options["mesh"] = run.get("mesh") or link.meshing
-    return both_directions(one, campaign_of(down, surface, "trace", **options))
+    return both_directions(campaign, campaign_of(down, surface, "trace", **options))
 
 
 def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
@@ -277,15 +277,15 @@ def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
 
     work = f"pieces of {_PIECE} frames"
     for numbers in campaign.over(setup, pieces, "frames", identity, shape, work):
-        own = numbers.reshape(-1, links, receivers)
-        frames.append(own[SHIFTS:].reshape(-1, 3, links, receivers))
-        samples += np.moveaxis(own[:SHIFTS], 0, -1)
-    rows, mean_error = np.concatenate(frames), error_of_groups(samples / n, axis=-1)
+        of_link = numbers.reshape(-1, links, receivers)
+        frames.append(of_link[SHIFTS:].reshape(-1, 3, links, receivers))
+        samples += np.moveaxis(of_link[:SHIFTS], 0, -1)
+    at_times, mean_error = np.concatenate(frames), error_of_groups(samples / n, axis=-1)
     mine = slice(None) if isinstance(campaign.link.receiver, tuple) else 0
     columns: dict[str, Any] = {}
     for k, prefix in enumerate(("", "down_")[:links]):
-        found = *rows[:, :, k].swapaxes(0, 1), mean_error[k]
-        for name, values in zip(_COLUMNS, found, strict=True):
+        gain = *at_times[:, :, k].swapaxes(0, 1), mean_error[k]
+        for name, values in zip(_COLUMNS, gain, strict=True):
             columns[f"{prefix}{name}"] = values[..., mine][()]
     origin = {name: campaign.provenance(link) for name, link in campaign.links.items()}
     return ChannelTrace(steps.labels, **columns, provenance=origin)
@@ -300,12 +300,14 @@ def _gains_of_piece(campaign: Campaign, steps: Steps) -> Callable[[int], Floats]
     evaluate, n = gains_over(campaign, steps), len(steps.labels)
 
     def piece(first: int) -> Floats:
-        shifts, rows = 0.0, []
+        shifts, frames_of_piece = 0.0, []
         for i in range(first, min(first + _PIECE, n)):
             gain, direct = evaluate(i)
-            rows.append([gain.mean(axis=-1), error_of_groups(gain, axis=-1), direct.mean(axis=-1)])
+            frames_of_piece.append(
+                [gain.mean(axis=-1), error_of_groups(gain, axis=-1), direct.mean(axis=-1)]
+            )
             shifts = shifts + np.moveaxis(gain, -1, 0)
-        return np.concatenate([np.ravel(shifts), np.ravel(rows)])
+        return np.concatenate([np.ravel(shifts), np.ravel(frames_of_piece)])
 
     return piece
 
@@ -313,13 +315,13 @@ def _gains_of_piece(campaign: Campaign, steps: Steps) -> Callable[[int], Floats]
 def _moved(steps: Steps, flight: bool, route: bool) -> dict[str, Floats]:
     """Return the attitude and place of the aircraft at each frame."""
     ends: list[Any] = [links[0].air_end[1] for links in steps.links or ()]
-    found = {}
+    moved = {}
     if flight:
         for name in ("tilt_deg", "tilt_azimuth_deg"):
-            found[name] = np.array([getattr(end, name) for end in ends])
+            moved[name] = np.array([getattr(end, name) for end in ends])
     if route:
-        found["place"] = np.array([end.center for end in ends])
-    return found
+        moved["place"] = np.array([end.center for end in ends])
+    return moved
 
 
 def _light(campaign: Campaign, steps: Steps, day: Daylight, rate: float) -> dict[str, Floats]:
@@ -329,9 +331,11 @@ def _light(campaign: Campaign, steps: Steps, day: Daylight, rate: float) -> dict
     frames = np.unique(np.searchsorted(times, wanted - 1e-9))
     links = None if steps.links is None else [steps.links[i] for i in frames]
     single = campaign.of(campaign.link, "up")._replace(progress=None)
-    found = backgrounds(single, single.in_time(times[frames], links), day, _RAYS)
+    lights = backgrounds(single, single.in_time(times[frames], links), day, _RAYS)
     return {
         "background_time": times[frames],
-        "background_radiance": np.array([one.radiance for one in found]),
-        "background_radiance_stderr": np.array([one.radiance_stderr for one in found]),
+        "background_radiance": np.array([background.radiance for background in lights]),
+        "background_radiance_stderr": np.array(
+            [background.radiance_stderr for background in lights]
+        ),
     }

@@ -47,8 +47,8 @@ STEPS = 22
 @cache
 def reference() -> dict[str, Any]:
     """Return the reference case as plain data."""
-    found: dict[str, Any] = json.loads(Path(__file__).with_name("w2a1.json").read_text("utf-8"))
-    return found
+    data: dict[str, Any] = json.loads(Path(__file__).with_name("w2a1.json").read_text("utf-8"))
+    return data
 
 
 def surface(name: str) -> SurfaceModel:
@@ -62,11 +62,11 @@ def surface(name: str) -> SurfaceModel:
 
 def link(variant: str) -> Link:
     """Return the link of a case: its part behind the slash, such as "r5cm"."""
-    given = reference()["variants"][variant]
+    inputs = reference()["variants"][variant]
     receiver = Receiver(
-        position=(given["x"], 0.0), radius=given["radius"], fov_deg=given["fov_deg"]
+        position=(inputs["x"], 0.0), radius=inputs["radius"], fov_deg=inputs["fov_deg"]
     )
-    transmitter = Led(depth=given["depth"])
+    transmitter = Led(depth=inputs["depth"])
     return Link(transmitter=transmitter, receiver=receiver, physics=Physics(unresolved="none"))
 
 
@@ -109,13 +109,15 @@ def checks(quick: bool = False, progress: Callable[[str], None] | None = None) -
     for name, row in reference()["cases"].items():
         if progress is not None:
             progress(name)
-        found = gain(name, QUICK_CHAINS if quick else CHAINS)
+        computed = gain(name, QUICK_CHAINS if quick else CHAINS)
         tolerance = row["unscattered_tol_rel"]
-        yield exact(f"{name} unscattered", source, row["unscattered"], found.unscattered, tolerance)
+        yield exact(
+            f"{name} unscattered", source, row["unscattered"], computed.unscattered, tolerance
+        )
         # a second estimator or program has confirmed the total
         confirmed = any(key.startswith("total_independent") for key in row)
         status = source if confirmed else f"{source}, single code"
-        total = row["total"], found.total, found.stderr, row["total_stderr"]
+        total = row["total"], computed.total, computed.stderr, row["total_stderr"]
         yield Check(f"{name} total", status, *total)
     for name, row in reference()["series_frozen_phases"].items():
         if progress is not None:
@@ -125,9 +127,9 @@ def checks(quick: bool = False, progress: Callable[[str], None] | None = None) -
 
 def _series_checks(name: str, row: dict[str, Any]) -> Iterator[Check]:
     """Yield the checks of a series: its worst time, and its spread."""
-    found = series(name.split("/")[0])
+    computed = series(name.split("/")[0])
     unscattered, total = (
-        np.array([getattr(g, k) for g in found]) for k in ("unscattered", "total")
+        np.array([getattr(g, k) for g in computed]) for k in ("unscattered", "total")
     )
     expected = np.array(row["unscattered_gain"])
     worst = int(np.abs(unscattered / expected - 1.0).argmax())
@@ -160,6 +162,6 @@ def _largest_difference(name: str, waves: NDArray[np.float64], listed: list[list
     return Check(f"{name} waves, largest difference", "W2A-1", 0.0, float(largest), 0.0, _LISTED)
 
 
-def score(found: Iterable[Check]) -> int:
+def score(checks: Iterable[Check]) -> int:
     """Return the number of checks within the rules of the case: |z| <= 3, or the tolerance."""
-    return sum(abs(check.z) <= (3.0 if check.stderr else 1.0) for check in found)
+    return sum(abs(check.z) <= (3.0 if check.stderr else 1.0) for check in checks)

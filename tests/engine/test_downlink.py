@@ -15,9 +15,9 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import meshtrace as mt
+from meshtrace import Vertex
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.photons.flight import Vertex
 from meshtrace.engine.setup.ends import crossing_reach, forced_link
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import Refused

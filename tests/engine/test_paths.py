@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.photons.flight import Vertex
+from meshtrace import Vertex
 from meshtrace.optics.fresnel import refract
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -133,3 +133,14 @@ def test_received_paths_where_the_gain_rests_on_joined_photons():
     paths = mt.trace_paths(link, FlatSea(), 20, received_only=True, seed=1)
     assert paths.received.all()
     assert (paths.length >= 4).all()  # scattered once at least
+
+
+def test_options_of_analog_photons_hold_for_their_paths():
+    short = mt.trace_paths(LINK, MESH, 60, seed=8, max_events=1)
+    long = mt.trace_paths(LINK, MESH, 60, seed=8)
+    assert (short.what == mt.Vertex.SCATTER).sum(axis=1).max() <= 1
+    assert (long.what == mt.Vertex.SCATTER).sum(axis=1).max() > 1
+    with pytest.raises(mt.Refused, match="max_events"):
+        mt.trace_paths(LINK, MESH, 60, seed=8, max_events=0)
+    with pytest.raises(mt.Refused, match="max_events"):
+        mt.trace_paths(LINK, MESH, 60, received_only=True, max_events=1)

@@ -7,8 +7,8 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
+from meshtrace import Vertex
 from meshtrace.engine.photons.analog import new_recorder, run_analog
-from meshtrace.engine.photons.flight import Vertex
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import refract
 from meshtrace.surfaces import FlatSea, SinusoidalSea

@@ -6,8 +6,7 @@ import pyvista as pv
 from PIL import Image
 
 import meshtrace as mt
-from meshtrace import viz
-from meshtrace.engine.photons.flight import Vertex
+from meshtrace import Vertex, viz
 from meshtrace.surfaces import FlatSea, SinusoidalSea
 from meshtrace.viz import export
 from meshtrace.viz.export import surface_sampler

@@ -85,10 +85,10 @@ class MeanGains:
         self._known: dict[Link, Floats] = {self._link: np.zeros(1)}
         self._own: Floats | None = None
 
-    def ratio(self, link: Link, over: Link | None = None) -> tuple[float, float]:
+    def ratio(self, link: Link, base: Link | None = None) -> tuple[float, float]:
         """Return the logarithm of the ratio of two mean gains, and its standard error."""
-        self.find([link] if over is None else [link, over])
-        logs = self._known[link] - (0.0 if over is None else self._known[over])
+        self.find([link] if base is None else [link, base])
+        logs = self._known[link] - (0.0 if base is None else self._known[base])
         return float(logs[0]), error_of(logs)
 
     def find(self, links: list[Link]) -> None:
@@ -97,15 +97,15 @@ class MeanGains:
         for link in dict.fromkeys(links):
             if link not in self._known:
                 groups.setdefault(link.replace("receiver", self._link.receiver), []).append(link)
-        for base, some in groups.items():
+        for base, members in groups.items():
             if base == self._link:
-                logs = self._logs([self._link, *some])
-                found = logs[1:] - logs[0]
+                logs = self._logs([self._link, *members])
+                ratios = logs[1:] - logs[0]
             else:
                 if self._own is None:
                     (self._own,) = self._logs([self._link])
-                found = self._logs(some) - self._own
-            self._known |= dict(zip(some, found, strict=True))
+                ratios = self._logs(members) - self._own
+            self._known |= dict(zip(members, ratios, strict=True))
 
     def _logs(self, links: list[Link]) -> Floats:
         """Return the logarithms of gains (links, 1 + groups) of links with one lamp."""
@@ -117,8 +117,8 @@ class MeanGains:
 
 def log_means(gains: Floats) -> Floats:
     """Return the logarithms of the mean gains of links (links, 1 + groups), see `without_each`."""
-    rows = [[some.mean() for some in without_each(one)] for one in gains]
-    return np.log(np.maximum(np.array(rows), 1e-300))
+    means = [[without.mean() for without in without_each(of_link)] for of_link in gains]
+    return np.log(np.maximum(np.array(means), 1e-300))
 
 
 def log_quantile(gains: Floats, tilt: TiltFactors, share: float, lognormal: bool = False) -> float:
@@ -127,18 +127,23 @@ def log_quantile(gains: Floats, tilt: TiltFactors, share: float, lognormal: bool
     By a law with the mean and the deviation of ln g, see `probability_in_log`, or a lognormal one.
     No light is lost beside either.
     """
-    lit, factors = np.log(gains[gains > 0.0]), np.log(tilt.h[tilt.h > 0.0])
-    weight = tilt.weight[tilt.h > 0.0] * (lit.size / gains.size)
+    # a gain of 0 has no logarithm: its share is dark, as are tilts out of view
+    log_gains, factors = np.log(gains[gains > 0.0]), np.log(tilt.h[tilt.h > 0.0])
+    weight = tilt.weight[tilt.h > 0.0] * (log_gains.size / gains.size)
     dark = 1.0 - float(weight.sum())
     if dark >= share:
         return -math.inf
-    middle, spread = float(lit.mean()), float(lit.std(ddof=1)) if lit.size > 1 else 0.0
+    middle, spread = (
+        float(log_gains.mean()),
+        float(log_gains.std(ddof=1)) if log_gains.size > 1 else 0.0,
+    )
     spread = max(spread, 1e-6)
     below = ndtr if lognormal else probability_in_log(spread)
 
     def excess(x: float) -> float:
         return dark + float(weight @ below((x - middle - factors) / spread)) - share
 
+    # far beyond both ends of the law, as brentq needs a change of sign
     reach = 40.0 * spread + 10.0
     return float(brentq(excess, middle - reach, middle + reach, xtol=1e-9))
 
@@ -146,27 +151,29 @@ def log_quantile(gains: Floats, tilt: TiltFactors, share: float, lognormal: bool
 class Need:
     """Required power under one light over the counts of its background."""
 
-    def __init__(self, dark: OokLink, found: Background, limit: float) -> None:
-        lit = with_background(dark, found)
-        self.window = lit.averaging_window
-        self.exact = lit.required_power(limit)
+    def __init__(self, dark: OokLink, background: Background, limit: float) -> None:
+        receiver = with_background(dark, background)
+        self.window = receiver.averaging_window
+        self.exact = receiver.required_power(limit)
         fixed = dark.replace(window=self.window)
         self.fixed, self._floor = fixed, dark.sipm.dark_count_rate + dark.background_rate + 1.0
-        rates = max(lit.background_rate, self._floor) * np.geomspace(1e-6, 1e4, 15)
+        # from a millionth of the present background to ten thousand times it
+        rates = max(receiver.background_rate, self._floor) * np.geomspace(1e-6, 1e4, 15)
         powers = [fixed.replace(background_rate=r).required_power(limit) for r in rates.tolist()]
-        kept = np.isfinite(powers)
-        self._most = float(rates[kept].max()) if kept.any() else -1.0
-        if kept.sum() > 1:
-            nodes = np.log(rates[kept] + self._floor)
-            self._table = PchipInterpolator(nodes, np.log(np.array(powers)[kept]))
+        finite = np.isfinite(powers)
+        self._most = float(rates[finite].max()) if finite.any() else -1.0
+        if finite.sum() > 1:
+            # ln of the need bends little over ln of the counts; the floor keeps counts of 0 in
+            nodes = np.log(rates[finite] + self._floor)
+            self._table = PchipInterpolator(nodes, np.log(np.array(powers)[finite]))
 
     def __call__(self, rate: Any) -> Floats:
         """Return the required power of background counts [W]; infinite beyond the table."""
         rate = np.asarray(rate, dtype=float)
         if self._most < 0.0:
             return np.full(rate.shape, np.inf)
-        found = np.exp(self._table(np.log(np.minimum(rate, self._most) + self._floor)))
-        return np.where(rate > self._most, np.inf, found)
+        power = np.exp(self._table(np.log(np.minimum(rate, self._most) + self._floor)))
+        return np.where(rate > self._most, np.inf, power)
 
 
 class LinkModel:
@@ -176,12 +183,12 @@ class LinkModel:
         scenario = campaign.scenario
         assert isinstance(scenario, Scenario)
         self.outage, self.limit = outage, limit
-        given = OokLink.of_link(campaign.link, scenario.detector or "physical")
-        self.link = given.channel(campaign.link)
+        receiver = OokLink.of_link(campaign.link, scenario.detector or "physical")
+        self.link = receiver.channel(campaign.link)
         self.campaign = campaign.of(self.link)
         self.means = MeanGains(self.campaign, seas)
-        self.dark = through_channel(given, self.campaign._replace(progress=None), seas)
-        self._measured = given.response is None and self.dark.response is not None
+        self.dark = through_channel(receiver, self.campaign._replace(progress=None), seas)
+        self._measured = receiver.response is None and self.dark.response is not None
         uav = scenario.uav if self.link.direction == "up" else None
         self.flight = None if uav is None else Flight(uav)
         self.ensemble = Ensemble(self.campaign, seas, self.flight)
@@ -198,18 +205,18 @@ class LinkModel:
     def notes(self) -> tuple[str, ...]:
         """Return remarks about the basis of the page."""
         error, few = 100.0 * self.fades.chain_error, self.means.seas
-        found = [f"surfaces {self.seas}, of the scans {few}; error by the chains {error:.2g} %"]
+        remarks = [f"surfaces {self.seas}, of the scans {few}; error by the chains {error:.2g} %"]
         if self.assumed:
-            found.append(
+            remarks.append(
                 "no day in the link file: a clear sky, the sun at a zenith angle of 30 deg"
             )
         if self.flight is not None:
             share = 100.0 * self.fades.tilt.outage
-            found.append(
+            remarks.append(
                 "the tilts of the aircraft count as in link_performance; "
                 f"{share:.2g} % of them leave the field of view"
             )
-        return tuple(found)
+        return tuple(remarks)
 
     # ---- gains ------------------------------------------------------------------------------
 
@@ -234,12 +241,12 @@ class LinkModel:
         """Whether a field of view only cuts the light of a wider one."""
         return self.link.physics.fov == "angle" and len(self.link.transmitters) == 1
 
-    def colours(self, links: list[Link], own: int) -> tuple[Floats, Floats]:
+    def colours(self, links: list[Link], index: int) -> tuple[Floats, Floats]:
         """Return `ratio` of links at several wavelengths with common paths, over one of them."""
         named = {f"{i}": link for i, link in enumerate(links)}
         campaign = self.means.campaign._replace(links=named, spectral=True)
         logs = log_means(campaign.gains(self.means.steps)[0, :, :, 0])
-        logs -= logs[own]
+        logs -= logs[index]
         return logs[:, 0], np.array([error_of(row) for row in logs])
 
     # ---- pulses -----------------------------------------------------------------------------
@@ -257,23 +264,23 @@ class LinkModel:
         """Return the response over seas of the scans, by chains; None without light."""
         lights = self.sample.some_light(Variant(link, None))
         if water is not None:
-            lights = [in_water(light, link.water, water) for light in lights]
+            lights = [in_water(arrivals, link.water, water) for arrivals in lights]
         return light_response(link, lights)
 
-    def pulse_loss(self, light: str, link: Link, water: Water | None = None) -> float:
+    def pulse_loss(self, period: str, link: Link, water: Water | None = None) -> float:
         """Return ln of the power penalty of another link's response over the given link's."""
         if not self.spreads:
             return 0.0
-        own, other = (self._blurred(light, self.response(*at))
+        penalty, other = (self._blurred(period, self.response(*at))
                       for at in ((self.link,), (link, water)))  # fmt: skip
-        return min(other - own, _CLOSED) if math.isfinite(own) else 0.0
+        return min(other - penalty, _CLOSED) if math.isfinite(penalty) else 0.0
 
     @cache  # noqa: B019
-    def _blurred(self, light: str, response: ChannelResponse | None) -> float:
+    def _blurred(self, period: str, response: ChannelResponse | None) -> float:
         """Return ln of the required power behind a response, with the window of the link."""
-        changes = {"response": response, "window": self.need(light).window}
-        lit = with_background(self.dark.replace(**changes), self.found(light))
-        return math.log(lit.required_power(self.limit))
+        changes = {"response": response, "window": self.need(period).window}
+        receiver = with_background(self.dark.replace(**changes), self.background_by(period))
+        return math.log(receiver.required_power(self.limit))
 
     def _tilt(self, fov_deg: float) -> TiltFactors:
         """Return the law of the tilt factor behind a field of view."""
@@ -299,6 +306,7 @@ class LinkModel:
             return chain_error
         left = [log_quantile(np.delete(gains, i), tilt, self.outage) for i in range(n)]
         spread = (n - 1) * float(np.var(left)) if np.isfinite(left).all() else math.nan
+        # seas do not tell the law of their gains; half of the difference of two laws bounds that
         by_law, other = (log_quantile(gains, tilt, self.outage, law) for law in (False, True))
         of_law = 0.5 * abs(other - by_law) if math.isfinite(by_law) else math.nan
         return math.hypot(math.sqrt(spread), of_law, chain_error)
@@ -306,53 +314,53 @@ class LinkModel:
     # ---- lights -----------------------------------------------------------------------------
 
     @cache  # noqa: B019
-    def found(self, light: str) -> Background:
+    def background_by(self, period: str) -> Background:
         """Return the background of the given link, by day as in `link_performance`."""
-        return self._seen(light, self.link)
+        return self._seen(period, self.link)
 
-    def _seen(self, light: str, link: Link) -> Background:
+    def _seen(self, period: str, link: Link) -> Background:
         """Return the background of a link over the seas."""
-        seas = self.ensemble.n if light == DAY else min(self.ensemble.n, _NIGHT_SEAS)
+        seas = self.ensemble.n if period == DAY else min(self.ensemble.n, _NIGHT_SEAS)
         campaign = self.campaign.of(link, _name_of(link))
-        return background_over_seas(campaign, self.days[light], seas, self.flight)
+        return background_over_seas(campaign, self.days[period], seas, self.flight)
 
     @cache  # noqa: B019
-    def need(self, light: str) -> Need:
+    def need(self, period: str) -> Need:
         """Return the required power under a light."""
-        return Need(self.dark, self.found(light), self.limit)
+        return Need(self.dark, self.background_by(period), self.limit)
 
     @cache  # noqa: B019
-    def _brightness(self, light: str) -> Callable[[float], float]:
+    def _brightness(self, period: str) -> Callable[[float], float]:
         """Return the radiance by field of view, relative to the given link."""
-        own = self.link.only_receiver.fov_deg
-        if light == NIGHT:
+        fov_deg = self.link.only_receiver.fov_deg
+        if period == NIGHT:
             return lambda fov: 1.0
-        views = np.unique([*_VIEWS, own])
-        logs = np.log([self.radiance(light, self.link.replace(VIEW, v)) for v in views.tolist()])
-        logs -= logs[views == own]
+        views = np.unique([*_VIEWS, fov_deg])
+        logs = np.log([self.radiance(period, self.link.replace(VIEW, v)) for v in views.tolist()])
+        logs -= logs[views == fov_deg]
         return lambda fov: math.exp(float(np.interp(math.log(fov), np.log(views), logs)))
 
-    def radiance(self, light: str, link: Link) -> float:
+    def radiance(self, period: str, link: Link) -> float:
         """Return the mean radiance of a link."""
-        variant = Variant(link, None, daylight=self.days[light])
-        found = self._rays.background(variant)
-        assert found is not None
-        return max(found.radiance, 1e-300)
+        variant = Variant(link, None, daylight=self.days[period])
+        background = self._rays.background(variant)
+        assert background is not None
+        return max(background.radiance, 1e-300)
 
     # ---- reserves ---------------------------------------------------------------------------
 
-    def reserve(self, light: str, log_ratio: float = 0.0, **changes: float) -> float:
+    def reserve(self, period: str, log_ratio: float = 0.0, **changes: float) -> float:
         """Return the reserve [dB] at a ratio of gains; `changes` are radius, fov_deg and width."""
-        own = self.dark.optics
-        fov = changes.get("fov_deg", own.fov_deg)
-        width = changes.get("width", own.filter_width_nm)
-        ook = self._behind(changes.get("radius", own.radius), fov, width)
-        bright = self._brightness(light)(fov) if "fov_deg" in changes else 1.0
-        return self.above(log_ratio + self.quantile(fov), ook, self.needed(light, ook, bright))
+        optics = self.dark.optics
+        fov = changes.get("fov_deg", optics.fov_deg)
+        width = changes.get("width", optics.filter_width_nm)
+        ook = self._behind(changes.get("radius", optics.radius), fov, width)
+        bright = self._brightness(period)(fov) if "fov_deg" in changes else 1.0
+        return self.above(log_ratio + self.quantile(fov), ook, self.needed(period, ook, bright))
 
-    def needed(self, light: str, ook: OokLink, brightness: float = 1.0) -> float:
+    def needed(self, period: str, ook: OokLink, brightness: float = 1.0) -> float:
         """Return the required power of a transmission under a light of other brightness [W]."""
-        return float(self.need(light)(brightness * self.found(light).count_rate(ook)))
+        return float(self.need(period)(brightness * self.background_by(period).count_rate(ook)))
 
     def _behind(self, radius: float, fov_deg: float, width: float) -> OokLink:
         """Return the transmission in the dark behind other optics."""
@@ -369,7 +377,7 @@ class LinkModel:
             return -math.inf
         return DECIBELS * (log_gain + math.log(float(ook.received_power(1.0)) / need))
 
-    def at_rate(self, light: str, bit_rate: float, window: float | None = None) -> OokLink:
+    def at_rate(self, period: str, bit_rate: float, window: float | None = None) -> OokLink:
         """Return the transmission under a light at another bit rate, by default with its window.
 
         A given window is a share of the bit; else the best one is sought.
@@ -377,45 +385,47 @@ class LinkModel:
         if window is None and self.dark.window is not None:
             window = self.dark.window * self.dark.bit_rate / bit_rate
         dark = self.dark.replace(bit_rate=bit_rate, window=window)
-        return with_background(dark, self.found(light))
+        return with_background(dark, self.background_by(period))
 
-    def brightness(self, light: str, wavelengths_nm: Sequence[float]) -> Floats:
+    def brightness(self, period: str, wavelengths_nm: Sequence[float]) -> Floats:
         """Return the radiances at wavelengths [nm] over that at the wavelength of the link."""
-        day, own = self.days[light], self.link.transmitters[0].wavelength_nm
+        day, own_nm = self.days[period], self.link.transmitters[0].wavelength_nm
         if day.pattern == "uniform":
             return np.ones(len(wavelengths_nm))
-        found = self._rays.at_wavelengths(self.link, day, wavelengths_nm)
-        radiance = np.maximum([one.radiance for one in found], 1e-300)
-        return np.asarray(radiance / radiance[list(wavelengths_nm).index(own)])
+        backgrounds = self._rays.at_wavelengths(self.link, day, wavelengths_nm)
+        radiance = np.maximum([background.radiance for background in backgrounds], 1e-300)
+        return np.asarray(radiance / radiance[list(wavelengths_nm).index(own_nm)])
 
-    def at_colour(self, light: str, link: Link, log_ratio: float, bright: float) -> float:
+    def at_colour(self, period: str, link: Link, log_ratio: float, bright: float) -> float:
         """Return the reserve at another wavelength [dB], under the background there.
 
         `bright` is its radiance relative to the given link.
         """
-        nm, found = link.transmitters[0].wavelength_nm, self.found(light)
-        day = self.days[light].at_wavelength(nm)
-        origin = {**found.provenance, "daylight": day.model_dump(mode="json")}
-        seen = replace(found, radiance=bright * found.radiance, wavelength_nm=nm, provenance=origin)
-        dark = OokLink.of_link(link, self.dark.replace(window=self.need(light).window))
-        lit = with_background(dark, seen)
-        log_ratio -= self.pulse_loss(light, self.link, link.water)
-        gain = log_ratio + self.quantile(link.only_receiver.fov_deg)
-        return self.above(gain, lit, lit.required_power(self.limit))
-
-    def figures(self, light: str) -> Figures:
-        """Return the figures of the given link, as in `link_performance`."""
-        found, seed = self.found(light), self.campaign.run.seed
-        point = operating_point(
-            self.dark, self.link.depth, self.fades, self.limit, 0.95, seed, found
+        nm, background = link.transmitters[0].wavelength_nm, self.background_by(period)
+        day = self.days[period].at_wavelength(nm)
+        origin = {**background.provenance, "daylight": day.model_dump(mode="json")}
+        seen = replace(
+            background, radiance=bright * background.radiance, wavelength_nm=nm, provenance=origin
         )
-        lit = with_background(self.dark, found)
+        dark = OokLink.of_link(link, self.dark.replace(window=self.need(period).window))
+        receiver = with_background(dark, seen)
+        log_ratio -= self.pulse_loss(period, self.link, link.water)
+        gain = log_ratio + self.quantile(link.only_receiver.fov_deg)
+        return self.above(gain, receiver, receiver.required_power(self.limit))
+
+    def figures(self, period: str) -> Figures:
+        """Return the figures of the given link, as in `link_performance`."""
+        background, seed = self.background_by(period), self.campaign.run.seed
+        point = operating_point(
+            self.dark, self.link.depth, self.fades, self.limit, 0.95, seed, background
+        )
+        receiver = with_background(self.dark, background)
         return Figures(
-            light, described(lit, found), point.outage, point.ber,
+            period, described(receiver, background), point.outage, point.ber,
             point.margin_optical_db.value,
             self.above(self.quantile(self.link.only_receiver.fov_deg), self.dark,
-                        self.need(light).exact),
-            _error_db(self.quantile_stderr, found), point.capacity.hard,
+                        self.need(period).exact),
+            _error_db(self.quantile_stderr, background), point.capacity.hard,
         )  # fmt: skip
 
     # ---- budget ----------------------------------------------------------------------------
@@ -432,7 +442,7 @@ class LinkModel:
         lines.append(_same("lens on the detector (etendue)", parts.concentration_db))
         lines.append(_same("transmission of the filter", parts.filter_db))
         lines.append(_same("received power", received, unit="dBm", total=True))
-        needs = [self._needs(light) for light in LIGHTS]
+        needs = [self._needs(period) for period in LIGHTS]
         names = ("power for the limit, every photon counted", "photon detection efficiency",
                  "dark counts, crosstalk and afterpulses", "response of the channel",
                  "background light")  # fmt: skip
@@ -452,9 +462,9 @@ class LinkModel:
 
         Scattering joins the first where too few chains see the lamp through clear water.
         """
-        link, own = self.link, DECIBELS * self.fades.chain_error
+        link, chain_error_db = self.link, DECIBELS * self.fades.chain_error
         if link.water.layers is not None:
-            return [_same("geometry, surface and water", gain_db, own)]
+            return [_same("geometry, surface and water", gain_db, chain_error_db)]
         straight = link.replace("water.b", 0.0)
         empty = straight.replace("water.a", 0.0)
         self.means.find([straight, empty])
@@ -462,15 +472,21 @@ class LinkModel:
         scattered, error_b = self.means.ratio(link, straight)
         water = [_same("absorption in the water", DECIBELS * absorbed, DECIBELS * error_a)]
         if DECIBELS * error_b > _UNKNOWN_DB:
-            rest, error = gain_db - DECIBELS * absorbed, math.hypot(own, DECIBELS * error_a)
+            rest, error = (
+                gain_db - DECIBELS * absorbed,
+                math.hypot(chain_error_db, DECIBELS * error_a),
+            )
             return [_same("geometry, surface and scattering", rest, error), *water]
         water.append(_same("scattering in the water", DECIBELS * scattered, DECIBELS * error_b))
         rest, error = gain_db - DECIBELS * (scattered + absorbed), math.hypot(error_a, error_b)
-        return [_same("geometry and surface", rest, math.hypot(own, DECIBELS * error)), *water]
+        return [
+            _same("geometry and surface", rest, math.hypot(chain_error_db, DECIBELS * error)),
+            *water,
+        ]
 
-    def _needs(self, light: str) -> tuple[float, ...]:
+    def _needs(self, period: str) -> tuple[float, ...]:
         """Return the required power of an ideal detector [dBm] and penalties of parts [dB]."""
-        need = self.need(light)
+        need = self.need(period)
         quiet = {"sipm.dark_count_rate": 0.0, "sipm.p_crosstalk": 0.0, "sipm.p_afterpulse": 0.0}
         prompt = need.fixed.replace(response=None)
         free = prompt
@@ -503,25 +519,25 @@ class LinkModel:
         return log_quantile(means, tilt, self.outage), self._quantile_error(means, tilt, error)
 
     @cache  # noqa: B019
-    def run(self, light: str, link: Link, width: float) -> tuple[float, float]:
+    def run(self, period: str, link: Link, width: float) -> tuple[float, float]:
         """Return the reserve of a link with other optics by a separate run, and its error [dB].
 
         With its own background, averaging window and fading.
         """
         log, error = self.apart(link)
-        found = self._seen(light, link)
+        background = self._seen(period, link)
         aperture = link.only_receiver
         dark = self._behind(aperture.radius, aperture.fov_deg, width)
         if self.spreads:
             dark = dark.replace(response=self.response(link))
-        need = with_background(dark, found).required_power(self.limit)
-        return self.above(log, dark, need), _error_db(error, found)
+        need = with_background(dark, background).required_power(self.limit)
+        return self.above(log, dark, need), _error_db(error, background)
 
 
-def _error_db(log_error: float, found: Background) -> float:
+def _error_db(log_error: float, background: Background) -> float:
     """Return the error of a reserve [dB]: of the light, and of the background by its rays."""
     # the need grows as the root of the background, at most
-    spread = 0.5 * found.radiance_stderr / max(found.radiance, 1e-300)
+    spread = 0.5 * background.radiance_stderr / max(background.radiance, 1e-300)
     return DECIBELS * math.hypot(log_error, spread)
 
 

@@ -203,9 +203,9 @@ class Design(Stored):
 
     def _headline(self) -> str:
         words = (
-            f"{'closes' if self.closes(light) else 'does not close'} by {light} "
-            f"({self.at(light).reserve:+.1f} dB)"
-            for light in LIGHTS
+            f"{'closes' if self.closes(period) else 'does not close'} by {period} "
+            f"({self.at(period).reserve:+.1f} dB)"
+            for period in LIGHTS
         )
         return ", ".join(words)
 
@@ -217,30 +217,31 @@ class Design(Stored):
         """
         share = f"{100.0 * (1.0 - self.outage):g} % of the time"
         lines = []
-        for light in LIGHTS:
-            reserve, error = self.at(light).reserve, self.at(light).reserve_stderr
+        for period in LIGHTS:
+            reserve, error = self.at(period).reserve, self.at(period).reserve_stderr
             if math.isinf(reserve):
-                lines.append(f"By {light}: no. No power closes it.")
-            elif self.closes(light):
+                lines.append(f"By {period}: no. No power closes it.")
+            elif self.closes(period):
                 spare = f"{reserve:.1f} +- {error:.2f} dB to spare"
-                lines.append(f"By {light}: yes. It closes {share} with {spare}.")
+                lines.append(f"By {period}: yes. It closes {share} with {spare}.")
             else:
                 short = f"{-reserve:.1f} +- {error:.2f} dB short"
-                lines.append(f"By {light}: no. It is {short} of closing {share}.")
+                lines.append(f"By {period}: no. It is {short} of closing {share}.")
             lines += [
-                f"  {text}" for text in (self._best_optics(light), self._alone(light)) if text
+                f"  {text}" for text in (self._best_optics(period), self._alone(period)) if text
             ]
         return tuple(lines)
 
-    def _best_optics(self, light: LightName) -> str:
+    def _best_optics(self, period: LightName) -> str:
         """Return the best lens, field of view and filter together, and the reserve with them."""
-        best = [one for one in self.together if one.light == light]
-        left = self.reserve_together(light)
+        best = [value for value in self.together if value.light == period]
+        left = self.reserve_together(period)
         if math.isnan(left):
             return ""
         error = best[0].gained_stderr
         parts = ", ".join(
-            f"{_NAMES[one.key.rpartition('.')[2]]} {_quantity(one.best, one.unit)}" for one in best
+            f"{_NAMES[value.key.rpartition('.')[2]]} {_quantity(value.best, value.unit)}"
+            for value in best
         )
         text = f"Best optics together: {parts}, which leave it {abs(left):.1f} +- {error:.1f} dB"
         if left >= 0.0:
@@ -248,28 +249,28 @@ class Design(Stored):
         more = f"{10.0 ** (-0.1 * left):.3g} times the power of the lamp"
         return f"{text} short; with {more} they would close it."
 
-    def _alone(self, light: LightName) -> str:
+    def _alone(self, period: LightName) -> str:
         """Return the changes of one key that close a link that does not."""
-        if self.closes(light):
+        if self.closes(period):
             return ""
-        rows = [one for one in self.reach if one.light == light]
+        reaches = [reach for reach in self.reach if reach.light == period]
         would = [
             f"{_NAMES[r.key.rpartition('.')[2]]} {r.side} {_quantity(r.value, r.unit)}"
-            for r in rows
+            for r in reaches
             if not math.isnan(r.value)
         ]
-        never = [r for r in rows if r.key.endswith("width_nm") and math.isnan(r.value)]
-        texts = ["No width of the filter alone closes it."] if never and light == DAY else []
-        if light == DAY and self.closes(NIGHT):
+        never = [r for r in reaches if r.key.endswith("width_nm") and math.isnan(r.value)]
+        texts = ["No width of the filter alone closes it."] if never and period == DAY else []
+        if period == DAY and self.closes(NIGHT):
             texts.append("As it is, it closes by night.")
         if would:
             changes = "; or ".join(would)
-            texts.append(f"By {light} any one of these changes would close it: {changes}.")
+            texts.append(f"By {period} any one of these changes would close it: {changes}.")
         return " ".join(texts)
 
     def reserve_together(self, light: LightName) -> float:
         """Return the reserve with the best lens, field of view and filter [dB]; nan for none."""
-        gained = [one.gained for one in self.together if one.light == light]
+        gained = [value.gained for value in self.together if value.light == light]
         return self.at(light).reserve + gained[0] if gained else math.nan
 
     def summary(self) -> str:
@@ -277,10 +278,10 @@ class Design(Stored):
         wrapped = partial(textwrap.fill, width=_WIDTH, subsequent_indent="    ")
         abouts = (wrapped(f"{f.light}: {f.about}") for f in self.figures)
         best = [
-            f"BEST VALUES BY {light.upper()}, each alone; flat within 0.5 dB or the error\n"
+            f"BEST VALUES BY {period.upper()}, each alone; flat within 0.5 dB or the error\n"
             "gained is reserve, for a bit rate the rate after hard decisions\n\n"
-            f"{_choices_table([one for one in self.choices if one.light == light])}"
-            for light in LIGHTS
+            f"{_choices_table([choice for choice in self.choices if choice.light == period])}"
+            for period in LIGHTS
         ]
         parts = [
             ("ANSWER", "", *map(wrapped, self.answer)),
@@ -297,7 +298,7 @@ class Design(Stored):
     def _figures_table(self) -> str:
         head = ("", "outage", "95 % interval", "mean BER", "95 % interval", "margin", "reserve",
                 "capacity")  # fmt: skip
-        rows = [
+        lines = [
             (
                 f.light,
                 f"{f.outage[0]:.2g}",
@@ -310,18 +311,19 @@ class Design(Stored):
             )
             for f in self.figures
         ]
-        return text_table(rows, head)
+        return text_table(lines, head)
 
     def _together_lines(self) -> list[str]:
         """Return the table of the best optics and their gain."""
-        rows = _by_key(self.together, lambda one: (f"{one.best:.3g}", _range(one.flat)))
+        lines = _by_key(self.together, lambda value: (f"{value.best:.3g}", _range(value.flat)))
         gains = (
-            f"by {one.light} {one.gained:+.1f} dB, reserve {self.reserve_together(one.light):+.1f} "
-            f"+- {one.gained_stderr:.2f} dB {one.note}"
-            for one in self.together[:: len(rows) or 1]
+            f"by {value.light} {value.gained:+.1f} dB, "
+            f"reserve {self.reserve_together(value.light):+.1f} +- {value.gained_stderr:.2f} dB "
+            f"{value.note}"
+            for value in self.together[:: len(lines) or 1]
         )
-        heads = ("key", "given", *(head for light in LIGHTS for head in (light, "flat")))
-        return [text_table(rows, heads), *gains]
+        heads = ("key", "given", *(head for period in LIGHTS for head in (period, "flat")))
+        return [text_table(lines, heads), *gains]
 
     def _reach_lines(self) -> list[str]:
         """Return the table of the values that just close, and remarks about the depth."""
@@ -337,7 +339,7 @@ class Design(Stored):
         return [text_table(_by_key(self.reach, cell), ("key", "given", *LIGHTS)), *notes]
 
     def _budget_table(self) -> str:
-        rows = [
+        lines = [
             (
                 f"= {line.name}" if line.total else f"  {line.name}",
                 f"{line.night:.2f}",
@@ -347,24 +349,24 @@ class Design(Stored):
             )
             for line in self.budget
         ]
-        return text_table(rows, ("", *LIGHTS, "std. error", "unit"))
+        return text_table(lines, ("", *LIGHTS, "std. error", "unit"))
 
 
 def _by_key(table: Sequence[Row], cell: Callable[[Row], Sequence[str]]) -> list[tuple[str, ...]]:
     """Return rows of text: key, value of the link, and the cells of each light, "" without one."""
-    found = []
-    for key in dict.fromkeys(one.key for one in table):
-        rows = {one.light: one for one in table if one.key == key}
-        first = next(iter(rows.values()))
+    lines = []
+    for key in dict.fromkeys(value.key for value in table):
+        by_period = {value.light: value for value in table if value.key == key}
+        first = next(iter(by_period.values()))
         row = [_named(key, first.unit), f"{first.given:.4g}"]
-        for light in LIGHTS:
-            row += cell(rows[light]) if light in rows else [""] * len(cell(first))
-        found.append(tuple(row))
-    return found
+        for period in LIGHTS:
+            row += cell(by_period[period]) if period in by_period else [""] * len(cell(first))
+        lines.append(tuple(row))
+    return lines
 
 
 def _choices_table(choices: Sequence[BestValue]) -> str:
-    rows = [
+    lines = [
         (
             _named(c.key, c.unit),
             f"{c.given:.4g}",
@@ -375,7 +377,7 @@ def _choices_table(choices: Sequence[BestValue]) -> str:
         )
         for c in choices
     ]
-    return text_table(rows, ("key", "given", "best", "flat", "gained", ""))
+    return text_table(lines, ("key", "given", "best", "flat", "gained", ""))
 
 
 def _named(key: str, unit: str) -> str:

@@ -124,26 +124,26 @@ def design(
         return _page(_Study(campaign, outage, limit, realizations), campaign, over)
 
 
-def _page(study: _Study, campaign: Campaign, over: Bounds | None) -> Design:
+def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
     """Return the page of a study; independent parts share the threads, the longest first."""
-    bounds = study.bounds(over)
+    bounds = study.bounds(ranges)
     study.prepare(bounds)
     alone = [key for key in bounds if key not in OPTICS]
     (by_key, together), night, day, *others = results_of(
         campaign.threads,
         partial(study.optics, bounds),
-        *(partial(study.greatest_depth, light) for light in LIGHTS),
+        *(partial(study.greatest_depth, period) for period in LIGHTS),
         *(partial(study.scans, key, bounds[key]) for key in alone),
-        *(partial(study.figures, light) for light in LIGHTS),
+        *(partial(study.figures, period) for period in LIGHTS),
         study.budget,
     )
-    *rows, by_night, by_day, budget = others
-    by_key |= dict(zip(alone, rows, strict=True))
+    *reaches, by_night, by_day, budget = others
+    by_key |= dict(zip(alone, reaches, strict=True))
     scans = [scan for key in bounds for scan in by_key[key]]
     reach = [
         row
-        for light, depth in zip(LIGHTS, (night, day), strict=True)
-        for row in study.reach(light, depth, scans)
+        for period, depth in zip(LIGHTS, (night, day), strict=True)
+        for row in study.reach(period, depth, scans)
     ]
     return Design(
         outage=study.outage,
@@ -177,12 +177,12 @@ class Scan(NamedTuple):
 class _Study(LinkModel):
     """Reserves over the values of each key, the best of them, reach and budget."""
 
-    def bounds(self, over: Bounds | None) -> dict[str, tuple[float, float]]:
+    def bounds(self, ranges: Bounds | None) -> dict[str, tuple[float, float]]:
         """Return the bounds of each key that is scanned."""
         name, end = self.link.air_end
         x = end.position[0]
         radius, reach = self.link.only_receiver.radius, 0.5 * (end.height + self.link.depth)
-        found = {
+        bounds = {
             LENS: (radius / 4.0, 4.0 * radius),
             VIEW: (2.0, 120.0),
             WIDTH: (1.0, 40.0),
@@ -193,36 +193,36 @@ class _Study(LinkModel):
         spectrum = self.link.water.spectrum
         if spectrum is not None and len(self.link.transmitters) == 1:
             low, high = spectrum.limits_nm
-            found[COLOUR] = max(low, _COLOURS_NM[0]), min(high, _COLOURS_NM[1])
-        elif over and COLOUR in over:
-            self.link.at_wavelength(over[COLOUR][0])  # refused
-        require_keys({} if over is None else over, found, "over")
-        return found | checked_bounds(over or {})
+            bounds[COLOUR] = max(low, _COLOURS_NM[0]), min(high, _COLOURS_NM[1])
+        elif ranges and COLOUR in ranges:
+            self.link.at_wavelength(ranges[COLOUR][0])  # refused
+        require_keys({} if ranges is None else ranges, bounds, "over")
+        return bounds | checked_bounds(ranges or {})
 
     def scans(self, key: str, bounds: tuple[float, float]) -> list[Scan]:
         """Return the reserves over the values of a key under the lights that have it."""
         values = self._values(key, bounds)
         if key == RATE:
-            return [self._bit_rates(light, values) for light in LIGHTS]
+            return [self._bit_rates(period, values) for period in LIGHTS]
         if key == COLOUR:
             return self._colours(values)
         logs, errors = self._logs(key, values)
-        name, found = {LENS: "radius", VIEW: "fov_deg", WIDTH: "width"}.get(key), []
-        for light in LIGHTS:
-            rows = [
-                self.reserve(light, log, **({name: v} if name else {}))
-                for v, log in zip(values.tolist(), logs[light], strict=True)
+        name, scans = {LENS: "radius", VIEW: "fov_deg", WIDTH: "width"}.get(key), []
+        for period in LIGHTS:
+            reserves = [
+                self.reserve(period, log, **({name: v} if name else {}))
+                for v, log in zip(values.tolist(), logs[period], strict=True)
             ]
-            found.append(self._scan(light, key, values, np.array(rows), DECIBELS * errors))
-        return found
+            scans.append(self._scan(period, key, values, np.array(reserves), DECIBELS * errors))
+        return scans
 
     def _values(self, key: str, bounds: tuple[float, float]) -> Floats:
         """Return the values of a scan, the link's among them."""
-        given = self._given(key)
+        present = self._given(key)
         spaced = np.linspace if key.endswith("position.0") else np.geomspace
         values = spaced(*bounds, _POINTS)
-        if bounds[0] <= given <= bounds[1]:
-            values[np.abs(values - given).argmin()] = given
+        if bounds[0] <= present <= bounds[1]:
+            values[np.abs(values - present).argmin()] = present
         return values
 
     def _given(self, key: str) -> float:
@@ -240,13 +240,13 @@ class _Study(LinkModel):
         at = values if straight else np.log(values)
         step, links, places = 2 if key == VIEW else 1, self._at(key, values), at[_nodes(key)]
         logs, errors = np.array([self.means.ratio(link) for link in links]).T
-        found: dict[str, Floats] = dict.fromkeys(LIGHTS, _through(places, logs, at))
+        by_period: dict[str, Floats] = dict.fromkeys(LIGHTS, _through(places, logs, at))
         if key == LENS:  # which changes no delays
-            return found, np.interp(at, places, errors)
-        for light in LIGHTS:
-            losses = np.array([self.pulse_loss(light, link) for link in links[::step]])
-            found[light] = found[light] - _through(places[::step], losses, at)
-        return found, np.interp(at, places, errors)
+            return by_period, np.interp(at, places, errors)
+        for period in LIGHTS:
+            losses = np.array([self.pulse_loss(period, link) for link in links[::step]])
+            by_period[period] = by_period[period] - _through(places[::step], losses, at)
+        return by_period, np.interp(at, places, errors)
 
     def _at(self, key: str, values: Floats) -> list[Link]:
         """Return the links at the nodes of a scan."""
@@ -261,20 +261,20 @@ class _Study(LinkModel):
             self.campaign.threads,
             lambda: self.fades,
             partial(self.means.find, links),  # with common random numbers
-            *(partial(self.need, light) for light in LIGHTS),
+            *(partial(self.need, period) for period in LIGHTS),
             lambda: self.spreads and self.response(self.link),
         )
 
-    def _bit_rates(self, light: LightName, values: Floats) -> Scan:
+    def _bit_rates(self, period: LightName, values: Floats) -> Scan:
         """Return the reserves over bit rates; the best has the largest rate of hard decisions."""
         error = self.quantile_stderr
         gain = self.quantile(self.link.only_receiver.fov_deg)
         nodes = values[:: len(values) // _WINDOWS]
-        shares = [self.at_rate(light, v).averaging_window * v for v in nodes.tolist()]
-        self.windows[light] = np.log(nodes), np.array(shares)
-        ooks = [self.at_rate(light, v, self.window_at(light, v)) for v in values.tolist()]
-        some = [self.above(gain, ook, ook.required_power(self.limit)) for ook in ooks[::2]]
-        rows = np.interp(np.log(values), np.log(values[::2]), some)
+        shares = [self.at_rate(period, v).averaging_window * v for v in nodes.tolist()]
+        self.windows[period] = np.log(nodes), np.array(shares)
+        ooks = [self.at_rate(period, v, self.window_at(period, v)) for v in values.tolist()]
+        coarse = [self.above(gain, ook, ook.required_power(self.limit)) for ook in ooks[::2]]
+        reserves = np.interp(np.log(values), np.log(values[::2]), coarse)
         carried, errors = [], []
         for ook in ooks:
             powers = ook.received_power(np.exp(gain + error * np.array([0.0, -1.0, 1.0])))
@@ -285,129 +285,130 @@ class _Study(LinkModel):
             errors.append(ends)
         low, high = 5.0 * np.log10(np.maximum(np.array(errors), 1e-9)).T
         merit = 10.0 * np.log10(np.maximum(carried, 1e-3))
-        return self._scan(light, RATE, values, rows, np.abs(high - low), merit)
+        return self._scan(period, RATE, values, reserves, np.abs(high - low), merit)
 
-    def window_at(self, light: LightName, bit_rate: float) -> float:
+    def window_at(self, period: LightName, bit_rate: float) -> float:
         """Return the averaging window at a bit rate, interpolated in the scan [s]."""
-        return float(np.interp(math.log(bit_rate), *self.windows[light])) / bit_rate
+        return float(np.interp(math.log(bit_rate), *self.windows[period])) / bit_rate
 
     def _colours(self, values: Floats) -> list[Scan]:
         """Return the reserves over wavelengths from common paths, by night and by day."""
-        own = self.link.transmitters[0].wavelength_nm
-        nodes = np.unique([*np.linspace(values[0], values[-1], _COLOURS), own])
+        own_nm = self.link.transmitters[0].wavelength_nm
+        nodes = np.unique([*np.linspace(values[0], values[-1], _COLOURS), own_nm])
         links = [self.link.at_wavelength(nm) for nm in nodes.tolist()]
-        logs, errors = self.colours(links, int(np.searchsorted(nodes, own)))
-        found = []
-        for light in LIGHTS:
+        logs, errors = self.colours(links, int(np.searchsorted(nodes, own_nm)))
+        scans = []
+        for period in LIGHTS:
             try:
-                bright = self.brightness(light, nodes.tolist())
+                bright = self.brightness(period, nodes.tolist())
                 each = zip(links, logs, bright.tolist(), strict=True)
-                rows = [self.at_colour(light, *one) for one in each]
+                reserves = [self.at_colour(period, *colour) for colour in each]
             except Refused:  # irradiances of one wavelength
                 continue
-            curve = _through(nodes, np.array(rows), values)
+            curve = _through(nodes, np.array(reserves), values)
             bars = DECIBELS * np.interp(values, nodes, errors)
-            found.append(self._scan(light, COLOUR, values, curve, bars))
-        return found
+            scans.append(self._scan(period, COLOUR, values, curve, bars))
+        return scans
 
     def _least_width(self, fov_deg: float) -> float:
         """Return the shift of an interference filter at the edge of a view [nm]."""
         return filter_shift_nm(self.link.transmitters[0].wavelength_nm, 0.5 * fov_deg)
 
     def _scan(
-        self, light: LightName, key: str, values: Floats, rows: Floats, errors: Floats,
+        self, period: LightName, key: str, values: Floats, reserves: Floats, errors: Floats,
         merit: Floats | None = None,
     ) -> Scan:  # fmt: skip
         """Return the scan of a key with its best value, by a merit in dB other than the reserve."""
-        given = self._given(key)
+        present = self._given(key)
         allowed, notes = np.ones(len(values), bool), []
-        sought, own = rows, self.reserve(light)
+        sought, at_present = reserves, self.reserve(period)
         if merit is not None:
-            sought, own = merit, float(np.interp(math.log(given), np.log(values), merit))
+            sought, at_present = merit, float(np.interp(math.log(present), np.log(values), merit))
         if key == WIDTH:
             least = self._least_width(self.link.only_receiver.fov_deg)
             allowed = values >= min(least, values[-1])
-            sought = rows = np.where(allowed, rows, math.nan)
+            sought = reserves = np.where(allowed, reserves, math.nan)
             notes.append(f"shift at the edge of the view {least:.2g} nm")
         best = int(np.argmax(np.where(allowed, sought, -np.inf)))
         inside = allowed & (sought >= sought[best] - np.maximum(_FLAT_DB, errors))
         low, high = _around(inside, best)
-        if best in (0, len(values) - 1) and values[best] != given:
+        if best in (0, len(values) - 1) and values[best] != present:
             notes.append("at the bound")
         if merit is not None:
             notes.append(f"{10.0 ** (0.1 * merit[best]) / 1e6:.3g} Mbit/s after hard decisions")
-        gained = sought[best] - own if math.isfinite(own) else math.nan
+        gained = sought[best] - at_present if math.isfinite(at_present) else math.nan
         unit = {"deg": "deg", "nm": "nm", "rate": "bit s-1"}.get(key.rpartition("_")[2], "m")
         flat = float(values[low]), float(values[high])
-        choice = BestValue(light, key, unit, given, float(values[best]), float(gained),
+        choice = BestValue(period, key, unit, present, float(values[best]), float(gained),
                            float(errors[best]), flat, "; ".join(notes))  # fmt: skip
-        return Scan(choice, values, rows)
+        return Scan(choice, values, reserves)
 
     def optics(self, bounds: Bounds) -> tuple[dict[str, list[Scan]], list[BestValue]]:
         """Return the scans of lens, view and filter, each alone, and their best values together."""
         alone = {key: self.scans(key, bounds[key]) for key in OPTICS}
-        return alone, [row for light in LIGHTS for row in self._together(light, bounds)]
+        return alone, [row for period in LIGHTS for row in self._together(period, bounds)]
 
-    def _together(self, light: LightName, bounds: Bounds) -> tuple[BestValue, ...]:
+    def _together(self, period: LightName, bounds: Bounds) -> tuple[BestValue, ...]:
         """Return the best lens, view and filter together, with their gain by a separate run."""
         radii, views = (self._values(key, bounds[key]) for key in (LENS, VIEW))
         by_radius, by_view = (
-            self._logs(key, x)[0][light] for key, x in ((LENS, radii), (VIEW, views))
+            self._logs(key, x)[0][period] for key, x in ((LENS, radii), (VIEW, views))
         )
         radii, views, by_radius, by_view = (x[::2] for x in (radii, views, by_radius, by_view))
         least = bounds[WIDTH][0]
-        rows = np.array([
+        reserves = np.array([
             [
-                self.reserve(light, r + v, radius=radius, fov_deg=view,
+                self.reserve(period, r + v, radius=radius, fov_deg=view,
                              width=max(least, self._least_width(view)))
                 for view, v in zip(views.tolist(), by_view, strict=True)
             ]
             for radius, r in zip(radii.tolist(), by_radius, strict=True)
         ])  # fmt: skip
-        i, j = np.unravel_index(int(np.argmax(rows)), rows.shape)
-        near = rows >= rows[i, j] - _FLAT_DB
+        i, j = np.unravel_index(int(np.argmax(reserves)), reserves.shape)
+        near = reserves >= reserves[i, j] - _FLAT_DB
         best = {"radius": float(radii[i]), "fov_deg": float(views[j])}
         width = max(least, self._least_width(best["fov_deg"]))
         link = self.link.replace(LENS, best["radius"]).replace(VIEW, best["fov_deg"])
-        reserve, error = self.run(light, link, width)
-        gained = reserve - self.reserve(light)
-        note = f"by a separate run; {rows[i, j]:+.1f} dB by the scans"
+        reserve, error = self.run(period, link, width)
+        gained = reserve - self.reserve(period)
+        note = f"by a separate run; {reserves[i, j]:+.1f} dB by the scans"
         widths = [max(least, self._least_width(v)) for v in views[near.any(axis=0)].tolist()]
-        own = self.dark.optics
+        optics = self.dark.optics
         table = (
-            (LENS, "m", own.radius, best["radius"], radii[near.any(axis=1)]),
-            (VIEW, "deg", own.fov_deg, best["fov_deg"], views[near.any(axis=0)]),
-            (WIDTH, "nm", own.filter_width_nm, width, np.array(widths)),
+            (LENS, "m", optics.radius, best["radius"], radii[near.any(axis=1)]),
+            (VIEW, "deg", optics.fov_deg, best["fov_deg"], views[near.any(axis=0)]),
+            (WIDTH, "nm", optics.filter_width_nm, width, np.array(widths)),
         )
         return tuple(
-            BestValue(light, key, unit, given, value, gained, error,
+            BestValue(period, key, unit, present, value, gained, error,
                    (float(flat.min()), float(flat.max())), note)
-            for key, unit, given, value, flat in table
+            for key, unit, present, value, flat in table
         )  # fmt: skip
 
     def reach(
-        self, light: LightName, greatest: tuple[float, str], scans: list[Scan]
+        self, period: LightName, greatest: tuple[float, str], scans: list[Scan]
     ) -> list[Reach]:
         """Return the values of keys, each alone, at which the link just closes."""
-        own = self.reserve(light)
+        reserve = self.reserve(period)
         end = "receiver" if self.link.direction == "down" else "transmitter"
         depth, note = greatest
         power = 1e3 * self.dark.led.power
-        rows = [
-            Reach(light, f"{end}.depth", "m", self.link.depth, depth, "at most", note),
-            Reach(light, "transmitter.power_mw", "mW", power,
-                  power * 10.0 ** (-own / 10.0) if math.isfinite(own) else math.nan, "at least"),
-            Reach(light, "detector.bit_rate", "bit s-1", self.dark.bit_rate,
-                  self._bit_rate(light, scans), "at most"),
+        # the reserve is in dB of received power, which is linear in that of the lamp
+        least = power * 10.0 ** (-reserve / 10.0) if math.isfinite(reserve) else math.nan
+        reaches = [
+            Reach(period, f"{end}.depth", "m", self.link.depth, depth, "at most", note),
+            Reach(period, "transmitter.power_mw", "mW", power, least, "at least"),
+            Reach(period, "detector.bit_rate", "bit s-1", self.dark.bit_rate,
+                  self._bit_rate(period, scans), "at most"),
         ]  # fmt: skip
         for choice, values, reserves in scans:
-            if choice.light == light and choice.key != RATE:
-                rows.append(_closing(choice, values, reserves))
-        return rows
+            if choice.light == period and choice.key != RATE:
+                reaches.append(_closing(choice, values, reserves))
+        return reaches
 
-    def _bit_rate(self, light: LightName, scans: list[Scan]) -> float:
+    def _bit_rate(self, period: LightName, scans: list[Scan]) -> float:
         """Return the greatest bit rate that closes [bit s-1], near the scan's."""
-        known = next(s for s in scans if (s.choice.key, s.choice.light) == (RATE, light))
+        known = next(s for s in scans if (s.choice.key, s.choice.light) == (RATE, period))
         rates, near = np.log(known.values), known.reserves >= 0.0
         low = float(rates[near].max(initial=math.log(_BIT_RATES[0]))) - 0.02
         high = float(rates[~near].min(initial=math.log(_BIT_RATES[1]))) + 0.02
@@ -415,7 +416,7 @@ class _Study(LinkModel):
 
         def closes(log_rate: float) -> bool:
             rate = math.exp(log_rate)
-            ook = self.at_rate(light, rate, self.window_at(light, rate))
+            ook = self.at_rate(period, rate, self.window_at(period, rate))
             return self.above(gain, ook, ook.required_power(self.limit)) >= 0.0
 
         if not closes(low):
@@ -425,30 +426,31 @@ class _Study(LinkModel):
             low, high = (middle, high) if closes(middle) else (low, middle)
         return math.exp(low)
 
-    def greatest_depth(self, light: LightName) -> tuple[float, str]:
+    def greatest_depth(self, period: LightName) -> tuple[float, str]:
         """Return the greatest depth that closes [m], and the reserve of a run there.
 
         The run begins at the depth that would close if the law of the fading stayed.
         """
-        own = self.link.depth, self.reserve(light)
-        if math.isinf(own[1]):
+        start = self.link.depth, self.reserve(period)
+        if math.isinf(start[1]):
             return math.nan, "no power closes it"
 
         def by_means(depth: float) -> tuple[float, float]:
             log = self.quantile(self.link.only_receiver.fov_deg)
             log += self.means.ratio(self.link.at_depth(depth))[0]
-            return self._at_depth(light, depth, log), _NEAR_DB
+            return self._at_depth(period, depth, log), _NEAR_DB
 
         def by_run(depth: float) -> tuple[float, float]:
             log, error = self.apart(self.link.at_depth(depth))
-            return self._at_depth(light, depth, log), max(_NEAR_DB, DECIBELS * error)
+            return self._at_depth(period, depth, log), max(_NEAR_DB, DECIBELS * error)
 
-        first = own[0] * (0.9 if own[1] >= 0.0 else 0.7)
+        first = start[0] * (0.9 if start[1] >= 0.0 else 0.7)
         try:
-            depth, *_ = closing_depth(by_means, own, first, far=_FAR_DB)
+            # ratios of means are cheap, and bring the search near to where runs of many seas begin
+            depth, *_ = closing_depth(by_means, start, first, far=_FAR_DB)
             if math.isnan(depth):
                 return math.nan, "none below the waves"
-            depth, above, _ = closing_depth(by_run, own, depth, _RUNS)
+            depth, above, _ = closing_depth(by_run, start, depth, _RUNS)
         except Refused:  # in the troughs of the waves
             return math.nan, "none below the waves"
         if math.isnan(depth):
@@ -456,14 +458,14 @@ class _Study(LinkModel):
         error = DECIBELS * self.apart(self.link.at_depth(depth))[1]
         return depth, f"a run there: {above:+.1f} +- {error:.1f} dB"
 
-    def _at_depth(self, light: LightName, depth: float, log_quantile: float) -> float:
+    def _at_depth(self, period: LightName, depth: float, log_quantile: float) -> float:
         """Return the reserve at a depth [dB]; a receiver in the water has its light there."""
         bright = 1.0
-        if self.link.direction == "down" and light == DAY:
-            bright = self.radiance(light, self.link.at_depth(depth))
-            bright /= self.radiance(light, self.link)
-        lost = self.pulse_loss(light, self.link.at_depth(depth))
-        return self.above(log_quantile - lost, self.dark, self.needed(light, self.dark, bright))
+        if self.link.direction == "down" and period == DAY:
+            bright = self.radiance(period, self.link.at_depth(depth))
+            bright /= self.radiance(period, self.link)
+        lost = self.pulse_loss(period, self.link.at_depth(depth))
+        return self.above(log_quantile - lost, self.dark, self.needed(period, self.dark, bright))
 
 
 def _nodes(key: str) -> NDArray[np.intp]:
@@ -472,19 +474,19 @@ def _nodes(key: str) -> NDArray[np.intp]:
     return np.linspace(0, _POINTS - 1, count).round().astype(np.intp)
 
 
-def _around(found: NDArray[np.bool_], i: int) -> tuple[int, int]:
+def _around(allowed: NDArray[np.bool_], i: int) -> tuple[int, int]:
     """Return the ends of the row of true values around one of them."""
-    others = np.flatnonzero(~found)
+    others = np.flatnonzero(~allowed)
     low = others[others < i].max(initial=-1) + 1
-    return int(low), int(others[others > i].min(initial=len(found)) - 1)
+    return int(low), int(others[others > i].min(initial=len(allowed)) - 1)
 
 
-def _through(places: Floats, rows: Floats, at: Floats) -> Floats:
+def _through(places: Floats, values: Floats, at: Floats) -> Floats:
     """Return a smooth curve through finite values at places."""
-    finite = np.isfinite(rows)
+    finite = np.isfinite(values)
     if finite.sum() < 2:
         return np.full(len(at), -math.inf)
-    return np.asarray(PchipInterpolator(places[finite], rows[finite])(at))
+    return np.asarray(PchipInterpolator(places[finite], values[finite])(at))
 
 
 def _closing(choice: BestValue, values: Floats, reserves: Floats) -> Reach:
@@ -492,13 +494,13 @@ def _closing(choice: BestValue, values: Floats, reserves: Floats) -> Reach:
 
     The value up to which it closes, down to which for a lens, if that of the link closes.
     """
-    light, key, unit, given = choice[:4]
-    closes, own = reserves >= 0.0, int(np.abs(values - given).argmin())
+    period, key, unit, present = choice[:4]
+    closes, nearest = reserves >= 0.0, int(np.abs(values - present).argmin())
     if not closes.any():
-        return Reach(light, key, unit, given, math.nan, "at most")
-    near = min(np.flatnonzero(closes).tolist(), key=lambda k: abs(k - own))
+        return Reach(period, key, unit, present, math.nan, "at most")
+    near = min(np.flatnonzero(closes).tolist(), key=lambda k: abs(k - nearest))
     low, high = _around(closes, near)
-    rising = near < own or (near == own and key != LENS)
+    rising = near < nearest or (near == nearest and key != LENS)
     i, far, other = (high, high + 1, low) if rising else (low, low - 1, high)
     value, note = float(values[i]), "end of the scan"
     if 0 <= far < len(values):
@@ -508,4 +510,4 @@ def _closing(choice: BestValue, values: Floats, reserves: Floats) -> Reach:
             value += float(share * (values[far] - values[i]))
     if key == COLOUR:
         note = f"{'from' if rising else 'to'} {values[other]:.0f} nm"
-    return Reach(light, key, unit, given, value, "at most" if rising else "at least", note)
+    return Reach(period, key, unit, present, value, "at most" if rising else "at least", note)

@@ -114,14 +114,14 @@ CHOICES = {
 
 def groups() -> dict[str, dict[str, list[dict[str, Any]]]]:
     """Return the choices and the numbers of each group as the page shows them."""
-    found: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    by_tab: dict[str, dict[str, list[dict[str, Any]]]] = {}
     for c in CONTROLS:
         title = f"{c.label} [{c.unit}]" if c.unit else c.label
-        group = found.setdefault(c.group, {"choices": [], "numbers": []})
+        group = by_tab.setdefault(c.group, {"choices": [], "numbers": []})
         group["numbers"].append({**c._asdict(), "title": title})
     for name, choice in CHOICES.items():
-        found[choice.group]["choices"].append({"name": name, **choice._asdict()})
-    return found
+        by_tab[choice.group]["choices"].append({"name": name, **choice._asdict()})
+    return by_tab
 
 
 BITS_ALONE = ("power", "filter", "pde", "detector", "aircraft", "bit_rate", "light", "sun")
@@ -212,9 +212,9 @@ def _with_lamp(config: Table, word: str) -> Table:
     kind, key = _LAMPS[word]
     kind = f"air-{kind}" if "height" in lamp else kind
     widest = min(lamp[angle], _widest(kind))
-    kept = {k: lamp[k] for k in _OF_LAMPS if k in lamp}
+    common_keys = {k: lamp[k] for k in _OF_LAMPS if k in lamp}
     lamp.clear()
-    lamp.update({**kept, "kind": kind, key: widest})
+    lamp.update({**common_keys, "kind": kind, key: widest})
     return config
 
 
@@ -252,14 +252,14 @@ def _place(config: Mapping[str, Any], control: Control) -> tuple[Any, Any] | Non
         *path, last = [int(word) if word.isdecimal() else word for word in name.split(".")]
         if path and isinstance(config.get(str(path[0])), list):
             path.insert(1, 0)
-        found: Any = config
+        table: Any = config
         try:
             for part in path:
-                found = found[part]
-            found[last]
+                table = table[part]
+            table[last]
         except (KeyError, IndexError, TypeError):
             continue
-        return found, last
+        return table, last
     return None
 
 
@@ -269,7 +269,7 @@ class State:
 
     Parameters
     ----------
-    given : Scenario
+    initial : Scenario
         The link that the explorer was started with.
     moves : tuple of (str, object)
         Values of the moved controls by name, in the units of the page, and words of `CHOICES`.
@@ -293,7 +293,7 @@ class State:
     12.0
     """
 
-    given: Scenario
+    initial: Scenario
     moves: tuple[tuple[str, Any], ...] = ()
     time: float = 0.0
 
@@ -310,16 +310,16 @@ class State:
         ended = {other for name in values for other in _REPLACED.get(name, ())}
         for name in ended - values.keys():
             moves.pop(name, None)
-        given = State(self.given).settings
-        parts = {n: v for n, v in moves.items() if n in _PARTS and v != given[n]}
+        initial = State(self.initial).settings
+        parts = {n: v for n, v in moves.items() if n in _PARTS and v != initial[n]}
         if "lamp" in values and "half_angle" in moves.keys() - values.keys():
-            widest = State(self.given, tuple(parts.items())).ranges["half_angle"][1]
+            widest = State(self.initial, tuple(parts.items())).ranges["half_angle"][1]
             moves["half_angle"] = min(moves["half_angle"], widest)
-        start = State(self.given, tuple(parts.items())).settings if parts else given
+        start = State(self.initial, tuple(parts.items())).settings if parts else initial
         lacking = {n for n in moves.keys() - values.keys() if start[n] is None}
         others = {n: v for n, v in moves.items() if n not in _PARTS and v != start[n]}
-        kept = {n: v for n, v in (parts | others).items() if n not in lacking}
-        state = replace(self, moves=tuple(sorted(kept.items())))
+        settings = {n: v for n, v in (parts | others).items() if n not in lacking}
+        state = replace(self, moves=tuple(sorted(settings.items())))
         state.scenario  # noqa: B018 - refuses values that are not allowed
         return state
 
@@ -331,9 +331,9 @@ class State:
     def scenario(self) -> Scenario:
         """The scenario of the moved controls."""
         if not self.moves:
-            return self.given
+            return self.initial
         config = self._config
-        if self.given.detector is None and not _OF_DETECTOR & dict(self.moves).keys():
+        if self.initial.detector is None and not _OF_DETECTOR & dict(self.moves).keys():
             config = {key: table for key, table in config.items() if key != "detector"}
         return Scenario.from_config(config)
 
@@ -348,35 +348,35 @@ class State:
 
         a and b of a spectrum are rounded to three or four digits.
         """
-        found = {name: value_of(self._config, control) for name, control in BY_NAME.items()}
-        found["chlorophyll"] = value_of(self._parts, BY_NAME["chlorophyll"])
+        values = {name: value_of(self._config, control) for name, control in BY_NAME.items()}
+        values["chlorophyll"] = value_of(self._parts, BY_NAME["chlorophyll"])
         water = self.scenario.link.water
         if water.spectrum is not None and water.layers is None:
             for name, value in (("a", water.a), ("b", water.b)):
-                found[name] = float(f"{value:.{3 if value < 0.1 else 4}g}")
-        return found
+                values[name] = float(f"{value:.{3 if value < 0.1 else 4}g}")
+        return values
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float]]:
         """Ends of the sliders: as wide as the link as given, within what lamp and water allow."""
-        given = self if not self.moves else State(self.given)
-        found = {n: slider_range(control, given.values[n]) for n, control in BY_NAME.items()}
+        start = self if not self.moves else State(self.initial)
+        ranges = {n: slider_range(control, start.values[n]) for n, control in BY_NAME.items()}
         lamp, spectrum = self.scenario.link.transmitters[0], self.scenario.link.water.spectrum
-        low, high = found["half_angle"]
-        found["half_angle"] = low, min(high, _widest(lamp.kind))
+        low, high = ranges["half_angle"]
+        ranges["half_angle"] = low, min(high, _widest(lamp.kind))
         if spectrum is not None:
             control = BY_NAME["wavelength"]
             low, high = (min(max(end, control.low), control.high) for end in spectrum.limits_nm)
             step = control.step  # of which the ends are multiples
-            found["wavelength"] = step * math.ceil(low / step), step * math.floor(high / step)
-        return found
+            ranges["wavelength"] = step * math.ceil(low / step), step * math.floor(high / step)
+        return ranges
 
     @property
     def barred(self) -> dict[str, str]:
         """Words of the choice of water without values at the wavelength, with their limits."""
         nm = self.scenario.link.transmitters[0].wavelength_nm
         limits = {word: WaterType(type=word).limits_nm for word in WATER_TYPES}
-        if spectrum := self.given.link.water.spectrum:
+        if spectrum := self.initial.link.water.spectrum:
             limits[GIVEN] = spectrum.limits_nm
         return {
             word: f"{low:g} to {high:g} nm"
@@ -408,10 +408,10 @@ class State:
     @cached_property
     def _parts(self) -> Table:
         """Tables of the link as given with the chosen parts, and the detector in use."""
-        given, moves = self.given, dict(self.moves)
-        if given.detector is None:
-            given = given.replace(detector=detector_of(OokLink(), given.link))
-        config: Table = given.to_config()
+        scenario, moves = self.initial, dict(self.moves)
+        if scenario.detector is None:
+            scenario = scenario.replace(detector=detector_of(OokLink(), scenario.link))
+        config: Table = scenario.to_config()
         if "wavelength" in moves:  # on which a type of water depends
             config = with_value(config, BY_NAME["wavelength"], moves["wavelength"])
         words = [name for name in CHOICES if name in moves]

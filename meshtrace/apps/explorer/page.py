@@ -121,7 +121,7 @@ class Page:
         ready = self.server.ready
         first = asyncio.FIRST_COMPLETED
         await asyncio.wait({task, ready}, timeout=_LONGEST_START, return_when=first)
-        error = next((one.exception() for one in (ready, task) if one.done()), None)
+        error = next((work.exception() for work in (ready, task) if work.done()), None)
         if error is not None or not ready.done():
             task.cancel()
             reason = f": {one_line(error)}" if error else f" within {_LONGEST_START:.0f} s"
@@ -276,7 +276,7 @@ class Page:
     def _restore(self, values: dict[str, Any]) -> None:
         """Show a state of values of the moved controls and the time [s]."""
         values = dict(values)
-        time = _number(values.pop("time", self.session.state.given.meshing.time))
+        time = _number(values.pop("time", self.session.state.initial.meshing.time))
         self.session.forget()
         refused = self._refused(values) if values else {}
         page = self.server.state
@@ -370,8 +370,8 @@ class Page:
     def _show_light(self) -> None:
         """Show the rays and the map of the state as far as they are made, and refresh the views."""
         self.scene.show_rays(self._shown("rays"))
-        found = self._shown("map")
-        self.scene.show_map(found, None if found is None else readings.map_shades(found))
+        coverage = self._shown("map")
+        self.scene.show_map(coverage, None if coverage is None else readings.map_shades(coverage))
         self._push_scene()
         self._refresh_views()
 
@@ -382,8 +382,8 @@ class Page:
 
     def _shown(self, name: str) -> Any:
         """Return the answer of a stage to the present state; None if it is missing or failed."""
-        found = self.session.answer(name) if self.session.fresh(name) else None
-        return None if isinstance(found, stages.Failed) else found
+        answer = self.session.answer(name) if self.session.fresh(name) else None
+        return None if isinstance(answer, stages.Failed) else answer
 
     def _answered(self, name: str) -> None:
         """Show an answer; called in the thread of the work."""
@@ -412,7 +412,9 @@ class Page:
         page.caption = readings.caption(session)
         page.map_note = readings.map_note(session)
         moves, time = dict(session.state.moves), session.state.time
-        page.moves = moves if time == session.state.given.meshing.time else {**moves, "time": time}
+        page.moves = (
+            moves if time == session.state.initial.meshing.time else {**moves, "time": time}
+        )
         if self._kept is not None:
             lines = readings.differences(self._kept[0], session.state)
             page.kept = {**page.kept, "lines": lines}
@@ -422,8 +424,8 @@ class Page:
         page, state = self.server.state, self.session.state
         page.time = round(state.time, 3)
         page.update(self.scene.views(state))
-        found = self._shown("map")
-        page.map = None if found is None else readings.map_image(found)
+        coverage = self._shown("map")
+        page.map = None if coverage is None else readings.map_image(coverage)
 
     def _play_or_pause(self, playing: bool = False, **_: Any) -> None:
         if playing and self._loop is not None and self._running is None:
@@ -496,8 +498,10 @@ def guard(app: web.Application, host: str, token: str, private: Collection[str])
             raise web.HTTPForbidden(text="another host\n")
         if set(request.headers.getall("Origin", ())) - {f"http://{request.host}"}:
             raise web.HTTPForbidden(text="another origin\n")
-        given = request.query.get("token", "")
-        if request.path in private and not secrets.compare_digest(given.encode(), token.encode()):
+        token_sent = request.query.get("token", "")
+        if request.path in private and not secrets.compare_digest(
+            token_sent.encode(), token.encode()
+        ):
             raise web.HTTPForbidden(text="open the address that meshtrace explore prints\n")
         response: web.StreamResponse = await handler(request)
         return response

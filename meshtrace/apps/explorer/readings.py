@@ -72,14 +72,14 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
     running : bool
         Whether the sea runs: the gain is then that of the series.
     """
-    found = session.answer("gain")
+    answer = session.answer("gain")
     empty: dict[str, Any] = dict.fromkeys(("gain", "db", "unscattered", "chains"), "–")
     empty |= {"notes": [], "value": None, "lean": _lean(session.state)}
-    if isinstance(found, Failed):
-        return {**empty, **_NO_BITS, "notes": [found.reason]}
-    if not isinstance(found, Signal):
+    if isinstance(answer, Failed):
+        return {**empty, **_NO_BITS, "notes": [answer.reason]}
+    if not isinstance(answer, Signal):
         return {**empty, **_NO_BITS}
-    result, gain, sample, share = found.gain, float(found.gain.gains[0]), "photons", "–"
+    result, gain, sample, share = answer.gain, float(answer.gain.gains[0]), "photons", "–"
     if result.gain_ballistic is not None:
         unscattered = float(np.ravel(result.gain_ballistic)[0])
         sample, share = "chains", f"{100.0 * unscattered / gain if gain > 0.0 else 0.0:.1f} %"
@@ -90,7 +90,7 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
         "db": decibels(gain),
         "unscattered": share,
         "chains": f"{result.photons} {sample}",
-        "notes": list(found.notes),
+        "notes": list(answer.notes),
     }
     series = session.answer("fading")
     if running and isinstance(series, Fading) and session.fresh("fading"):
@@ -98,7 +98,7 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
         now = float(np.interp(session.state.time, series.time, series.gain))
         if len(gaps) and gaps.min() < 1.0 / FADING_RATE:  # not within a gap of the series
             texts_of |= {"value": now, "gain": f"{now:.3e}", "db": decibels(now)}
-    return {**texts_of, **_bits(found)}
+    return {**texts_of, **_bits(answer)}
 
 
 def _lean(state: State) -> str:
@@ -143,74 +143,74 @@ def _spread(detector: OokLink) -> str:
 
 def fading_reading(session: Session) -> dict[str, Any]:
     """Return the series relative to its mean, the scintillation index and the lowest gain."""
-    found = session.answer("fading")
+    fading = session.answer("fading")
     empty: dict[str, Any] = {"time": [], "gain": [], "duration": DURATION, "note": ""}
     empty |= dict.fromkeys(("index", "all_waves", "low"), "–")
-    if isinstance(found, Failed):
-        return {**empty, "note": found.reason}
-    if not isinstance(found, Fading) or not found.gain.any():
+    if isinstance(fading, Failed):
+        return {**empty, "note": fading.reason}
+    if not isinstance(fading, Fading) or not fading.gain.any():
         return empty
-    relative = found.gain / found.gain.mean()
+    relative = fading.gain / fading.gain.mean()
     index = "…"
-    if found.index is not None:
-        low, high = max(found.index.low, 0.0), found.index.high
-        index = f"{found.index.value:#.2g} ({low:#.2g} … {high:#.2g})"
+    if fading.index is not None:
+        low, high = max(fading.index.low, 0.0), fading.index.high
+        index = f"{fading.index.value:#.2g} ({low:#.2g} … {high:#.2g})"
     return {
-        "time": found.time.tolist(),
+        "time": fading.time.tolist(),
         "gain": [round(float(g), 5) for g in relative],
         "duration": DURATION,
         "index": index,
-        "all_waves": "–" if found.index_of_all is None else f"{found.index_of_all:#.2g}",
+        "all_waves": "–" if fading.index_of_all is None else f"{fading.index_of_all:#.2g}",
         "low": decibels(float(relative.min())),
-        "note": f"left out for errors above 20 %: {found.left_out}" if found.left_out else "",
+        "note": f"left out for errors above 20 %: {fading.left_out}" if fading.left_out else "",
     }
 
 
 def differences(before: State, now: State) -> list[str]:
     """Return the controls in which two states differ, as lines "label: A, B unit"."""
     a, b = before.settings, now.settings
-    found = []
+    lines = []
     for name, control in BY_NAME.items():
         if a[name] != b[name]:
             values = ", ".join("–" if v is None else f"{v:g}" for v in (a[name], b[name]))
-            found.append(f"{control.label}: {values} {control.unit}".rstrip())
+            lines.append(f"{control.label}: {values} {control.unit}".rstrip())
     words = [n for n in CHOICES if a[n] != b[n]]
-    found += [f"{CHOICES[n].label}: {a[n]}, {b[n]}" for n in words]
-    return found or ["Move a control: this state stays as A."]
+    lines += [f"{CHOICES[n].label}: {a[n]}, {b[n]}" for n in words]
+    return lines or ["Move a control: this state stays as A."]
 
 
 def map_note(session: Session) -> str:
     """Return the reason for the lack of a map, or nothing."""
-    found = session.answer("map")
-    return found.reason if isinstance(found, Failed) and session.fresh("map") else ""
+    coverage = session.answer("map")
+    return coverage.reason if isinstance(coverage, Failed) and session.fresh("map") else ""
 
 
-def map_shades(found: CoverageMap) -> Any:
+def map_shades(coverage: CoverageMap) -> Any:
     """Return the colours (nx, ny, 4) of a map over its peak, translucent if dark."""
     from matplotlib import colormaps
 
-    share = found.gain / max(float(found.gain.max()), 1e-300)
+    share = coverage.gain / max(float(coverage.gain.max()), 1e-300)
     shades = (255.0 * colormaps["viridis"](share)).astype(np.uint8)
     shades[..., 3] = np.rint(255.0 * np.clip(0.1 + 1.2 * share, 0.0, 0.92))
     return shades
 
 
-def map_image(found: CoverageMap) -> dict[str, Any]:
+def map_image(coverage: CoverageMap) -> dict[str, Any]:
     """Return a map as a picture with its limits [m], its colours and its peak."""
     from matplotlib import colormaps
     from PIL import Image
 
-    shades = np.ascontiguousarray(map_shades(found)[..., :3].transpose(1, 0, 2)[::-1])
+    shades = np.ascontiguousarray(map_shades(coverage)[..., :3].transpose(1, 0, 2)[::-1])
     file = io.BytesIO()
     Image.fromarray(shades).save(file, "PNG")
-    half = 0.5 * (found.x[1] - found.x[0])
-    low, high = float(found.x[0] - half), float(found.x[-1] + half)
-    i, j = np.unravel_index(int(found.gain.argmax()), found.gain.shape)
-    peak = f"{found.gain[i, j]:.2e}"
+    half = 0.5 * (coverage.x[1] - coverage.x[0])
+    low, high = float(coverage.x[0] - half), float(coverage.x[-1] + half)
+    i, j = np.unravel_index(int(coverage.gain.argmax()), coverage.gain.shape)
+    peak = f"{coverage.gain[i, j]:.2e}"
     return {
         "url": f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}",
         "x0": low, "x1": high, "y0": low, "y1": high, "most": peak,
-        "peak": f"{peak} at ({found.x[i]:.1f}, {found.y[j]:.1f}) m",
+        "peak": f"{peak} at ({coverage.x[i]:.1f}, {coverage.y[j]:.1f}) m",
         "colors": [to_hex(colormaps["viridis"](v)) for v in np.linspace(0, 1, 9)],
     }  # fmt: skip
 
@@ -284,33 +284,33 @@ def bit_error_rate(ber: float) -> str:
     return f"< {BER_FLOOR:g}" if ber < BER_FLOOR else f"{ber:.2e}"
 
 
-def design_reading(found: Design) -> dict[str, Any]:
+def design_reading(design: Design) -> dict[str, Any]:
     """Return the page of a design as texts: answer, tables of (title, head, rows) and notes.
 
     Values are in the units of the controls.
     """
     values, remarks = ("", "given", *LIGHTS), []
-    for choice in found.choices:
+    for choice in design.choices:
         remarks += [f"{_scale(choice.key, '')[0]}: {choice.note}"] if choice.note else []
-    gained = {c.light: f"{c.gained:+.1f} ± {c.gained_stderr:.1f} dB" for c in found.together}
-    together = ["Gained", "", *(minus(gained.get(light, "–")) for light in LIGHTS)]
+    gained = {c.light: f"{c.gained:+.1f} ± {c.gained_stderr:.1f} dB" for c in design.together}
+    together = ["Gained", "", *(minus(gained.get(period, "–")) for period in LIGHTS)]
     tables = (
-        ("Figures", ("", *LIGHTS), _figures(found)),
-        ("Best values, each alone", values, _by_key(found.choices, _best_alone)),
+        ("Figures", ("", *LIGHTS), _figures(design)),
+        ("Best values, each alone", values, _by_key(design.choices, _best_alone)),
         ("Best lens, view and filter together", values,
-         [*_by_key(found.together, _best), together]),
-        ("Just closes, each alone", values, _by_key(found.reach, _closing)),
-        ("Budget", ("", *LIGHTS, "unit"), _budget(found)),
+         [*_by_key(design.together, _best), together]),
+        ("Just closes, each alone", values, _by_key(design.reach, _closing)),
+        ("Budget", ("", *LIGHTS, "unit"), _budget(design)),
     )  # fmt: skip
     return {
-        "answer": [line.strip().replace("+-", "±") for line in found.answer],
+        "answer": [line.strip().replace("+-", "±") for line in design.answer],
         "tables": [dict(zip(("title", "head", "rows"), table, strict=True)) for table in tables],
-        "notes": [*dict.fromkeys(remarks), *found.notes, *filter(None, [found.status])],
-        "text": found.summary(),
+        "notes": [*dict.fromkeys(remarks), *design.notes, *filter(None, [design.status])],
+        "text": design.summary(),
     }
 
 
-def _figures(found: Design) -> list[list[str]]:
+def _figures(design: Design) -> list[list[str]]:
     columns = [
         (
             f"{f.outage[0]:.2g} ({f.outage[1]:.2g} … {f.outage[2]:.2g})",
@@ -319,22 +319,22 @@ def _figures(found: Design) -> list[list[str]]:
             f"{f.reserve:.1f} ± {f.reserve_stderr:.1f} dB",
             f"{f.capacity / 1e6:.3g} Mbit/s",
         )
-        for f in found.figures
+        for f in design.figures
     ]
     names = ("Outage", "Mean bit error rate", "Margin of the mean",
-             f"Reserve, outage {100.0 * found.outage:g} %", "Capacity")  # fmt: skip
+             f"Reserve, outage {100.0 * design.outage:g} %", "Capacity")  # fmt: skip
     return [list(map(minus, row)) for row in zip(names, *columns, strict=True)]
 
 
 def _by_key(table: Sequence[Any], cell: Callable[[Any, float], str]) -> list[list[str]]:
     """Return a row for each key: name, value as given, and a cell for each light."""
-    rows = []
-    for key in dict.fromkeys(one.key for one in table):
-        mine = [one for one in table if one.key == key]
+    lines = []
+    for key in dict.fromkeys(value.key for value in table):
+        mine = [value for value in table if value.key == key]
         name, scale = _scale(key, mine[0].unit)
-        cells = (minus(cell(one, scale)) for one in mine)
-        rows.append([name, f"{mine[0].given * scale:.3g}", *cells])
-    return rows
+        cells = (minus(cell(value, scale)) for value in mine)
+        lines.append([name, f"{mine[0].given * scale:.3g}", *cells])
+    return lines
 
 
 def _best(choice: BestValue, scale: float) -> str:
@@ -355,14 +355,14 @@ def _closing(row: Reach, scale: float) -> str:
     return f"{sides[row.side == 'at most']} {row.value * scale:.3g}"
 
 
-def _budget(found: Design) -> list[list[str]]:
+def _budget(design: Design) -> list[list[str]]:
     return [
         [
             f"= {line.name}" if line.total else line.name,
             *(minus(f"{round(value, 1) + 0.0:.1f}") for value in (line.night, line.day)),
             line.unit,
         ]
-        for line in found.budget
+        for line in design.budget
     ]
 
 
@@ -398,17 +398,17 @@ def as_toml(scenario: Scenario) -> str:
 
 def _difference(table: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
     """Return the entries of nested tables that differ from the defaults; kinds are kept."""
-    found: dict[str, Any] = {}
+    changed: dict[str, Any] = {}
     for key, value in table.items():
         other = default.get(key)
         if isinstance(value, Mapping) and isinstance(other, Mapping):
             same_kind = all(value.get(k) == other.get(k) for k in ("kind", "model", "spectrum"))
             value = _difference(value, other) if same_kind else dict(value)
             if value:
-                found[key] = value
+                changed[key] = value
         elif value != other or key == "wind_speed":
-            found[key] = value
-    return found
+            changed[key] = value
+    return changed
 
 
 def as_python(scenario: Scenario) -> str:
@@ -431,12 +431,12 @@ def as_python(scenario: Scenario) -> str:
         lines += [f'scenario = mt.Scenario.from_toml("""\n{text}""")']
         return "\n".join([*lines, "print(scenario.simulate().summary())", ""])
     with_bits = scenario.detector is not None or scenario.daylight is not None
-    given = scenario.detector or OokLink()
-    through = with_bits and given.response is None
+    receiver = scenario.detector or OokLink()
+    through = with_bits and receiver.response is None
     run += ", record=[mt.Arrivals()]" if through else ""
     lines += [link, sea, f"result = mt.simulate(link, sea, {run})", "print(result.summary())"]
     if with_bits:
-        detector = OokLink.model_validate(detector_config(given, scenario.link))
+        detector = OokLink.model_validate(detector_config(receiver, scenario.link))
         lines += [f"bits = mt.OokLink.of_link(link, {_expression(detector, 0)})"]
         if through:
             lines += [
@@ -447,8 +447,8 @@ def as_python(scenario: Scenario) -> str:
             ]
         if scenario.daylight is not None:
             day = _daylight(scenario.daylight)
-            light = f"mt.background(link, sea, {day})"
-            lines += [f"bits = mt.comms.background.with_background(bits, {light})"]
+            background = f"mt.background(link, sea, {day})"
+            lines += [f"bits = mt.comms.background.with_background(bits, {background})"]
         under = "in the dark" if scenario.daylight is None else f"under {scenario.daylight.light}"
         lines += [
             "ber = float(bits.ber(bits.received_power(result.gain)))",
@@ -468,8 +468,8 @@ def _daylight(day: Daylight) -> str:
         recipe = {key.removeprefix("sun_"): value for key, value in recipe.items()}
     if day.wavelength_nm != Daylight.model_fields["wavelength_nm"].default:
         recipe["wavelength_nm"] = day.wavelength_nm
-    given = ", ".join(f"{key}={value!r}" for key, value in recipe.items())
-    return f"mt.Daylight.{_MAKERS.get(maker, maker)}({given})"
+    arguments = ", ".join(f"{key}={value!r}" for key, value in recipe.items())
+    return f"mt.Daylight.{_MAKERS.get(maker, maker)}({arguments})"
 
 
 def _expression(value: Any, indent: int) -> str:
@@ -485,12 +485,12 @@ def _expression(value: Any, indent: int) -> str:
     if not path:
         raise Refused("", name, "a public class")
     follows = isinstance(value, Water) and value.spectrum is not None  # a, b and others from it
-    given = {
+    fields = {
         key: item
         for key, item in value.__repr_args__()
         if key != "kind" and (not follows or key in value.model_fields_set)
     }
-    items = [f"{key}={_expression(item, indent + 4)}" for key, item in given.items()]
+    items = [f"{key}={_expression(item, indent + 4)}" for key, item in fields.items()]
     short = f"{path}({', '.join(items)})"
     if len(short) + indent <= _WIDTH and "\n" not in short:
         return short

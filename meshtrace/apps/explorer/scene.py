@@ -127,9 +127,9 @@ class LiveScene:
 
     def changes(self) -> dict[str, Any]:
         """Return the parts that changed since the last call."""
-        found = {name: self.parts[name] for name in self._changed}
+        changed = {name: self.parts[name] for name in self._changed}
         self._changed = set()
-        return found
+        return changed
 
     def show_rays(self, paths: PhotonPaths | None) -> None:
         """Show or remove paths of received light."""
@@ -137,20 +137,20 @@ class LiveScene:
 
     def show_map(self, coverage: CoverageMap | None, shades: Any) -> None:
         """Show or remove a map, of which the colours (n, n, 4) are given, x first."""
-        found = None
+        image = None
         if coverage is not None:
             half = 0.5 * float(coverage.x[1] - coverage.x[0])
             box = [*_ends(coverage.x, half), *_ends(coverage.y, half)]
             pixels = np.ascontiguousarray(shades.transpose(1, 0, 2))
-            found = {"bytes": pixels.tobytes(), "n": len(coverage.x), "box": box}
-        self._set("map", found)
+            image = {"bytes": pixels.tobytes(), "n": len(coverage.x), "box": box}
+        self._set("map", image)
 
     def profile(self) -> list[tuple[float, float]]:
         """Return points (x, z) [m] of the waves along x through the middle of the stage."""
         assert self._drawn is not None
         vertices = self._drawn.vertices
-        rows = np.abs(vertices[:, 1] - self.stage.center[1])
-        line = vertices[rows < rows.min() + 1e-4 * self.stage.half]
+        distance = np.abs(vertices[:, 1] - self.stage.center[1])
+        line = vertices[distance < distance.min() + 1e-4 * self.stage.half]
         line = line[np.argsort(line[:, 0])]
         return [(round(float(x), 3), round(float(z), 3)) for x, _, z in line]
 
@@ -234,22 +234,23 @@ class LiveScene:
     def _look(self, state: State, mesh: TriangleMesh) -> dict[str, Any]:
         """Return the light on the sea of a state, and the waves that its mesh leaves out."""
         wind = wind_of(self._surface)
-        day, tint = _sky_of(state.scenario.daylight)
-        light = SeaLight.from_link(state.scenario.link, day, wind)
+        day, sky_color = _sky_of(state.scenario.daylight)
+        sea_light = SeaLight.from_link(state.scenario.link, day, wind)
         angle = math.radians(wind[1])
         slopes = mesh.vertex_normals[:, :2] / np.maximum(mesh.vertex_normals[:, 2:], 0.2)
         variances, least = left_out(mesh, longest_left_out(self._surface))
         tile = _tile((float(variances[0]), float(variances[1])), least, wind[1])
-        upwelling = math.pi * WATER_BRIGHTNESS * light.upwelling
+        upwelling = math.pi * WATER_BRIGHTNESS * sea_light.upwelling
         inside = np.array(_LEAST_INSIDE) * min(1.0, _MOST_INSIDE / float(upwelling.max()))
-        foam = 1.1 * norm.ppf(1.0 - light.foam) if light.foam > 0.0 else 100.0
+        foam = 1.1 * norm.ppf(1.0 - sea_light.foam) if sea_light.foam > 0.0 else 100.0
         glint = 0.0 if day is _DUSK else day.direct / day.irradiance
         return {
             "waves": tile, "rest": tile["rest"], "sky": _sky_image(day), "sun": list(day.sun),
-            "tint": list(tint), "inside": np.maximum(1.6 * np.array(tint), inside).tolist(),
+            "tint": list(sky_color),
+            "inside": np.maximum(1.6 * np.array(sky_color), inside).tolist(),
             "direct": glint, "foam": float(foam),
             "upwelling": upwelling.tolist(),
-            "absorption": light.absorption.tolist(), "wind": [math.cos(angle), math.sin(angle)],
+            "absorption": sea_light.absorption.tolist(), "wind": [math.cos(angle), math.sin(angle)],
             "height": max(float(mesh.vertices[:, 2].std()), 0.02),
             "steepness": float(slopes.var(axis=0).sum()),
         }  # fmt: skip
@@ -287,9 +288,9 @@ def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str
 
 def segments(paths: PhotonPaths) -> Any:
     """Return the pieces of paths, shape (n, 7): both ends [m], and 1 for scattered light."""
-    rows, k = path_segments(paths)
-    scattered = (paths.length > 3)[rows, None]
-    ends = paths.vertex[rows, k], paths.vertex[rows, k + 1]
+    points, k = path_segments(paths)
+    scattered = (paths.length > 3)[points, None]
+    ends = paths.vertex[points, k], paths.vertex[points, k + 1]
     return np.hstack([*ends, scattered]).astype(np.float32)
 
 
@@ -366,9 +367,9 @@ def _lamp(source: WaterSource | AirLamp, link: Link) -> dict[str, Any]:
     x, y, z = source.center
     bright *= min(math.exp(_loss(link.water) * abs(z) / 3.0), 5.0) if z < 0.0 else 1.0
     own_axis, own_shape = _beam(source.pattern, half, source.axis, abs(z), bright)
-    own = {"at": source.center, "own": {"axis": own_axis, "shape": own_shape}}
+    fields = {"at": source.center, "own": {"axis": own_axis, "shape": own_shape}}
     if z < 0.0:
-        return {**own, "place": [x, y, z, 0.0], "axis": own_axis, "shape": own_shape}
+        return {**fields, "place": [x, y, z, 0.0], "axis": own_axis, "shape": own_shape}
     n, (u, v, w) = link.water.n / link.n_air, source.axis
     bent = (u / n, v / n, -math.sqrt(1.0 - (u * u + v * v) / n**2))
     narrow = math.degrees(math.asin(math.sin(math.radians(min(half, 89.0))) / n))
@@ -376,7 +377,7 @@ def _lamp(source: WaterSource | AirLamp, link: Link) -> dict[str, Any]:
     back = way * math.tan(math.radians(min(half, 80.0))) / math.tan(math.radians(max(narrow, 0.01)))
     apex = [x + way * u - back * bent[0], y + way * v - back * bent[1], -back * bent[2], 1.0]
     axis, shape = _beam(source.pattern, narrow, bent, abs(apex[2]) * 1.5, bright)
-    return {**own, "place": apex, "axis": axis, "shape": shape}
+    return {**fields, "place": apex, "axis": axis, "shape": shape}
 
 
 def _beam(

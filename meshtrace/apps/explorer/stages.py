@@ -152,7 +152,7 @@ def gains(state: State, check: Check) -> Iterator[Signal]:
     """
     analog = isinstance(state.channel.run.estimator, Analog)
     run: Any = {"time": state.time, "progress": check}
-    day, lit = state.scenario.daylight, None
+    day, sky_light = state.scenario.daylight, None
     rough, fine = PHOTONS if analog else CHAINS
     for photons in (rough, fine):
         check()
@@ -161,10 +161,10 @@ def gains(state: State, check: Check) -> Iterator[Signal]:
         gain, notes = _noted(work)
         yield Signal(gain, notes)
         if len(state.scenario.link.receivers) == 1:
-            lit = lit or _noted(partial(_light, state))
-            detector, more = _noted(partial(_detector, state, gain, lit[0]))
+            sky_light = sky_light or _noted(partial(_light, state))
+            detector, more = _noted(partial(_detector, state, gain, sky_light[0]))
             ber = float(detector.ber(detector.received_power(float(gain.gain))))
-            notes = notes + lit[1] + more + _tilt_notes(state)
+            notes = notes + sky_light[1] + more + _tilt_notes(state)
             yield Signal(gain, notes, day.light if day else "", detector, ber)
 
 
@@ -183,17 +183,17 @@ def _light(state: State) -> Background | None:
     return background(state.scenario, time=state.time, photons=BACKGROUND_RAYS)
 
 
-def _detector(state: State, gain: GainResult, found: Background | None) -> OokLink:
+def _detector(state: State, gain: GainResult, sky_light: Background | None) -> OokLink:
     """Return the transmission of a state behind the response of its channel, in its light."""
     detector = state.detector
     seen = unless_refused(lambda: impulse_response(gain))  # none of the rough gain or without light
     if detector.response is None and seen is not None:
         response = ChannelResponse.from_arrivals(seen.delay, seen.weight, seen.angle)
         detector = detector.replace(response=response)
-    if found is None:
+    if sky_light is None:
         return detector
-    detector = with_background(detector, found)
-    warn_of_background(detector, found)
+    detector = with_background(detector, sky_light)
+    warn_of_background(detector, sky_light)
     return detector
 
 
@@ -254,8 +254,8 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
         return sea, float(times[i])
 
     gain = np.empty(FADING_FRAMES)
-    for i, found in enumerate(campaign.each(Steps("time", times, surface))):
-        by_shift = found[0, 0, 0]
+    for i, gains in enumerate(campaign.each(Steps("time", times, surface))):
+        by_shift = gains[0, 0, 0]
         mean, error = by_shift.mean(), error_of_groups(by_shift)
         gain[i] = np.nan if error > _MOST_ERROR * mean else mean
         if (i + 1) % _SHOWN_EVERY == 0 and i + 1 < FADING_FRAMES:
@@ -268,8 +268,8 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
 
 def _series(times: Floats, gain: Floats) -> Fading:
     """Return the gains that are certain enough."""
-    kept = np.isfinite(gain)
-    return Fading(times[kept], gain[kept], int((~kept).sum()))
+    known = np.isfinite(gain)
+    return Fading(times[known], gain[known], int((~known).sum()))
 
 
 def index_of_all(link: Link, sea: SurfaceModel) -> float | None:
@@ -305,8 +305,8 @@ async def design_of(scenario: Scenario) -> Design:
     with TemporaryDirectory(prefix="meshtrace-") as folder:
         link, made = Path(folder, "link.toml"), Path(folder, "design.nc")
         link.write_text(scenario.to_toml(), encoding="utf-8")
-        own = {**os.environ, "PYTHONPATH": import_path()}
-        start = python_start(*_DESIGN, str(link), "-o", str(made), env=own)
+        environment = {**os.environ, "PYTHONPATH": import_path()}
+        start = python_start(*_DESIGN, str(link), "-o", str(made), env=environment)
         process = await asyncio.create_subprocess_exec(
             *start.args, env=start.env,
             stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
@@ -485,7 +485,7 @@ class Session(Worker):
 
     def forget(self) -> None:
         """Return to the link as given, at the same time, without new work."""
-        self._state, self._map_wanted = State(self._state.given, time=self._state.time), False
+        self._state, self._map_wanted = State(self._state.initial, time=self._state.time), False
 
     def show_time(self, time: float) -> State:
         """Change the time of the sea without new work, as in a running sea."""
@@ -504,13 +504,13 @@ class Session(Worker):
 
     def answer(self, name: str) -> Any:
         """Return the latest answer of a stage; None before the first."""
-        found = self._answers.get(name)
-        return None if found is None else found.value
+        answer = self._answers.get(name)
+        return None if answer is None else answer.value
 
     def fresh(self, name: str) -> bool:
         """Return whether the latest answer of a stage belongs to the present state."""
-        found = self._answers.get(name)
-        return found is not None and found.key == _key(STAGES[name], self._state)
+        answer = self._answers.get(name)
+        return answer is not None and answer.key == _key(STAGES[name], self._state)
 
     def _work(self, ticket: Ticket, state: State, with_map: bool) -> None:
         for name, stage in STAGES.items():

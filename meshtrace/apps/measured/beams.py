@@ -52,17 +52,17 @@ def through_spheres(
     way /= np.maximum(length, 1e-12)[:, None]
     along = np.einsum("ij,ij->i", start, way)
     off = np.einsum("ij,ij->i", start, start) - along**2
-    found = np.zeros((len(radii), 2, len(_EDGES) - 1))
+    flux = np.zeros((len(radii), 2, len(_EDGES) - 1))
     for i, r in enumerate(radii):
         reach = np.sqrt(np.maximum(r**2 - off, 0.0)) - along
         out = (off < r**2) & (reach > 0.0) & (reach <= length)
         at = start[out] + reach[out, None] * way[out]
-        light = weight[out] * np.exp(-a * reach[out])
+        power = weight[out] * np.exp(-a * reach[out])
         incidence = np.einsum("ij,ij->i", at, way[out]) / r
         angle = np.degrees(np.arccos(np.clip(at @ axis / r, -1.0, 1.0)))
         for j, share in enumerate((1.0, np.maximum(incidence, _GRAZING))):
-            found[i, j] = np.histogram(angle, _EDGES, weights=light / share)[0]
-    return found / photons
+            flux[i, j] = np.histogram(angle, _EDGES, weights=power / share)[0]
+    return flux / photons
 
 
 @cache
@@ -102,8 +102,8 @@ def laser_shares(
 ) -> tuple[float, float]:  # fmt: skip
     """Return the share of the power within a cone, at attenuation lengths `at`."""
     chunks = max(int(_LASER * photons), 8)
-    light = laser_light(phase, a, divergence, surface, row.along, chunks)
-    mine = light[:, row.along.index(row.at), ("cosine", "sphere").index(collector)]
+    power = laser_light(phase, a, divergence, surface, row.along, chunks)
+    mine = power[:, row.along.index(row.at), ("cosine", "sphere").index(collector)]
     cone = mine[:, : _EDGES.index(half_angle)].sum(axis=1)
     return share_of(cone, mine[:, : 3 if whole == "58 deg" else 4].sum(axis=1))
 
@@ -144,8 +144,8 @@ def half_width(angle: Floats, power: Floats) -> float:
     sums = np.cumsum(power[order])
     median = angle[order][np.searchsorted(sums, 0.5 * sums[-1])]
     edges = np.linspace(0.0, 4.0 * median, 33)
-    light = np.histogram(angle, edges, weights=power)[0]
-    profile = light / -np.diff(np.cos(np.radians(edges)))
+    in_rings = np.histogram(angle, edges, weights=power)[0]
+    profile = in_rings / -np.diff(np.cos(np.radians(edges)))
     half, middle = 0.5 * profile[:2].mean(), 0.5 * (edges[1:] + edges[:-1])
     last = max(int(np.argmax(profile < half)), 1)
     pair = slice(last - 1, last + 1)

@@ -57,8 +57,8 @@ def diffuse_attenuation(
 ) -> tuple[float, float]:
     """Return K_d from the surface to a depth for the series' Jerlov type at `at` nm."""
     a, b = map(float, coefficients(f"jerlov-{row.series}", row.at))
-    found = light_below(a, b, phase, zenith_deg, (_TOP, depth), int(_PHOTONS * photons))
-    return attenuation(found, 0, 1)
+    planes = light_below(a, b, phase, zenith_deg, (_TOP, depth), int(_PHOTONS * photons))
+    return attenuation(planes, 0, 1)
 
 
 def broadband(
@@ -69,16 +69,16 @@ def broadband(
     The weight of the sensor is flat in "energy" or in "photons"; water of a Jerlov type.
     """
     table = np.loadtxt(DATA / "paulson-simpson" / "spectrum.csv", delimiter=",", skiprows=1)
-    nm, light = table.T
-    light = light * (nm if weight == "photons" else 1.0)
+    nm, spectrum = table.T
+    spectrum = spectrum * (nm if weight == "photons" else 1.0)
     depths, i, total, variance = (_TOP, *row.along), 1 + row.along.index(row.at), 0.0, 0.0
-    for one, share in zip(nm, light / light.sum(), strict=True):
-        if one > 700.0:
+    for wavelength, share in zip(nm, spectrum / spectrum.sum(), strict=True):
+        if wavelength > 700.0:
             continue
-        a, b = map(float, coefficients(f"jerlov-{type}", one))
-        found = light_below(a, b, phase, zenith_deg, depths, int(_PHOTONS * photons))
-        total += share * found.e_d[i] / found.e_d[0]
-        variance += (share * found.e_d_stderr[i] / found.e_d[0]) ** 2
+        a, b = map(float, coefficients(f"jerlov-{type}", wavelength))
+        planes = light_below(a, b, phase, zenith_deg, depths, int(_PHOTONS * photons))
+        total += share * planes.e_d[i] / planes.e_d[0]
+        variance += (share * planes.e_d_stderr[i] / planes.e_d[0]) ** 2
     return total, math.sqrt(variance)
 
 
@@ -93,15 +93,15 @@ def clear_sea_radiance(
     """
     depths = (_TOP, 5.0, 10.0, 20.0, 40.0)
     shots = int(_RADIANCE_PHOTONS * photons)
-    found = light_below(a, b, phase, zenith_deg, depths, shots, cosines=32)
-    assert found.radiance is not None
-    assert found.radiance_stderr is not None
-    up, error = found.radiance[:, :, 0], found.radiance_stderr[:, :, 0]
+    planes = light_below(a, b, phase, zenith_deg, depths, shots, cosines=32)
+    assert planes.radiance is not None
+    assert planes.radiance_stderr is not None
+    up, error = planes.radiance[:, :, 0], planes.radiance_stderr[:, :, 0]
     # two bins of 1 / 16 from the nadir on end at 29 deg in the water, 40 deg in the air
     at_top, noise = up[0, :2], error[0, :2]
     spread = 0.5 * np.ptp(at_top) / at_top.mean()
-    cosine = found.e_d[1:] / found.e_od[1:]
-    q = found.e_u / up[:, 0]
+    cosine = planes.e_d[1:] / planes.e_od[1:]
+    q = planes.e_u / up[:, 0]
     q_error = float((error[:, 0] / up[:, 0]).max())
     values = {
         "radiance": (spread, float(np.hypot(*noise) / 2.0 / at_top.mean())),
@@ -117,8 +117,8 @@ def asymptotic_ratio(
 ) -> tuple[float, float]:
     """Return K / c of diffuse light from `first` to `first` + 5 attenuation lengths."""
     depths = (first, first + 5.0)
-    found = light_below(1.0 - albedo, albedo, phase, -1.0, depths, int(4 * _PHOTONS * photons))
-    return attenuation(found, 0, 1)
+    planes = light_below(1.0 - albedo, albedo, phase, -1.0, depths, int(4 * _PHOTONS * photons))
+    return attenuation(planes, 0, 1)
 
 
 _SEAS, _OF_SEA = 8, 16_384  # photons of each sea
@@ -128,7 +128,7 @@ _SKIES = {"isotropic": UniformSky, "cardioidal": CardioidalSky}
 
 @cache
 def reflected(
-    light: str, altitude_deg: float, wind_speed: float, photons: int
+    incident: str, altitude_deg: float, wind_speed: float, photons: int
 ) -> tuple[float, float]:
     """Return the share of the irradiance that the surface reflects, with its standard error.
 
@@ -137,8 +137,8 @@ def reflected(
     """
     source = (
         Sun(zenith_deg=90.0 - altitude_deg, half_width=_HALF_WIDTH)
-        if light == "sun"
-        else _SKIES[light](half_width=_HALF_WIDTH)
+        if incident == "sun"
+        else _SKIES[incident](half_width=_HALF_WIDTH)
     )
     link = Link(
         water=Water(a=0.0, b=0.0, n=1.34, bottom_depth=20.0, bottom_albedo=0.0),
@@ -159,8 +159,8 @@ def reflected(
             SpectralSea(spectrum=spectrum, spreading="elfouhaily", mss="cox-munk", seed=i)
             for i in range(_SEAS)
         ]
-    found = 1.0 - np.array([transmitted(sea, i + 1) for i, sea in enumerate(seas)])
-    return float(found.mean()), float(error_of_groups(found))
+    reflectances = 1.0 - np.array([transmitted(sea, i + 1) for i, sea in enumerate(seas)])
+    return float(reflectances.mean()), float(error_of_groups(reflectances))
 
 
 def sea_albedo(

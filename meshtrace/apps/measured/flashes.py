@@ -114,11 +114,11 @@ def variation(
 
     Light that is scattered by less than `forward_deg` still counts as focused.
     """
-    light = light_below(a, b, "average", 30.0, (0.01, *_DEPTHS), photons)
+    planes = light_below(a, b, "average", 30.0, (0.01, *_DEPTHS), photons)
     depth = np.array(_DEPTHS)
     lost = a + b * (1.0 - float(phase_of("average").cdf(math.radians(forward_deg))))
     slant = math.sqrt(1.0 - (0.5 / _N) ** 2)
-    focused = (1.0 - diffuse) * np.exp(-lost * depth / slant) / (light.e_d[1:] / light.e_d[0])
+    focused = (1.0 - diffuse) * np.exp(-lost * depth / slant) / (planes.e_d[1:] / planes.e_d[0])
     index = [scintillation(float(d), wind_speed, collector, fetch) for d in depth]
     return np.minimum(focused, 1.0) * np.sqrt(index)
 
@@ -148,8 +148,8 @@ def patch_slopes(sea: SpectralSea, seed: int, cells: int, step: float) -> tuple[
     nodes, ring = np.geomspace(k.min(), k.max(), 512), np.linspace(-math.pi, math.pi, 181)
     omega = angular_frequency(nodes, None, True)
     spread = sea.spreading.density(omega[:, None], ring, **sea_state(sea.spectrum))
-    rows = sea.spectrum(omega) * np.gradient(omega, nodes) / nodes
-    density = RegularGridInterpolator((np.log(nodes), ring), rows[:, None] * spread)
+    variances = sea.spectrum(omega) * np.gradient(omega, nodes) / nodes
+    density = RegularGridInterpolator((np.log(nodes), ring), variances[:, None] * spread)
     psi = density((np.clip(np.log(k), *np.log(nodes[[0, -1]])), theta))
     psi[0, 0] = 0.0
     rng = np.random.default_rng(seed)
@@ -166,7 +166,7 @@ def light_spectra(wind_speed: float, depths: tuple[float, ...], patches: int) ->
     Rays of a zenith sun land at x - (1 - 1 / n) d s, exactly refracted, in cells of the patch.
     """
     sea = resolved_sea(wind_speed)
-    found = np.zeros((len(depths), patches, 2, _CELLS // 2))
+    spectra = np.zeros((len(depths), patches, 2, _CELLS // 2))
     axis = np.arange(_CELLS) * _STEP
     x, y = np.meshgrid(axis, axis, indexing="ij")
     for i in range(patches):
@@ -177,12 +177,14 @@ def light_spectra(wind_speed: float, depths: tuple[float, ...], patches: int) ->
         for j, depth in enumerate(depths):
             cells = [np.floor((p - depth * bent * s) / _STEP).astype(int) % _CELLS
                      for p, s in ((x, sx), (y, sy))]  # fmt: skip
-            light = np.bincount((cells[0] * _CELLS + cells[1]).ravel(), minlength=_CELLS**2)
-            power = np.abs(np.fft.fft2(light.reshape(_CELLS, _CELLS) - 1.0)) ** 2
+            power_on_cells = np.bincount(
+                (cells[0] * _CELLS + cells[1]).ravel(), minlength=_CELLS**2
+            )
+            power = np.abs(np.fft.fft2(power_on_cells.reshape(_CELLS, _CELLS) - 1.0)) ** 2
             power -= power[_CELLS // 2 - 20 : _CELLS // 2 + 20].mean()  # shot noise of the rays
             for m in (0, 1):
-                found[j, i, m] = power.sum(axis=1 - m)[: _CELLS // 2]
-    return found
+                spectra[j, i, m] = power.sum(axis=1 - m)[: _CELLS // 2]
+    return spectra
 
 
 def dominant_wavelength(
@@ -197,20 +199,21 @@ def dominant_wavelength(
     spectra = light_spectra(wind_speed, row.along, patches)
     power = spectra[row.along.index(row.at), :, ("along", "across").index(heading)]
     k = 2.0 * math.pi * np.arange(_CELLS // 2) / (_CELLS * _STEP)
+    # the transfer function of a running mean over the width of the sensor
     power = power * np.sinc(k * smoothing / (2.0 * math.pi)) ** 2
     edges = np.geomspace(k[1], k[-1], 25)
     middle = np.sqrt(edges[1:] * edges[:-1])
     count = np.histogram(k, edges)[0]
-    some, rise = (count > 0) & (abs(np.log(middle / 1.405)) < 1.498), 1.0
+    seen, rise = (count > 0) & (abs(np.log(middle / 1.405)) < 1.498), 1.0
     if peak == "k S":
-        some, rise = count > 0, middle
+        seen, rise = count > 0, middle
 
-    def wavelength(of: Floats) -> float:
-        mean = np.histogram(k, edges, weights=of)[0] / np.maximum(count, 1)
-        return 2.0 * math.pi / peak_of(middle[some], (mean * rise)[some])
+    def wavelength(spectrum: Floats) -> float:
+        mean = np.histogram(k, edges, weights=spectrum)[0] / np.maximum(count, 1)
+        return 2.0 * math.pi / peak_of(middle[seen], (mean * rise)[seen])
 
     # jackknife over patches
-    left = np.array([wavelength(power.sum(axis=0) - one) for one in power])
+    left = np.array([wavelength(power.sum(axis=0) - sample) for sample in power])
     return wavelength(power.mean(axis=0)), math.sqrt((patches - 1.0) * left.var())
 
 

@@ -156,21 +156,21 @@ class Experiment(Model, frozen=True):
         """Return the experiment of a folder with `experiment.toml` and `data.csv`."""
         texts = tomllib.loads((folder / "experiment.toml").read_text("utf-8"))
         lines = (folder / "data.csv").read_text("utf-8").splitlines()
-        rows = [
+        records = [
             {k: float(v or "nan") if k in _NUMBERS else v for k, v in row.items()}
             for row in csv.DictReader(lines)
         ]
-        along = [row["at"] for row in rows]
-        rows = [{**row, "along": along} for row in rows]
-        return cls.model_validate({"name": folder.name, "rows": rows, **texts})
+        along = [row["at"] for row in records]
+        records = [{**row, "along": along} for row in records]
+        return cls.model_validate({"name": folder.name, "rows": records, **texts})
 
     def predict(self, photons: float, **changed: Any) -> tuple[Floats, Floats]:
         """Return the computed values of the rows and their standard errors."""
         room, name = self.prediction.split(":")
         function = getattr(import_module(f"{__package__}.{room}"), name)
         inputs = {u.name: u.nominal for u in self.unknowns} | changed
-        found = [function(row, photons, **inputs) for row in self.rows]
-        value, stderr = np.array([v if isinstance(v, tuple) else (v, 0.0) for v in found]).T
+        predictions = [function(row, photons, **inputs) for row in self.rows]
+        value, stderr = np.array([v if isinstance(v, tuple) else (v, 0.0) for v in predictions]).T
         return value, stderr
 
 
@@ -343,17 +343,17 @@ def run(
         require_word(name, known, "names")
     photons = 1.0 / _QUICK if quick else 1.0
     announce(_SECONDS * photons * len(chosen) / len(known), "suite of measurements")
-    rows: list[tuple[Any, ...]] = []
+    lines: list[tuple[Any, ...]] = []
     for name in chosen:
         if progress is not None:
             progress(name)
         with warnings.catch_warnings():
             # the light that leaves the meshes sideways is below 0.1 %
             warnings.simplefilter("ignore", DomainWarning)
-            rows += _compared(known[name], photons)
+            lines += _compared(known[name], photons)
     columns: dict[str, Any] = {
         field.name: tuple(column) if isinstance(column[0], str) else np.array(column)
-        for field, column in zip(fields(MeasuredTable), zip(*rows, strict=True), strict=False)
+        for field, column in zip(fields(MeasuredTable), zip(*lines, strict=True), strict=False)
     }
     origin = {"environment": environment(), "experiments": chosen, "photons": photons}
     return MeasuredTable(**columns, provenance=origin)
@@ -369,8 +369,8 @@ def _compared(experiment: Experiment, photons: float) -> Iterator[tuple[Any, ...
     band = band_of(value, stderr, ends)
     low, high = np.array([[row.low, row.high] for row in experiment.rows]).T
     verdict = verdicts(low, high, band).tolist()
-    found = zip(value, stderr, band.low, band.high, verdict, band.dominant, strict=True)
-    for row, computed in zip(experiment.rows, found, strict=True):
+    columns = zip(value, stderr, band.low, band.high, verdict, band.dominant, strict=True)
+    for row, computed in zip(experiment.rows, columns, strict=True):
         texts = experiment.name, row.quantity, row.unit, row.text
         yield (*texts, row.at, row.value, row.low, row.high, *computed)
 

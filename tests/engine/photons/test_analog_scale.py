@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace import Vertex
 from meshtrace.engine.photons.analog import run_analog
-from meshtrace.engine.photons.flight import Vertex
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, JonswapSea
 
