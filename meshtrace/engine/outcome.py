@@ -221,7 +221,7 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
             FewSamplesWarning,
         )
     _warn_of_few([row for row in found if row[0] not in worse])
-    warn_of_omitted(chains.link, parts.gain, chains.returned)
+    warn_of_omitted(chains.link, parts.gain, chains.planner.returned)
 
 
 def _warn_of_few(found: list[tuple[int, ScatteredSamples, float]], where: str = "") -> None:

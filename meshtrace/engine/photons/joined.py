@@ -231,6 +231,8 @@ class JoinedPhotons:
         Photons are those of the bases of the tinting in turn, refracted by the index of this link.
         Below bubbles that differ in number each wavelength has its own photons.
         """
+        if len(links) == 1:
+            return self._evaluated(mesh, arrivals, None)
         if tinting.follows:
             bases = [self._in_water_of(links[i]) for i in tinting.bases]
             return self._evaluated(mesh, arrivals, tinting, bases)
