@@ -29,9 +29,9 @@ import numpy as np
 
 from meshtrace.engine import parts
 from meshtrace.engine.chains.aimed import AimedChains, SearchMode
+from meshtrace.engine.chains.gain import Counter
 from meshtrace.engine.chains.sets import Drawing, Request, flat_mesh, points_of, shifted
-from meshtrace.engine.choice import Method
-from meshtrace.engine.photons.joined import PhotonParts
+from meshtrace.engine.gains import Gains, Method
 from meshtrace.engine.plan import Comparison, Plan, Planner
 from meshtrace.engine.plan import Scattered as Scattered
 from meshtrace.engine.plan import TypicalSea as TypicalSea
@@ -46,6 +46,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import Pace, ordered_map
+from meshtrace.results.gain import ChainCounts
 from meshtrace.results.tallies import ArrivalTally, error_of_groups
 from meshtrace.stored import SHIFTS
 
@@ -189,80 +190,112 @@ class ForcedDetection:
         self._unscattered = self.drawer.draw_all(requests)
         return self._unscattered
 
-    def evaluate(self, mesh: TriangleMesh) -> parts.Parts:
-        """Return the gain over a mesh, in parts."""
+    def evaluate(self, mesh: TriangleMesh) -> Gains:
+        """Return the gain over a mesh."""
         return self.at_wavelengths(mesh)[0]
 
     def at_wavelengths(
-        self, mesh: TriangleMesh, over: AimedChains | None = None
-    ) -> list[parts.Parts]:
+        self, mesh: TriangleMesh, over: AimedChains | None = None, record: bool = False
+    ) -> list[Gains]:
         """Return the gains over a mesh at the wavelengths of common paths.
 
-        `over` is the mesh with the receivers of a link that differs in the water alone.
-        Where facets bring no light, chains without scatterings are asked before a pair is dark.
+        `over` is the mesh with the receivers of a link that differs in the water alone; `record`
+        keeps every row of light.
         """
         higher = self._reaching(mesh)
         if higher is not self:
-            return higher.at_wavelengths(mesh, over)
-        link, common = self.arrays, self.planner.common
-        aimed = self.planner.aim_over(mesh) if over is None else over.of_link(link)
-        aimed = aimed.at_wavelengths(common)
-        sums = parts.ChainSums(link, self.method, self.scattered_sets, aimed.wavelengths)
-        lit, dark = list[tuple[int, int]](), list[tuple[int, int]]()
-        for s, r in link.pairs:
-            (dark if aimed.sampled and link.sizes[s] == 0.0 else lit).append((s, r))
-        alone = not any(self.scattered_sets) and self.plan.joined is None
-        jobs: list[Any] = [partial(self._unscattered_light, aimed, *pair, alone) for pair in lit]
-        jobs += [partial(self._summed, aimed, job) for job in sums.jobs]
-        found = ordered_map(call, jobs, self.threads, ahead=len(jobs))
-        for s, r in lit:
-            from_points, error = next(found)
+            return higher.at_wavelengths(mesh, over, record)
+        aimed = self.planner.aim_over(mesh) if over is None else over.of_link(self.arrays)
+        aimed, common = aimed.at_wavelengths(self.planner.common), self.planner.common
+        plan, gains = self.plan, self._add_chains(aimed).by_wavelength()
+        tables = self._tables(aimed) if record else [list[ArrivalTally]() for _ in gains]
+        joined: list[Gains] = []
+        if plan.joined is not None:
+            joined = plan.joined.at_wavelengths(mesh, common.tinting, common.links, record)
+        groups = [(joined, plan.joined_to)]
+        if plan.arriving is not None:
+            groups.append(([plan.arriving.evaluate(mesh, record)], plan.arriving_at))
+        for photons, receivers in groups:
+            for i, light in enumerate(photons):
+                gains[i] = gains[i].with_photons(light, receivers)
+                chains = sum(request.number for request in plan.chains)
+                tables[i] += [table.moved(receivers, chains) for table in light.table]
+        if record:
+            whole = map(ArrivalTally.concatenated, tables)
+            gains = [replace(g, table=[t]) for g, t in zip(gains, whole, strict=True)]
+        return gains
+
+    def _add_chains(self, aimed: AimedChains) -> Gains:
+        """Return the unscattered light and that of chains at the wavelengths of their paths.
+
+        Where facets bring no light, chains without scatterings are asked before a pair is dark.
+        """
+        link, sampled = self.arrays, list[tuple[int, int]]()
+        orders = max((request.order for request in self.plan.chains), default=0) + 1
+        gains = Gains.zeros(aimed.wavelengths, len(self.method), orders)
+        exact = [p for p in link.pairs if not aimed.sampled or link.sizes[p[0]] > 0.0]
+        dark = [pair for pair in link.pairs if pair not in exact]
+        served = [pair for pair in link.pairs if self.method[link.receiver(*pair)] == "chains"]
+        chain_jobs = parts.chain_jobs(served, self.scattered_sets)
+        alone = not self.plan.chains and self.plan.joined is None
+        jobs: list[Any] = [partial(self._from_source, aimed, *pair, alone) for pair in exact]
+        jobs += [partial(self._scores, aimed, job) for job in chain_jobs]
+        results = ordered_map(call, jobs, self.threads, ahead=len(jobs))
+        cut_short = 0
+        for s, r in exact:
+            from_points, error = next(results)
             gain = from_points.mean(axis=1).T
-            sums.add_direct(s, r, gain, error, aimed.is_cut_short(s, r))
-            if gain.shape[-1] == 1 and not gain.any():
+            gains.add_direct(link.receiver(s, r), link.share(s, r) * gain, error)
+            cut_short += aimed.is_cut_short(s, r)
+            if gain.shape[-1] > 1:
+                sampled.append((s, r))
+            elif not gain.any():
                 dark.append((s, r))
-        pace = Pace(len(sums.jobs), f"{sums.chains:,} chains over one surface")
-        for job, rows in zip(sums.jobs, found, strict=True):
-            sums.add(job, rows)
+        drawn = sum(request.number for request in self.plan.chains)
+        pace = Pace(len(chain_jobs), f"{drawn:,} chains over one surface")
+        for job, scores in zip(chain_jobs, results, strict=True):
+            self._add_scores(gains, job, scores)
             pace.add()
         rest = parts.chain_jobs(dark, [[one] for one in self.unscattered()] if dark else [])
-        found = ordered_map(partial(self._summed, aimed), rest, self.threads)
-        for job, rows in zip(rest, found, strict=True):
-            sums.add(job, rows)
-        light = list[list[PhotonParts]]([[] for _ in range(aimed.wavelengths)])
-        plan, receivers = self.plan, len(self.method)
-        if plan.joined is not None:
-            found_light = plan.joined.at_wavelengths(mesh, common.tinting, common.links)
-            for row, one in zip(light, found_light, strict=True):
-                row.append(one.among(receivers, plan.joined_to))
-        if plan.arriving is not None:
-            light[0].append(plan.arriving.evaluate(mesh).among(receivers, plan.arriving_at))
-        return [sums.parts(i, aimed.counters, row, plan.reflects) for i, row in enumerate(light)]
+        results = ordered_map(partial(self._scores, aimed), rest, self.threads)
+        lit = set(sampled)
+        for job, scores in zip(rest, results, strict=True):
+            self._add_scores(gains, job, scores)
+            source = job[1].request.source
+            lit |= {(source, t) for t, score in zip(job[0], scores, strict=True) if score.any()}
+        outcomes = {c.name.lower(): int(aimed.counters[c]) for c in Counter}
+        counts = ChainCounts(drawn=drawn, sampled=len(lit), cut_short=cut_short, **outcomes)
+        return replace(gains, method=self.method, counts=counts, reflects=self.plan.reflects)
 
-    def _summed(self, aimed: AimedChains, job: parts.ChainJob) -> list[parts.BlockSums]:
-        """Return the sums over the chains of a block to each of its targets."""
+    def _scores(self, aimed: AimedChains, job: parts.ChainJob) -> list[Floats]:
+        """Return the scores (wavelengths, chains) of the chains of a block at each target."""
         targets, block = job
-        chains, found = self.drawer.drawn(block), dict[int, parts.BlockSums]()
-        for some in aimed.together(targets, chains):
-            score = aimed.aim(block.request.source, some, chains).score
-            for target, row in zip(some, np.split(score, len(some), axis=-1), strict=True):
-                found[target] = parts.block_sums(row, block)
-        return [found[target] for target in targets]
+        chains, scores = self.drawer.drawn(block), dict[int, Floats]()
+        for group in aimed.together(targets, chains):
+            score = aimed.aim(block.request.source, group, chains).score
+            scores |= dict(zip(group, np.split(score, len(group), axis=-1), strict=True))
+        return [scores[target] for target in targets]
 
-    def _unscattered_light(
-        self, aimed: AimedChains, s: int, r: int, alone: bool
+    def _add_scores(self, gains: Gains, job: parts.ChainJob, scores: list[Floats]) -> None:
+        """Add the scores of the chains of a block at each target."""
+        targets, block = job
+        request = block.request
+        for t, score in zip(targets, scores, strict=True):
+            receiver = self.arrays.receiver(request.source, t)
+            share = self.arrays.share(request.source, t) / request.number
+            gains.add_chains(receiver, request.order, block.shifts_in, score, share)
+
+    def _from_source(
+        self, aimed: AimedChains, s: int, r: int, alone: bool = False
     ) -> tuple[Floats, float]:
-        """Return `_from_source`, and the relative error of its quadrature over the surface."""
-        return self._from_source(aimed, s, r), aimed.relative_error(s, r, alone)
-
-    def _from_source(self, aimed: AimedChains, s: int, r: int) -> Floats:
         """Return the unscattered light of the points of a source, (shifts, points, wavelengths).
 
         For an extended one, from the first points of each shift, and from all unless these
-        suffice; else (1, 1, wavelengths).
+        suffice; else (1, 1, wavelengths). With the relative error of its quadrature over the
+        surface; `alone` says that there is no other light.
         """
         if self.arrays.sizes[s] == 0.0:
-            return aimed.direct_light(s, r)[None, None]
+            return aimed.direct_light(s, r)[None, None], aimed.relative_error(s, r, alone)
         if aimed.sampled:
             narrow = Described(f"a radius of {self.arrays.sizes[s] * self.arrays.frame.unit:g} m")
             allowed = f"a point source below random slopes this narrow; {ends.ANALOG}"
@@ -279,7 +312,7 @@ class ForcedDetection:
             error = error_of_groups(found.mean(axis=1))
             if (error < _SMOOTH * found.mean(axis=(0, 1))).all():
                 break
-        return found
+        return found, aimed.relative_error(s, r, alone)
 
     def _lamp_points(self, s: int) -> Floats:
         """Return points of an extended source, shape (shifts, points, 3)."""
@@ -306,42 +339,23 @@ class ForcedDetection:
             p.link, self.photons, p.seed, p.normals, p.threads, sea, p.search, p.scattered, p.common
         )
 
-    def arrivals(self, mesh: TriangleMesh) -> ArrivalTally:
-        """Return the light that arrives; the weights of a receiver add up to its gain.
-
-        Unscattered light without random slopes is one arrival a facet, with shift -1: it has no
-        Monte Carlo error.
-        """
-        return self.arrivals_at_wavelengths(mesh)[0]
-
-    def arrivals_at_wavelengths(self, mesh: TriangleMesh) -> list[ArrivalTally]:
-        """Return the light that arrives at the wavelengths of common paths."""
-        higher = self._reaching(mesh)
-        if higher is not self:
-            return higher.arrivals_at_wavelengths(mesh)
+    def _tables(self, aimed: AimedChains) -> list[list[ArrivalTally]]:
+        """Return the rows of unscattered light and chains at each wavelength."""
         tinting, links = self.planner.common.tinting, self.planner.common.links
-        aimed, rows = self.planner.aim_over(mesh), [list[Floats]() for _ in links]
+        tables = [list[ArrivalTally]() for _ in links]
         for e, t in self.arrays.pairs:
             light = self._light_of(aimed, e, t, tinting.tints)
-            receiver = np.full(len(light.weight), self.arrays.receiver(e, t))
-            path = light.water, light.air, light.shift, light.angle
-            for row, factor in zip(rows, tinting.factors(light.tint), strict=True):
-                row.append(np.column_stack([receiver, light.weight * factor, *path]))
-        if self.plan.joined is not None:
-            photons = self.plan.joined.at_wavelengths(mesh, tinting, links, arrivals=True)
-            for row, found in zip(rows, photons, strict=True):
-                row += _of_photons(self.plan.joined_to, found)
-        arriving = self.plan.arriving
-        if arriving is not None:
-            rows[0] += _of_photons(self.plan.arriving_at, arriving.evaluate(mesh, arrivals=True))
-        return [ArrivalTally.of_rows(np.concatenate(row)) for row in rows]
+            factors = tinting.factors(light.tint)
+            for table, factor, link in zip(tables, factors, links, strict=True):
+                table.append(light.table(self.arrays.receiver(e, t), factor, link))
+        return tables
 
     def _light_of(self, aimed: AimedChains, e: int, t: int, tints: Tints | None) -> parts.Light:
         """Return the light of a pair over facets and chains."""
         chained = self.method[self.arrays.receiver(e, t)] == "chains"
         rows, sets = list[parts.Light](), self.scattered_sets[e] if chained else []
         if self.arrays.sizes[e] > 0.0:
-            n = self._from_source(aimed, e, t).shape[1]
+            n = self._from_source(aimed, e, t)[0].shape[1]
             points = self._lamp_points(e)[:, :n]
             for shift, i in np.ndindex(SHIFTS, n):
                 lamp = Vec3(*points[shift, i].tolist())
@@ -354,17 +368,15 @@ class ForcedDetection:
         for drawing in sets:
             for block in drawing.blocks():
                 chains = self.drawer.drawn(block)
-                rows.append(parts.chain_light(aimed, e, t, chains, tints, block))
+                first = self._first_chain(drawing.request)
+                light = parts.chain_light(aimed, e, t, chains, tints, block)
+                rows.append(light._replace(sample=first + light.sample))
         return parts.merged(rows)
 
-
-def _of_photons(receivers: list[int], found: PhotonParts) -> list[Floats]:
-    """Return the arrivals of photons at some receivers, as rows of an `ArrivalTally`."""
-    rows = []
-    for r, light in zip(receivers, found.arrivals or [], strict=True):
-        angle = np.full((len(light), 1), np.nan)  # not known
-        rows.append(np.concatenate([np.full((len(light), 1), r), light, angle], axis=1))
-    return rows
+    def _first_chain(self, request: Request) -> int:
+        """Return the number of the first chain of a request; those without scatterings are last."""
+        requests = [*self.plan.chains, *(drawing.request for drawing in self._unscattered)]
+        return sum(before.number for before in requests[: requests.index(request)])
 
 
 def cut_share(case: Case, mesh: TriangleMesh) -> Floats:

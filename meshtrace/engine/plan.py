@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from meshtrace.engine import choice
 from meshtrace.engine.chains.aimed import AimedChains, SearchMode
 from meshtrace.engine.chains.sets import ChainDrawer, Request, flat_mesh, levels
+from meshtrace.engine.gains import Gains, Method
 from meshtrace.engine.photons.arriving import ArrivingPhotons, largest_weight
-from meshtrace.engine.photons.joined import JoinedPhotons, PhotonParts
+from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.tinting import UNTINTED, Common
 from meshtrace.errors import Refused
@@ -80,7 +81,7 @@ class Comparison:
         Pilot of the chosen estimator of each of these.
     """
 
-    method: list[choice.Method]
+    method: list[Method]
     per_chain: float = choice.PER_CHAIN
     chained: list[choice.Pilot] = field(default_factory=list)
     still_gain: Floats | None = None
@@ -105,7 +106,7 @@ class Plan:
         Whether photons bring light that the surface reflects first.
     """
 
-    method: list[choice.Method]
+    method: list[Method]
     chains: list[Request]
     joined: JoinedPhotons | None
     joined_to: list[int]
@@ -188,7 +189,7 @@ class Planner:
             alone = self.scattered == "auto" and len(self.common.links) == 1
             every = np.ones(len(self._piloted), bool)
             photons = self._pilot_photons(every, []) if alone else None
-            return self._without_chains(photons and photons.evaluate(self._still_water()))
+            return self._without_chains(photons.evaluate(self._still_water()) if photons else None)
         compares = self.scattered == "auto" and any(orders)
         still, shared = self._still_water(), self.common
         if not shared.tinting.follows:  # photons cannot be common to all wavelengths
@@ -200,15 +201,15 @@ class Planner:
         chained, compared = pilots[0][0], pilots[-1]
         most = 0 if len(compared) == 1 else int(np.argmax(shared.ratios))
         pilot = choice.chain_pilot(compared[most], self.arrays)
-        names: list[choice.Method] = ["chains"] * len(self.link.receivers)
+        names: list[Method] = ["chains"] * len(self.link.receivers)
         chains = Comparison(names, choice.PER_CHAIN, chained, self._still_gain(chained), pilot)
         doubtful = ~choice.is_clear(pilot)
         joined = self._pilot_photons(doubtful, chained) if compares else None
         if joined is None:
             return chains
         by_photons = [
-            choice.ScatteredPilot.of_photons(parts)
-            for parts in joined.at_wavelengths(still, shared.tinting, shared.links)
+            choice.ScatteredPilot.of_photons(gains)
+            for gains in joined.at_wavelengths(still, shared.tinting, shared.links)
         ]
         if len(compared) < len(by_photons):
             (compared,) = self.pilots([self.aim_over(still).at_wavelengths(shared)], orders)
@@ -239,20 +240,20 @@ class Planner:
         method = self._by_receiver(doubtful, better, "chains")
         return replace(chains, method=method, per_chain=per_chain, pilot=pilot)
 
-    def _without_chains(self, pilot: PhotonParts | None) -> Comparison:
+    def _without_chains(self, pilot: Gains | None) -> Comparison:
         """Return joined photons, or analog ones where a pilot says that these are better."""
         joined = Comparison(["joined"] * len(self.link.receivers))
         if pilot is None:
             return joined
-        names: list[choice.Method] = ["joined"] * len(self._piloted)
+        names: list[Method] = ["joined"] * len(self._piloted)
         scattered, largest = choice.ScatteredPilot.of_photons(pilot), largest_weight(self.link, 0.0)
         better = choice.prefer_analog(scattered, largest, names)
         every = np.ones(len(self._piloted), bool)
         return replace(joined, method=self._by_receiver(every, better, "joined"))
 
     def _by_receiver(
-        self, piloted: NDArray[np.bool_], method: list[choice.Method], default: choice.Method
-    ) -> list[choice.Method]:
+        self, piloted: NDArray[np.bool_], method: list[Method], default: Method
+    ) -> list[Method]:
         """Return the estimators of all receivers from those of some with pilots."""
         chosen = dict(zip(self._piloted[piloted].tolist(), method, strict=True))
         return [chosen.get(r, default) for r in self._first.tolist()]

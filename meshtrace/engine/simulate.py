@@ -243,12 +243,10 @@ def _followed(
                 returned = None if paths.plan.reflects else planner.returned
             else:
                 paths = SpectralDetection(links, run.photons, **case.how, sea=sea)
-            gains = paths.at_wavelengths(mesh)
-            none: list[Any] = [None] * len(links)
-            light = paths.arrivals_at_wavelengths(mesh) if records else none
+            gains = paths.at_wavelengths(mesh, record=bool(records))
             results = [
-                outcome.forced_result(case._replace(run=run, link=link), mesh, parts, origin, seen)
-                for link, parts, origin, seen in zip(links, gains, origins, light, strict=True)
+                outcome.forced_result(case._replace(run=run, link=link), mesh, gain, origin)
+                for link, gain, origin in zip(links, gains, origins, strict=True)
             ]
         wanted = [more for one in results if (more := _further(case.run, one)) is not None]
         run = max(wanted, key=lambda more: more.photons, default=None)

@@ -13,12 +13,11 @@ from meshtrace.checks import Positive, check_call
 from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
+from meshtrace.results.tallies import SPEED_OF_LIGHT as SPEED_OF_LIGHT
 from meshtrace.results.tallies import ArrivalTally, error_of_groups
 from meshtrace.stored import SHIFTS, Stored, Variable
 
 _MOST_BINS = 10**7
-SPEED_OF_LIGHT = 299_792_458.0
-"""Speed of light in vacuum [m s-1] (exact by definition of the metre)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -111,25 +110,20 @@ def impulse_response(
     if arrivals is None:
         found = Described("no arrivals")
         raise Refused("result", found, "a result of simulate(..., record=[Arrivals()])")
-    try:
-        link = result.provenance["link"]
-        indices = float(link["water"]["n"]), float(link["n_air"])
-    except (LookupError, TypeError) as error:
-        found = Described("no indices of water and air")
-        raise Refused("result.provenance", found, "a result with its link") from error
-    return response_of(arrivals, *indices, bin_width, receiver, result.provenance)
+    return response_of(arrivals, bin_width, receiver, result.provenance)
 
 
 def response_of(
-    arrivals: ArrivalTally, n_water: float, n_air: float, bin_width: float = 1e-10,
-    receiver: int = 0, provenance: dict[str, Any] | None = None,
-) -> ImpulseResponse:  # fmt: skip
-    """Return the impulse response of arrivals between media of two indices."""
+    arrivals: ArrivalTally,
+    bin_width: float = 1e-10,
+    receiver: int = 0,
+    provenance: dict[str, Any] | None = None,
+) -> ImpulseResponse:
+    """Return the impulse response of arrivals."""
     mine = arrivals.receiver == receiver
     if not mine.any():
         raise Refused("receiver", receiver, "a receiver where light arrived")
-    path = n_water * arrivals.water_path[mine] + n_air * arrivals.air_path[mine]
-    time = path / SPEED_OF_LIGHT
+    time = arrivals.time[mine]
     weight, group = arrivals.weight[mine], arrivals.group[mine]
     first = float(time.min())
     delay = time - first

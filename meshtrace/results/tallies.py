@@ -53,6 +53,9 @@ def _common(parts: Sequence[NDArray[Any]], n: NDArray[np.int64]) -> NDArray[Any]
     return parts[0]
 
 
+SPEED_OF_LIGHT = 299_792_458.0
+"""Speed of light in vacuum [m s-1] (exact by definition of the metre)."""
+
 _CELLS = "map_axis_x map_axis_y"
 
 
@@ -84,30 +87,45 @@ def merged(runs: Sequence[WithArrays], n: NDArray[np.int64]) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ArrivalTally(Tally):
-    """Arrivals of light at the receivers.
+    """Light at the receivers, a row for each contribution of a sample, a chain or a photon.
 
     Attributes
     ----------
     receiver : ndarray, shape (arrivals,)
         Index of the receiver.
     weight : ndarray, shape (arrivals,)
-        Contributions to the gain [1]; they add up to it.
+        Contributions to the gain [1]; those of a receiver add up to it.
     water_path, air_path : ndarray, shape (arrivals,)
-        Path lengths in water and air [m].
-    group : ndarray, shape (arrivals,)
-        Independent estimate, 0 to 31, that an arrival belongs to; the groups share the gain
-        equally. -1 has no Monte Carlo error.
+        Path lengths in water and air [m]; unscattered light without random slopes crosses at the
+        centroid of a facet.
+    time : ndarray, shape (arrivals,)
+        Time from emission to arrival [s], by the phase velocities.
     angle : ndarray, shape (arrivals,)
         Angle of arrival to the axis of the receiver [rad]; nan where it is not recorded, that is
         for photons.
+    group : ndarray, shape (arrivals,)
+        Independent estimate, 0 to 31, that an arrival belongs to; the groups share the gain
+        equally. -1 has no Monte Carlo error: it is part of every group.
+    sample : ndarray, shape (arrivals,)
+        Number of the chain or photon, which may bring several arrivals; -1 for unscattered light
+        without random slopes.
+    part : ndarray, shape (arrivals,)
+        0 for unscattered light, 1 for scattered light, 2 for light that the surface reflected
+        first.
+    order : ndarray, shape (arrivals,)
+        Number of scatterings, and of reflections by the bottom.
     """
 
     receiver: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_receiver")]
     weight: Annotated[Floats, Variable("arrival", _joined_shares, "arrival_weight")]
     water_path: Annotated[Floats, Variable("arrival", _joined, "arrival_water_path")]
     air_path: Annotated[Floats, Variable("arrival", _joined, "arrival_air_path")]
-    group: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_group")]
+    time: Annotated[Floats, Variable("arrival", _joined, "arrival_time")]
     angle: Annotated[Floats, Variable("arrival", _joined, "arrival_angle")]
+    group: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_group")]
+    sample: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_sample")]
+    part: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_part")]
+    order: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_order")]
 
     def with_gains(self, gains: Floats) -> ArrivalTally:
         """Return the arrivals with weights that add up to the gain of each receiver."""
@@ -115,11 +133,22 @@ class ArrivalTally(Tally):
         factor = np.divide(gains, known, out=np.ones(len(gains)), where=known > 0.0)
         return replace(self, weight=factor[self.receiver] * self.weight)
 
+    def moved(self, receivers: Sequence[int], samples: int) -> ArrivalTally:
+        """Return the arrivals at other receivers, their samples counted after some others."""
+        receiver = np.array(receivers, np.int64)[self.receiver]
+        return replace(self, receiver=receiver, sample=self.sample + samples)
+
     @classmethod
-    def of_rows(cls, rows: Floats) -> ArrivalTally:
-        """Return arrivals from rows of receiver, weight, water path, air path, group and angle."""
-        whole, weight, water, air, group, angle = rows.T
-        return cls(whole.astype(np.int64), weight, water, air, group.astype(np.int64), angle)
+    def with_time(cls, n_water: float, n_air: float, **columns: Any) -> ArrivalTally:
+        """Return arrivals with their times, by the phase velocities in water and air."""
+        path = n_water * columns["water_path"] + n_air * columns["air_path"]
+        return cls(time=path / SPEED_OF_LIGHT, **columns)
+
+    @classmethod
+    def concatenated(cls, tables: Sequence[ArrivalTally]) -> ArrivalTally:
+        """Return the arrivals of several tables."""
+        names = cls.__dataclass_fields__
+        return cls(**{n: np.concatenate([getattr(table, n) for table in tables]) for n in names})
 
 
 @dataclass(frozen=True, eq=False, repr=False)

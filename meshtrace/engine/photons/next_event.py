@@ -216,9 +216,6 @@ def _score(q, i, light, theta, z, water, air, world):
     part = targets.SCATTERED if q.order > 0 else targets.DIRECT
     if q.reflections > 0:
         part = targets.REFLECTED
-    else:
-        world.order[i, min(q.order, world.order.shape[1] - 1)] += light
-    world.score[q.id - world.first, i, part] += light
     n = keep_arrival(world, q.id, i, light, world.tints, q.tint)
     if n >= 0:
         a = world.arrivals[n]

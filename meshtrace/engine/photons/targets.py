@@ -144,8 +144,6 @@ class JoinedWorld(NamedTuple):
     tints: Tints | None
     bvh: Bvh
     photon: NDArray[np.void]  # JOINED_PHOTON: the one under way, and copies of it that wait
-    score: NDArray[np.float64]  # (photons, targets, `N_PARTS`)
-    order: NDArray[np.float64]  # (targets, scatterings) of light not reflected first
     arrivals: NDArray[np.void]  # (capacity,) ARRIVAL
     n_arrivals: NDArray[np.int64]  # (1,) also those without room
 

@@ -276,6 +276,10 @@ def test_large_apertures_beside_the_critical_angle(x, height):
     mesh = sea_of(4.0).mesh(extent=18.0, spacing=0.4)
     aimed = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6)).over(mesh)
     photons = JoinedPhotons(link, 1_000_000, 1, direct=True).evaluate(mesh)
-    gain, mean, stderr = aimed.direct_gains(0, 0).sum(), photons.parts[0, 0], photons.stderr[0, 0]
+    gain, mean, stderr = (
+        aimed.direct_gains(0, 0).sum(),
+        photons.parts[0, 0],
+        photons.part_stderr[0, 0],
+    )
     assert stderr < 0.04 * mean
     assert z_test(gain, math.hypot(stderr, 2e-3 * mean), mean) > sidak(ALPHA, 3)

@@ -86,8 +86,8 @@ class Scattered:
 
     def __init__(self, parts):
         self.shifts = parts.groups[SCATTERED]
-        self.gain, self.stderr = parts.parts[SCATTERED], parts.stderr[SCATTERED]
-        self.orders, self.scored = parts.orders[:, 1:], parts.scored[SCATTERED]
+        self.gain, self.stderr = parts.parts[SCATTERED], parts.part_stderr[SCATTERED]
+        self.orders, self.scored = parts.orders, parts.scored[SCATTERED]
 
 
 def evaluate(link, photons, seed=1, mesh=FLAT, normals="vertex", threads=2):
