@@ -27,7 +27,7 @@ from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.aimed import AimedChains, Nodes, SearchMode
 from meshtrace.engine.chains.sets import ChainSet
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.gains import Gains
+from meshtrace.engine.gains import Gains, with_error
 from meshtrace.engine.outcome import warn_of_chains
 from meshtrace.engine.parts import Light, chain_light, direct_light, merged
 from meshtrace.engine.photons.analog import PhotonSums, run_analog, tinted
@@ -261,7 +261,9 @@ class FrozenForced:
         for e, t in arrays.pairs:
             r, share = arrays.receiver(e, t), arrays.share(e, t)
             if not aimed.sampled:
-                direct[r] += share * aimed.direct_gains(e, t).sum()
+                light = aimed.direct_gains(e, t).sum(keepdims=True)
+                error = aimed.relative_error(e, t) if aimed.meets_rim(e, t) else 0.0
+                direct[r] += share * with_error(light, error)
             for chains in sets[e]:
                 score = aimed.aim(e, t, chains).score
                 part = direct if chains.order == 0 else found

@@ -238,14 +238,15 @@ class ForcedDetection:
         served = [pair for pair in link.pairs if self.method[link.receiver(*pair)] == "chains"]
         chain_jobs = parts.chain_jobs(served, self.scattered_sets)
         alone = not self.plan.chains and self.plan.joined is None
-        jobs: list[Any] = [partial(self._from_source, aimed, *pair, alone) for pair in exact]
+        jobs: list[Any] = [partial(self._from_source, aimed, *pair) for pair in exact]
         jobs += [partial(self._scores, aimed, job) for job in chain_jobs]
         results = ordered_map(call, jobs, self.threads, ahead=len(jobs))
         cut_short = 0
         for s, r in exact:
             from_points, error = next(results)
             gain = from_points.mean(axis=1).T
-            gains.add_direct(link.receiver(s, r), link.share(s, r) * gain, error)
+            in_groups = alone or aimed.meets_rim(s, r)
+            gains.add_direct(link.receiver(s, r), link.share(s, r) * gain, error, in_groups)
             cut_short += aimed.is_cut_short(s, r)
             if gain.shape[-1] > 1:
                 sampled.append((s, r))
@@ -285,17 +286,15 @@ class ForcedDetection:
             share = self.arrays.share(request.source, t) / request.number
             gains.add_chains(receiver, request.order, block.shifts_in, score, share)
 
-    def _from_source(
-        self, aimed: AimedChains, s: int, r: int, alone: bool = False
-    ) -> tuple[Floats, float]:
+    def _from_source(self, aimed: AimedChains, s: int, r: int) -> tuple[Floats, float]:
         """Return the unscattered light of the points of a source, (shifts, points, wavelengths).
 
         For an extended one, from the first points of each shift, and from all unless these
         suffice; else (1, 1, wavelengths). With the relative error of its quadrature over the
-        surface; `alone` says that there is no other light.
+        surface.
         """
         if self.arrays.sizes[s] == 0.0:
-            return aimed.direct_light(s, r)[None, None], aimed.relative_error(s, r, alone)
+            return aimed.direct_light(s, r)[None, None], aimed.relative_error(s, r)
         if aimed.sampled:
             narrow = Described(f"a radius of {self.arrays.sizes[s] * self.arrays.frame.unit:g} m")
             allowed = f"a point source below random slopes this narrow; {ends.ANALOG}"
@@ -312,7 +311,7 @@ class ForcedDetection:
             error = error_of_groups(found.mean(axis=1))
             if (error < _SMOOTH * found.mean(axis=(0, 1))).all():
                 break
-        return found, aimed.relative_error(s, r, alone)
+        return found, aimed.relative_error(s, r)
 
     def _lamp_points(self, s: int) -> Floats:
         """Return points of an extended source, shape (shifts, points, 3)."""

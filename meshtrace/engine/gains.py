@@ -45,6 +45,8 @@ class Gains:
         Samples that bring something.
     samples : ndarray of int, shape (3, receivers)
         Samples in all.
+    quadrature : ndarray, shape (..., receivers)
+        Standard error of the unscattered gain by its quadrature, where the groups do not show it.
     method : list of {"chains", "joined", "analog"}
         Estimator of the scattered gain of each receiver.
     counts : ChainCounts
@@ -60,6 +62,7 @@ class Gains:
     square: Floats
     scored: NDArray[np.int64]
     samples: NDArray[np.int64]
+    quadrature: Floats
     method: list[Method] = field(default_factory=list)
     counts: ChainCounts = field(default_factory=ChainCounts)
     reflects: bool = True
@@ -75,6 +78,7 @@ class Gains:
             square=np.zeros(shape),
             scored=np.zeros(shape, np.int64),
             samples=np.zeros(shape[1:], np.int64),
+            quadrature=np.zeros((wavelengths, receivers)),
         )
 
     def add(self, other: Gains, receivers: Sequence[int]) -> Gains:
@@ -96,6 +100,7 @@ class Gains:
                 square=self.square[i],
                 scored=self.scored[i],
                 samples=self.samples.copy(),
+                quadrature=self.quadrature[i],
                 table=self.table[i : i + 1],
             )
             for i in range(len(self.groups))
@@ -139,7 +144,7 @@ class Gains:
     @property
     def stderr(self) -> Floats:
         """Standard error of the gain of each receiver."""
-        return error_of_groups(self.shifts, axis=-1)
+        return np.hypot(error_of_groups(self.shifts, axis=-1), self.quadrature)
 
     @property
     def orders(self) -> Floats:
@@ -156,26 +161,17 @@ class Gains:
         estimators = [names.get(method, "joined photons") for method in self.method]
         return [ScatteredSamples(*row) for row in zip(estimators, *columns, strict=True)]
 
-    def of(self, receivers: NDArray[np.intp]) -> Gains:
-        """Return the gains of some receivers."""
-        return replace(
-            self,
-            groups=self.groups[..., receivers, :],
-            all_orders=self.all_orders[..., receivers, :],
-            square=self.square[..., receivers],
-            scored=self.scored[..., receivers],
-            samples=self.samples[:, receivers],
-        )
+    def add_direct(self, receiver: int, gain: Floats, error: float, in_groups: bool) -> None:
+        """Add unscattered gain (wavelengths, 1 or SHIFTS) with the relative error of a quadrature.
 
-    def add_direct(self, receiver: int, gain: Floats, error: float) -> None:
-        """Add unscattered gain (wavelengths, 1 or SHIFTS).
-
-        Its relative `error` by a quadrature becomes one of the groups, half of them above and half
-        below: +-a has the standard error a / (SHIFTS - 1)^(1/2). It is the same in all frames of a
-        sea, whose errors so add up.
+        `in_groups` makes it one of the groups, so that errors of frames of a sea add up; beside
+        scattered light, whose errors between groups are far larger, it is kept apart.
         """
-        above = np.where(np.arange(SHIFTS) % 2 == 0, 1.0, -1.0) * math.sqrt(SHIFTS - 1)
-        self.groups[:, DIRECT, receiver] += gain * (1.0 + error * above) if error > 0.0 else gain
+        if in_groups:
+            gain = with_error(gain, error)
+        else:
+            self.quadrature[:, receiver] += error * gain.mean(axis=-1)
+        self.groups[:, DIRECT, receiver] += gain
 
     def add_chains(
         self, receiver: int, order: int, groups: slice, score: Floats, share: float
@@ -239,6 +235,18 @@ class Gains:
             for mine, other in ((self.scored, photons.scored), (self.samples, photons.samples)):
                 mine[part, rows[counted]] = other[part, counted]
         return replace(self, all_orders=orders)
+
+
+def with_error(gain: Floats, error: float) -> Floats:
+    """Return a gain (..., 1 or SHIFTS) with the relative `error` of a quadrature between groups.
+
+    Half of them lie above and half below: +-a has the standard error a / (SHIFTS - 1)^(1/2). It is
+    the same in all frames of a sea, whose errors so add up.
+    """
+    if error == 0.0:
+        return gain
+    above = np.where(np.arange(SHIFTS) % 2 == 0, 1.0, -1.0)
+    return gain * (1.0 + error * math.sqrt(SHIFTS - 1) * above)
 
 
 def shares_of(rows: NDArray[np.void], photons: int) -> Floats:

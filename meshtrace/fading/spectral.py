@@ -341,14 +341,18 @@ class BandFading(NamedTuple):
     index_of_all: float
     needed: float | None = None
 
-    def warning(self) -> str | None:
-        """Return the warning of a band that omits more than a tenth of the fading."""
+    def warning(self, down: bool = False) -> str | None:
+        """Return the warning of a band that omits more than a tenth of the fading.
+
+        A downlink has the waves of its uplink by name, and its own by number.
+        """
         if self.needed is None:
             return None
+        waves = f"{self.needed:.4g}" if down else f'"{FADING}", here up to {self.needed:.3g} rad/s'
         return (
             f"waves: those up to {self.omega_max:.3g} rad/s give a scintillation index of "
             f"{self.index_of_band:.2g}, all waves {self.index_of_all:.2g}; for fading use "
-            f'waves = "fading", here up to {self.needed:.3g} rad/s'
+            f"waves = {waves}"
         )
 
 
@@ -456,7 +460,7 @@ def resolve_band(
     ----------
     link : Link
         The link. A link off its axis has the band of its first source and its first receiver on
-        one axis.
+        one axis; a downlink that of the uplink between the same places (`Link.mirrored`).
     surface : Surface
         Any surface.
     waves : {"mean", "fading", "paper", "scaled"}, float or Band, optional
@@ -557,17 +561,22 @@ def _resolved(link: Any, surface: Any, within: float = WITHIN) -> Any:
 
 
 def _on_axis(link: Any) -> Any:
-    """Return the first source and the first receiver of a link, face to face with a full view."""
+    """Return the first source and the first receiver of a link, face to face with a full view.
+
+    Those of a downlink change places: one sea has one band, that of the uplink, as traces and both
+    directions have it.
+    """
     if not (link.transmitters and link.receivers):
         raise Refused("receiver", link.receiver, "one receiver")
     straight = {"position": (0.0, 0.0), "tilt_deg": 0.0, "zenith_deg": 0.0, "fov_deg": 180.0}
     ends = {"transmitter": link.transmitters[0], "receiver": link.receivers[0]}
-    return link.replace(
+    facing = link.replace(
         **{
             name: end.replace(**{k: v for k, v in straight.items() if k in type(end).model_fields})
             for name, end in ends.items()
         }
     )
+    return facing.replace(planes=None).mirrored() if facing.direction == "down" else facing
 
 
 _bands: dict[tuple[Any, ...], float] = {}

@@ -181,7 +181,7 @@ def closed_form(link: Link, surface: Any, n: int, level: int = 3) -> dict[str, A
     found = band_fading(link, surface) if n >= _STATISTICS else None
     if found is None:
         return {}
-    text = found.warning()
+    text = found.warning(link.direction == "down")
     if text:
         warnings.warn(text, stacklevel=level + 1)
     return {"closed_form": found._asdict()}

@@ -65,6 +65,6 @@ def test_digits_are_those_kept(name, request):
         DIGITS.write_text(json.dumps(kept, indent=0, sort_keys=True) + "\n")
         return
     assert found.keys() == kept[name].keys()
-    rtol = 1e-13 if kept["machine"] == machine() else ELSEWHERE
+    rtol = 0.0 if kept["machine"] == machine() else ELSEWHERE
     for key, values in found.items():
         np.testing.assert_allclose(values, kept[name][key], rtol, err_msg=key)

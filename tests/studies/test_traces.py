@@ -171,6 +171,32 @@ def test_a_trace_has_the_waves_of_a_series(wind):
     assert both.up.provenance["surface"] == series.provenance["surface"]
 
 
+@pytest.mark.parametrize("wind", [3.0, 5.0])
+def test_a_series_of_the_downlink_alone_has_the_waves_of_both_directions(wind):
+    """Once 5.5 % between frames at 5 m/s, over waves of the downlink's own band."""
+    sea, few, down = sea_in_wind(wind), {"photons": 256, "seed": 1}, mt.Link().mirrored()
+    times = [0.0, 1.0, 2.0, 3.0]
+    both = mt.duplex(mt.Link(), down, sea, times, **few)
+    alone = mt.time_series(down, sea, times, **few)
+    assert alone.provenance["surface"] == both.down.provenance["surface"]
+    np.testing.assert_allclose(alone.gain_ballistic, both.down.gain_ballistic, rtol=1e-2)
+
+
+def test_a_series_of_the_downlink_alone_names_its_shorter_waves():
+    link = mt.Link().replace("receiver.height", 2.0).mirrored()
+    with pytest.warns(UserWarning, match=r"^waves: those up to .*; for fading use waves = \d+"):
+        mt.time_series(link, sea_in_wind(3.0), 0.1 * np.arange(50), photons=64)
+
+
+def test_downlinks_without_a_mirror_image_have_the_band_of_their_uplink():
+    sea = sea_in_wind(5.0)
+    up, down = mt.Link(), mt.Link().mirrored()
+    planes = mt.link.IrradiancePlanes(depths=(1.0,))
+    two = down.replace(receiver=(down.receiver, down.receiver.replace(position=(1.0, 0.0))))
+    for link in (down, down.replace(planes=planes), two, down.replace("transmitter.tilt_deg", 5.0)):
+        assert fading.resolve_band(link, sea) == fading.resolve_band(up, sea)
+
+
 def test_a_downlink_that_fades_by_shorter_waves_is_named():
     """At 3 m/s, 10 m deep and 2 m up, waves of the uplink give 0.85 of the downlink's index."""
     link = mt.Link().replace("receiver.height", 2.0)

@@ -344,21 +344,25 @@ class AimedChains:
             image.image_gain(scene, some, 1.5 * stretch, lever, bend, stack, gain)
         return gain
 
-    def relative_error(self, source: int, receiver: int, alone: bool) -> float:
+    def relative_error(self, source: int, receiver: int) -> float:
         """Return the relative error of the last unscattered light of a pair by its quadrature.
 
         0 over smooth surfaces, whose facets have images in closed form. Where the view ends within
-        the aperture it is the change by the coarser quadrature, elsewhere it matters where
-        unscattered light is `alone`: scattered light has errors far above it.
+        the aperture it is the change by the coarser quadrature.
         """
         last = self._last.get((source, receiver))
-        if last is None or last.light == 0.0 or not (last.lenses or alone):
+        if last is None or last.light == 0.0:
             return 0.0
         change = _LEAST_ERROR
         if last.lenses:
             coarser = self.direct_gains(source, receiver, last.at, coarser=True).sum()
             change = max(change, abs(coarser / last.light - 1.0))
         return math.hypot(change, last.cut_short / last.light)
+
+    def meets_rim(self, source: int, receiver: int) -> bool:
+        """Return whether the view ends within the aperture, for the last unscattered light."""
+        last = self._last.get((source, receiver))
+        return last is not None and last.lenses
 
     def is_cut_short(self, source: int, receiver: int) -> bool:
         """Return whether facets of the last unscattered light were left uncut, to end in time."""

@@ -15,12 +15,14 @@ from scipy import stats
 
 import meshtrace as mt
 from meshtrace.engine.chains import aimed
+from meshtrace.engine.correlated import FrozenForced
 from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import DomainWarning
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.optics import fresnel_reflectance
+from meshtrace.results.tallies import error_of_groups
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 VARIANCES = 0.0411, 0.0280
@@ -161,6 +163,18 @@ def test_views_that_end_within_the_aperture_over_waves(wind_speed, fov_deg, radi
     error = math.hypot(found.gain_stderr, photons.gain_stderr)
     assert 0.0 < found.gain_stderr < 1e-3 * found.gain
     assert z_test(found.gain, error, photons.gain) > sidak(ALPHA, 4)
+
+
+def test_links_that_scatter_have_the_error_of_the_quadrature(monkeypatch):
+    """Once 0 for unscattered light away from the edge of the view, and for common chains."""
+    mesh, water = rough_still_water(0.4), mt.Water(b=1e-6)
+    monkeypatch.setattr(aimed, "_LEAST_ERROR", 0.1)
+    wide = wide_link(60.0, radius=0.02).replace(water=water)
+    found = ForcedDetection(wide, 64, 1, scattered="chains").evaluate(mesh)
+    assert found.stderr[0] > 0.099 * found.ballistic[0]
+    narrow = wide_link(10.0).replace(water=water)
+    direct = FrozenForced(narrow, 64, 1).parts(narrow, mesh)[1][0]
+    assert abs(direct.mean() - still_gain(narrow)) < 3.0 * error_of_groups(direct)
 
 
 def test_work_that_is_cut_short_says_so(monkeypatch):
