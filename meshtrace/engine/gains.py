@@ -265,7 +265,7 @@ def table_of(rows: NDArray[np.void], weight: Floats, unit: float, link: Link) ->
         water_path=unit * rows["water"],
         air_path=unit * rows["air"],
         group=rows["photon"] % SHIFTS,
-        angle=np.full(len(rows), np.nan),
+        angle=np.arccos(np.clip(rows["cosine"], -1.0, 1.0)),
         sample=rows["photon"].copy(),
         part=rows["part"].copy(),
         order=rows["order"].copy(),

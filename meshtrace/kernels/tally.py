@@ -73,6 +73,7 @@ ARRIVAL = record_type(
         ("weight", float),
         ("water", float),  # path in the water [m]
         ("air", float),
+        ("cosine", float),  # of the angle of arrival to the axis of the aperture
         ("tint", float, (TINTS,)),  # see `meshtrace.kernels.tints`
     ]
 )
@@ -211,6 +212,7 @@ def score_apertures(q, in_water, flight, world):
             a.water = flight.water + (t if in_water else 0.0)
             a.air = flight.air + (0.0 if in_water else t)
             a.order = q.turned
+            a.cosine = dot(flight.direction, row(apertures.axis, i)) / norm(flight.direction)
             a.part = 2 if q.crossings > 1 else min(q.turned, 1)
             if in_water:
                 tint_way(world.tints, a.tint, z, z + t * flight.direction.z, t)

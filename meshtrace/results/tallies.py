@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
 from meshtrace.stored import Variable, Variables, WithArrays
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 
 def standard_error(total: Any, squares: Any, n: int) -> Any:
@@ -101,8 +105,8 @@ class ArrivalTally(Tally):
     time : ndarray, shape (arrivals,)
         Time from emission to arrival [s], by the phase velocities.
     angle : ndarray, shape (arrivals,)
-        Angle of arrival to the axis of the receiver [rad]; nan where it is not recorded, that is
-        for photons.
+        Angle of arrival to the axis of the receiver [rad]; nan where it is not known, that is for
+        joined photons of a downlink.
     group : ndarray, shape (arrivals,)
         Independent estimate, 0 to 31, that an arrival belongs to; the groups share the gain
         equally. -1 has no Monte Carlo error: it is part of every group.
@@ -126,6 +130,28 @@ class ArrivalTally(Tally):
     sample: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_sample")]
     part: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_part")]
     order: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_order")]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return the rows as a Dataset, a variable with its unit for each column."""
+        import xarray as xr
+
+        columns = self.__dataclass_fields__
+        rows = {n: ("arrival", getattr(self, n), attrs(f"arrival_{n}")) for n in columns}
+        return xr.Dataset(rows)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return the rows as a pandas DataFrame, in the units of `to_dataset`.
+
+        Examples
+        --------
+        >>> import meshtrace as mt
+        >>> from meshtrace.surfaces import FlatSea
+        >>> r = mt.simulate(mt.Link(), FlatSea(), photons=4096, seed=1, record=[mt.Arrivals()])
+        >>> rows = r.arrivals.to_dataframe()
+        >>> bool(abs(rows.weight.sum() / r.gain - 1.0) < 1e-12)
+        True
+        """
+        return self.to_dataset().to_dataframe()
 
     def with_gains(self, gains: Floats) -> ArrivalTally:
         """Return the arrivals with weights that add up to the gain of each receiver."""

@@ -58,6 +58,7 @@ from meshtrace.kernels.vectors import (
     dot,
     minus,
     norm,
+    plus,
     row,
     scaled,
 )
@@ -168,13 +169,12 @@ class Passage(NamedTuple):
 
     density: float  # of landing points [m-2]
     share: float  # transmittance, exposure and acceptance
-    flight: float  # through the air [m]
 
 
 @outlined
 def _through(p, n, g, d, goal, facet, scene, world):
     """Return the `Passage` along d through P by its random slope."""
-    dark = Passage(0.0, 0.0, 0.0)
+    dark = Passage(0.0, 0.0)
     s = slope_towards(p, n, d, d, 0.0, goal, scene)
     if s.density <= 0.0 or dot(d, g) <= 0.0:
         return dark
@@ -182,7 +182,7 @@ def _through(p, n, g, d, goal, facet, scene, world):
     if share > 0.0 and world.interface.follow_second_hit:
         if not _is_clear(p, s.aim.r, s.aim.flight, facet, world):
             return dark
-    return Passage(s.density, share, s.aim.flight)
+    return Passage(s.density, share)
 
 
 @outlined
@@ -207,8 +207,8 @@ def _point_density(i, light, world):
 
 
 @inlined
-def _score(q, i, light, theta, z, water, air, world):
-    """Score light of a photon on target i, by a way of `water` and `air` through a crossing at z.
+def _score(q, i, light, theta, p, goal, water, world):
+    """Score light of a photon on a point of target i, by a way of `water` to a crossing at P.
 
     `theta` is the angle of a scattering at the start of the way [rad], < 0 without one.
     """
@@ -218,9 +218,13 @@ def _score(q, i, light, theta, z, water, air, world):
         part = targets.REFLECTED
     n = keep_arrival(world, q.id, i, light, world.tints, q.tint)
     if n >= 0:
-        a = world.arrivals[n]
-        a.water, a.air, a.part, a.order = q.water + water, air, part, q.order
-        tint_way(world.tints, a.tint, q.z, z, water)
+        a, target = world.arrivals[n], targets.scene_to(world.joins.target[i], world).target
+        off = plus(scaled(goal.x, target.e1), scaled(goal.y, target.e2))
+        way = minus(plus(target.center, off), p)
+        a.water, a.air, a.part, a.order = q.water + water, norm(way), part, q.order
+        # photons to a lamp run backwards: their light arrives where they start
+        a.cosine = math.nan if target.is_lamp else dot(way, target.axis) / a.air
+        tint_way(world.tints, a.tint, q.z, p.z, water)
         if theta >= 0.0:
             _, _, _, u = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
             targets.tint_mixed(a.tint, theta, u, place(q), world)
@@ -258,7 +262,7 @@ def join_crossing(q, facet, length, chance, world):
             )
             other *= length * length * g.z / (dot(d, g) * scene.target.area * q.density)
         score = weight * light.density * light.share / (own + other)
-        _score(q, i, score, -1.0, p.z, length, light.flight, world)
+        _score(q, i, score, -1.0, p, goal, length, world)
 
 
 @outlined
@@ -346,7 +350,7 @@ def _join_by_slope(at, q, i, goal, still, chance, at_bottom, scene, world, manif
     turned *= math.exp(-depth_between(world.medium, start, p, length))
     light_in = turned * light.density * light.share / (own + other)
     if light_in > 0.0:
-        _score(q, i, q.weight * light_in, theta, p.z, length, light.flight, world)
+        _score(q, i, q.weight * light_in, theta, p, goal, length, world)
 
 
 @outlined
@@ -393,4 +397,4 @@ def _join_at(at, facet, multiplicity, q, i, shot, chance, at_bottom, scene, worl
     light *= math.exp(-depth_between(world.medium, start, p, m.length))
     light *= multiplicity
     if light > 0.0:
-        _score(q, i, q.weight * light, theta, p.z, m.length, m.flight, world)
+        _score(q, i, q.weight * light, theta, p, shot.goal, m.length, world)
