@@ -19,6 +19,7 @@ that the surface reflects first, where it counts, and that of the bottom is alwa
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -343,25 +344,27 @@ class ForcedDetection:
         tinting, links = self.planner.common.tinting, self.planner.common.links
         tables = [list[ArrivalTally]() for _ in links]
         for e, t in self.arrays.pairs:
-            light = self._light_of(aimed, e, t, tinting.tints)
-            factors = tinting.factors(light.tint)
-            for table, factor, link in zip(tables, factors, links, strict=True):
-                table.append(light.table(self.arrays.receiver(e, t), factor, link))
+            for light in self._light_of(aimed, e, t, tinting.tints):
+                factors = tinting.factors(light.tint)
+                for table, factor, link in zip(tables, factors, links, strict=True):
+                    table.append(light.table(self.arrays.receiver(e, t), factor, link))
         return tables
 
-    def _light_of(self, aimed: AimedChains, e: int, t: int, tints: Tints | None) -> parts.Light:
-        """Return the light of a pair over facets and chains."""
+    def _light_of(
+        self, aimed: AimedChains, e: int, t: int, tints: Tints | None
+    ) -> Iterator[parts.Light]:
+        """Yield the light of a pair over facets and of blocks of chains."""
         chained = self.method[self.arrays.receiver(e, t)] == "chains"
-        rows, sets = list[parts.Light](), self.scattered_sets[e] if chained else []
+        sets = self.scattered_sets[e] if chained else []
         if self.arrays.sizes[e] > 0.0:
             n = self._from_source(aimed, e, t)[0].shape[1]
             points = self._lamp_points(e)[:, :n]
             for shift, i in np.ndindex(SHIFTS, n):
                 lamp = Vec3(*points[shift, i].tolist())
                 gains = aimed.direct_gains(e, t, lamp) / (n * SHIFTS)
-                rows.append(parts.direct_light(aimed, e, t, gains, tints, lamp, shift))
-        elif not aimed.sampled and (found := aimed.direct_gains(e, t)).any():
-            rows.append(parts.direct_light(aimed, e, t, found, tints))
+                yield parts.direct_light(aimed, e, t, gains, tints, lamp, shift)
+        elif not aimed.sampled and (gains := aimed.direct_gains(e, t)).any():
+            yield parts.direct_light(aimed, e, t, gains, tints)
         else:
             sets = [self.unscattered()[e], *sets]
         for drawing in sets:
@@ -369,8 +372,7 @@ class ForcedDetection:
                 chains = self.drawer.drawn(block)
                 first = self._first_chain(drawing.request)
                 light = parts.chain_light(aimed, e, t, chains, tints, block)
-                rows.append(light._replace(sample=first + light.sample))
-        return parts.merged(rows)
+                yield light._replace(sample=first + light.sample)
 
     def _first_chain(self, request: Request) -> int:
         """Return the number of the first chain of a request; those without scatterings are last."""

@@ -14,7 +14,7 @@ from meshtrace.kernels.tints import NO_TINTS, Tints
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.models import Floats
-from meshtrace.results.tallies import ArrivalTally
+from meshtrace.results.tallies import ArrivalTally, sums_by_group
 from meshtrace.stored import SHIFTS
 
 ChainJob = tuple[list[int], Block]
@@ -67,10 +67,7 @@ class Light(NamedTuple):
 
     def by_shift(self, values: Floats) -> Floats:
         """Return the sum of the weights times values (n,) of each shift, shape (shifts,)."""
-        light = self.weight * values
-        common = self.shift < 0
-        sums = np.bincount(self.shift[~common], light[~common], minlength=SHIFTS)
-        return light[common].sum() + SHIFTS * sums
+        return sums_by_group(self.shift, self.weight * values)[:, 0]
 
 
 def merged(rows: list[Light]) -> Light:

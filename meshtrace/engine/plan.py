@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from meshtrace.engine import choice
 from meshtrace.engine.chains.aimed import AimedChains, SearchMode
 from meshtrace.engine.chains.sets import ChainDrawer, Request, flat_mesh, levels
-from meshtrace.engine.gains import Gains, Method
+from meshtrace.engine.gains import Method
 from meshtrace.engine.photons.arriving import ArrivingPhotons, largest_weight
 from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.setup import ends
@@ -186,10 +186,14 @@ class Planner:
         """Choose the estimators by pilots over still water."""
         orders = self._orders()
         if orders is None or self.scattered == "joined":
-            alone = self.scattered == "auto" and len(self.common.links) == 1
             every = np.ones(len(self._piloted), bool)
+            method: list[Method] = ["joined"] * len(self._piloted)
+            alone = self.scattered == "auto" and len(self.common.links) == 1
             photons = self._pilot_photons(every, []) if alone else None
-            return self._without_chains(photons.evaluate(self._still_water()) if photons else None)
+            if photons is not None:
+                gains = photons.evaluate(self._still_water())
+                method = self._or_analog(choice.ScatteredPilot.of_photons(gains), method)
+            return Comparison(self._by_receiver(every, method, "joined"))
         compares = self.scattered == "auto" and any(orders)
         still, shared = self._still_water(), self.common
         if not shared.tinting.follows:  # photons cannot be common to all wavelengths
@@ -236,20 +240,13 @@ class Planner:
             pilot = choice.ScatteredPilot(*(column.copy() for column in pilot))
             for column, values in zip(pilot, chosen, strict=True):
                 column[doubtful] = values
-            better = choice.prefer_analog(chosen, largest_weight(self.link, 0.0), better)
+            better = self._or_analog(chosen, better)
         method = self._by_receiver(doubtful, better, "chains")
         return replace(chains, method=method, per_chain=per_chain, pilot=pilot)
 
-    def _without_chains(self, pilot: Gains | None) -> Comparison:
-        """Return joined photons, or analog ones where a pilot says that these are better."""
-        joined = Comparison(["joined"] * len(self.link.receivers))
-        if pilot is None:
-            return joined
-        names: list[Method] = ["joined"] * len(self._piloted)
-        scattered, largest = choice.ScatteredPilot.of_photons(pilot), largest_weight(self.link, 0.0)
-        better = choice.prefer_analog(scattered, largest, names)
-        every = np.ones(len(self._piloted), bool)
-        return replace(joined, method=self._by_receiver(every, better, "joined"))
+    def _or_analog(self, pilot: choice.ScatteredPilot, method: list[Method]) -> list[Method]:
+        """Return the estimators of receivers with pilots, analog photons where these are better."""
+        return choice.prefer_analog(pilot, largest_weight(self.link, 0.0), method)
 
     def _by_receiver(
         self, piloted: NDArray[np.bool_], method: list[Method], default: Method

@@ -14,7 +14,7 @@ from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
 from meshtrace.results.tallies import SPEED_OF_LIGHT as SPEED_OF_LIGHT
-from meshtrace.results.tallies import ArrivalTally, error_of_groups
+from meshtrace.results.tallies import ArrivalTally, error_of_groups, sums_by_group
 from meshtrace.stored import SHIFTS, Stored, Variable
 
 _MOST_BINS = 10**7
@@ -131,7 +131,9 @@ def response_of(
     if not longest / bin_width < _MOST_BINS:
         allowed = f"at most {_MOST_BINS} bins over {longest:.3g} s"
         raise Refused("bin_width", bin_width, allowed)
-    by_group, moments = _by_group(delay, weight, group, bin_width)
+    bins = (delay / bin_width).astype(int)
+    by_group = sums_by_group(group, weight, bins, int(bins.max()) + 1)
+    moments = np.stack([sums_by_group(group, weight * delay**k)[:, 0] for k in range(3)], axis=1)
     mean, spread = _delays(moments.mean(axis=0))
     others = (moments.sum(axis=0) - moments) / (SHIFTS - 1)  # jackknife: all groups but one
     factor = (SHIFTS - 1) / np.sqrt(SHIFTS)
@@ -150,21 +152,6 @@ def response_of(
         angle=arrivals.angle[mine],
         provenance=provenance or {},
     )
-
-
-def _by_group(
-    delay: Floats, weight: Floats, group: NDArray[np.int64], bin_width: float
-) -> tuple[Floats, Floats]:
-    """Return weights by group and bin, and sums of w, w t, w t^2 by group."""
-    n_bins = int(delay.max() / bin_width) + 1
-    bins = np.minimum((delay / bin_width).astype(int), n_bins - 1)
-    by_group, moments = np.zeros((SHIFTS, n_bins)), np.zeros((SHIFTS, 3))
-    for g in range(SHIFTS):
-        # parts without Monte Carlo error belong to every group; the others share the gain
-        w = np.where(group < 0, weight, np.where(group == g, SHIFTS * weight, 0.0))
-        by_group[g] = np.bincount(bins, w, n_bins)
-        moments[g] = w.sum(), (w * delay).sum(), (w * delay**2).sum()
-    return by_group, moments
 
 
 def _delays(moments: Floats) -> tuple[float, float]:

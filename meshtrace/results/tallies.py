@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import Variable, Variables, WithArrays
+from meshtrace.stored import SHIFTS, Variable, Variables, WithArrays
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,6 +30,20 @@ def standard_error(total: Any, squares: Any, n: int) -> Any:
 def error_of_groups(samples: Floats, axis: int = 0) -> Floats:
     """Return the standard error of the mean of independent samples, along an axis."""
     return np.asarray(samples.std(axis=axis, ddof=1) / math.sqrt(samples.shape[axis]))
+
+
+def sums_by_group(
+    group: NDArray[np.int64], weight: Floats, cell: Any = 0, cells: int = 1
+) -> Floats:
+    """Return the sum of the weights of rows in each cell by each group, shape (SHIFTS, cells).
+
+    The mean over the groups is the sum of all rows: those of a group, a share of the light, count
+    times the number of groups; those without error by chance, of group -1, are part of every group.
+    """
+    chance, cell = group >= 0, np.broadcast_to(cell, group.shape)
+    place = group[chance] * cells + cell[chance]
+    sums: Any = np.bincount(place, weight[chance], SHIFTS * cells)
+    return SHIFTS * sums.reshape(SHIFTS, cells) + np.bincount(cell[~chance], weight[~chance], cells)
 
 
 def merged_mean(
