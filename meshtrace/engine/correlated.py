@@ -57,7 +57,7 @@ class _Group(NamedTuple):
     def at_wavelengths(self, mesh: TriangleMesh, record: bool) -> list[Gains]:
         if not self.ends:
             return self.detection.at_wavelengths(mesh, record=record)
-        aimed = self.detection.over(mesh)
+        aimed = self.detection.aim_over(mesh)
         gains = self.detection.at_wavelengths(mesh, aimed, record)
         low, high = (end.at_wavelengths(mesh, aimed) for end in self.ends)
         return [_moved(*row) for row in zip(gains, low, high, self.shares.tolist(), strict=True)]
@@ -97,10 +97,12 @@ class SpectralDetection:
         waiting = list(range(len(self.links)))
         while waiting:
             base, common = photon_paths(self.links, waiting, chains=True)
-            first, some = common.middle(), [self.links[i] for i in common.rows]
+            first, alike = common.middle(), [self.links[i] for i in common.rows]
             ratios = [found[i] / (found[base] or 1.0) for i in common.rows]
-            kept = None if common.tinting is None else Common(common.tinting, some, ratios)
-            detection = ForcedDetection(first, photons, seed, normals, threads, sea, common=kept)
+            shared = None if common.tinting is None else Common(common.tinting, alike, ratios)
+            detection = ForcedDetection(
+                first, photons, seed, normals, threads, sea, wavelengths=shared
+            )
             ends = [
                 detection.at_index(link.water.n, _INDEX_SHARE)
                 for link in common.bases

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from copy import copy
 from dataclasses import replace
 from functools import partial
 from operator import call
@@ -33,7 +32,7 @@ from meshtrace.engine.chains.aimed import AimedChains, SearchMode
 from meshtrace.engine.chains.gain import Counter
 from meshtrace.engine.chains.sets import Drawing, Request, flat_mesh, points_of, shifted
 from meshtrace.engine.gains import Gains, Method
-from meshtrace.engine.plan import Comparison, Plan, Planner
+from meshtrace.engine.plan import Plan, Planner
 from meshtrace.engine.plan import Scattered as Scattered
 from meshtrace.engine.plan import TypicalSea as TypicalSea
 from meshtrace.engine.setup import ends
@@ -87,7 +86,7 @@ class ForcedDetection:
         Estimator of the scattered light; "auto" compares pilots over still water, with random
         slopes, for each receiver, see `meshtrace.engine.choice`. With "chains" light that the
         surface reflects first is omitted.
-    common : Common, optional
+    wavelengths : Common, optional
         The wavelengths for all of which chains are allotted to the orders, and estimators chosen.
 
     Raises
@@ -106,26 +105,22 @@ class ForcedDetection:
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
         search: SearchMode = "usual",
         scattered: Scattered = "auto",
-        common: Common | None = None,
+        wavelengths: Common | None = None,
     ) -> None:
-        planner = Planner(link, seed, normals, threads, sea, search, scattered, common)
-        self._follow(planner, planner.compare(), photons)
+        planner = Planner(link, seed, normals, threads, sea, search, scattered, wavelengths)
+        self._draw(planner, planner.plan(photons, planner.compare()))
 
     @classmethod
-    def of(cls, planner: Planner, comparison: Comparison, photons: int) -> ForcedDetection:
-        """Return a number of chains and photons in all by pilots that have been followed."""
+    def following(cls, planner: Planner, plan: Plan) -> ForcedDetection:
+        """Return the chains and photons of a plan."""
         forced = cls.__new__(cls)
-        forced._follow(planner, comparison, photons)
+        forced._draw(planner, plan)
         return forced
 
-    def _follow(self, planner: Planner, comparison: Comparison, photons: int) -> None:
-        """Plan a number of chains and draw them."""
-        self.comparison, self.threads = comparison, planner.threads
-        self._draw(planner, planner.plan(photons, comparison), photons)
-
-    def _draw(self, planner: Planner, plan: Plan, photons: int) -> None:
+    def _draw(self, planner: Planner, plan: Plan) -> None:
         """Draw the chains of a plan."""
-        self.planner, self.plan, self.photons = planner, plan, photons
+        self.planner, self.plan = planner, plan
+        self.photons, self.threads = plan.photons, planner.threads
         self.link, self.arrays, self.drawer = planner.link, planner.arrays, planner.drawer
         drawings = self.drawer.draw_all(plan.chains, self.threads)
         self.scattered_sets = [
@@ -139,7 +134,7 @@ class ForcedDetection:
 
         Orders of scattering without light, to which pilots allot few chains, are left out.
         """
-        forced, joined, chains = copy(self), self.plan.joined, list[Request]()
+        joined, chains = self.plan.joined, list[Request]()
         for drawings in self.scattered_sets:
             requests = [drawing.request for drawing in drawings]
             least = _UNLIT * max((request.per_shift for request in requests), default=0)
@@ -149,10 +144,9 @@ class ForcedDetection:
                     chains.append(request._replace(per_shift=fewer))
         if joined is not None:
             joined = joined.at_index(n, max(round(share * joined.photons), SHIFTS))
-        plan = replace(self.plan, chains=chains, joined=joined)
         photons = max(round(share * self.photons), SHIFTS)
-        forced._draw(self.planner.at_index(n), plan, photons)
-        return forced
+        plan = replace(self.plan, photons=photons, chains=chains, joined=joined)
+        return ForcedDetection.following(self.planner.at_index(n), plan)
 
     @property
     def method(self) -> list[Method]:
@@ -165,7 +159,7 @@ class ForcedDetection:
         chained = set(self.method) == {"chains"} and not any(self.arrays.sizes)
         return chained and self.plan.joined is None
 
-    def over(self, mesh: TriangleMesh) -> AimedChains:
+    def aim_over(self, mesh: TriangleMesh) -> AimedChains:
         """Return the chains aimed over a mesh, see `Planner.aim_over`."""
         return self.planner.aim_over(mesh)
 
@@ -196,37 +190,38 @@ class ForcedDetection:
         return self.at_wavelengths(mesh)[0]
 
     def at_wavelengths(
-        self, mesh: TriangleMesh, over: AimedChains | None = None, record: bool = False
+        self, mesh: TriangleMesh, surface: AimedChains | None = None, record: bool = False
     ) -> list[Gains]:
         """Return the gains over a mesh at the wavelengths of common paths.
 
-        `over` is the mesh with the receivers of a link that differs in the water alone; `record`
+        `surface` is the mesh with the receivers of a link that differs in the water alone; `record`
         keeps every row of light.
         """
         higher = self._reaching(mesh)
         if higher is not self:
-            return higher.at_wavelengths(mesh, over, record)
-        aimed = self.planner.aim_over(mesh) if over is None else over.of_link(self.arrays)
-        aimed, common = aimed.at_wavelengths(self.planner.common), self.planner.common
-        plan, gains = self.plan, self._add_chains(aimed).by_wavelength()
+            return higher.at_wavelengths(mesh, surface, record)
+        aimed = surface.of_link(self.arrays) if surface else self.planner.aim_over(mesh)
+        plan, shared = self.plan, self.planner.shared
+        aimed = aimed.at_wavelengths(shared)
+        gains = self._chain_gains(aimed).by_wavelength()
         tables = self._tables(aimed) if record else [list[ArrivalTally]() for _ in gains]
         joined: list[Gains] = []
         if plan.joined is not None:
-            joined = plan.joined.at_wavelengths(mesh, common.tinting, common.links, record)
+            joined = plan.joined.at_wavelengths(mesh, shared.tinting, shared.links, record)
         groups = [(joined, plan.joined_to)]
         if plan.arriving is not None:
             groups.append(([plan.arriving.evaluate(mesh, record)], plan.arriving_at))
         for photons, receivers in groups:
-            for i, light in enumerate(photons):
-                gains[i] = gains[i].with_photons(light, receivers)
-                chains = sum(request.number for request in plan.chains)
-                tables[i] += [table.moved(receivers, chains) for table in light.table]
+            for i, by_photons in enumerate(photons):
+                gains[i] = gains[i].with_photons(by_photons, receivers)
+                chains = gains[i].counts.drawn  # whose numbers come first
+                tables[i] += [table.moved(receivers, chains) for table in by_photons.table]
         if record:
             whole = map(ArrivalTally.concatenated, tables)
             gains = [replace(g, table=[t]) for g, t in zip(gains, whole, strict=True)]
         return gains
 
-    def _add_chains(self, aimed: AimedChains) -> Gains:
+    def _chain_gains(self, aimed: AimedChains) -> Gains:
         """Return the unscattered light and that of chains at the wavelengths of their paths.
 
         Where facets bring no light, chains without scatterings are asked before a pair is dark.
@@ -258,15 +253,15 @@ class ForcedDetection:
         for job, scores in zip(chain_jobs, results, strict=True):
             self._add_scores(gains, job, scores)
             pace.add()
-        rest = parts.chain_jobs(dark, [[one] for one in self.unscattered()] if dark else [])
+        rest = parts.chain_jobs(dark, [[drawing] for drawing in self.unscattered()] if dark else [])
         results = ordered_map(partial(self._scores, aimed), rest, self.threads)
-        lit = set(sampled)
+        bright = set(sampled)
         for job, scores in zip(rest, results, strict=True):
             self._add_scores(gains, job, scores)
             source = job[1].request.source
-            lit |= {(source, t) for t, score in zip(job[0], scores, strict=True) if score.any()}
+            bright |= {(source, t) for t, score in zip(job[0], scores, strict=True) if score.any()}
         outcomes = {c.name.lower(): int(aimed.counters[c]) for c in Counter}
-        counts = ChainCounts(drawn=drawn, sampled=len(lit), cut_short=cut_short, **outcomes)
+        counts = ChainCounts(drawn=drawn, sampled=len(bright), cut_short=cut_short, **outcomes)
         return replace(gains, method=self.method, counts=counts, reflects=self.plan.reflects)
 
     def _scores(self, aimed: AimedChains, job: parts.ChainJob) -> list[Floats]:
@@ -301,18 +296,18 @@ class ForcedDetection:
             allowed = f"a point source below random slopes this narrow; {ends.ANALOG}"
             raise Refused("transmitter", narrow, allowed)
         points = self._lamp_points(s)
-        found: Floats = np.zeros((SHIFTS, 0, aimed.wavelengths))
-        for some in (points[:, :_FEW_POINTS], points[:, _FEW_POINTS:]):
-            if not some.size:
+        gains: Floats = np.zeros((SHIFTS, 0, aimed.wavelengths))
+        for part in (points[:, :_FEW_POINTS], points[:, _FEW_POINTS:]):
+            if not part.size:
                 break
-            row = []
-            for p in some.reshape(-1, 3):
-                row.append(aimed.direct_light(s, r, Vec3(*p.tolist())))
-            found = np.concatenate([found, np.reshape(row, (*some.shape[:2], -1))], axis=1)
-            error = error_of_groups(found.mean(axis=1))
-            if (error < _SMOOTH * found.mean(axis=(0, 1))).all():
+            by_point = []
+            for p in part.reshape(-1, 3):
+                by_point.append(aimed.direct_light(s, r, Vec3(*p.tolist())))
+            gains = np.concatenate([gains, np.reshape(by_point, (*part.shape[:2], -1))], axis=1)
+            error = error_of_groups(gains.mean(axis=1))
+            if (error < _SMOOTH * gains.mean(axis=(0, 1))).all():
                 break
-        return found, aimed.relative_error(s, r)
+        return gains, aimed.relative_error(s, r)
 
     def _lamp_points(self, s: int) -> Floats:
         """Return points of an extended source, shape (shifts, points, 3)."""
@@ -333,21 +328,18 @@ class ForcedDetection:
         top = float(mesh.bounds[1, 2])
         if top <= self.drawer.ceiling * self.arrays.frame.unit or "chains" not in self.method:
             return self
-        p = self.planner
-        sea = p.sea._replace(crest=top)
-        return ForcedDetection(
-            p.link, self.photons, p.seed, p.normals, p.threads, sea, p.search, p.scattered, p.common
-        )
+        planner = replace(self.planner, sea=self.planner.sea._replace(crest=top))
+        return ForcedDetection.following(planner, planner.plan(self.photons, planner.compare()))
 
     def _tables(self, aimed: AimedChains) -> list[list[ArrivalTally]]:
         """Return the rows of unscattered light and chains at each wavelength."""
-        tinting, links = self.planner.common.tinting, self.planner.common.links
+        tinting, links = self.planner.shared.tinting, self.planner.shared.links
         tables = [list[ArrivalTally]() for _ in links]
         for e, t in self.arrays.pairs:
-            for light in self._light_of(aimed, e, t, tinting.tints):
-                factors = tinting.factors(light.tint)
+            for arrivals in self._light_of(aimed, e, t, tinting.tints):
+                factors = tinting.factors(arrivals.tint)
                 for table, factor, link in zip(tables, factors, links, strict=True):
-                    table.append(light.table(self.arrays.receiver(e, t), factor, link))
+                    table.append(arrivals.table(self.arrays.receiver(e, t), factor, link))
         return tables
 
     def _light_of(
@@ -371,8 +363,8 @@ class ForcedDetection:
             for block in drawing.blocks():
                 chains = self.drawer.drawn(block)
                 first = self._first_chain(drawing.request)
-                light = parts.chain_light(aimed, e, t, chains, tints, block)
-                yield light._replace(sample=first + light.sample)
+                arrivals = parts.chain_light(aimed, e, t, chains, tints, block)
+                yield arrivals._replace(sample=first + arrivals.sample)
 
     def _first_chain(self, request: Request) -> int:
         """Return the number of the first chain of a request; those without scatterings are last."""
@@ -388,7 +380,7 @@ def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
     if (low <= -reach[0]).all() and (high >= reach[1]).all():
         return np.zeros(len(link.receivers))
     planner = Planner(link, **case.how, sea=TypicalSea.of([mesh]))
-    few = ForcedDetection.of(planner, planner.compare(), _CUT_CHAINS)
+    few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
     whole = few.at_wavelengths(few.flat())[0].gain
     cut = whole - few.at_wavelengths(flat_mesh(low, high))[0].gain
     return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)

@@ -181,23 +181,30 @@ class Gains:
         `share` is what each score counts in the gain.
         """
         part = SCATTERED if order else DIRECT
-        light = score.reshape(len(score), groups.stop - groups.start, -1).sum(axis=-1)
-        self.groups[:, part, receiver, groups] += SHIFTS * share * light
-        self.all_orders[:, receiver, order] += share * light.sum(axis=-1)
+        by_group = score.reshape(len(score), groups.stop - groups.start, -1).sum(axis=-1)
+        self.groups[:, part, receiver, groups] += SHIFTS * share * by_group
+        self.all_orders[:, receiver, order] += share * by_group.sum(axis=-1)
         self.square[:, part, receiver] += share**2 * np.einsum("ji,ji->j", score, score)
         self.scored[:, part, receiver] += np.count_nonzero(score, axis=-1)
         self.samples[part, receiver] += score.shape[-1]
 
-    def add_rows(self, rows: NDArray[np.void], weights: Floats, first: int, photons: int) -> None:
-        """Add rows (ARRIVAL) of photons from `first` on with weights (wavelengths, rows)."""
+    def add_arrivals(
+        self, arrivals: NDArray[np.void], weights: Floats, first: int, photons: int
+    ) -> None:
+        """Add rows (ARRIVAL) of a number of photons, the `first` one and those that follow.
+
+        With the weight of each row at each wavelength, (wavelengths, rows).
+        """
         receivers, n_orders = self.all_orders.shape[1:]
-        part, size = rows["part"] * receivers + rows["receiver"], N_PARTS * receivers
-        group = part * SHIFTS + rows["photon"] % SHIFTS
-        sample, cells = part * photons + (rows["photon"] - first), np.arange(size * photons)
-        if len(cells) > _SPARSE * len(rows):
+        part, size = arrivals["part"] * receivers + arrivals["receiver"], N_PARTS * receivers
+        group = part * SHIFTS + arrivals["photon"] % SHIFTS
+        sample, cells = part * photons + (arrivals["photon"] - first), np.arange(size * photons)
+        if len(cells) > _SPARSE * len(arrivals):
             cells, sample = np.unique(sample, return_inverse=True)
-        once = rows["part"] != REFLECTED
-        order = rows["receiver"][once] * n_orders + np.minimum(rows["order"][once], n_orders - 1)
+        once = arrivals["part"] != REFLECTED
+        order = arrivals["receiver"][once] * n_orders + np.minimum(
+            arrivals["order"][once], n_orders - 1
+        )
         for k, weight in enumerate(weights):
             sums = np.bincount(group, weight, size * SHIFTS)
             self.groups[k] += sums.reshape(self.groups.shape[1:])
@@ -226,14 +233,14 @@ class Gains:
         """
         seen = np.flatnonzero(photons.all_orders.any(axis=0)).max(initial=0) + 1
         more = max(seen - self.all_orders.shape[1], 0)
-        orders, rows = np.pad(self.all_orders, ((0, 0), (0, more))), np.array(receivers)
-        orders[rows, 1:seen] += photons.all_orders[:, 1:seen]
+        orders, index = np.pad(self.all_orders, ((0, 0), (0, more))), np.array(receivers)
+        orders[index, 1:seen] += photons.all_orders[:, 1:seen]
         for part in (SCATTERED, REFLECTED):
-            self.groups[part, rows] += photons.groups[part]
-            self.square[part, rows] += photons.square[part]
+            self.groups[part, index] += photons.groups[part]
+            self.square[part, index] += photons.square[part]
             counted = np.array([part == REFLECTED or self.method[r] != "chains" for r in receivers])
             for mine, other in ((self.scored, photons.scored), (self.samples, photons.samples)):
-                mine[part, rows[counted]] = other[part, counted]
+                mine[part, index[counted]] = other[part, counted]
         return replace(self, all_orders=orders)
 
 
@@ -249,24 +256,24 @@ def with_error(gain: Floats, error: float) -> Floats:
     return gain * (1.0 + error * math.sqrt(SHIFTS - 1) * above)
 
 
-def shares_of(rows: NDArray[np.void], photons: int) -> Floats:
+def shares_of(arrivals: NDArray[np.void], photons: int) -> Floats:
     """Return what the weight of each row counts in the gain by photons 0, ..., `photons` - 1."""
     in_group = np.bincount(np.arange(photons) % SHIFTS, minlength=SHIFTS)
-    return np.asarray(1.0 / (SHIFTS * in_group[rows["photon"] % SHIFTS]))
+    return np.asarray(1.0 / (SHIFTS * in_group[arrivals["photon"] % SHIFTS]))
 
 
-def table_of(rows: NDArray[np.void], weight: Floats, unit: float, link: Link) -> ArrivalTally:
+def table_of(arrivals: NDArray[np.void], weight: Floats, unit: float, link: Link) -> ArrivalTally:
     """Return the table of rows (ARRIVAL) of photons, with paths in `unit`, by their weights."""
     return ArrivalTally.with_time(
         link.water.n,
         link.n_air,
-        receiver=rows["receiver"].copy(),
+        receiver=arrivals["receiver"].copy(),
         weight=weight,
-        water_path=unit * rows["water"],
-        air_path=unit * rows["air"],
-        group=rows["photon"] % SHIFTS,
-        angle=np.arccos(np.clip(rows["cosine"], -1.0, 1.0)),
-        sample=rows["photon"].copy(),
-        part=rows["part"].copy(),
-        order=rows["order"].copy(),
+        water_path=unit * arrivals["water"],
+        air_path=unit * arrivals["air"],
+        group=arrivals["photon"] % SHIFTS,
+        angle=np.arccos(np.clip(arrivals["cosine"], -1.0, 1.0)),
+        sample=arrivals["photon"].copy(),
+        part=arrivals["part"].copy(),
+        order=arrivals["order"].copy(),
     )

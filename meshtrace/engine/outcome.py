@@ -27,7 +27,6 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.gain import Fate, FateTally, GainResult, ScatteredSamples, bound_where_dark
 from meshtrace.results.tallies import (
-    ArrivalTally,
     MapTally,
     Planes,
     error_of_groups,
@@ -79,7 +78,10 @@ def analog_result(
     n, n_rx = sums.photons, len(link.receivers)
     mean = sums.score / n
     stderr = standard_error(sums.score, sums.score_squared, n)
-    weights = sums.ledger.value() / n
+    weights, arrivals = (
+        sums.ledger.value() / n,
+        np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals]),
+    )
     grid = records.get("irradiance-map")
     gain = per_receiver(link, mean[:n_rx])
     return GainResult(
@@ -94,7 +96,9 @@ def analog_result(
         provenance=origin,
         rays_recast=int(sums.misses[0]),
         rays_lost=int(sums.misses[1]),
-        arrivals=_arrivals(link, sums) if "arrivals" in records else None,
+        arrivals=table_of(arrivals, arrivals["weight"] / n, 1.0, link)
+        if "arrivals" in records
+        else None,
         planes=_planes(link, sums, mean[n_rx:], stderr[n_rx:]),
         map=irradiance_map(grid, sums) if isinstance(grid, options.IrradianceMap) else None,
     )
@@ -303,11 +307,6 @@ def warn_of_cut(cut: Floats) -> None:
             f"receiver {r}: the mesh cuts off {100.0 * cut[r]:.2g} % of the light (flat sea; limit "
             f"{100.0 * LEFT_DOMAIN_WARNING:g} %): enlarge extent",
         )
-
-
-def _arrivals(link: Link, sums: PhotonSums) -> ArrivalTally:
-    rows = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
-    return table_of(rows, rows["weight"] / sums.photons, 1.0, link)
 
 
 def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> Planes | None:

@@ -70,9 +70,9 @@ class Light(NamedTuple):
         return sums_by_group(self.shift, self.weight * values)[:, 0]
 
 
-def merged(rows: list[Light]) -> Light:
-    """Return all light of some rows."""
-    return Light(*map(np.concatenate, zip(*rows, strict=True)))
+def merged(pieces: list[Light]) -> Light:
+    """Concatenate rows of light."""
+    return Light(*map(np.concatenate, zip(*pieces, strict=True)))
 
 
 def direct_light(
@@ -86,8 +86,8 @@ def direct_light(
 ) -> Light:
     """Return unscattered light by facet, from the centre or a point `at` of a source."""
     link, unit = aimed.link, aimed.link.frame.unit
-    lit = np.flatnonzero(gains)
-    crossing = aimed.centroids[lit]
+    nonzero = np.flatnonzero(gains)
+    crossing = aimed.centroids[nonzero]
     source = link.emitters[emitter]
     if at is not None:
         source = source._replace(position=at)
@@ -96,16 +96,16 @@ def direct_light(
     water, air = (unit * np.linalg.norm(part, axis=1) for part in (up, way))
     angle, lamp = _angles(link, emitter, target, up, way)
     return Light(
-        weight=link.share(emitter, target) * gains[lit],
-        order=np.zeros(len(lit), np.int64),
+        weight=link.share(emitter, target) * gains[nonzero],
+        order=np.zeros(len(nonzero), np.int64),
         water=water,
         air=air,
         angle=angle,
         lamp=lamp,
-        shift=np.full(len(lit), shift),
-        sample=np.full(len(lit), -1),
+        shift=np.full(len(nonzero), shift),
+        sample=np.full(len(nonzero), -1),
         tint=aimed.straight_tints(source, crossing, tints),
-        facet=lit,
+        facet=nonzero,
     )
 
 
@@ -120,21 +120,21 @@ def chain_light(
     """Return the arrivals of a set of chains, or of a block of one."""
     link, unit = aimed.link, aimed.link.frame.unit
     first, n = (block.rows.start, block.request.number) if block else (0, len(chains.audit))
-    found = aimed.aim(emitter, target, chains, keep=True).arrivals
-    end, chain = link.targets[target], found["chain"]
-    way = on_disk(end.center, end, chains.chains.disk[chain]) - found["point"]
-    angle, lamp = _angles(link, emitter, target, found["emission"], way)
+    arrivals = aimed.aim(emitter, target, chains, keep=True).arrivals
+    end, chain = link.targets[target], arrivals["chain"]
+    way = on_disk(end.center, end, chains.chains.disk[chain]) - arrivals["point"]
+    angle, lamp = _angles(link, emitter, target, arrivals["emission"], way)
     return Light(
-        weight=link.share(emitter, target) * found["weight"] / n,
-        order=np.full(len(found), chains.order),
-        water=unit * found["water"],
-        air=unit * found["air"],
+        weight=link.share(emitter, target) * arrivals["weight"] / n,
+        order=np.full(len(arrivals), chains.order),
+        water=unit * arrivals["water"],
+        air=unit * arrivals["air"],
         angle=angle,
         lamp=lamp,
         shift=(first + chain) // (n // SHIFTS),
         sample=first + chain,
-        tint=aimed.chain_tints(emitter, chains, found, tints),
-        facet=np.full(len(found), -1),
+        tint=aimed.chain_tints(emitter, chains, arrivals, tints),
+        facet=np.full(len(arrivals), -1),
     )
 
 

@@ -94,6 +94,8 @@ class Plan:
 
     Attributes
     ----------
+    photons : int
+        Chains that were asked for.
     method : list of {"chains", "joined", "analog"}
         Estimator of the scattered light of each receiver.
     chains : list of Request
@@ -106,6 +108,7 @@ class Plan:
         Whether photons bring light that the surface reflects first.
     """
 
+    photons: int
     method: list[Method]
     chains: list[Request]
     joined: JoinedPhotons | None
@@ -115,25 +118,25 @@ class Plan:
     reflects: bool
 
 
+@dataclass
 class Planner:
     """Makes the plans of a link; its parameters are those of `ForcedDetection`."""
 
-    def __init__(
-        self,
-        link: Link,
-        seed: int,
-        normals: str = "vertex",
-        threads: int = 1,
-        sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
-        search: SearchMode = "usual",
-        scattered: Scattered = "auto",
-        common: Common | None = None,
-    ) -> None:
-        self.link, self.arrays = link, ends.forced_link(link)
-        self.seed, self.normals, self.threads = seed, normals, threads
-        self.sea, self.search, self.scattered = sea, search, scattered
-        self.common = common or Common(UNTINTED, [link], (1.0,))
-        self.drawer = ChainDrawer(self.arrays, *levels(self.arrays, sea.crest), self.common.ratios)
+    link: Link
+    seed: int
+    normals: str = "vertex"
+    threads: int = 1
+    sea: TypicalSea = TypicalSea()  # noqa: RUF009 - frozen
+    search: SearchMode = "usual"
+    scattered: Scattered = "auto"
+    wavelengths: Common | None = None
+
+    def __post_init__(self) -> None:
+        self.arrays = ends.forced_link(self.link)
+        self.shared = self.wavelengths or Common(UNTINTED, [self.link], (1.0,))
+        self.drawer = ChainDrawer(
+            self.arrays, *levels(self.arrays, self.sea.crest), self.shared.ratios
+        )
         # of receivers close to each other one has pilots, which stand for a number of receivers
         self._first = self.arrays.stands_for_receivers
         self._piloted, self._number = np.unique(self._first, return_counts=True)
@@ -167,7 +170,7 @@ class Planner:
             arriving = ArrivingPhotons(link, number, self.seed, self.normals, self.threads)
         joined, joined_to, reflects = self._plan_joined(photons, comparison)
         reflects = reflects and bool(joined_to or arriving_at)
-        return Plan(method, chains, joined, joined_to, arriving, arriving_at, reflects)
+        return Plan(photons, method, chains, joined, joined_to, arriving, arriving_at, reflects)
 
     def photons_for(self, rtol: float, most: int, comparison: Comparison) -> int:
         """Return a number of chains that pilots expect to reach a relative error, up to `most`.
@@ -188,14 +191,14 @@ class Planner:
         if orders is None or self.scattered == "joined":
             every = np.ones(len(self._piloted), bool)
             method: list[Method] = ["joined"] * len(self._piloted)
-            alone = self.scattered == "auto" and len(self.common.links) == 1
+            alone = self.scattered == "auto" and len(self.shared.links) == 1
             photons = self._pilot_photons(every, []) if alone else None
             if photons is not None:
                 gains = photons.evaluate(self._still_water())
                 method = self._or_analog(choice.ScatteredPilot.of_photons(gains), method)
             return Comparison(self._by_receiver(every, method, "joined"))
         compares = self.scattered == "auto" and any(orders)
-        still, shared = self._still_water(), self.common
+        still, shared = self._still_water(), self.shared
         if not shared.tinting.follows:  # photons cannot be common to all wavelengths
             shared = Common(UNTINTED, [self.link], (1.0,))
         surfaces: list[ChainDrawer | AimedChains] = [self.drawer]
@@ -355,10 +358,10 @@ class Planner:
                 number = np.ones(1, int)
             else:
                 continue
-            if len(self.common.links) > 1 and known is not None:
+            if len(self.shared.links) > 1 and known is not None:
                 bright = known[s : s + 1] if link.down else known[served]
-                pilot, scale = pilot.at_wavelengths(np.array(self.common.ratios), bright)
-                number = np.tile(number, len(self.common.ratios))
+                pilot, scale = pilot.at_wavelengths(np.array(self.shared.ratios), bright)
+                number = np.tile(number, len(self.shared.ratios))
             expected = self.drawer.nominals[s].expected
             counts = choice.allotment(share, expected, pilot, scale, number)
             key = self.key(s)

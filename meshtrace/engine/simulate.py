@@ -239,7 +239,7 @@ def _followed(
         else:
             paths: ForcedDetection | SpectralDetection
             if single:
-                paths = ForcedDetection.of(planner, comparison, run.photons)
+                paths = ForcedDetection.following(planner, planner.plan(run.photons, comparison))
                 returned = None if paths.plan.reflects else planner.returned
             else:
                 paths = SpectralDetection(links, run.photons, **case.how, sea=sea)

@@ -9,13 +9,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.gains import Gains, shares_of, table_of
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.options import Analog, Arrivals
-from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 
@@ -71,11 +68,11 @@ class ArrivingPhotons(NamedTuple):
             seed=self.seed, normals=self.normals, threads=self.threads, unscattered=False,
             record=[Arrivals()],
         )  # fmt: skip
-        rows = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
-        orders = int(rows["order"].max(initial=0)) + 1
+        arrivals = sums.all_arrivals
+        orders = int(arrivals["order"].max(initial=0)) + 1
         gains = Gains.zeros(1, len(self.link.receivers), orders)
-        gains.add_rows(rows, rows["weight"][None], 0, self.photons)
+        gains.add_arrivals(arrivals, arrivals["weight"][None], 0, self.photons)
         if record:
-            weight = rows["weight"] * shares_of(rows, self.photons)
-            gains.table.append(table_of(rows, weight, 1.0, self.link))
+            weight = arrivals["weight"] * shares_of(arrivals, self.photons)
+            gains.table.append(table_of(arrivals, weight, 1.0, self.link))
         return gains.of_photons(self.photons).by_wavelength()[0]

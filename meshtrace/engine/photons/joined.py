@@ -188,14 +188,14 @@ class JoinedPhotons:
             for base in bases:
                 worlds.append(base._world(frame, intersector, run))
             receivers = run.receivers if run.start is None else run.receivers * len(run.targets)
-            for sums, rows, weights in self._follow(worlds, intersector, tinting, record):
+            for sums, arrivals, weights in self._follow(worlds, intersector, tinting, record):
                 gains.add(sums, receivers)
                 if not record:
                     continue
-                rows["receiver"] = np.array(receivers)[rows["receiver"]]
-                weights = weights * shares_of(rows, self.photons)
+                arrivals["receiver"] = np.array(receivers)[arrivals["receiver"]]
+                weights = weights * shares_of(arrivals, self.photons)
                 for table, weight, link in zip(tables, weights, links, strict=False):
-                    table.append(table_of(rows, weight, frame.unit, link))
+                    table.append(table_of(arrivals, weight, frame.unit, link))
         if record:
             gains.table.extend(ArrivalTally.concatenated(table) for table in tables)
         return gains.of_photons(self.photons).by_wavelength()
@@ -356,12 +356,12 @@ class JoinedPhotons:
                 if block.n_arrivals[0] <= room:
                     break
                 room = int(block.n_arrivals[0])
-            rows = block.arrivals[: block.n_arrivals[0]]
-            factors = tinting.mixed(rows["tint"], base, numbers / self.photons, importance)
-            factors *= rows["weight"]
+            arrivals = block.arrivals[: block.n_arrivals[0]]
+            factors = tinting.mixed(arrivals["tint"], base, numbers / self.photons, importance)
+            factors *= arrivals["weight"]
             sums = Gains.zeros(len(factors), n, _ORDERS)
-            sums.add_rows(rows, factors, first, last - first)
-            return (sums, rows, factors) if record else (sums, rows[:0], factors[:, :0])
+            sums.add_arrivals(arrivals, factors, first, last - first)
+            return (sums, arrivals, factors) if record else (sums, arrivals[:0], factors[:, :0])
 
         return ordered_map(follow, spans, self._threads)
 
