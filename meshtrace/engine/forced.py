@@ -204,6 +204,7 @@ class ForcedDetection:
         plan, shared = self.plan, self.planner.shared
         aimed = aimed.at_wavelengths(shared)
         gains = self._chain_gains(aimed).by_wavelength()
+        # rows of chains are made in a pass of their own: few runs record them
         tables = self._tables(aimed) if record else [list[ArrivalTally]() for _ in gains]
         joined: list[Gains] = []
         if plan.joined is not None:
@@ -234,6 +235,7 @@ class ForcedDetection:
         served = [pair for pair in link.pairs if self.method[link.receiver(*pair)] == "chains"]
         chain_jobs = parts.chain_jobs(served, self.scattered_sets)
         alone = not self.plan.chains and self.plan.joined is None
+        # all light of a mesh in one queue: a thread that is done with facets takes up chains
         jobs: list[Any] = [partial(self._from_source, aimed, *pair) for pair in exact]
         jobs += [partial(self._scores, aimed, job) for job in chain_jobs]
         results = ordered_map(call, jobs, self.threads, ahead=len(jobs))

@@ -182,6 +182,7 @@ class Gains:
         """
         part = SCATTERED if order else DIRECT
         by_group = score.reshape(len(score), groups.stop - groups.start, -1).sum(axis=-1)
+        # a group is an estimate of the gain on its own: its chains are a share 1 / SHIFTS of all
         self.groups[:, part, receiver, groups] += SHIFTS * share * by_group
         self.all_orders[:, receiver, order] += share * by_group.sum(axis=-1)
         self.square[:, part, receiver] += share**2 * np.einsum("ji,ji->j", score, score)
@@ -198,13 +199,15 @@ class Gains:
         receivers, n_orders = self.all_orders.shape[1:]
         part, size = arrivals["part"] * receivers + arrivals["receiver"], N_PARTS * receivers
         group = part * SHIFTS + arrivals["photon"] % SHIFTS
-        sample, cells = part * photons + (arrivals["photon"] - first), np.arange(size * photons)
-        if len(cells) > _SPARSE * len(arrivals):
+        # what a photon brings to a receiver is one score, in however many rows it comes
+        sample = part * photons + (arrivals["photon"] - first)
+        if size * photons > _SPARSE * len(arrivals):
             cells, sample = np.unique(sample, return_inverse=True)
+        else:
+            cells = np.arange(size * photons)
         once = arrivals["part"] != REFLECTED
-        order = arrivals["receiver"][once] * n_orders + np.minimum(
-            arrivals["order"][once], n_orders - 1
-        )
+        order = np.minimum(arrivals["order"], n_orders - 1)  # the last holds all beyond
+        order = (arrivals["receiver"] * n_orders + order)[once]
         for k, weight in enumerate(weights):
             sums = np.bincount(group, weight, size * SHIFTS)
             self.groups[k] += sums.reshape(self.groups.shape[1:])
@@ -235,6 +238,7 @@ class Gains:
         more = max(seen - self.all_orders.shape[1], 0)
         orders, index = np.pad(self.all_orders, ((0, 0), (0, more))), np.array(receivers)
         orders[index, 1:seen] += photons.all_orders[:, 1:seen]
+        # unscattered light is that of the facets
         for part in (SCATTERED, REFLECTED):
             self.groups[part, index] += photons.groups[part]
             self.square[part, index] += photons.square[part]

@@ -21,7 +21,6 @@ from meshtrace.engine.photons.targets import REFLECTED, SCATTERED
 from meshtrace.engine.setup import options
 from meshtrace.engine.setup.options import Analog, Case, Record
 from meshtrace.errors import DomainWarning
-from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
@@ -78,10 +77,10 @@ def analog_result(
     n, n_rx = sums.photons, len(link.receivers)
     mean = sums.score / n
     stderr = standard_error(sums.score, sums.score_squared, n)
-    weights, arrivals = (
-        sums.ledger.value() / n,
-        np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals]),
-    )
+    weights, arrivals = sums.ledger.value() / n, None
+    if "arrivals" in records:
+        hits = sums.all_arrivals
+        arrivals = table_of(hits, hits["weight"] / n, 1.0, link)
     grid = records.get("irradiance-map")
     gain = per_receiver(link, mean[:n_rx])
     return GainResult(
@@ -96,9 +95,7 @@ def analog_result(
         provenance=origin,
         rays_recast=int(sums.misses[0]),
         rays_lost=int(sums.misses[1]),
-        arrivals=table_of(arrivals, arrivals["weight"] / n, 1.0, link)
-        if "arrivals" in records
-        else None,
+        arrivals=arrivals,
         planes=_planes(link, sums, mean[n_rx:], stderr[n_rx:]),
         map=irradiance_map(grid, sums) if isinstance(grid, options.IrradianceMap) else None,
     )

@@ -203,6 +203,8 @@ class Planner:
             shared = Common(UNTINTED, [self.link], (1.0,))
         surfaces: list[ChainDrawer | AimedChains] = [self.drawer]
         if compares and still.unresolved is not None:
+            # chains are worst where random slopes are wider than a beam: compared with them, but
+            # allotted to the orders by the pilots over smooth water
             surfaces.append(self.aim_over(still).at_wavelengths(shared))
         pilots = self.pilots(surfaces, orders)
         chained, compared = pilots[0][0], pilots[-1]
@@ -210,6 +212,7 @@ class Planner:
         pilot = choice.chain_pilot(compared[most], self.arrays)
         names: list[Method] = ["chains"] * len(self.link.receivers)
         chains = Comparison(names, choice.PER_CHAIN, chained, self._still_gain(chained), pilot)
+        # photons are tried where few chains carry most of the light, or none bring any
         doubtful = ~choice.is_clear(pilot)
         joined = self._pilot_photons(doubtful, chained) if compares else None
         if joined is None:
@@ -219,6 +222,7 @@ class Planner:
             for gains in joined.at_wavelengths(still, shared.tinting, shared.links)
         ]
         if len(compared) < len(by_photons):
+            # pilots over the drawer's own still water know one wavelength alone
             (compared,) = self.pilots([self.aim_over(still).at_wavelengths(shared)], orders)
         by_chains = [choice.chain_pilot(p, self.arrays).of(doubtful) for p in compared]
         return self._choose(chains, by_chains, by_photons, doubtful, shared)
@@ -347,6 +351,8 @@ class Planner:
         together = len(served) > 1 and not link.down
         known = comparison.still_gain
         gain = known if together and known is not None else np.ones(len(served))
+        # chains start at the sources of an uplink, and each source serves all receivers; those of
+        # a downlink start at the receivers, each of which has its own
         share = photons if link.down else max(photons // emitters, SHIFTS)
         requests = []
         for s, pilot in enumerate(comparison.chained):

@@ -343,7 +343,7 @@ class JoinedPhotons:
             base = first // BLOCK % len(worlds)
             world = worlds[base]._replace(first=first, tints=tinting.tints)
             room = _ROOM * (last - first) * n
-            while True:
+            while True:  # followed again, with the same random numbers, if its rows had no room
                 with intersector.function() as bvh:
                     block = world._replace(
                         bvh=bvh,
