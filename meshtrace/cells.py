@@ -247,6 +247,9 @@ def _cells_of_frame(frame: Any, name: str) -> Cells:
 
     if isinstance(frame.columns, pd.MultiIndex) or isinstance(frame.index, pd.MultiIndex):
         raise Refused(name, Described("labels of several levels"), "labels of one level")
+    if "units" in frame.attrs or "unit" in frame.attrs:
+        allowed = "units in the names of the columns, as in eta [mm]"
+        raise Refused(name, Described("units in attributes"), allowed)
     named = isinstance(frame.columns, pd.RangeIndex)
     columns = [(str(label), frame.iloc[:, i]) for i, label in enumerate(frame.columns)]
     if frame.index.name is not None or frame.index.dtype.kind in "mM":

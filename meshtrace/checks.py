@@ -38,6 +38,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator
 from meshtrace.errors import (
     LARGEST,
     MISSING,
+    SMALLEST,
     Described,
     Refused,
     did_you_mean,
@@ -309,12 +310,27 @@ class _Limits(NamedTuple):
         """Return what is allowed: own words, the range, or else those of the type."""
         return self.words or range_text(self.bounds, self.name) or words
 
+    def refused(self, number: float, words: str) -> Refused:
+        """Return the refusal of a number that does not hold."""
+        if math.isfinite(number) and abs(number) > LARGEST:
+            words = f"at most {LARGEST:g} in magnitude"
+        elif self._is_positive and 0.0 < number < SMALLEST:
+            words = f"at least {SMALLEST:g}"
+        return Refused("", number, words)
+
+    @property
+    def _is_positive(self) -> bool:
+        """Whether the numbers are positive, without an upper bound."""
+        return dict(self.bounds) == {"gt": 0.0}
+
     def hold(self, numbers: Any) -> Any:
         """Return whether numbers, or a number, lie between the bounds, infinities if allowed."""
         most = math.inf if self.infinite else LARGEST
         good = abs(numbers) <= most  # False for nan
         if self.infinite and self.infinite.missing:
             good = good | (numbers != numbers)
+        if self._is_positive:
+            good = good & (numbers >= SMALLEST)
         for key, bound in self.bounds.items():
             good = good & _HOLDS[key](numbers, bound)
         return good
@@ -403,8 +419,7 @@ def _float(value: Any, limits: _Limits) -> float:
     allowed = limits.allowed("a number" if limits.infinite else "a finite number")
     number = require_real(value, "", allowed)
     if not limits.hold(number):
-        huge = math.isfinite(number) and abs(number) > LARGEST
-        raise Refused("", value, f"at most {LARGEST:g} in magnitude" if huge else allowed)
+        raise limits.refused(number, allowed)
     return number
 
 
@@ -451,9 +466,7 @@ def _array(value: Any, limits: _Limits, dtype: Any = np.float64) -> NDArray[Any]
     if not good.all():
         at = np.argwhere(~good)[0]
         worst = array[tuple(at)]
-        huge = math.isfinite(worst) and abs(worst) > LARGEST
-        words = f"at most {LARGEST:g} in magnitude" if huge else allowed
-        raise Refused("", worst, words).inside(*(at.tolist() if array.size > 1 else ()))
+        raise limits.refused(worst, allowed).inside(*(at.tolist() if array.size > 1 else ()))
     if limits.unit and np.any(np.abs(np.linalg.norm(array, axis=-1) - 1.0) > 1e-3):
         raise Refused("", array, "unit vectors (..., 3)")
     return array.astype(dtype, copy=False)
@@ -529,9 +542,12 @@ def _listed(value: Any) -> Any:
 
 
 def _iterated(value: Any) -> Any:
-    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
-        raise Refused("", _shown(value), "a list")
-    return list(value)
+    try:
+        if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+            raise TypeError
+        return list(value)
+    except TypeError as error:  # arrays without dimensions, too
+        raise Refused("", _shown(value), "a list") from error
 
 
 def _shown(value: Any) -> Any:

@@ -27,6 +27,7 @@ _WRITABLE = "a file in an existing folder, both writable"
 _COMPARED = {"<": operator.lt, "<=": operator.le}
 
 LARGEST = 1e30
+SMALLEST = 1.0 / LARGEST  # of numbers > 0, which formulas divide by
 """Magnitude of a number beyond which its square may overflow on the way to a gain."""
 
 

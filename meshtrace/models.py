@@ -43,14 +43,18 @@ from meshtrace.checks import Positive as Positive
 from meshtrace.checks import check_methods, refuse
 from meshtrace.errors import (
     MISSING,
+    Described,
     Refused,
     did_you_mean,
+    require_array,
     require_keys,
     require_number,
     require_plain,
+    warn_of_input,
     within,
 )
 from meshtrace.fields import entries
+from meshtrace.units import convert, is_same, is_unit, unit_of, without_unit
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass as _ModelMetaclass
@@ -258,6 +262,30 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
             fields[head] = new
         return type(self).model_validate(fields)
 
+    @pydantic.model_validator(mode="wrap")
+    @classmethod
+    def _with_units(cls, data: Any, validate: pydantic.ModelWrapValidatorHandler[Self]) -> Self:
+        """Convert values with units first of all: other validators would drop the units."""
+        if isinstance(data, Mapping) and any(map(_has_unit, data.values())):
+            names = {field.alias or name: name for name, field in cls.model_fields.items()}
+            data = {
+                key: _converted(value, key, cls._units(names[key])) if key in names else value
+                for key, value in data.items()
+            }
+        return validate(data)
+
+    @classmethod
+    def _units(cls, name: str) -> list[str]:
+        """Return the units of a field in its docstring, or else that of its name."""
+        texts = {key: text for key, (_, text) in entries(cls).items()}
+        text = texts.get(name, "")
+        units = re.findall(r"\[([^\]]*)\]", text)
+        together = [key for key, other in texts.items() if text and other == text]
+        if len(units) == len(together) > 1:  # "hs, tp : ... [m] and ... [s]"
+            units = [units[together.index(name)]]
+        by_name = {"deg": "deg", "nm": "nm"}.get(name.rpartition("_")[2], "1")
+        return list(dict.fromkeys(units or [by_name]))
+
     @pydantic.model_validator(mode="before")
     @classmethod
     def _known_plain_values(cls, data: Any) -> Any:
@@ -286,6 +314,36 @@ def _shown(value: Any) -> str:
     """Return a value as a text of limited length."""
     text = f"{value:g}" if isinstance(value, float) else str(value)
     return text if len(text) <= 120 else f"{text[:117]}..."
+
+
+def _has_unit(value: Any) -> bool:
+    """Return whether a value, or one in a list or its rows, has a unit."""
+    if type(value) in (float, int, str, bool):
+        return False
+    if isinstance(value, list | tuple):
+        rows = (row if isinstance(row, list | tuple) else (row,) for row in value)
+        return any(unit_of(item) for row in rows for item in row)
+    return bool(unit_of(value))
+
+
+def _converted(value: Any, name: str, units: list[str]) -> Any:
+    """Return a value as plain numbers in the unit of its field, with a warning if it changes.
+
+    Rows of numbers in several units have none that could be converted.
+    """
+    if isinstance(value, list | tuple):
+        return [_converted(item, f"{name}[{i}]", units) for i, item in enumerate(value)]
+    unit, wanted = unit_of(value), units[0]
+    if not unit:
+        return value
+    numbers = require_array(without_unit(value), name, f"numbers [{wanted}]")
+    if not is_unit(wanted) or (numbers.ndim and len(units) > 1):
+        allowed = f"plain numbers [{', '.join(units)}]"
+        raise Refused(name, Described(f"an array in {unit}"), allowed)
+    if not is_same(unit, wanted):
+        numbers = convert(numbers, unit, wanted, name)
+        warn_of_input(f"{name} in {unit} converted to {wanted}")
+    return numbers.tolist()
 
 
 def _require_numbers(value: Any, path: str) -> None:
@@ -320,6 +378,8 @@ def _refusals(cls: type[Model]) -> Iterator[None]:
     except pydantic.ValidationError as error:
         first = error.errors(include_url=False)[0]
         refuse(first, cls.__name__, list(first["loc"]), cls)
+    except RecursionError as error:
+        raise Refused(cls.__name__, Described("lists nested too deeply"), "few levels") from error
     except ArithmeticError as error:
         raise Refused(cls.__name__, f"{error}", "numbers that do not overflow") from error
 

@@ -206,13 +206,6 @@ def _check_heaps(path: str | PathLike[str]) -> None:
             start = content.find(_HEAP, start + 1)
 
 
-def unit_of(variable: xr.DataArray) -> str:
-    """Return the unit in the attributes of a variable, "" if there is none."""
-    unit = variable.attrs.get("units", variable.attrs.get("unit", ""))
-    unit = unit.decode("latin-1") if isinstance(unit, bytes) else str(unit)
-    return "" if unit.strip().lower() in ("", "none", "unknown", "unk") else unit.strip()
-
-
 def valid_values(variable: xr.DataArray) -> NDArray[np.float64]:
     """Return the values of a variable, nan outside the valid range of its attributes."""
     values = np.asarray(variable.values, np.float64)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -143,6 +144,41 @@ def is_convertible(unit: str, target: str) -> bool:
     except Refused:
         return False
     return True
+
+
+def unit_of(value: Any) -> str:
+    """Return the unit of a quantity (pint, astropy) or in the attributes of an array, "" if none.
+
+    Parameters
+    ----------
+    value : object
+        Attributes are those of xarray and pandas: "units", or else "unit".
+    """
+    quantity = _quantity_in(value)
+    if quantity is not None:
+        return str(quantity.units if hasattr(quantity, "m_as") else quantity.unit) or "1"
+    attributes = getattr(value, "attrs", None)
+    if not isinstance(attributes, Mapping):
+        return ""
+    unit = attributes.get("units", attributes.get("unit", ""))
+    unit = unit.decode("latin-1") if isinstance(unit, bytes) else str(unit)
+    return "" if unit.strip().lower() in ("", "none", "unknown", "unk") else unit.strip()
+
+
+def without_unit(value: Any) -> Any:
+    """Return the numbers of a quantity; other values are returned unchanged."""
+    quantity = _quantity_in(value)
+    if quantity is None:
+        return value
+    return quantity.magnitude if hasattr(quantity, "m_as") else quantity.value
+
+
+def _quantity_in(value: Any) -> Any:
+    """Return the quantity that a value is, or that an array of xarray holds; None without one."""
+    for part in (value, getattr(value, "data", None)):
+        if not isinstance(part, type) and (hasattr(part, "m_as") or hasattr(part, "to_value")):
+            return part
+    return None
 
 
 def _refusal(field: str, unit: str, target: str) -> Refused:

@@ -29,6 +29,7 @@ PAPER_FETCH = 30e3
 
 _NODES = 16  # of the quadrature over a bin, of either kind
 _LAYOUT = 20_260_501  # key of the places of waves within their bins, the same for every seed
+_MOST_DIRECTIONS = 100_000
 _NEGLIGIBLE = 1e-9  # of a bin: rounding of its edges
 
 
@@ -171,10 +172,10 @@ def named_band(name: BandName, spectrum: Spectrum, half_range: float, order: int
     if name == "scaled":
         step, turn = 0.075 * peak, math.pi / 20
         return Band(omega_min=low, omega_max=high, d_omega=step, d_theta=turn, drawn=False)
-    found = PAPER_BANDS.get(spectrum.wind_speed) if type(spectrum) is Jonswap else None
-    if found is None:
+    band = PAPER_BANDS.get(spectrum.wind_speed) if type(spectrum) is Jonswap else None
+    if band is None:
         raise Refused("waves", name, "JONSWAP seas at 5 and 13 m/s only; 'scaled' takes any wind")
-    return found
+    return band
 
 
 @check_call
@@ -311,8 +312,11 @@ def direction_grid(half_range: float, d_theta: float) -> Floats:
     >>> [len(direction_grid(math.pi / 2, step)) for step in (math.pi / 5, math.pi / 20)]
     [6, 21]
     """
+    Range("half_range", 0.0, math.pi, "rad").check(half_range)
     Range("d_theta", 0.0, half_range, "rad").check(d_theta)
     fits = math.floor(2.0 * half_range / d_theta * (1.0 + 1e-12))
+    if fits > _MOST_DIRECTIONS:
+        raise Refused("d_theta", d_theta, f"at most {_MOST_DIRECTIONS:,} directions")
     n = fits if half_range == math.pi else fits + 1
     return d_theta * (np.arange(n, dtype=np.float64) - 0.5 * (n - 1))
 

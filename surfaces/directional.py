@@ -194,9 +194,9 @@ def _with_tail(table: _Table, wind_speed: float) -> _Table:
     turned = np.remainder(table.theta - _mean_direction(table) + np.pi, 2.0 * np.pi) - np.pi
     spread = ElfouhailySpreading().density(centers[:, None], turned, **sea_state(spectrum))
     shares = spread / spread.sum(axis=1, keepdims=True)
-    rows = (density * np.diff(edges))[:, None] * shares
+    energy = (density * np.diff(edges))[:, None] * shares
     freq = np.concatenate([table.freq, centers / (2.0 * np.pi)])
-    return _Table(freq, table.theta, np.concatenate([table.variance, rows]))
+    return _Table(freq, table.theta, np.concatenate([table.variance, energy]))
 
 
 def _warn_of_missing_slopes(table: _Table, wind_speed: float | None, depth: float | None) -> None:

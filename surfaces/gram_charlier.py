@@ -198,8 +198,11 @@ def _quadrature() -> _Quadrature:
 def _hermite() -> Floats:
     """Return the coefficients of the powers in each orthonormal polynomial."""
     unit = np.eye(5)
-    one = np.array([np.pad(herme2poly(unit[i, : i + 1]), (0, 4 - i)) for i in range(5)])
-    return np.array([[one[i, k] * one[j, m] for k, m in _POWERS] for i, j in _POWERS]) / _NORMS
+    monomials = np.array([np.pad(herme2poly(unit[i, : i + 1]), (0, 4 - i)) for i in range(5)])
+    return (
+        np.array([[monomials[i, k] * monomials[j, m] for k, m in _POWERS] for i, j in _POWERS])
+        / _NORMS
+    )
 
 
 @lru_cache(maxsize=256)
@@ -213,24 +216,24 @@ def _series(c21: float, c03: float, c40: float, c22: float, c04: float) -> Serie
     distance = float(wanted @ wanted) - 1.0
     if not distance <= _FARTHEST:
         raise _refused(f"slopes at a distance of {distance:.2g} from Gaussian ones")
-    q, found = _quadrature(), wanted
+    q, moments = _quadrature(), wanted
     for _ in range(_TRIALS):
-        over = np.maximum(found @ q.polynomials, 0.0)
-        error = q.polynomials @ (q.weight * over) - wanted
+        density = np.maximum(moments @ q.polynomials, 0.0)
+        error = q.polynomials @ (q.weight * density) - wanted
         if np.abs(error).max() < _ACCURACY:
             break
-        slope = (q.polynomials * (q.weight * (over > 0.0))) @ q.polynomials.T
-        found = found - np.linalg.lstsq(slope, error)[0]
+        slope = (q.polynomials * (q.weight * (density > 0.0))) @ q.polynomials.T
+        moments = moments - np.linalg.lstsq(slope, error)[0]
     else:
         raise _refused("moments that no density has")
     square = q.along**2 + q.across**2
-    most = float((over * np.exp(-0.5 * square * (1.0 - 1.0 / WIDE))).max())
-    return Series._make(map(float, (*(found @ _hermite()), _ABOVE * WIDE * most)))
+    most = float((density * np.exp(-0.5 * square * (1.0 - 1.0 / WIDE))).max())
+    return Series._make(map(float, (*(moments @ _hermite()), _ABOVE * WIDE * most)))
 
 
-def _refused(found: str) -> Refused:
+def _refused(reason: str) -> Refused:
     allowed = f"a distance of at most {_FARTHEST:g}: a mesh that leaves out more slopes, gaussian"
-    return Refused("slope_law", Described(found), allowed)
+    return Refused("slope_law", Described(reason), allowed)
 
 
 SlopeLawName = Literal["gaussian", "cox-munk", "breon-henriot"]
@@ -276,10 +279,10 @@ def series_of(cumulants: Cumulants, slope_variance: Variances) -> Series:
     if not any(cumulants):
         return GAUSSIAN
     if min(slope_variance) == 0.0:
-        found = Described("random slopes without variance along or across the wind")
-        raise Refused("slope_law", found, "gaussian, or a mesh that leaves out more slopes")
-    rows = zip(_COEFFICIENTS, cumulants, _scales(slope_variance), strict=True)
-    return GramCharlier(**{name: value / scale for name, value, scale in rows}).series
+        reason = Described("random slopes without variance along or across the wind")
+        raise Refused("slope_law", reason, "gaussian, or a mesh that leaves out more slopes")
+    terms = zip(_COEFFICIENTS, cumulants, _scales(slope_variance), strict=True)
+    return GramCharlier(**{name: value / scale for name, value, scale in terms}).series
 
 
 def _scales(slope_variance: Variances) -> tuple[float, ...]:

@@ -156,8 +156,8 @@ def gauge_spectrum(
         signal.detrend(record.elevation, axis=0), 1.0 / record.step, nperseg=length,
         noverlap=length // 2, detrend="linear", axis=0,
     )  # fmt: skip
-    kept = _band(record, freq, each.mean(axis=1), f_min, f_max)
-    freq, spectrum = freq[kept], each.mean(axis=1)[kept]
+    inside = _band(record, freq, each.mean(axis=1), f_min, f_max)
+    freq, spectrum = freq[inside], each.mean(axis=1)[inside]
     peak = float(freq[np.argmax(spectrum)])
     theta = np.radians(np.arange(_DIRECTIONS) * 360.0 / _DIRECTIONS)
     if gauges == 1:
@@ -237,11 +237,18 @@ def from_gauge(
     >>> round(4.0 * float(np.sqrt(0.5 * np.sum(sea.components.amplitude**2))), 3)  # Hs
     0.102
     """
-    found = gauge_spectrum(source, depth, wind_speed=wind_speed, **gauge)
+    spectrum = gauge_spectrum(source, depth, wind_speed=wind_speed, **gauge)
     sea = from_wavespectra(
-        found, seed, depth, tail=tail, wind_speed=wind_speed, mss=mss, current=current, waves=waves
+        spectrum,
+        seed,
+        depth,
+        tail=tail,
+        wind_speed=wind_speed,
+        mss=mss,
+        current=current,
+        waves=waves,
     )
-    return sea.model_copy(update={"record": found.attrs["record"]})
+    return sea.model_copy(update={"record": spectrum.attrs["record"]})
 
 
 def _read_gauges(source: Any, unit: str | None) -> _Record:
@@ -250,8 +257,8 @@ def _read_gauges(source: Any, unit: str | None) -> _Record:
     name = Path(source).name if isinstance(source, str | PathLike) else "source"
     cells = cells_of(source, "source")
     if len(cells.columns) < 2:
-        found = Described(f"{len(cells.columns)} column")
-        raise Refused(name, found, "(n, 1 + gauges) finite numbers: time [s], elevations")
+        count = Described(f"{len(cells.columns)} column")
+        raise Refused(name, count, "(n, 1 + gauges) finite numbers: time [s], elevations")
     headings = headings_of(cells, (_TIME, _ELEVATION))
     at, gauges = _columns_of_gauges(name, headings, len(cells.columns))
     stated = _unit(name, [headings[i] for i in gauges] if headings else [], unit)
@@ -264,9 +271,9 @@ def _read_gauges(source: Any, unit: str | None) -> _Record:
     if not (np.ptp(elevation, axis=0) > 0.0).all():
         raise Refused(name, Described("a gauge that does not vary"), "elevations of waves")
     if np.abs(elevation - np.median(elevation, axis=0)).max() > _HIGHEST:
-        found = Described(f"elevations over {np.ptp(elevation, axis=0).max():.3g} m")
+        count = Described(f"elevations over {np.ptp(elevation, axis=0).max():.3g} m")
         raise Refused(
-            name, found, f"within {_HIGHEST:g} m of their median: a heading with the unit"
+            name, count, f"within {_HIGHEST:g} m of their median: a heading with the unit"
         )
     if not headings and (np.diff(elevation, axis=0) > 0.0).all(axis=0).any():
         raise Refused(name, Described("a gauge that rises in all rows"), "headings of the columns")
@@ -304,12 +311,14 @@ def _without_missing_ends(cells: Cells, columns: dict[int, str]) -> Cells:
     complete = np.flatnonzero(~np.any([np.isnan(column) for column in values.values()], axis=0))
     if len(complete) in (0, len(cells.places)):
         return cells
-    rows = slice(int(complete[0]), int(complete[-1]) + 1)
-    left_out = len(cells.places) - (rows.stop - rows.start)
+    complete_rows = slice(int(complete[0]), int(complete[-1]) + 1)
+    left_out = len(cells.places) - (complete_rows.stop - complete_rows.start)
     if left_out:
         cells.notes.append(f"{left_out} rows without values at the ends left out")
-    columns_of = [values[i][rows] if i in values else () for i in range(len(cells.columns))]
-    return dataclasses.replace(cells, columns=columns_of, places=cells.places[rows])
+    columns_of = [
+        values[i][complete_rows] if i in values else () for i in range(len(cells.columns))
+    ]
+    return dataclasses.replace(cells, columns=columns_of, places=cells.places[complete_rows])
 
 
 def _unit(name: str, headings: Sequence[Heading], unit: str | None) -> str:
@@ -343,12 +352,12 @@ def _band(
     high = require_between(
         min(4.0 * peak, 0.8 * nyquist) if f_max is None else f_max, low, nyquist, "f_max", "(]"
     )
-    kept = (freq >= low * (1.0 - 1e-9)) & (freq <= high * (1.0 + 1e-9))
-    if kept.sum() < 3 or not freq[kept][0] < peak:
-        found = Described(f"{peak:.3g} Hz, the highest of the spectrum")
+    inside = (freq >= low * (1.0 - 1e-9)) & (freq <= high * (1.0 + 1e-9))
+    if inside.sum() < 3 or not freq[inside][0] < peak:
+        reason = Described(f"{peak:.3g} Hz, the highest of the spectrum")
         allowed = f"above f_min, {low:.3g} Hz: fewer segments or a longer record resolve it"
-        raise Refused("peak", found, allowed)
-    return kept
+        raise Refused("peak", reason, allowed)
+    return inside
 
 
 def _stated(
@@ -364,10 +373,10 @@ def _stated(
         density = kind.density(omega, turned, omega_p=2.0 * math.pi * peak, wind_speed=speed)
         return density / density.sum(axis=1, keepdims=True)
 
-    found = shares(5.0 if wind_speed is None else wind_speed)
-    if wind_speed is None and not np.array_equal(found, shares(10.0)):
+    directional = shares(5.0 if wind_speed is None else wind_speed)
+    if wind_speed is None and not np.array_equal(directional, shares(10.0)):
         raise Refused("wind_speed", None, f"a wind speed [m/s] for the spreading {kind.kind}")
-    return found
+    return directional
 
 
 def _of_array(
@@ -385,8 +394,8 @@ def _of_array(
     apart = np.hypot(*(at[:, None] - at).transpose(2, 0, 1))[~np.eye(n, dtype=bool)].min()
     last = int(np.searchsorted(wavenumber(2.0 * np.pi * freq, depth), math.pi / apart))
     if last == 0:
-        found = Described(f"{apart:.3g} m at least between gauges")
-        raise Refused("positions", found, "less than half of the longest wave")
+        reason = Described(f"{apart:.3g} m at least between gauges")
+        raise Refused("positions", reason, "less than half of the longest wave")
     deep = _DEEP if depth is None else depth
     instrument = InstrumentData(
         data=record.elevation,
@@ -395,9 +404,9 @@ def _of_array(
         depth=deep,
         fs=1.0 / record.step,
     )
-    how = EstimationParameters(EstimationMethod.IMLM, nfft=length, dres=len(theta), smooth=False)
+    method = EstimationParameters(EstimationMethod.IMLM, nfft=length, dres=len(theta), smooth=False)
     with np.errstate(over="ignore"):
         # its directions are those the waves come from
-        found, _ = dirspec(instrument, how, freq[:last], np.degrees(theta) + 180.0, verbose=0)
-    shares = found.S / found.S.sum(axis=1, keepdims=True)
+        reason, _ = dirspec(instrument, method, freq[:last], np.degrees(theta) + 180.0, verbose=0)
+    shares = reason.S / reason.S.sum(axis=1, keepdims=True)
     return np.concatenate([shares, np.repeat(shares[-1:], len(freq) - last, axis=0)])

@@ -80,9 +80,9 @@ class Sheet(NamedTuple):
         lowest = int(np.argmin(area)) if area.size else 0
         if area.size and not area.flat[lowest] > 0.0:
             place = f"({self.x.flat[lowest]:.6g}, {self.y.flat[lowest]:.6g}) m"
-            found = Described(f"J = {area.flat[lowest]:.3g} at {place}")
+            reason = Described(f"J = {area.flat[lowest]:.3g} at {place}")
             allowed = "J > 0: the waves are too steep; lower omega_max or choppy = false"
-            raise Refused("choppy", found, allowed)
+            raise Refused("choppy", reason, allowed)
         return self
 
 
@@ -212,8 +212,8 @@ def with_straight_rim(points: Floats) -> Floats:
     """
     points = points.copy()
     for axis in (0, 1):
-        rows = np.moveaxis(points, axis, 0)
-        rows[0, :, axis], rows[-1, :, axis] = rows[..., axis].min(), rows[..., axis].max()
+        lines = np.moveaxis(points, axis, 0)
+        lines[0, :, axis], lines[-1, :, axis] = lines[..., axis].min(), lines[..., axis].max()
     return points
 
 
@@ -317,8 +317,8 @@ def with_bound_waves(free: WaveComponents, omega_max: float, most: int) -> WaveC
     chosen = np.flatnonzero((free.amplitude != 0.0) & (free.omega <= omega_max))
     n = len(chosen)
     if n * (n + 1) > MOST_PAIRS:
-        found = Described(f"{omega_max:g} rad/s makes {n * (n + 1)} bound waves")
-        raise Refused("order_omega_max", found, f"at most {MOST_PAIRS}, small ones included")
+        reason = Described(f"{omega_max:g} rad/s makes {n * (n + 1)} bound waves")
+        raise Refused("order_omega_max", reason, f"at most {MOST_PAIRS}, small ones included")
     first, second = (chosen[index] for index in np.triu_indices(n))
     k_minus, k_plus = interaction_kernels(
         free.kx[first], free.ky[first], free.kx[second], free.ky[second]
@@ -338,8 +338,10 @@ def with_bound_waves(free: WaveComponents, omega_max: float, most: int) -> WaveC
         order = np.argsort(share, kind="stable")
         small = np.cumsum(share[order]) <= NEGLIGIBLE * share.sum()
         relevant[order[~small]] = True
-    kept = np.flatnonzero(relevant & (bound.amplitude != 0.0))
-    if len(kept) > most:
-        found = Described(f"{omega_max:g} rad/s makes {len(kept)} bound waves")
-        raise Refused("order_omega_max", found, f"at most {most} bound waves")
-    return WaveComponents(*(np.concatenate([a, b[kept]]) for a, b in zip(free, bound, strict=True)))
+    relevant_pairs = np.flatnonzero(relevant & (bound.amplitude != 0.0))
+    if len(relevant_pairs) > most:
+        reason = Described(f"{omega_max:g} rad/s makes {len(relevant_pairs)} bound waves")
+        raise Refused("order_omega_max", reason, f"at most {most} bound waves")
+    return WaveComponents(
+        *(np.concatenate([a, b[relevant_pairs]]) for a, b in zip(free, bound, strict=True))
+    )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Field
 
-from meshtrace.errors import Described, Refused, require_between, require_range
+from meshtrace.errors import SMALLEST, Described, Refused, require_between, require_range
 from meshtrace.models import Finite as Finite
 from meshtrace.models import Floats as Floats
 from meshtrace.models import Model
@@ -28,6 +28,8 @@ class Range(NamedTuple):
 
     def check(self, value: float) -> float:
         """Return `value` unchanged; raise `Refused` outside of the interval."""
+        if 0.0 == self.low < value < SMALLEST and not self.closed:
+            raise Refused(self.name, value, f"at least {SMALLEST:g} {self.unit}".rstrip())
         ends = f"{'[' if self.closed else '('}{']' if math.isfinite(self.high) else ')'}"
         require_between(value, self.low, self.high, self.name, ends, str(self))
         return value
@@ -80,18 +82,18 @@ def grid_lines(x_axis: ArrayLike, y_axis: ArrayLike) -> tuple[Floats, Floats]:
     """Return the lines of a tensor grid as float64, one or more along each axis."""
     axes = {"x_axis": finite_array("x_axis", x_axis), "y_axis": finite_array("y_axis", y_axis)}
     for name, axis in axes.items():
-        if axis.ndim > 1:
-            raise Refused(name, Described(f"shape {axis.shape}"), "grid lines (n,)")
+        if axis.ndim > 1 or not axis.size:
+            raise Refused(name, Described(f"shape {axis.shape}"), "grid lines (n,), one or more")
     x, y = map(np.atleast_1d, axes.values())
     return x, y
 
 
 def points(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     """Return the broadcast coordinates of points as float64; raise `Refused` for unequal shapes."""
-    found = finite_array("x", x), finite_array("y", y)
+    arrays = finite_array("x", x), finite_array("y", y)
     try:
-        px, py = np.broadcast_arrays(*found)
+        px, py = np.broadcast_arrays(*arrays)
     except ValueError as error:
-        shapes = Described(f"shape {found[1].shape}")
-        raise Refused("y", shapes, f"one that fits that of x, {found[0].shape}") from error
+        shapes = Described(f"shape {arrays[1].shape}")
+        raise Refused("y", shapes, f"one that fits that of x, {arrays[0].shape}") from error
     return px, py

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused, refusing, require_pair, require_whole
-from meshtrace.netcdf import unit_of
-from meshtrace.units import convert
+from meshtrace.units import convert, unit_of
 
 if TYPE_CHECKING:
     import xarray

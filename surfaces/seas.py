@@ -190,8 +190,8 @@ class RandomSea(WaveSurface, frozen=True):
                 unresolved_slope_variance(real, resolved)
                 for resolved in meshed_slope_variance(self.components, spacing, wind)
             )
-            found = UnresolvedSlopes(vertex, facet, wind, self.slope_cumulants)
-            self._left_out[spacing] = found
+            slopes = UnresolvedSlopes(vertex, facet, wind, self.slope_cumulants)
+            self._left_out[spacing] = slopes
         return self._left_out.get(spacing)
 
 
@@ -239,17 +239,17 @@ class _BandedSea(RandomSea, frozen=True):
     @cached_property
     def band(self) -> Band:
         """Band of the waves of the sum: `waves`, cut at `omega_max`."""
-        found = self.waves or "mean"
-        if isinstance(found, str):
-            found = named_band(found, self.spectrum, self.spreading.half_range, self.order)
-        return found if self.omega_max is None else found.replace(omega_max=self.omega_max)
+        band = self.waves or "mean"
+        if isinstance(band, str):
+            band = named_band(band, self.spectrum, self.spreading.half_range, self.order)
+        return band if self.omega_max is None else band.replace(omega_max=self.omega_max)
 
     @model_validator(mode="after")
     def _check_band(self) -> Self:
         directions = len(direction_grid(self.spreading.half_range, self.band.d_theta))
         if self.band.bins * directions > self.most_components:
-            found = Described(f"{self.band.bins * directions} waves")
-            raise Refused("waves", found, f"a band of at most {self.most_components}")
+            count = Described(f"{self.band.bins * directions} waves")
+            raise Refused("waves", count, f"a band of at most {self.most_components}")
         require_random(self.slope_law, self.mss)
         return self
 
@@ -257,12 +257,12 @@ class _BandedSea(RandomSea, frozen=True):
     def free_waves(self) -> WaveComponents:
         """The waves of first order, direction by direction at each frequency."""
         if "waves" not in self._common:
-            found = self.band.waves(self.spectrum, self.spreading)
-            k = wavenumber(found.omega, self._water_depth(), self.capillary)
-            heading = found.theta + math.radians(self.wind_direction_deg)
-            amplitude, still = np.sqrt(2.0 * found.variance), np.zeros_like(heading)
+            components = self.band.waves(self.spectrum, self.spreading)
+            k = wavenumber(components.omega, self._water_depth(), self.capillary)
+            heading = components.theta + math.radians(self.wind_direction_deg)
+            amplitude, still = np.sqrt(2.0 * components.variance), np.zeros_like(heading)
             self._common["waves"] = flat_components(
-                amplitude, found.omega, k, heading, still, self.current
+                amplitude, components.omega, k, heading, still, self.current
             )
         waves: WaveComponents = self._common["waves"]
         phase = np.random.default_rng(self.seed).random(len(waves.omega))
@@ -271,7 +271,9 @@ class _BandedSea(RandomSea, frozen=True):
     def slope_spectrum(self, omega_max: float | None = None) -> SlopeSpectrum:
         """Return the slopes of all waves of the spectrum, or of waves up to a frequency [rad/s]."""
         depth = self._water_depth()
-        return SlopeSpectrum.of(self.spectrum, self.spreading, omega_max, depth, self.capillary)
+        return SlopeSpectrum.from_spectrum(
+            self.spectrum, self.spreading, omega_max, depth, self.capillary
+        )
 
     @property
     def _wind(self) -> tuple[float, float | None]:
@@ -286,8 +288,8 @@ class _BandedSea(RandomSea, frozen=True):
         """
         if not isinstance(self.spectrum, Jonswap | PiersonMoskowitz):
             return self
-        kept = {name: getattr(self, name) for name in _KEPT}
-        return resolved_sea(*self._wind).model_copy(update={"depth": self._water_depth(), **kept})
+        fields = {name: getattr(self, name) for name in _KEPT}
+        return resolved_sea(*self._wind).model_copy(update={"depth": self._water_depth(), **fields})
 
     @property
     def for_fading(self) -> _BandedSea | None:
@@ -461,9 +463,9 @@ class SpectralSea(_BandedSea, frozen=True):
 
     @model_validator(mode="after")
     def _check_depth(self) -> Self:
-        own = getattr(self.spectrum, "depth", None)
-        if None not in (own, self.depth) and own != self.depth:
-            raise Refused("depth", self.depth, f"{own:g} m, the depth of the spectrum")
+        water_depth = getattr(self.spectrum, "depth", None)
+        if None not in (water_depth, self.depth) and water_depth != self.depth:
+            raise Refused("depth", self.depth, f"{water_depth:g} m, the depth of the spectrum")
         return self
 
     def _water_depth(self) -> float | None:
@@ -681,7 +683,7 @@ class SumSea(RandomSea, frozen=True):
             part.with_seed(int(seed.generate_state(1)[0])).free_waves
             for part, seed in zip(self.parts, seeds, strict=True)
         ]
-        return WaveComponents(*(np.concatenate(rows) for rows in zip(*waves, strict=True)))
+        return WaveComponents(*(np.concatenate(parts) for parts in zip(*waves, strict=True)))
 
 
 @check_call

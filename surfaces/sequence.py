@@ -24,8 +24,8 @@ from meshtrace.checks import Inside
 from meshtrace.errors import Described, Refused, extra, reason_of, require_whole, warn_of_input
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Model
-from meshtrace.netcdf import opened, require_size, unit_of, valid_values
-from meshtrace.units import convert
+from meshtrace.netcdf import opened, require_size, valid_values
+from meshtrace.units import convert, unit_of
 
 from .parameters import TIME, Floats, Positive
 from .triangulate import from_trimesh, grid_faces, read_mesh, unfit
@@ -118,12 +118,12 @@ def _files(files: list[Path], source: object) -> Frames:
 def _collection(path: Path) -> Frames:
     """Return the files of a ParaView collection with their times; parts of one time are refused."""
     entries = ElementTree.parse(path).getroot().iter("DataSet")
-    rows = sorted((float(e.get("timestep", 0.0)), e.attrib["file"]) for e in entries)
-    files = [path.parent / name for _, name in rows]
+    entries_by_time = sorted((float(e.get("timestep", 0.0)), e.attrib["file"]) for e in entries)
+    files = [path.parent / name for _, name in entries_by_time]
     missing = next((f for f in files if not f.is_file()), None)
     if missing is not None or not files:
         raise unfit(f"{path}: no {missing or 'files'}", _ALLOWED)
-    return _one_each(files, np.array([time for time, _ in rows]))
+    return _one_each(files, np.array([time for time, _ in entries_by_time]))
 
 
 def _one_each(files: list[Path], times: Floats | None = None) -> Frames:
@@ -161,9 +161,9 @@ def _xdmf(path: Path) -> Frames:
     their points by a point array: positions or displacements of three components, or heights z.
     Quadrangles are split.
     """
-    found = list(ElementTree.parse(path).getroot().iter("Grid"))
-    collection = next((g for g in found if g.get("CollectionType") == "Temporal"), None)
-    grids = found[:1] if collection is None else collection.findall("Grid")
+    every_grid = list(ElementTree.parse(path).getroot().iter("Grid"))
+    collection = next((g for g in every_grid if g.get("CollectionType") == "Temporal"), None)
+    grids = every_grid[:1] if collection is None else collection.findall("Grid")
     shared = collection is not None and grids[-1].find("Geometry") is None
     at = [time.attrib["Value"] for grid in grids if (time := grid.find("Time")) is not None]
     times = np.array(at, np.float64) if len(at) == len(grids) else None
@@ -296,11 +296,11 @@ def _height(data: xarray.Dataset, names: dict[str, str]) -> str:
     for name in _HEIGHT:
         if name in names and data[names[name]].ndim in (2, 3):
             return names[name]
-    found = [str(name) for name, array in data.variables.items() if array.ndim == 3]
-    if len(found) != 1:
+    candidates = [str(name) for name, array in data.variables.items() if array.ndim == 3]
+    if len(candidates) != 1:
         allowed = f"one array over time and a grid, or {', '.join(_HEIGHT)}"
-        raise unfit(f"heights {found}", allowed)
-    return found[0]
+        raise unfit(f"heights {candidates}", allowed)
+    return candidates[0]
 
 
 def _seconds(time: xarray.DataArray) -> Floats:
@@ -400,8 +400,8 @@ class MeshSequence(Model, frozen=True):
         times: ArrayLike | None = None,
         **options: Any,
     ) -> None:
-        given = {"source": _plain(source), "times": _plain(times)}
-        super().__init__(**{k: v for k, v in given.items() if v is not None}, **options)
+        arguments = {"source": _plain(source), "times": _plain(times)}
+        super().__init__(**{k: v for k, v in arguments.items() if v is not None}, **options)
 
     def model_post_init(self, context: Any) -> None:
         """List the frames and their times."""
@@ -454,8 +454,8 @@ class MeshSequence(Model, frozen=True):
             vertices = unit * vertices[:, _AXES[self.up]]
             largest = float(np.abs(vertices[:, 2]).max()) if len(vertices) else 0.0
             if largest > _DEEPEST and "scale" not in self.model_fields_set:
-                found = Described(f"heights up to {largest:g} m look like mm")
-                raise Refused("scale", found, f"heights within {_DEEPEST:g} m, or scale")
+                heights = Described(f"heights up to {largest:g} m look like mm")
+                raise Refused("scale", heights, f"heights within {_DEEPEST:g} m, or scale")
             return from_trimesh((vertices, faces), overhangs=True, normals=self.normals)
         except Refused as error:
             raise error.of("" if error.field == name else name) from error.__cause__
@@ -492,9 +492,9 @@ class MeshSequence(Model, frozen=True):
             return self.frame(i + int(share))
         before, after = self.frame(i), self.frame(i + 1)
         if not np.array_equal(before.faces, after.faces):
-            found = Described(f'"linear" from {len(before.faces)} to {len(after.faces)} facets')
+            reason = Described(f'"linear" from {len(before.faces)} to {len(after.faces)} facets')
             allowed = 'the same facets in all frames; else blend = "nearest"'
-            raise Refused("blend", found, allowed, source=self._frames.names[i + 1])
+            raise Refused("blend", reason, allowed, source=self._frames.names[i + 1])
         vertices = before.vertices + share * (after.vertices - before.vertices)
         normals = (1.0 - share) * before.vertex_normals + share * after.vertex_normals
         length = np.linalg.norm(normals, axis=1)

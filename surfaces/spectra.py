@@ -362,7 +362,7 @@ def sea_state(spectrum: Spectrum) -> dict[str, float]:
 
 @check_call
 def peak_enhancement(
-    x: Floats, gamma: float, sigma_a: float = 0.07, sigma_b: float = 0.09
+    x: Floats, gamma: NonNegative, sigma_a: Positive = 0.07, sigma_b: Positive = 0.09
 ) -> Floats:
     """Return the factor gamma^exp(-(x - 1)^2 / (2 sigma^2)) at x = omega / omega_p."""
     sigma = np.where(x <= 1.0, sigma_a, sigma_b)
@@ -666,8 +666,8 @@ def _unit_of_density(path: str, frequency: Heading | None, density: Heading | No
     unclear = in_hz != by_name if frequency.name else False
     unclear |= argument is not None and (argument[1] == "f") != in_hz
     if unclear and (density is None or cycles(density.unit) is None):
-        found = Described(f"{density.text if density else 2} over {frequency.text}")
-        raise Refused(path, found, "a unit with Hz or rad in the heading, [m2/Hz] or [m2 s/rad]")
+        reason = Described(f"{density.text if density else 2} over {frequency.text}")
+        raise Refused(path, reason, "a unit with Hz or rad in the heading, [m2/Hz] or [m2 s/rad]")
     return "m2 Hz-1" if in_hz else "m2 s rad-1"
 
 
@@ -707,10 +707,13 @@ class TabulatedSpectrum(Spectrum, frozen=True):
         if isinstance(data, Mapping) and not {"omega", "file"} & data.keys():
             raise Refused("omega", MISSING, "frequencies [rad s-1] beside density, or file")
         if isinstance(data, Mapping) and "file" in data:
-            own = {key: value for key, value in data.items() if key != "file"}
+            fields = {key: value for key, value in data.items() if key != "file"}
             if not isinstance(data["file"], str | PathLike):
                 raise Refused("file", data["file"], "the path of a text file")
-            return {**cls.from_file(data["file"]).model_dump(include={"omega", "density"}), **own}
+            return {
+                **cls.from_file(data["file"]).model_dump(include={"omega", "density"}),
+                **fields,
+            }
         return data
 
     @model_validator(mode="after")
@@ -735,10 +738,10 @@ class TabulatedSpectrum(Spectrum, frozen=True):
         if not isinstance(path, str | PathLike):
             raise Refused("file", path, "the path of a text file")
         table = read_columns(path, _COLUMNS)
-        density, of = table["density"]
-        usual = _unit_of_density(str(path), table["omega"].heading, of)
-        stated = usual if of is None or of.unit is None else of.unit
-        where = f"{path}: column {of.text if of else 2}"
+        density, heading = table["density"]
+        usual = _unit_of_density(str(path), table["omega"].heading, heading)
+        stated = usual if heading is None or heading.unit is None else heading.unit
+        where = f"{path}: column {heading.text if heading else 2}"
         values = convert(convert(density, stated, usual, where), usual, "m2 s rad-1", where)
         return cls(omega=tuple(table["omega"].values), density=tuple(values))
 

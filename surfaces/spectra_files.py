@@ -34,10 +34,9 @@ from meshtrace.netcdf import (
     convention_of,
     opened,
     require_size,
-    unit_of,
 )
 from meshtrace.tables import Column, heading_of, headings_in, tells
-from meshtrace.units import convert, is_same
+from meshtrace.units import convert, is_same, unit_of
 
 from .records import one_record
 from .spectral_grid import FOURIER, GriddedSpectrum, coming_from, on_grid
@@ -294,8 +293,8 @@ def text_table(path: str | PathLike[str]) -> xarray.Dataset:
             directions = [float(match[1]) for match in matches[start:] if match]
     index_before = first == 2 and header[0] in ("", "index") and cells.counts(0)
     if not directions or (first == 2 and not index_before) or (first == 1 and cells.counts(0)):
-        found = Described(" ".join(lines[0]) if lines else "no header")
-        raise Refused(str(path), found, allowed)
+        reason = Described(" ".join(lines[0]) if lines else "no header")
+        raise Refused(str(path), reason, allowed)
     heading = heading_of(header[first - 1], (_FREQUENCY,))
     if heading.unit is not None and not is_same(heading.unit, "Hz"):
         raise Refused(str(path), Described(header[first - 1]), allowed)
@@ -304,6 +303,6 @@ def text_table(path: str | PathLike[str]) -> xarray.Dataset:
     for remark in cells.remarks:
         if tells(remark, (_FREQUENCY, Column("dir", "deg"), Column("efth", "m2 Hz-1 deg-1"))):
             raise Refused(str(path), Described(f"# {remark}"), "density [m2 Hz-1 deg-1], f [Hz]")
-    freq, *rows = (cells.finite(i) for i in range(first - 1, len(cells.columns)))
+    freq, *densities = (cells.finite(i) for i in range(first - 1, len(cells.columns)))
     coords = {"freq": freq, "dir": directions}
-    return xr.Dataset({"efth": (("freq", "dir"), np.column_stack(rows))}, coords)
+    return xr.Dataset({"efth": (("freq", "dir"), np.column_stack(densities))}, coords)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.errors import LARGEST, Described, Refused, warn_of_input
-from meshtrace.netcdf import convention_of, unit_of, valid_values
-from meshtrace.units import convert
+from meshtrace.netcdf import convention_of, valid_values
+from meshtrace.units import convert, unit_of
 
 from .parameters import Floats
 

@@ -6,10 +6,11 @@ import math
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from pydantic import Field
 
 from meshtrace.checks import check_call
 from meshtrace.errors import Refused, require_between
@@ -50,7 +51,7 @@ class SlopeSpectrum(NamedTuple):
     harmonics: Floats
 
     @classmethod
-    def of(
+    def from_spectrum(
         cls,
         spectrum: Spectrum,
         spreading: Spreading,
@@ -70,11 +71,11 @@ class SlopeSpectrum(NamedTuple):
         weight[[0, -1]] *= 0.5
         variance = weight * np.gradient(omega, np.log(k)) * k**2 * spectrum(omega)
         theta = (np.arange(_SPREADING_NODES) + 0.5) * 2.0 * math.pi / _SPREADING_NODES - math.pi
-        some = np.unique(np.linspace(0, len(k) - 1, _SPREADING_WAVENUMBERS).astype(int))
-        density = spreading.density(omega[some, None], theta, **sea_state(spectrum))
+        sampled = np.unique(np.linspace(0, len(k) - 1, _SPREADING_WAVENUMBERS).astype(int))
+        density = spreading.density(omega[sampled, None], theta, **sea_state(spectrum))
         density = density / density.sum(axis=1, keepdims=True)
-        rows = _product(np.cos(np.arange(_HARMONICS + 3)[:, None] * theta), density)
-        harmonics = np.stack([np.interp(np.log(k), np.log(k[some]), row) for row in rows])
+        azimuthal = _product(np.cos(np.arange(_HARMONICS + 3)[:, None] * theta), density)
+        harmonics = np.stack([np.interp(np.log(k), np.log(k[sampled]), row) for row in azimuthal])
         return cls(k, omega, variance, harmonics)
 
     @property
@@ -130,8 +131,8 @@ class SlopeSpectrum(NamedTuple):
                 continue
             weight = (-1.0) ** (n // 2) * (2.0 if n else 1.0) * self.variance
             around = np.cos(n * azimuth), np.cos(n * azimuth), np.sin(n * azimuth)
-            rows = np.vstack([weight * share * turn for share in shares])
-            moments = _product(rows, bessel(n)).reshape(3, len(lags), len(distance))
+            weighted = np.vstack([weight * share * turn for share in shares])
+            moments = _product(weighted, bessel(n)).reshape(3, len(lags), len(distance))
             for i in range(3):
                 parts[i] += moments[i][:, :, None] * around[i]
         total, difference, cross = parts
@@ -150,20 +151,22 @@ class SlopeSpectrum(NamedTuple):
         ndarray, shape (3, nt, nr, np)
             rho [m2], d(rho)/dx and d(rho)/dy [m] with x along the wind.
         """
-        some = slice(None, None, _COARSER)  # the elevation has no short waves
-        k, omega = self.k[some], self.omega[some]
+        coarser = slice(None, None, _COARSER)  # the elevation has no short waves
+        k, omega = self.k[coarser], self.omega[coarser]
         variance = np.add.reduceat(self.variance / self.k**2, np.arange(0, len(self.k), _COARSER))
         turns = np.cos(np.outer(lags, omega)), np.sin(np.outer(lags, omega))
         rho, radial, around = (np.zeros((len(lags), len(distance), len(azimuth))) for _ in range(3))
         bessel = _bessel_functions(distance, k)
         for n in range(_HARMONICS + 1):
-            weight = (-1.0) ** (n // 2) * (2.0 if n else 1.0) * variance * self.harmonics[n][some]
-            rows = weight * turns[n % 2]
-            if np.abs(rows).max() < _NEGLIGIBLE * variance.max():
+            weight = (
+                (-1.0) ** (n // 2) * (2.0 if n else 1.0) * variance * self.harmonics[n][coarser]
+            )
+            weighted = weight * turns[n % 2]
+            if np.abs(weighted).max() < _NEGLIGIBLE * variance.max():
                 continue
             # dJ_n/dz = n J_n / z - J_(n+1)
-            value = _product(rows, bessel(n))[:, :, None]
-            slope = -_product(k * rows, bessel(n + 1))[:, :, None]
+            value = _product(weighted, bessel(n))[:, :, None]
+            slope = -_product(k * weighted, bessel(n + 1))[:, :, None]
             slope = slope + n * value / distance[:, None]
             rho += value * np.cos(n * azimuth)
             radial += slope * np.cos(n * azimuth)
@@ -197,14 +200,14 @@ def _bessel_functions(distance: Floats, k: Floats) -> Callable[[int], Floats]:
         if n < 2:
             return (j0, j1)[n](z)
         half = 0.5 * z
-        found = (n - 1) / half * value(n - 1) - value(n - 2)
+        values = (n - 1) / half * value(n - 1) - value(n - 2)
         near = z < 0.5
         q = half[near] ** 2
         series = 1.0 - q / (n + 1) * (1.0 - q / (2.0 * (n + 2)) * (1.0 - q / (3.0 * (n + 3))))
-        found[near] = half[near] ** n / math.factorial(n) * series
+        values[near] = half[near] ** n / math.factorial(n) * series
         between = ~near & (z < n + 1)
-        found[between] = jv(n, z[between])
-        return found
+        values[between] = jv(n, z[between])
+        return values
 
     def products(n: int) -> Floats:
         return sliding_window_view(value(n), len(k))[::apart]
@@ -221,7 +224,7 @@ _NODES = 8
 @check_call
 def spectral_moment(
     spectrum: Spectrum,
-    order: float,
+    order: Annotated[float, Field(ge=-10.0, le=10.0)],
     omega_min: float = 0.0,
     omega_max: float | None = None,
 ) -> float:
@@ -234,7 +237,7 @@ def spectral_moment(
     spectrum : Spectrum
         The spectrum.
     order : float
-        Order n.
+        Order n, -10 to 10.
     omega_min : float
         Lower limit [rad s-1].
     omega_max : float, optional
@@ -478,8 +481,8 @@ def unresolved_slope_variance(target: Variances, resolved: Variances) -> Varianc
     """
     wanted, allowed = Range("target", 0.0, closed=True), Range("resolved", 0.0, closed=True)
     along, across = (
-        max(0.0, wanted.check(whole) - allowed.check(found))
-        for whole, found in zip(target, resolved, strict=True)
+        max(0.0, wanted.check(whole) - allowed.check(present))
+        for whole, present in zip(target, resolved, strict=True)
     )
     return along, across
 
@@ -588,8 +591,8 @@ def meshed_slope_variance(
     h = Range("spacing", 0.0, unit="m").check(spacing)
     power = 0.5 * waves.amplitude**2
     cx, cy = np.cos(waves.kx * h), np.cos(waves.ky * h)
-    kept = 0.5 + (cx + cy + cx * cy) / 6.0
-    vertex = _mean_squares(power * kept, waves.kx, waves.ky, wind_direction_deg)
+    gain = 0.5 + (cx + cy + cx * cy) / 6.0
+    vertex = _mean_squares(power * gain, waves.kx, waves.ky, wind_direction_deg)
     sx = waves.kx * np.sinc(waves.kx * h / (2.0 * math.pi))
     sy = waves.ky * np.sinc(waves.ky * h / (2.0 * math.pi))
     both = sx * sy * np.cos(0.5 * waves.kx * h) * np.cos(0.5 * waves.ky * h)

@@ -311,9 +311,9 @@ def from_trimesh(
     return TriangleMesh(vertices, faces.astype(np.int32), corner_normals, overhangs=overhangs)
 
 
-def unfit(found: str, allowed: str) -> Refused:
+def unfit(reason: str, allowed: str) -> Refused:
     """Return the refusal of a source of meshes, by words about it."""
-    return Refused("source", Described(found), allowed)
+    return Refused("source", Described(reason), allowed)
 
 
 @check_call
@@ -336,12 +336,12 @@ def read_mesh(source: Any) -> tuple[Floats, NDArray[np.int64]]:
         allowed = "trimesh.Trimesh, a path, (vertices, faces) or (x, y, z)"
         raise unfit(type(source).__name__, allowed)
     vertices, faces = (
-        require_array(rows, "source", "vertices (n, 3) and faces (m, 3)", dtype)
-        for rows, dtype in zip(pair, (float, None), strict=True)
+        require_array(array, "source", "vertices (n, 3) and faces (m, 3)", dtype)
+        for array, dtype in zip(pair, (float, None), strict=True)
     )
     if vertices.size == 0 or faces.size == 0:
         raise unfit("empty", "a surface of one or more facets")
-    if any(rows.ndim != 2 or rows.shape[1] != 3 for rows in (vertices, faces)):
+    if any(array.ndim != 2 or array.shape[1] != 3 for array in (vertices, faces)):
         raise unfit(f"shapes {vertices.shape} and {faces.shape}", "(n, 3) and (m, 3)")
     if not np.issubdtype(faces.dtype, np.integer):
         raise unfit(f"faces of type {faces.dtype}", "integers")
@@ -413,8 +413,8 @@ def _outline(n: int, faces: NDArray[np.int64], cross: Floats, overhangs: bool) -
         if against:
             raise unfit(f"{against} edges between facets of opposite winding", allowed)
         if not cross[:, 2].sum() > 0.0:
-            found = "turned over: its outline runs clockwise seen from above"
-            raise unfit(found, f"{allowed}, z up")
+            reason = "turned over: its outline runs clockwise seen from above"
+            raise unfit(reason, f"{allowed}, z up")
     reverse = np.sort(backward)
     at = np.minimum(np.searchsorted(reverse, forward), len(reverse) - 1)
     outline = edges[reverse[at] != forward]

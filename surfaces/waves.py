@@ -425,10 +425,10 @@ class WaveGrid:
         sums = np.empty((len(weights), *map(len, self._axes)))
         paired = len(weights) // 2 * 2
         if paired:
-            one, other = 0.5 * turned[:paired:2], 0.5j * turned[1:paired:2]
-            pairs = np.concatenate([one + other, one.conj() - other.conj()], axis=1)
-            found = self._transformed(pairs)
-            sums[:paired:2], sums[1:paired:2] = found.real, found.imag
+            even, odd = 0.5 * turned[:paired:2], 0.5j * turned[1:paired:2]
+            pairs = np.concatenate([even + odd, even.conj() - odd.conj()], axis=1)
+            folded = self._transformed(pairs)
+            sums[:paired:2], sums[1:paired:2] = folded.real, folded.imag
         if paired < len(weights):
             sums[paired:] = self._transformed(turned[paired:]).real
         sums *= size[:, None, None]
@@ -439,7 +439,7 @@ class WaveGrid:
         """Factor of each wave: its phase at the middle, over its share that interpolation keeps."""
         turn = np.ones(len(self._waves[0]), complex)
         for k, lines in zip(self._waves, self._lines, strict=True):
-            turn *= np.exp(-1j * k * lines.middle) / lines.kept(k)
+            turn *= np.exp(-1j * k * lines.middle) / lines.transfer(k)
         return turn
 
     def _transformed(self, weights: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -453,20 +453,20 @@ class WaveGrid:
         except IndexError:
             plan = self._plan(*weights.shape)
         x, y = self._lines
-        found = np.asarray(plan.execute(weights)).reshape(-1, x.number, y.number)
+        sums = np.asarray(plan.execute(weights)).reshape(-1, x.number, y.number)
         idle.append(plan)
         if x.near is None:
-            return found
-        return np.stack([y.at(x.at(one).T).T for one in found])
+            return sums
+        return np.stack([y.at(x.at(plane).T).T for plane in sums])
 
     def _plan(self, transforms: int, sources: int) -> Any:
         import finufft
 
         options = {"n_trans": transforms, "eps": self._error, "isign": -1, "nthreads": 1}
         plan = finufft.Plan(
-            1, tuple(one.number for one in self._lines), upsampfac=_UPSAMPLING, **options
+            1, tuple(lines.number for lines in self._lines), upsampfac=_UPSAMPLING, **options
         )
-        turns = (k * one.step for k, one in zip(self._waves, self._lines, strict=True))
+        turns = (k * lines.step for k, lines in zip(self._waves, self._lines, strict=True))
         plan.setpts(*(k if sources == len(k) else np.concatenate([k, -k]) for k in turns))
         return plan
 
@@ -488,7 +488,7 @@ class WaveGrid:
         return sums
 
     def _transform_cost(self) -> float:
-        cells, waves = math.prod(one.number for one in self._lines), 2 * len(self._waves[0])
+        cells, waves = math.prod(lines.number for lines in self._lines), 2 * len(self._waves[0])
         if cells > _MOST_CELLS:
             return math.inf
         between = 0 if self._lines[0].near is None else len(self._axes[0]) * self._lines[1].number
@@ -544,7 +544,7 @@ class _Lines(NamedTuple):
         """Return the shape parameter of a kernel for the density `_DENSER`."""
         return math.pi * width * (1.0 - 0.5 / _DENSER)
 
-    def kept(self, k: Floats) -> Floats:
+    def transfer(self, k: Floats) -> Floats:
         """Return phi^(k h), 1 without interpolation."""
         if not self.width:
             return np.ones_like(k)
@@ -557,13 +557,13 @@ class _Lines(NamedTuple):
         assert self.near is not None
         near, weights = self.near
         # a sparse matrix takes a third of the time; the import of scipy, a tenth of a short run
-        found = np.zeros((near.shape[1], parts.shape[1]))
-        part = np.empty_like(found)
+        total = np.zeros((near.shape[1], parts.shape[1]))
+        part = np.empty_like(total)
         for lines, weight in zip(near, weights, strict=True):
             np.take(parts, lines, axis=0, out=part, mode="clip")  # other modes copy
             part *= weight[:, None]
-            found += part
-        return found.view(complex)
+            total += part
+        return total.view(complex)
 
 
 def grid_store() -> Callable[..., WaveGrid]:

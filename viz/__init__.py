@@ -20,10 +20,10 @@ _attribute, __dir__, __all__ = attach(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
-    found = _attribute(name)
-    if isfunction(found):
+    value = _attribute(name)
+    if isfunction(value):
         from meshtrace.checks import check_call
 
-        found = check_call(found, all_named=True)
-    globals()[name] = found  # lazy_loader keeps the function itself
-    return found
+        value = check_call(value, all_named=True)
+    globals()[name] = value  # lazy_loader keeps the function itself
+    return value

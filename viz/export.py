@@ -239,7 +239,10 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
 def _in_palette(shot: Image.Image) -> Image.Image:
     """Return a picture in 256 colours: 160 for gradients, where steps show, and 96 for the rest."""
     pixels, quantize = np.asarray(shot), cast(Any, Image.Quantize)
-    ends = (np.asarray(shot.filter(of(5))) for of in (ImageFilter.MaxFilter, ImageFilter.MinFilter))
+    ends = (
+        np.asarray(shot.filter(filter_of(5)))
+        for filter_of in (ImageFilter.MaxFilter, ImageFilter.MinFilter)
+    )
     even = np.subtract(*ends).max(axis=2) <= _EVEN
     shades = np.unique(pixels[even], axis=0)  # large areas have no more of them than small ones
     chosen: list[int] = []
@@ -362,8 +365,8 @@ def _letters(scene: ScenePlotter) -> pv.PolyData | None:
         x0, x1 = word.bounds[:2]
         shift = {"left": -x0, "center": 0.0, "right": -x1}[align]
         word.points = size * (word.points + np.array([shift, 0.0, 0.0])) @ scene.frame + point
-        tint = 255.0 * np.array(to_rgb(CHALK))
-        word.point_data["tint"] = np.tile(tint.astype(np.uint8), (word.n_points, 1))
+        background = 255.0 * np.array(to_rgb(CHALK))
+        word.point_data["tint"] = np.tile(background.astype(np.uint8), (word.n_points, 1))
         words.append(word)
     return pv.merge(words) if words else None
 
@@ -371,7 +374,7 @@ def _letters(scene: ScenePlotter) -> pv.PolyData | None:
 def _about(plotter: pv.Plotter, title: str) -> str:
     """Return heading, caption, colour bars and key as HTML."""
     key: dict[str, str] = getattr(plotter, "key", {})
-    rows = "".join(
+    table_rows = "".join(
         f'<li><i style="background:{color}"></i>{html.escape(label)}</li>'
         for label, color in key.items()
     )
@@ -382,7 +385,7 @@ def _about(plotter: pv.Plotter, title: str) -> str:
         f'<div id="about"><h1>{html.escape(title)}</h1>'
         f"<p>{html.escape(getattr(plotter, 'caption', ''))}</p>"
         "<p>drag to turn, wheel to zoom, shift and drag to move</p>"
-        f"{bars}<ul>{rows}</ul></div>"
+        f"{bars}<ul>{table_rows}</ul></div>"
     )
 
 

@@ -107,7 +107,7 @@ def wrapped(label: str) -> str:
 
 def note(ax: Axes, text: str) -> None:
     """Write a short explanation above the right end of axes, once."""
-    if text not in (one.get_text() for one in ax.texts):
+    if text not in (text_drawn.get_text() for text_drawn in ax.texts):
         place: Any = {"xycoords": "axes fraction", "ha": "right", "va": "bottom"}
         ax.annotate(text, (1.0, 1.01), fontsize=8, **place)
 
@@ -130,13 +130,13 @@ def dataset(variables: dict[str, Any], **coords: Any) -> xr.Dataset:
 
 def variable(data: xr.Dataset, name: str, dims: tuple[Hashable, ...] = ()) -> xr.DataArray:
     """Return a variable of numbers, of some dimensions or of any one or two."""
-    found = data.get(name)
-    if found is None or (found.dims != dims if dims else found.ndim not in (1, 2)):
+    variable = data.get(name)
+    if variable is None or (variable.dims != dims if dims else variable.ndim not in (1, 2)):
         allowed = f"a variable over {dims}" if dims else "a variable of one or two dimensions"
-        raise Refused(name, None if found is None else found.dims, allowed)
-    if found.dtype.kind not in "biuf" or not found.size:
-        raise Refused(name, Described(f"{found.size} values of {found.dtype}"), "numbers")
-    return found
+        raise Refused(name, None if variable is None else variable.dims, allowed)
+    if variable.dtype.kind not in "biuf" or not variable.size:
+        raise Refused(name, Described(f"{variable.size} values of {variable.dtype}"), "numbers")
+    return variable
 
 
 def along(data: xr.Dataset, quantity: str) -> tuple[Floats, str]:
@@ -158,8 +158,8 @@ def curves(data: xr.Dataset, quantity: str) -> Iterator[tuple[Any, ...]]:
         return
     by = values.dims[0]
     for i, name in enumerate(data[by].to_numpy()):
-        rows = (None if a is None else a.isel({by: i}).to_numpy() for a in (values, low, high))
-        yield verbatim(name), *rows
+        bands = (None if a is None else a.isel({by: i}).to_numpy() for a in (values, low, high))
+        yield verbatim(name), *bands
 
 
 # ---- marks -----------------------------------------------------------------------------------
@@ -190,12 +190,12 @@ def lines(
         Of `Axes.plot`.
     """
     x, label = along(data, quantity)
-    ax, found = axes(ax), list(curves(data, quantity))
-    every = math.ceil(len(found) / _NAMED)
+    ax, drawn = axes(ax), list(curves(data, quantity))
+    every = math.ceil(len(drawn) / _NAMED)
     if every > 1:
-        ax.set_prop_cycle(color=colormaps["viridis"](np.linspace(0.0, 0.95, len(found))))
-    rows = zip(found, itertools.cycle(styles), itertools.cycle(colors or (None,)), strict=False)
-    for i, ((name, values, low, high), style, color) in enumerate(rows):
+        ax.set_prop_cycle(color=colormaps["viridis"](np.linspace(0.0, 0.95, len(drawn))))
+    styled = zip(drawn, itertools.cycle(styles), itertools.cycle(colors or (None,)), strict=False)
+    for i, ((name, values, low, high), style, color) in enumerate(styled):
         options: Any = {"markersize": 4, "label": None if i % every else name or None, **look}
         try:
             (line,) = ax.plot(x, values, style, **options, **({"color": color} if color else {}))

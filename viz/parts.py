@@ -222,9 +222,9 @@ def _add_points(scene: ScenePlotter, mesh: TriangleMesh, bubbles: BubblePopulati
     pixel = scene.window_size[0] / 1600.0
     for i, (size, alpha) in enumerate(((2.0, 0.3), (3.0, 0.5), (5.0, 0.7))):
         look: Any = {"render_points_as_spheres": True, "opacity": alpha, "lighting": False}
-        some = points[i::3] if i < 2 else points[2::12]
-        if len(some):
-            scene.add_mesh(pv.PolyData(some), color=BUBBLE_COLOR, point_size=size * pixel, **look)
+        subset = points[i::3] if i < 2 else points[2::12]
+        if len(subset):
+            scene.add_mesh(pv.PolyData(subset), color=BUBBLE_COLOR, point_size=size * pixel, **look)
     scene.key[f"bubbles, {float(bubbles.b(0.0)):.2g} 1/m at the surface"] = BUBBLE_COLOR
 
 

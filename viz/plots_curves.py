@@ -145,12 +145,12 @@ def plot_wavelengths(result: ByWavelength[Any], *, ax: Axes | None = None) -> Ax
     if kind not in _OVER_WAVELENGTH:
         raise Refused("result", Described(f"of kind {kind}"), ", ".join(_OVER_WAVELENGTH))
     name, number = _OVER_WAVELENGTH[kind]
-    rows = np.array([number(found) for _, found in result])  # (wavelengths, 3, receivers)
+    values = np.array([number(result_at) for _, result_at in result])  # (wavelengths, 3, receivers)
     nm = ("wavelength_nm", result.wavelength_nm, attrs("wavelength_nm"))
-    receivers = [f"receiver {r}" for r in range(rows.shape[2])]
+    receivers = [f"receiver {r}" for r in range(values.shape[2])]
     data = xr.Dataset(coords={"wavelength_nm": nm, "receiver": receivers})
     for i, suffix in enumerate(("", "_low", "_high")):
-        data[name + suffix] = (("receiver", "wavelength_nm"), rows[:, i].T)
+        data[name + suffix] = (("receiver", "wavelength_nm"), values[:, i].T)
     if len(receivers) == 1:
         data = data.isel(receiver=0)
     return lines(ax, data, name)
@@ -235,29 +235,29 @@ def _over_parameters(data: xr.Dataset, quantity: str) -> tuple[xr.Dataset, list[
 
     It is averaged over realizations.
     """
-    found = by_wavelength(data)
-    found = found[[name for name in data.data_vars if str(name).startswith(quantity)]]
-    n = found.sizes.get("realization", 0)
+    selected = by_wavelength(data)
+    selected = selected[[name for name in data.data_vars if str(name).startswith(quantity)]]
+    n = selected.sizes.get("realization", 0)
     if n > 1:
-        scatter = found[quantity].std("realization", ddof=1) / np.sqrt(n)
-        found = found[[quantity]].mean("realization").assign({f"{quantity}_stderr": scatter})
-    elif n == 1 and found[quantity].ndim > 1:
-        found = found.squeeze("realization", drop=True)
-    dims = [str(name) for name in found[quantity].dims]
+        scatter = selected[quantity].std("realization", ddof=1) / np.sqrt(n)
+        selected = selected[[quantity]].mean("realization").assign({f"{quantity}_stderr": scatter})
+    elif n == 1 and selected[quantity].ndim > 1:
+        selected = selected.squeeze("realization", drop=True)
+    dims = [str(name) for name in selected[quantity].dims]
 
     def use(name: str) -> tuple[bool, bool]:
-        return found.sizes[name] > 1, found[name].dtype.kind in "iuf"
+        return selected.sizes[name] > 1, selected[name].dtype.kind in "iuf"
 
     last = max(reversed(dims), key=use)
-    others = [name for name in dims if name != last and found.sizes[name] > 1]
-    found = found.squeeze([n for n in dims if n not in (last, *others)], drop=True)
+    others = [name for name in dims if name != last and selected.sizes[name] > 1]
+    selected = selected.squeeze([n for n in dims if n not in (last, *others)], drop=True)
     if not others:
-        return found, []
+        return selected, []
     names = [
         ", ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in point)
-        for point in itertools.product(*(found[name].to_numpy().tolist() for name in others))
+        for point in itertools.product(*(selected[name].to_numpy().tolist() for name in others))
     ]
-    stacked = found.transpose(*others, last).stack(curve=others, create_index=False)
+    stacked = selected.transpose(*others, last).stack(curve=others, create_index=False)
     return stacked.transpose("curve", last).assign_coords(curve=names), others
 
 
@@ -320,9 +320,9 @@ def plot_performance(
         ax.set_title(f"depth {performance.depths[0]:g} m", loc="left")
     if f"{quantity}_low" in shown:
         seas = performance.provenance["realizations"]
-        light = verbatim(name_of_light(performance.light))
+        light_name = verbatim(name_of_light(performance.light))
         band = f"n = {seas} seas, band: {100.0 * performance.confidence:g} %"
-        note(ax, f"{band}, background light: {light}")
+        note(ax, f"{band}, background light: {light_name}")
     below = performance.status, (0.0, -0.17)
     ax.annotate(*below, xycoords="axes fraction", fontsize=7.5, va="top", wrap=True)
     return ax

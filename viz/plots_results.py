@@ -55,8 +55,8 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     gains = np.column_stack([direct, result.gain_order])
     most, names = float(gains.max()), [f"receiver {i}" for i in range(len(gains))]
     last = max(np.flatnonzero((gains > _SHOWN * most).any(axis=0)), default=0)
-    found = {"gain": np.where(gains > 0.0, gains, np.nan)}
-    data = marks.dataset(found, receiver=names, order=range(gains.shape[1]))
+    quantities = {"gain": np.where(gains > 0.0, gains, np.nan)}
+    data = marks.dataset(quantities, receiver=names, order=range(gains.shape[1]))
     shown = data if len(gains) > 1 else data.isel(receiver=0)
     ax = marks.lines(ax, shown, "gain", ("o:",), lw=0.8)
     if most > 0.0:
@@ -197,11 +197,11 @@ def plot_gain_pdf(
         If a law is unknown or the gains cannot be fitted.
     """
     gain, laws = _fitted(series, fits)
-    edges, found, stderr = fading.gain_pdf(*gain, bins=bins)
+    edges, density, stderr = fading.gain_pdf(*gain, bins=bins)
     ax = marks.axes(ax)
-    ax.stairs(found, edges, fill=True, color=PALETTE["sky"], alpha=0.45)
+    ax.stairs(density, edges, fill=True, color=PALETTE["sky"], alpha=0.45)
     middle = 0.5 * (edges[1:] + edges[:-1])
-    ax.errorbar(middle, found, 2.0 * stderr, fmt="none", ecolor=INK, lw=0.9)
+    ax.errorbar(middle, density, 2.0 * stderr, fmt="none", ecolor=INK, lw=0.9)
     x = np.linspace(edges[0], edges[-1], 400)
     x = x[x > 0.0]
     for name, fit in laws.items():
@@ -236,16 +236,16 @@ def plot_gain_cdf(
         If a law is unknown or the gains cannot be fitted.
     """
     gain, laws = _fitted(series, fits)
-    found = fading.gain_cdf(*gain, n_effective=n_effective)
+    cdf = fading.gain_cdf(*gain, n_effective=n_effective)
     ax = marks.axes(ax)
     look: Any = {"color": INK, "label": "simulated", "drawstyle": "steps-post"}
-    (line,) = ax.plot(found.gain, found.probability, **look)
-    marks.band(ax, line, found.low, found.high)
-    x = np.linspace(found.gain[0], found.gain[-1], 400)
+    (line,) = ax.plot(cdf.gain, cdf.probability, **look)
+    marks.band(ax, line, cdf.low, cdf.high)
+    x = np.linspace(cdf.gain[0], cdf.gain[-1], 400)
     for dashes, (name, fit) in zip(("-", "--"), laws.items(), strict=False):
         ax.plot(x, fit.law.cdf(x), dashes, label=name)
-    marks.note(ax, f"n = {len(found.gain)}, band: 95 %")
-    return marks.finished(ax, "gain", "gain_cdf", yscale="log", ylim=(0.5 / len(found.gain), 1.3))
+    marks.note(ax, f"n = {len(cdf.gain)}, band: 95 %")
+    return marks.finished(ax, "gain", "gain_cdf", yscale="log", ylim=(0.5 / len(cdf.gain), 1.3))
 
 
 def _fitted(
@@ -266,8 +266,8 @@ def _dataset(result: GainSeries | CoverageMap | xr.Dataset, *names: str) -> xr.D
     data = result if isinstance(result, xr.Dataset) else result.to_dataset()
     for name in names:
         if name not in data or not data[name].ndim or data[name].dtype.kind not in "biuf":
-            found = data[name].dims if name in data else None
-            raise Refused(name, found, f"numbers {', '.join(names)} over one dimension or more")
+            dims = data[name].dims if name in data else None
+            raise Refused(name, dims, f"numbers {', '.join(names)} over one dimension or more")
     return data
 
 

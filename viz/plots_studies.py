@@ -83,12 +83,12 @@ def plot_convergence(study: studies.ConvergenceStudy, *, ax: Axes | None = None)
         target = fit.gain.value if study.reference is None else study.anchor[k]
         scatter = np.where(study.scatter[k] > 0.0, study.scatter[k], np.nan)
         law = np.abs(fit.coefficient * study.step**fit.order.value)
-        rows = percent * np.array([np.abs(study.gain[k] - target), law, scatter])
+        errors_percent = percent * np.array([np.abs(study.gain[k] - target), law, scatter])
         errors = percent * np.array([study.difference_stderr[k], 0.0 * law, 0.0 * law])
         named = f"{kind} normals, mean: order {fit.order.value:.2f}", "", f"{kind} normals, scatter"
         n = 3 if np.isfinite(scatter).any() else 2
-        found = {"error": rows[:n], "error_stderr": errors[:n]}
-        data = marks.dataset(found, curve=named[:n], **{study.parameter: study.values})
+        quantities = {"error": errors_percent[:n], "error_stderr": errors[:n]}
+        data = marks.dataset(quantities, curve=named[:n], **{study.parameter: study.values})
         color = list(PALETTE.values())[k]
         marks.lines(ax, data, "error", ("o", "-", "^--"), (color,), lw=1.0, markersize=5)
     ax.axhline(100.0 * study.tolerance, color="0.5", lw=0.8, ls=":", label="tolerance")
@@ -112,13 +112,13 @@ def plot_fading_convergence(study: studies.FadingConvergence, *, ax: Axes | None
     -------
     Axes
     """
-    rows = np.array([study.with_tilts, study.band_alone, study.measured])
-    errors = np.array([0.0 * rows[0], 0.0 * rows[1], study.measured_stderr])
+    indices = np.array([study.with_tilts, study.band_alone, study.measured])
+    errors = np.array([0.0 * indices[0], 0.0 * indices[1], study.measured_stderr])
     names = ["closed form, random slopes beyond", "closed form, nothing beyond", "measured"]
     n = 3 if np.isfinite(study.measured).any() else 2
-    found = {"scintillation_index": rows[:n]}
-    found |= {"scintillation_index_stderr": errors} if n == 3 else {}
-    data = marks.dataset(found, curve=names[:n], omega_max=study.omega_max)
+    quantities = {"scintillation_index": indices[:n]}
+    quantities |= {"scintillation_index_stderr": errors} if n == 3 else {}
+    data = marks.dataset(quantities, curve=names[:n], omega_max=study.omega_max)
     ax = marks.lines(ax, data, "scintillation_index", ("-", "--", "o"))
     ax.axhline(study.all_waves, ls=":", label="all waves", **_LINE)
     return _over_steps(ax, study.omega_max, yscale="log")
@@ -155,11 +155,11 @@ def plot_tornado(
     Axes
         Bars in dB, in m for the range, the largest on top, with whiskers of two standard errors.
     """
-    found = studies.swings(s, change)
-    names = [f"{one.name}\n{one.values[0]:.4g} to {one.values[1]:.4g} {one.unit}" for one in found]
+    bars = studies.swings(s, change)
+    names = [f"{bar.name}\n{bar.values[0]:.4g} to {bar.values[1]:.4g} {bar.unit}" for bar in bars]
     values = {
-        "change": [one.change for one in found],
-        "change_stderr": [one.stderr for one in found],
+        "change": [bar.change for bar in bars],
+        "change_stderr": [bar.stderr for bar in bars],
     }
     data = marks.dataset(
         values, name=[name.removesuffix(" 1") for name in names], side=["lower", "higher"]

@@ -186,9 +186,9 @@ def scene(
         parts.add_transmitter(plotter, link, shown, labels=style.labels)
     look_of = style.model_dump(include={"color", "color_limit", "edges", "opacity"})
     if style.color == "water":
-        light = SeaLight.of(link, daylight, wind_of(surface))
+        sea_light = SeaLight.from_link(link, daylight, wind_of(surface))
         longest, texels = longest_left_out(surface), texels_for(style.window_size)
-        look_of["shaded"] = ShadedSea(shown, light, longest, time, texels)
+        look_of["shaded"] = ShadedSea(shown, sea_light, longest, time, texels)
         look_of["light"] = "white" if link is None or daylight else _DUSK
     parts.add_surface(plotter, shown, **look_of)
     if link is not None:
@@ -219,7 +219,7 @@ def scene(
 
 
 def _map_of(
-    given: CoverageMap | int | None,
+    coverage: CoverageMap | int | None,
     link: Link | None,
     surface: MeshSource | TriangleMesh,
     half: float,
@@ -227,13 +227,13 @@ def _map_of(
     seed: int,
 ) -> CoverageMap | None:
     """Return the map, or one of a number of photons in 40 by 40 cells of a half-width [m]."""
-    if not isinstance(given, int):
-        return given
+    if not isinstance(coverage, int):
+        return coverage
     if link is None:
         raise Refused("coverage", Described("of a mesh alone"), "with a link")
-    run: Any = {"times": (time,), "photons": given, "seed": seed}
-    found: CoverageMap = coverage_map(link, surface, half, half / 20.0, **run)
-    return found
+    run: Any = {"times": (time,), "photons": coverage, "seed": seed}
+    computed: CoverageMap = coverage_map(link, surface, half, half / 20.0, **run)
+    return computed
 
 
 def shown_mesh(
@@ -308,12 +308,12 @@ def received_light(
     if paths is None and received is None:
         return None, None
     try:
-        light = trace(max(received or 0, FOOTPRINT_PATHS), received_only=True)
+        paths_received = trace(max(received or 0, FOOTPRINT_PATHS), received_only=True)
     except Refused:
         if received is not None:
             raise
         return None, None  # only analog photons follow this link: theirs are shown
-    return light, select_paths(light, slice(received or RECEIVED_SHOWN))
+    return paths_received, select_paths(paths_received, slice(received or RECEIVED_SHOWN))
 
 
 def add_paths(
@@ -346,8 +346,8 @@ def add_paths(
     width = scene.window_size[0] / 1600.0
     landed = ~paths.received & (paths.final == Vertex.LANDED)
     fates = (paths.received, landed, ~paths.received & ~landed)  # in the order of the colours
-    for (name, shade), rows in reversed([*zip(FATE_COLORS.items(), fates, strict=True)]):
-        chosen = select_paths(paths, rows)
+    for (name, shade), indices in reversed([*zip(FATE_COLORS.items(), fates, strict=True)]):
+        chosen = select_paths(paths, indices)
         if not len(chosen.what):
             continue
         received = name == "received"
@@ -406,21 +406,21 @@ def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
     fade = np.clip(np.minimum(inside, ahead) / (_SOFT * stage.size), 0.0, 1.0)
     first = np.zeros(n.sum(), bool)
     first[np.cumsum(n) - n] = True
-    kept = ~first[pieces[:, 1]] & (fade[pieces] > 0.0).any(axis=1)
-    rays = pv.PolyData(points, lines=np.insert(pieces[kept], 0, 2, axis=1).ravel())
+    drawn = ~first[pieces[:, 1]] & (fade[pieces] > 0.0).any(axis=1)
+    rays = pv.PolyData(points, lines=np.insert(pieces[drawn], 0, 2, axis=1).ravel())
     before, after = (np.repeat(paths.weight[row, step + i], n) for i in (0, 1))
     rays["weight"], rays["fade"] = before + share * (after - before), fade
     return rays, len(np.unique(row))
 
 
-def select_paths(paths: PhotonPaths, rows: np.ndarray | slice) -> PhotonPaths:
+def select_paths(paths: PhotonPaths, which: np.ndarray | slice) -> PhotonPaths:
     """Return some of the paths, chosen by index, mask or slice."""
     try:
         return PhotonPaths(
-            paths.vertex[rows], paths.weight[rows], paths.what[rows], paths.photon[rows]
+            paths.vertex[which], paths.weight[which], paths.what[which], paths.photon[which]
         )
     except (IndexError, TypeError) as error:
-        raise Refused("rows", rows, f"indices, a mask or a slice of {len(paths.what)}") from error
+        raise Refused("which", which, f"indices, a mask or a slice of {len(paths.what)}") from error
 
 
 _CROSSINGS = (Vertex.SURFACE_OUT, Vertex.SURFACE_IN)
@@ -464,18 +464,18 @@ def add_footprint(scene: ScenePlotter, mesh: TriangleMesh, received: PhotonPaths
     size = scene.stage.size
     patch = _footprint(mesh, crossings, 0.008 * size)
     patch.points += np.array([0.0, 0.0, 1e-3 * size])  # or it would flicker with the surface
-    lit = patch.threshold(-FOOTPRINT_RANGE_DB, scalars="footprint", all_scalars=False)
-    lit = lit.clip_box(scene.stage.bounds, invert=False)
-    if not lit.n_cells:
+    illuminated = patch.threshold(-FOOTPRINT_RANGE_DB, scalars="footprint", all_scalars=False)
+    illuminated = illuminated.clip_box(scene.stage.bounds, invert=False)
+    if not illuminated.n_cells:
         return scene
     colors: Any = {"scalars": "footprint", "clim": (-FOOTPRINT_RANGE_DB, 0.0), "cmap": "inferno"}
     look: Any = {"opacity": "linear", "lighting": False, "show_scalar_bar": False}
-    if max(np.ptp(np.reshape(lit.bounds, (3, 2)), axis=1)) > _LEGIBLE * size:
+    if max(np.ptp(np.reshape(illuminated.bounds, (3, 2)), axis=1)) > _LEGIBLE * size:
         look |= {
             "show_scalar_bar": True,
             "scalar_bar_args": scene.bar("received light crossing [dB]"),
         }
-    scene.add_mesh(lit, name="footprint", **colors, **look)
+    scene.add_mesh(illuminated, name="footprint", **colors, **look)
     return scene
 
 

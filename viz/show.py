@@ -387,13 +387,13 @@ def _save_maps(
     figure = _figure(LIGHT_SIZE, 80)
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
     images = []
-    for ax, one in zip(axes, maps, strict=True):
-        look: Any = {"extent": np.concatenate(one.ends), "interpolation": "bilinear"}
-        look |= {"cmap": one.colors, "norm": one.norm, "origin": "lower"}
+    for ax, map_drawn in zip(axes, maps, strict=True):
+        look: Any = {"extent": np.concatenate(map_drawn.ends), "interpolation": "bilinear"}
+        look |= {"cmap": map_drawn.colors, "norm": map_drawn.norm, "origin": "lower"}
         images.append(ax.imshow(np.zeros((2, 2)), **look))
-        beyond = "both" if one.norm.vmin else "max"  # of light there is none below 0
+        beyond = "both" if map_drawn.norm.vmin else "max"  # of light there is none below 0
         size: Any = {"extend": beyond, "shrink": 0.78, "aspect": 18}
-        figure.colorbar(images[-1], ax=ax, label=one.label, **size)
+        figure.colorbar(images[-1], ax=ax, label=map_drawn.label, **size)
         seen_from_above(ax)
 
     def draw(values: Any, titles: Sequence[str]) -> Figure:

@@ -151,9 +151,9 @@ class ScenePlotter(pv.Plotter):
         # a low sun behind the waves for glint, and light from above and from the front
         low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
         above = pv.Light(position=(-0.5, -0.4, 1.0), light_type="scene light", intensity=0.45)
-        for light in (low_sun, above, pv.Light(light_type="headlight", intensity=0.35)):
-            light.positional = False
-            self.add_light(light)
+        for lamp in (low_sun, above, pv.Light(light_type="headlight", intensity=0.35)):
+            lamp.positional = False
+            self.add_light(lamp)
         look(self)
 
     def wipe(self) -> None:
@@ -191,8 +191,8 @@ class ScenePlotter(pv.Plotter):
         rgb = np.broadcast_to(
             to_rgb(color) if isinstance(color, str) else color, (part.n_points, 3)
         )
-        tint = np.column_stack([rgb, np.broadcast_to(alpha, part.n_points)])
-        part.point_data["tint"] = np.rint(255.0 * tint).astype(np.uint8)
+        rgba = np.column_stack([rgb, np.broadcast_to(alpha, part.n_points)])
+        part.point_data["tint"] = np.rint(255.0 * rgba).astype(np.uint8)
         part = part.clip_box(self.stage.bounds, invert=False) if clipped else part
         if part.n_cells:
             self.add_mesh(part, scalars="tint", rgb=True, lighting=False, **look)

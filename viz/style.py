@@ -158,8 +158,10 @@ def water_map() -> ListedColormap:
         [(0.25, 0.075, 262.0), (0.44, 0.085, 248.0), (0.63, 0.085, 225.0), (0.82, 0.06, 195.0)]
     ).T
     at = np.linspace(0.0, len(hue) - 1.0, 256)
-    light, c, h = (np.interp(at, np.arange(len(hue)), row) for row in (lightness, chroma, hue))
-    lab = np.stack([light, c * np.cos(np.radians(h)), c * np.sin(np.radians(h))], axis=1)
+    lightness_at, c, h = (
+        np.interp(at, np.arange(len(hue)), row) for row in (lightness, chroma, hue)
+    )
+    lab = np.stack([lightness_at, c * np.cos(np.radians(h)), c * np.sin(np.radians(h))], axis=1)
     linear = np.clip((lab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0.0, 1.0)
     return ListedColormap(to_srgb(linear), name="water")
 

@@ -81,18 +81,18 @@ class SeaLight:
     wind_direction_deg: float = 0.0
 
     @classmethod
-    def of(
+    def from_link(
         cls, link: Link | None, day: Daylight | None, wind: tuple[float | None, float]
     ) -> SeaLight:
         """Return the light on the sea of a link; foam by its whitecaps, else by the wind."""
         speed, direction = wind[0] or 0.0, wind[1]
         caps = link.whitecaps if link is not None else None
         caps = caps or Whitecaps(wind_speed=min(speed, 30.0))
-        given: dict[str, Any] = {}
+        fields: dict[str, Any] = {}
         if link is not None:
-            given = {"water": link.water, "wavelength_nm": link.transmitters[0].wavelength_nm}
+            fields = {"water": link.water, "wavelength_nm": link.transmitters[0].wavelength_nm}
         foam = 1.0 - caps.transmittance
-        return cls(day or DEFAULT_DAY, **given, foam=foam, wind_speed=speed,
+        return cls(day or DEFAULT_DAY, **fields, foam=foam, wind_speed=speed,
                    wind_direction_deg=direction)  # fmt: skip
 
     @cached_property
@@ -231,7 +231,7 @@ def radiance(
     points: Floats,
     slopes: Floats,
     eye: tuple[float, float, float],
-    light: SeaLight,
+    sea_light: SeaLight,
     rest: tuple[float, float],
 ) -> NDArray[np.float64]:
     """Return the radiance from a sea to a viewer, relative to a white, level surface.
@@ -244,7 +244,7 @@ def radiance(
         Slopes there.
     eye : tuple of float
         Place of the viewer [m].
-    light : SeaLight
+    sea_light : SeaLight
         Light and water, without the foam.
     rest : tuple of float
         Slope variances along and across the wind within a point.
@@ -254,7 +254,7 @@ def radiance(
     ndarray, shape (n, 3)
         pi L / E, red to blue: rho L_sky + glint + (1 - rho) L_water.
     """
-    day, n_water = light.day, light.water.n
+    day, n_water = sea_light.day, sea_light.water.n
     normal = _unit(np.column_stack([-slopes, np.ones(len(slopes), slopes.dtype)]))
     view = _unit(np.asarray(eye, points.dtype) - points)
     cosine = np.clip(np.einsum("ij,ij->i", view, normal), 0.02, 1.0)
@@ -264,7 +264,7 @@ def radiance(
     from_sky = rho[:, None] * sky_colors(day, mirrored)
     glint = np.zeros_like(rho)
     if day.direct > 0.0:
-        wind = math.radians(light.wind_direction_deg)
+        wind = math.radians(sea_light.wind_direction_deg)
         along, across = (math.sqrt(max(v, LEAST_VARIANCE)) for v in rest)
         rough = Roughness(along, across, math.cos(wind), math.sin(wind))
         glint = connected_glint(
@@ -276,7 +276,7 @@ def radiance(
     glow = 1.0 + 0.35 * np.clip(crest / max(float(crest.std()), 0.02), -1.5, 2.0)
     below = math.pi * WATER_BRIGHTNESS * (1.0 - rho) * glow
     white = math.pi / day.irradiance * glint
-    return np.asarray(from_sky + white[:, None] + below[:, None] * light.upwelling)
+    return np.asarray(from_sky + white[:, None] + below[:, None] * sea_light.upwelling)
 
 
 def sky_colors(day: Daylight, directions: Floats) -> Floats:
@@ -291,20 +291,20 @@ def sky_colors(day: Daylight, directions: Floats) -> Floats:
     """
     clear = min(4.0 * day.direct / day.irradiance, 1.0)
     haze = np.exp(-4.0 * directions[:, 2:])
-    tint = CLOUD_RGB + clear * (ZENITH_RGB - CLOUD_RGB + haze * (HORIZON_RGB - ZENITH_RGB))
+    haze_rgb = CLOUD_RGB + clear * (ZENITH_RGB - CLOUD_RGB + haze * (HORIZON_RGB - ZENITH_RGB))
     white = math.pi / day.irradiance * sky_radiance(day.sky, directions)
-    return np.asarray(white[:, None] * tint)
+    return np.asarray(white[:, None] * haze_rgb)
 
 
 def _unit(vectors: Floats) -> Floats:
     return np.asarray(vectors / np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None])
 
 
-def screen_colors(light: Floats, foam: Floats | None = None) -> NDArray[np.uint8]:
+def screen_colors(radiances: Floats, foam: Floats | None = None) -> NDArray[np.uint8]:
     """Return the colours (n, 3) of light relative to a white surface, with foam on it."""
     if foam is not None:
-        light = light + foam[:, None] * (FOAM_REFLECTANCE - light)
-    exposed = EXPOSURE * np.maximum(light, 0.0)
+        radiances = radiances + foam[:, None] * (FOAM_REFLECTANCE - radiances)
+    exposed = EXPOSURE * np.maximum(radiances, 0.0)
     linear = exposed / (1.0 + exposed)  # the glitter keeps the shapes of its waves
     return np.ascontiguousarray(np.rint(255.0 * to_srgb(linear)), np.uint8)
 
@@ -334,12 +334,12 @@ class ShadedSea:
     def __init__(
         self,
         mesh: TriangleMesh,
-        light: SeaLight,
+        sea_light: SeaLight,
         longest: float | None = None,
         time: float = 0.0,
         texels: int = 1024,
     ) -> None:
-        self.grid, self._light, self._texels = grid_shape(mesh), light, texels
+        self.grid, self._light, self._texels = grid_shape(mesh), sea_light, texels
         points, normals = mesh.vertices, mesh.vertex_normals
         if self.grid is not None:
             points, normals = (refined(v.reshape(*self.grid, 3), texels) for v in (points, normals))
@@ -348,17 +348,20 @@ class ShadedSea:
         low, high = mesh.bounds[:, :2]
         size = float((high - low).max())
         variances, least = left_out(mesh, longest)
-        wind = light.wind_direction_deg
+        wind = sea_light.wind_direction_deg
         drawn = short_waves(size, texels, variances, least, wind, time)
         self._rest = drawn.rest
         self._slopes = -normals[:, :2] / np.maximum(normals[:, 2:], 0.2)
         self._slopes += self._on_lattice(drawn.slopes, low, size)
         self._foam = None
-        if light.foam > 0.0:
-            angle, drift = math.radians(wind), 0.03 * light.wind_speed * time  # as surface drift
+        if sea_light.foam > 0.0:
+            angle, drift = (
+                math.radians(wind),
+                0.03 * sea_light.wind_speed * time,
+            )  # as surface drift
             start = low + drift * np.array([math.cos(angle), math.sin(angle)])
             streaks = self._on_lattice(foam_streaks(size, texels, wind), start, size)
-            self._foam = foam_cover(streaks, self._points[:, 2], light.foam)
+            self._foam = foam_cover(streaks, self._points[:, 2], sea_light.foam)
 
     def _on_lattice(self, values: Floats, start: Floats, size: float) -> Floats:
         """Return the values of a periodic lattice at the points."""
@@ -368,9 +371,9 @@ class ShadedSea:
 
     def colors(self, eye: tuple[float, float, float]) -> NDArray[np.uint8]:
         """Return the colours seen from a place [m], (n, 3), or (texels, texels, 3) of a grid."""
-        light = radiance(self._points, self._slopes, eye, self._light, self._rest)
-        found = screen_colors(light, self._foam)
-        return found.reshape(self._texels, self._texels, 3) if self.grid else found
+        radiances = radiance(self._points, self._slopes, eye, self._light, self._rest)
+        colors = screen_colors(radiances, self._foam)
+        return colors.reshape(self._texels, self._texels, 3) if self.grid else colors
 
 
 def left_out(mesh: TriangleMesh, longest: float | None) -> tuple[tuple[float, float], float]:

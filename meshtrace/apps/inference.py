@@ -109,8 +109,10 @@ def read_measurements(given: Any) -> Measurements:
 def _rows(given: Any) -> list[Mapping[str, Any]]:
     """Return the rows of a table of columns, or those given."""
     if isinstance(given, Mapping) or hasattr(given, "columns"):
+        if not all(isinstance(key, str) for key in given):
+            raise Refused("measurements", Described("a column without name"), "texts as keys")
         columns = {
-            str(key): np.atleast_1d(
+            key: np.atleast_1d(
                 require_array(given[key], f"measurements.{key}", "a column of values", None)
             ).tolist()
             for key in given

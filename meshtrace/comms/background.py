@@ -22,7 +22,7 @@ DARK = "none: dark, without sun, moon and sky"
 """Name of the light without background."""
 
 
-def name_of_light(light: str) -> str:
+def name_of_light(name: str) -> str:
     """Return the name in the text of a light.
 
     Examples
@@ -30,7 +30,7 @@ def name_of_light(light: str) -> str:
     >>> name_of_light(DARK), name_of_light("clear sky at zenith angle 30 deg, 1.88e+12 counts/s")
     ('dark', 'clear sky at zenith angle 30 deg')
     """
-    return "dark" if light == DARK else light.partition(",")[0]
+    return "dark" if name == DARK else name.partition(",")[0]
 
 
 _NARROWEST = 1e-6  # [nm]
@@ -69,7 +69,7 @@ def filter_shift_nm(
 
 
 @check_call
-def with_background(ook: OokLink, found: Background, scale: float = 1.0) -> OokLink:
+def with_background(ook: OokLink, background: Background, scale: float = 1.0) -> OokLink:
     """Return a transmission with the counts of a background added to its own.
 
     Parameters
@@ -81,7 +81,7 @@ def with_background(ook: OokLink, found: Background, scale: float = 1.0) -> OokL
     scale : float
         Factor on it, >= 0.
     """
-    rate = ook.background_rate + scale * found.count_rate(ook)
+    rate = ook.background_rate + scale * background.count_rate(ook)
     return ook.replace(background_rate=rate)
 
 
@@ -92,10 +92,10 @@ def occupancy(ook: OokLink) -> float:
     return rate * ook.sipm.recovery_time / ook.sipm.n_spads
 
 
-def warn_of_background(ook: OokLink, found: Background) -> None:
+def warn_of_background(ook: OokLink, background: Background) -> None:
     """Warn of a filter narrower than its shift over the field of view, and of a large current."""
     optics = ook.optics
-    shift = filter_shift_nm(found.wavelength_nm, 0.5 * optics.fov_deg)
+    shift = filter_shift_nm(background.wavelength_nm, 0.5 * optics.fov_deg)
     texts = []
     if not optics.spectral and optics.filter_width_nm < shift:
         texts.append(
@@ -114,7 +114,7 @@ def warn_of_background(ook: OokLink, found: Background) -> None:
 
 
 @check_call
-def widest_filter_nm(ook: OokLink, found: Background, power: float, ber: ErrorRate) -> float:
+def widest_filter_nm(ook: OokLink, background: Background, power: float, ber: ErrorRate) -> float:
     """Return the widest filter of a link for a bit error rate under a background.
 
     Parameters
@@ -146,12 +146,12 @@ def widest_filter_nm(ook: OokLink, found: Background, power: float, ber: ErrorRa
     if ook.filter_share == 0.0:
         return 0.0
     fixed = ook.replace(window=ook.averaging_window) if ook.averaging_window else ook
-    incident, widest = power / ook.filter_share, 2.0 * found.wavelength_nm
+    incident, widest = power / ook.filter_share, 2.0 * background.wavelength_nm
 
     def excess(log_width: float) -> float:
         width = min(math.exp(log_width), widest)
         trial = fixed.replace("optics.filter_width_nm", width)
-        error = float(with_background(trial, found).ber(incident * trial.filter_share))
+        error = float(with_background(trial, background).ber(incident * trial.filter_share))
         return math.log(max(error, 1e-300) / ber)
 
     ends = math.log(widest), math.log(_NARROWEST)

@@ -128,6 +128,9 @@ def faded_gains(gain: ArrayLike, h_alpha: ArrayLike) -> Floats:
 def _with_tilt(gain: ArrayLike, h_alpha: ArrayLike) -> tuple[Floats, Floats]:
     """Return gains and tilt factors whose shapes fit."""
     g, h = non_negative("gain", gain), non_negative("h_alpha", h_alpha)
+    for name, values in (("gain", g), ("h_alpha", h)):
+        if not values.size:
+            raise Refused(name, Described(f"shape {values.shape}"), "one or more")
     try:
         np.broadcast_shapes(g.shape, h.shape)
     except ValueError as error:

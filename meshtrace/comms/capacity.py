@@ -107,9 +107,9 @@ def _soft(link: OokLink, n0: float, n1: float) -> float:
     branching = link.sipm.branching
     if link.filters.response is None:
         return soft_information(n0, n1, branching)
-    own, others, chance = _interference(link)
-    zero, one = (n0 + (n1 - n0) * (b * own + others) for b in (0.0, 1.0))
-    return mixed_information(zero, one, chance, branching)
+    own_share, others, chance = _interference(link)
+    zeros, ones = (n0 + (n1 - n0) * (b * own_share + others) for b in (0.0, 1.0))
+    return mixed_information(zeros, ones, chance, branching)
 
 
 @functools.lru_cache(maxsize=64)
@@ -119,11 +119,13 @@ def _interference(link: OokLink) -> tuple[float, Floats, Floats]:
     shares = np.where(link.equalized(link.memory), 0.0, shares)
     others = shares[1:]
     bits = np.array(np.unravel_index(np.arange(2**others.size), (2,) * others.size)).T
-    light = np.asarray(bits @ others)
-    bins = np.minimum((_STATES * light / max(light.max(), 1e-300)).astype(int), _STATES - 1)
-    count, total = np.bincount(bins), np.bincount(bins, light)
+    pattern_counts = np.asarray(bits @ others)
+    bins = np.minimum(
+        (_STATES * pattern_counts / max(pattern_counts.max(), 1e-300)).astype(int), _STATES - 1
+    )
+    count, total = np.bincount(bins), np.bincount(bins, pattern_counts)
     seen = count > 0
-    return float(shares[0]), total[seen] / count[seen], count[seen] / light.size
+    return float(shares[0]), total[seen] / count[seen], count[seen] / pattern_counts.size
 
 
 @check_call

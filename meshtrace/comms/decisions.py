@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from meshtrace.checks import NonNegative, Shape, check_call
+from meshtrace.checks import NonNegative, Positive, Shape, check_call
 from meshtrace.comms.pulses import PulseFilters
 from meshtrace.errors import Described, Refused, require_array, require_real
 from meshtrace.kernels.decision import best_thresholds
@@ -35,6 +35,7 @@ class Decision(NamedTuple):
 
 
 Powers = Annotated[Floats, Shape("n")]
+Branching = Annotated[float, Field(ge=0.0, lt=1.0)]
 
 
 class ReceiverModel(Family, default="W"):
@@ -165,21 +166,20 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: NDArray[np.bool_])
     -----
     The threshold is the best of a grid, improved by Newton's method.
     """
-    one = is_one
     mean, std = np.asarray(mean), np.asarray(std)
-    for name, array in (("is_one", one), ("mean", mean), ("std", std)):
-        if array.ndim == 0 or array.shape[-1:] != one.shape[-1:] or not one.size:
+    for name, array in (("is_one", is_one), ("mean", mean), ("std", std)):
+        if array.ndim == 0 or array.shape[-1:] != is_one.shape[-1:] or not is_one.size:
             raise Refused(name, Described(f"shape {array.shape}"), _PATTERNS)
     mean, std = (np.ascontiguousarray(x) for x in np.broadcast_arrays(mean, std))
-    found = Decision(np.empty(mean.shape[:-1]), np.empty(mean.shape[:-1]))
-    rows = (x.reshape(-1, one.size) for x in (mean, std))
-    best_thresholds(*rows, one, *(x.reshape(-1) for x in found))
-    return found
+    decision = Decision(np.empty(mean.shape[:-1]), np.empty(mean.shape[:-1]))
+    flat = (x.reshape(-1, is_one.size) for x in (mean, std))
+    best_thresholds(*flat, is_one, *(x.reshape(-1) for x in decision))
+    return decision
 
 
 @check_call
 def generalized_poisson_logpmf(
-    k: ArrayLike, primaries: NonNegative, branching: Annotated[float, Field(ge=0.0, lt=1.0)]
+    k: ArrayLike, primaries: NonNegative, branching: Branching
 ) -> Floats:
     """Return the log probability of k counts when Poisson primaries branch.
 
@@ -289,8 +289,8 @@ def soft_information(n0: float, n1: float, branching: float) -> float:
     >>> round(soft_information(2.0, 20.0, 0.0), 6)
     0.995989
     """
-    given = {"n0": n0, "n1": n1, "branching": branching}
-    n0, n1, branching = (require_real(x, name, "a number") for name, x in given.items())
+    arguments = {"n0": n0, "n1": n1, "branching": branching}
+    n0, n1, branching = (require_real(x, name, "a number") for name, x in arguments.items())
     if not (0.0 <= n0 <= n1 < math.inf and 0.0 <= branching < 1.0):
         raise Refused("n0, n1, branching", (n0, n1, branching), f"n0 <= n1, {_BRANCHING}")
     if _distance(n0, n1, branching) > _CERTAIN:
@@ -328,13 +328,13 @@ _EXACT = 1e3  # mean counts up to which a mixture of their laws is summed
 
 @check_call
 def mixed_information(
-    zero: ArrayLike, one: ArrayLike, chance: ArrayLike, branching: float
+    zeros: ArrayLike, ones: ArrayLike, chance: ArrayLike, branching: Branching
 ) -> float:
     """Return `soft_information` where other bits add light: every law is a mixture.
 
     Parameters
     ----------
-    zero, one : array_like, shape (m,)
+    zeros, ones : array_like, shape (m,)
         Mean primaries in a zero and in a one for each state of the other bits, >= 0.
     chance : array_like, shape (m,)
         Probabilities of the states; they add up to 1.
@@ -353,14 +353,14 @@ def mixed_information(
     """
     from scipy.special import logsumexp
 
-    given = {"zero": zero, "one": one, "chance": chance}
-    rows = [non_negative(name, x) for name, x in given.items()]
-    for name, row in zip(given, rows, strict=True):
-        if row.ndim != 1 or row.shape != rows[2].shape or not rows[2].any():
+    arguments = {"zeros": zeros, "ones": ones, "chance": chance}
+    values = [non_negative(name, x) for name, x in arguments.items()]
+    for name, row in zip(arguments, values, strict=True):
+        if row.ndim != 1 or row.shape != values[2].shape or not values[2].any():
             raise Refused(name, Described(f"shape {row.shape}"), "(n,) each, not all chances 0")
-    means = np.stack(rows[:2])
+    means = np.stack(values[:2])
     with np.errstate(divide="ignore"):
-        log_chance = np.log(rows[2])
+        log_chance = np.log(values[2])
     if means.max() >= _EXACT:
         return _normal_information(means, log_chance, branching)
     share = 1.0 - branching
@@ -378,13 +378,13 @@ _INDEX = np.arange(_POINTS // 2 + 1)
 
 @check_call
 def compound_poisson_decision(
-    low: float,
-    high: float,
+    low: NonNegative,
+    high: Positive,
     filters: PulseFilters,
-    bit_time: float,
+    bit_time: Positive,
     removed: Annotated[Floats, Shape("n")],
-    branching: float,
-    thermal_std: float,
+    branching: Branching,
+    thermal_std: Positive,
 ) -> tuple[float, float]:
     """Decide between zeros and ones in filtered shot noise, without Gaussian assumption.
 
@@ -419,6 +419,10 @@ def compound_poisson_decision(
     The amplitudes of single counts are rounded to a lattice of 65536 values that spans the
     sample's range; the largest lies on it. Means of more than some 10000 counts are too many.
     """
+    if not low < high:
+        raise Refused("low", low, f"low < high = {high:g}")
+    if not removed.size:
+        raise Refused("removed", removed, "a number for each bit, one or more")
     share = 1.0 - branching
     top = low + (high - low) * float(filters.mean_step(bit_time * removed.size))
     spread = math.sqrt(top * filters.noise_energy / share)
@@ -432,31 +436,31 @@ def compound_poisson_decision(
     amplitudes = (np.arange(1, math.ceil(share * filters.peak / step) + 1) - 0.5) * step / share
     young, old = filters.ages_above(np.minimum(amplitudes, filters.peak))
 
-    def exponent(light: Callable[[Floats], Floats]) -> ComplexArray:
+    def exponent(counts_until: Callable[[Floats], Floats]) -> ComplexArray:
         # Counts whose response lies between two edges of the lattice.
         counts = np.zeros(_POINTS)
-        above = light(old) - light(young)
+        above = counts_until(old) - counts_until(young)
         counts[1 : above.size + 1] = above - np.append(above[1:], 0.0)
         spectrum = np.fft.fft(counts)
         branched = sum(p * spectrum[(m * _INDEX) % _POINTS] for m, p in enumerate(borel, 1))
         return np.asarray(branched - counts.sum())
 
-    zero = np.exp(
+    cf_zero = np.exp(
         exponent(lambda age: low * age)
         - 0.5 * (thermal_std * frequency) ** 2
         - 1j * frequency * math.ceil(below / step) * step
     )
 
     def bit(ago: int) -> ComplexArray:
-        light = exponent(lambda age: (high - low) * filters.light_since(age, ago, bit_time))
-        return np.asarray(np.exp(light + 1j * frequency * removed[ago]))
+        log_cf = exponent(lambda age: (high - low) * filters.light_since(age, ago, bit_time))
+        return np.asarray(np.exp(log_cf + 1j * frequency * removed[ago]))
 
     ahead = min(filters.bits_ahead(bit_time), removed.size - 1)
     for ago in (*range(1, removed.size - ahead), *range(-ahead, 0)):
-        zero = zero * 0.5 * (1.0 + bit(ago))
-    one = zero * bit(0)
-    missed = np.concatenate(([0.0], np.cumsum(np.fft.irfft(one, _POINTS))))
-    false = np.concatenate((np.cumsum(np.fft.irfft(zero, _POINTS)[::-1])[::-1], [0.0]))
+        cf_zero = cf_zero * 0.5 * (1.0 + bit(ago))
+    cf_one = cf_zero * bit(0)
+    missed = np.concatenate(([0.0], np.cumsum(np.fft.irfft(cf_one, _POINTS))))
+    false = np.concatenate((np.cumsum(np.fft.irfft(cf_zero, _POINTS)[::-1])[::-1], [0.0]))
     index = int(np.argmin(missed + false))  # the lowest lattice point above the threshold
     ber = max(0.5 * float(missed[index] + false[index]), 0.0)
     return ber, (index - 0.5 - math.ceil(below / step)) * step
@@ -470,5 +474,5 @@ def _borel(branching: float) -> Floats:
     if branching == 0.0:
         return np.ones(1)
     p = np.exp(-branching * m + (m - 1) * np.log(branching * m) - gammaln(m + 1))
-    kept = p[p > 1e-16]
-    return np.asarray(kept / kept.sum())
+    probable = p[p > 1e-16]
+    return np.asarray(probable / probable.sum())

@@ -108,12 +108,12 @@ class SiPM(Model, frozen=True):
         """Return the efficiency at a wavelength [m], > 0, or refuse."""
         if not isinstance(self.pde, Curve):
             return self.pde
-        found = float(self.pde.at(1e9 * wavelength))
-        if found == 0.0:
+        efficiency = float(self.pde.at(1e9 * wavelength))
+        if efficiency == 0.0:
             low, high = self.pde.wavelength_nm[0], self.pde.wavelength_nm[-1]
             allowed = f"a table with an efficiency > 0 there, this one has {low:g} ... {high:g} nm"
             raise Refused("pde", Described(f"no efficiency at {1e9 * wavelength:g} nm"), allowed)
-        return found
+        return efficiency
 
     @property
     def branching(self) -> float:
@@ -228,7 +228,7 @@ class SiPM(Model, frozen=True):
         scale = self.excess_noise_factor * math.sqrt(self.bandwidth) / self._pde(wavelength)
         return photon_energy(wavelength) * scale * root
 
-    def noise_power_paper(self, wavelength: float, noise_bandwidth: float) -> float:
+    def noise_power_paper(self, wavelength: float, noise_bandwidth: NonNegative) -> float:
         """Return the equivalent optical noise power of the paper, P_n = NEP sqrt(B) [W].
 
         Parameters
@@ -291,7 +291,7 @@ class Tia(Model, frozen=True):
     resistance: Positive = 1e3
     temperature: Positive = 300.0
 
-    def thermal_noise(self, gain: float) -> float:
+    def thermal_noise(self, gain: Positive) -> float:
         """Return the one-sided thermal noise in count units, S = 4 k T / R / (G e)^2 [s-2 Hz-1].
 
         Parameters
@@ -364,8 +364,8 @@ class LedDriver(Model, frozen=True):
             (x0, x1), same shape and unit.
         """
         x = np.asarray(value, dtype=float)
-        one = x if self.power_is_peak else 2.0 * x / (1.0 + self.extinction_ratio)
-        return self.extinction_ratio * one, one
+        high = x if self.power_is_peak else 2.0 * x / (1.0 + self.extinction_ratio)
+        return self.extinction_ratio * high, high
 
 
 class OpticalFrontEnd(Model, frozen=True):
@@ -441,22 +441,22 @@ class OpticalFrontEnd(Model, frozen=True):
     @property
     def peak_transmission(self) -> float:
         """Largest transmission of the filter [1]."""
-        found = self.filter_transmission
-        return max(found.value) if isinstance(found, Curve) else found
+        transmission = self.filter_transmission
+        return max(transmission.value) if isinstance(transmission, Curve) else transmission
 
     @property
     def equivalent_width_nm(self) -> float:
         """Integral of the transmission at normal incidence over its largest value [nm]."""
-        found = self.filter_transmission
-        if isinstance(found, Curve):
-            return found.integral / self.peak_transmission
+        transmission = self.filter_transmission
+        if isinstance(transmission, Curve):
+            return transmission.integral / self.peak_transmission
         return self.filter_width_nm
 
     def band(self, wavelength_nm: float) -> tuple[float, float]:
         """Return the edges of the filter at normal incidence [nm] for a signal's wavelength."""
-        found = self.filter_transmission
-        if isinstance(found, Curve):
-            return found.wavelength_nm[0], found.wavelength_nm[-1]
+        transmission = self.filter_transmission
+        if isinstance(transmission, Curve):
+            return transmission.wavelength_nm[0], transmission.wavelength_nm[-1]
         center = wavelength_nm if self.filter_center_nm is None else self.filter_center_nm
         half = 0.5 * self.filter_width_nm
         return max(center - half, 1e-3), center + half

@@ -136,9 +136,9 @@ class OokLink(Model, frozen=True):
     @pydantic.field_validator("model", mode="before")
     @classmethod
     def _known_model(cls, model: Any) -> str | ReceiverModel:
-        found = ReceiverModel.read(model)
-        kind = str(found.model_dump()["kind"])
-        return found if found.model_dump(exclude_defaults=True) else kind
+        receiver = ReceiverModel.read(model)
+        kind = str(receiver.model_dump()["kind"])
+        return receiver if receiver.model_dump(exclude_defaults=True) else kind
 
     @pydantic.model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -324,18 +324,18 @@ class OokLink(Model, frozen=True):
         power = np.asarray(power, dtype=float)
         return efficiency * power / photon_energy(self.led.wavelength)
 
-    def background_count_rate(self, found: Any) -> float:
+    def background_count_rate(self, background: Any) -> float:
         """Return the primary counts of a background, see `results.Background.count_rate`."""
-        if not hasattr(found, "radiance"):  # a room above this one
-            raise Refused("found", Described(type(found).__name__), "a Background")
-        optics, nm = self.optics, found.wavelength_nm
-        power = optics.background_power(found.radiance, self.sipm.area)
+        if not hasattr(background, "radiance"):  # a room above this one
+            raise Refused("background", Described(type(background).__name__), "a Background")
+        optics, nm = self.optics, background.wavelength_nm
+        power = optics.background_power(background.radiance, self.sipm.area)
         if not (self.spectral or isinstance(self.sipm.pde, Curve)):
             return float(self.sipm.count_rate(power, 1e-9 * nm))
-        day = found.provenance.get("daylight")
-        light = Daylight.model_validate(day).spectrum if day else np.ones_like
+        day = background.provenance.get("daylight")
+        irradiance = Daylight.model_validate(day).spectrum if day else np.ones_like
         per_nm = power / (optics.equivalent_width_nm * optics.peak_transmission)
-        return per_nm * background_counted(self, nm, light) / photon_energy(1e-9 * nm)
+        return per_nm * background_counted(self, nm, irradiance) / photon_energy(1e-9 * nm)
 
     def levels(self, power: ArrayLike) -> tuple[Floats, Floats]:
         """Return the primary count rates of long zeros and long ones [s-1], with dark counts.
@@ -363,8 +363,8 @@ class OokLink(Model, frozen=True):
         low, high = self.levels(power)
         if not self.renewal_noise:
             return low, high
-        zero, one = (self.sipm.fano_factor(rate) for rate in self._rates(power))
-        return low * zero, high * one
+        fano_zero, fano_one = (self.sipm.fano_factor(rate) for rate in self._rates(power))
+        return low * fano_zero, high * fano_one
 
     @property
     def renewal_noise(self) -> bool:
@@ -376,9 +376,9 @@ class OokLink(Model, frozen=True):
 
     def _rates(self, power: ArrayLike) -> tuple[Floats, Floats]:
         """Return the primary count rates of long zeros and ones before saturation [s-1]."""
-        light = self.count_rate(non_negative("power", power, _MOST_POWER))
+        signal = self.count_rate(non_negative("power", power, _MOST_POWER))
         dark = self.sipm.dark_count_rate + self.background_rate
-        low, high = self.led.levels(light)
+        low, high = self.led.levels(signal)
         return low + dark, high + dark
 
     def patterns(self) -> NDArray[np.bool_]:
@@ -390,7 +390,7 @@ class OokLink(Model, frozen=True):
         count = 1 + int(last) + ahead
         return np.array(np.unravel_index(np.arange(2**count), (2,) * count)).T.astype(bool)
 
-    def equalized(self, count: int) -> NDArray[np.bool_]:
+    def equalized(self, count: Annotated[int, Field(ge=1, le=2**20)]) -> NDArray[np.bool_]:
         """Return which of the bits (count,) decision feedback, if any, knows: the earlier ones."""
         ago = np.arange(count)
         earlier = (ago > 0) & (ago < count - self.filters.bits_ahead(self.bit_time))
@@ -438,9 +438,9 @@ class OokLink(Model, frozen=True):
         p = non_negative("power", power, _MOST_POWER)
         flat = p.ravel()
         out = np.full(flat.shape, 0.5)
-        lit = np.flatnonzero(flat > 0.0)
-        for start in range(0, lit.size, _BLOCK):
-            block = lit[start : start + _BLOCK]
+        nonzero = np.flatnonzero(flat > 0.0)
+        for start in range(0, nonzero.size, _BLOCK):
+            block = nonzero[start : start + _BLOCK]
             out[block] = self.receiver.decide(self, flat[block]).ber
         return out.reshape(p.shape)
 

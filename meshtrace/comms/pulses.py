@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from meshtrace.checks import check_methods
+from meshtrace.checks import Positive, check_methods
 from meshtrace.comms.response import ChannelResponse
 from meshtrace.models import Floats
 
@@ -108,17 +108,17 @@ class PulseFilters:
         """Return the light [s] of one bit within `age` [s] before the end of the present bit."""
 
         def energy(t: Floats | float) -> Floats:
-            lit = np.maximum(t, 0.0)
-            return self._overlap(0.0, lit, lit)
+            elapsed = np.maximum(t, 0.0)
+            return self._overlap(0.0, elapsed, elapsed)
 
         start, end = (bits_ago + 1) * bit_time, bits_ago * bit_time
         if self.response is None:
             return energy(start) - energy(start - age) - energy(end) + energy(end - age)
         # smooth over the nodes: the pole and the response blur its kink
         at: Floats = np.linspace(min(end - float(age.max()), 0.0), start, _NODES)
-        lit = self._behind_channel(energy, at)
-        before, after = (np.interp(edge - age, at, lit) for edge in (start, end))
-        return np.interp(start, at, lit) - before - np.interp(end, at, lit) + after
+        response = self._behind_channel(energy, at)
+        before, after = (np.interp(edge - age, at, response) for edge in (start, end))
+        return np.interp(start, at, response) - before - np.interp(end, at, response) + after
 
     def mean_cursors(
         self, bit_time: float, count: Annotated[int, Field(ge=1, le=2**20)], phase: float = 1.0
@@ -149,7 +149,9 @@ class PulseFilters:
         """Return the shares v_k [s-1] of these bits in the shot noise, as `mean_cursors`."""
         return self._cursors(self.shot_step, bit_time, count, phase)
 
-    def slot_shares(self, bit_time: float, count: Annotated[int, Field(ge=1, le=2**20)]) -> Floats:
+    def slot_shares(
+        self, bit_time: Positive, count: Annotated[int, Field(ge=1, le=2**20)]
+    ) -> Floats:
         """Return the shares of the light of these bits in one slot of T, as `mean_cursors`.
 
         The channel alone, without the poles and the window.
@@ -160,7 +162,7 @@ class PulseFilters:
 
         return self._cursors(ramp, bit_time, count, 1.0)
 
-    def bits_ahead(self, bit_time: float) -> int:
+    def bits_ahead(self, bit_time: Positive) -> int:
         """Return the number of next bits whose light can come before the sample."""
         return 0 if self.response is None else math.ceil((self.response.clock or 0.0) / bit_time)
 
@@ -233,19 +235,19 @@ class Eye(NamedTuple):
     @property
     def _inner(self) -> tuple[int, int]:
         """Lowest one and highest zero at the end of the bit."""
-        one, end = self.bits[:, 0], self.level[:, -1]
-        lowest = np.argmin(np.where(one, end, np.inf))
-        return int(lowest), int(np.argmax(np.where(one, -np.inf, end)))
+        is_one, end = self.bits[:, 0], self.level[:, -1]
+        lowest = np.argmin(np.where(is_one, end, np.inf))
+        return int(lowest), int(np.argmax(np.where(is_one, -np.inf, end)))
 
     @property
     def opening(self) -> float:
         """Lowest one minus highest zero at the end of the bit, over the swing [1]."""
-        one, zero = self._inner
-        return float((self.level[one, -1] - self.level[zero, -1]) / self.swing)
+        lowest_one, zero = self._inner
+        return float((self.level[lowest_one, -1] - self.level[zero, -1]) / self.swing)
 
     @property
     def q_factor(self) -> float:
         """Lowest one minus highest zero over the sum of their standard deviations [1]."""
-        one, zero = self._inner
-        noise = self.std[one, -1] + self.std[zero, -1]
-        return float((self.level[one, -1] - self.level[zero, -1]) / noise)
+        lowest_one, zero = self._inner
+        noise = self.std[lowest_one, -1] + self.std[zero, -1]
+        return float((self.level[lowest_one, -1] - self.level[zero, -1]) / noise)

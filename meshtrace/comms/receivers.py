@@ -100,11 +100,11 @@ class CompoundPoisson(AveragedPulses):
 
     def decide(self, link: OokLink, power: decisions.Powers) -> decisions.Decision:
         """Decide between compound Poisson variables, between normal ones where counts are many."""
-        found = super().decide(link, power)
+        decision = super().decide(link, power)
         many = link.levels(power)[1] > _MANY * link.filters.peak
         for i in np.flatnonzero(~many):
-            found.ber[i], found.threshold[i] = self._decide_at(link, float(power[i]))
-        return found
+            decision.ber[i], decision.threshold[i] = self._decide_at(link, float(power[i]))
+        return decision
 
     def _decide_at(self, link: OokLink, power: float) -> tuple[float, float]:
         low, high = (float(level) for level in link.levels(power))

@@ -48,7 +48,7 @@ class ChannelResponse(Model, frozen=True):
 
     Examples
     --------
-    >>> found = ChannelResponse.of([0.0, 2e-9], [3.0, 1.0])
+    >>> found = ChannelResponse.from_arrivals([0.0, 2e-9], [3.0, 1.0])
     >>> found.share, f"{found.rms_spread:.3g} s"
     ((0.75, 0.25), '8.66e-10 s')
     """
@@ -64,15 +64,15 @@ class ChannelResponse(Model, frozen=True):
         if not self.delay or np.any(np.diff(self.delay) <= 0.0):
             raise Refused("delay", self.delay, "rising delays [s]")
         if len(self.share) != len(self.delay) or abs(sum(self.share) - 1.0) > 1e-6:
-            found = Described(f"{len(self.share)} of sum {sum(self.share):g}")
-            raise Refused("share", found, f"{len(self.delay)} shares that add up to 1")
+            shares = Described(f"{len(self.share)} of sum {sum(self.share):g}")
+            raise Refused("share", shares, f"{len(self.delay)} shares that add up to 1")
         if self.clock is None:
             middle = int(np.searchsorted(np.cumsum(self.share), 0.5 - 1e-9))
             object.__setattr__(self, "clock", self.delay[middle])
         return self
 
     @classmethod
-    def of(
+    def from_arrivals(
         cls,
         delay: ArrayLike,
         weight: ArrayLike,
@@ -104,24 +104,26 @@ class ChannelResponse(Model, frozen=True):
         t = require_finite(delay, "delay", "delays (n,) >= 0 [s]")
         w = require_finite(weight, "weight", "weights (n,) >= 0, not all 0")
         if t.shape != w.shape or min(t.min(), w.min()) < 0.0 or not w.any():
-            found = Described(f"shapes {t.shape} and {w.shape}")
-            raise Refused("delay, weight", found, "(n,) numbers >= 0, weights not all 0")
+            shapes = Described(f"shapes {t.shape} and {w.shape}")
+            raise Refused("delay, weight", shapes, "(n,) numbers >= 0, weights not all 0")
         if np.ndim(pulses):
             nodes = require_finite(pulses, "pulses", "a number, or rising delays >= 0 [s]")
         else:
             require_whole(pulses, 1, 4096, "pulses")
             nodes = _nodes(t, w, int(pulses))  # type: ignore[arg-type]
+        if angle is not None and np.shape(angle) != w.shape:
+            raise Refused("angle", Described(f"shape {np.shape(angle)}"), f"{w.shape}, as weight")
         arrivals = [] if angle is None else _angles(require_array(angle, "angle", "angles"), w)
         at = np.interp(t, nodes, np.arange(len(nodes)))
         left = at.astype(int)
-        light = np.bincount(left, w * (left + 1 - at), len(nodes) + 1)
-        light = (light + np.bincount(left + 1, w * (at - left), len(nodes) + 1))[:-1]
-        lit = np.flatnonzero(light > 1e-12 * light.sum())
+        share = np.bincount(left, w * (left + 1 - at), len(nodes) + 1)
+        share = (share + np.bincount(left + 1, w * (at - left), len(nodes) + 1))[:-1]
+        nonzero = np.flatnonzero(share > 1e-12 * share.sum())
         order = np.argsort(t)
         end = np.cumsum(w[order])
         return cls(
-            delay=nodes[lit].tolist(),
-            share=(light[lit] / light[lit].sum()).tolist(),
+            delay=nodes[nonzero].tolist(),
+            share=(share[nonzero] / share[nonzero].sum()).tolist(),
             angle_deg=tuple(arrivals),
             clock=float(np.interp(0.5 * end[-1], end, t[order])),
         )
@@ -153,10 +155,12 @@ def _angles(angle: Floats, weight: Floats) -> list[float]:
     if not weight[known].sum() >= 0.5 * weight.sum():
         return []
     order = np.argsort(angle[known])
-    square, light = np.sin(angle[known][order]) ** 2, weight[known][order]
-    end = np.append(0.0, np.cumsum(light))
+    square, sorted_weight = np.sin(angle[known][order]) ** 2, weight[known][order]
+    end = np.append(0.0, np.cumsum(sorted_weight))
     moment = np.interp(
-        end[-1] * np.linspace(0.0, 1.0, _ANGLES + 1), end, np.append(0.0, np.cumsum(light * square))
+        end[-1] * np.linspace(0.0, 1.0, _ANGLES + 1),
+        end,
+        np.append(0.0, np.cumsum(sorted_weight * square)),
     )
     means = np.clip(_ANGLES * np.diff(moment) / end[-1], 0.0, 1.0)
     return np.degrees(np.arcsin(np.sqrt(means))).tolist()

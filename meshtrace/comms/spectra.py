@@ -15,6 +15,8 @@ from meshtrace.checks import check_call
 from meshtrace.errors import (
     Described,
     Refused,
+    refusing,
+    require_array,
     require_between,
     require_keys,
     warn_of_input,
@@ -76,11 +78,11 @@ class Curve(Model, frozen=True):
     @pydantic.model_validator(mode="after")
     def _consistent(self) -> Self:
         if len(self.wavelength_nm) < 2 or np.any(np.diff(self.wavelength_nm) <= 0.0):
-            found = Described(f"{len(self.wavelength_nm)} wavelengths")
-            raise Refused("wavelength_nm", found, "two or more, rising [nm]")
+            count = Described(f"{len(self.wavelength_nm)} wavelengths")
+            raise Refused("wavelength_nm", count, "two or more, rising [nm]")
         if len(self.value) != len(self.wavelength_nm) or not any(self.value):
-            found = Described(f"{len(self.value)} values")
-            raise Refused("value", found, "a value >= 0 for each wavelength, not all 0")
+            count = Described(f"{len(self.value)} values")
+            raise Refused("value", count, "a value >= 0 for each wavelength, not all 0")
         return self
 
     def at(self, wavelength_nm: ArrayLike) -> Floats:
@@ -101,10 +103,10 @@ def _read_curve(data: dict[str, Any], *, share: bool = False) -> dict[str, Any]:
     if not isinstance(path, str):
         raise Refused("file", path, "the path of a text file")
     table = read_columns(path, _COLUMNS)
-    nm, (value, of) = table["wavelength"], table["value"]
-    unit = of.unit if of else None
+    nm, (value, value_unit) = table["wavelength"], table["value"]
+    unit = value_unit.unit if value_unit else None
     if unit and (share or is_convertible(unit, "1")):
-        scaled = convert(value, unit, "1", f"{path}: column {of.text if of else 2}")
+        scaled = convert(value, unit, "1", f"{path}: column {value_unit.text if value_unit else 2}")
         if not np.array_equal(scaled, value):
             warn_of_input(f"{path}: value in {unit} converted to shares")
         value = scaled
@@ -206,7 +208,9 @@ def lit_band(ook: Transmission) -> tuple[float, float]:
 
 
 @check_call
-def background_counted(ook: Transmission, nm: float, light: Callable[[Floats], Floats]) -> float:
+def background_counted(
+    ook: Transmission, nm: Positive, irradiance: Callable[[Floats], Floats]
+) -> float:
     r"""Return the integral of background light behind the filter over wavelength [nm].
 
     .. math:: \int \frac{L(\lambda)}{L(\lambda_0)} \langle T(\lambda / f(\theta)) \rangle
@@ -218,7 +222,7 @@ def background_counted(ook: Transmission, nm: float, light: Callable[[Floats], F
         Filter and detector; the light fills the field of view.
     nm : float
         Wavelength of the background :math:`\lambda_0` [nm].
-    light : callable
+    irradiance : callable
         Returns the spectrum over that at this wavelength, at wavelengths (n,) [nm].
     """
     optics = ook.optics
@@ -227,7 +231,10 @@ def background_counted(ook: Transmission, nm: float, light: Callable[[Floats], F
     low *= float(_factors(angles, optics.filter_index).min())
     beyond = 0.01 * (high - low)
     at = np.linspace(max(low - beyond, 1e-3), high + beyond, _NODES)
-    weight = light(at) * ook.sipm.pde_at(at) * at / nm * (at[1] - at[0])
+    allowed = "a function of wavelengths (n,) [nm] that returns a number for each"
+    with refusing("irradiance", allowed):
+        spectrum = np.broadcast_to(require_array(irradiance(at), "irradiance", allowed), at.shape)
+    weight = spectrum * ook.sipm.pde_at(at) * at / nm * (at[1] - at[0])
     return _through(optics, 1e9 * ook.led.wavelength, at, weight, angles)
 
 

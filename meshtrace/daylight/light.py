@@ -126,8 +126,8 @@ def hemisphere(sun_zenith_deg: float) -> tuple[Floats, Floats]:
 def _irradiance(pattern: str, sun_zenith_deg: float) -> float:
     """Return the horizontal irradiance of a pattern before scaling."""
     directions, solid = hemisphere(sun_zenith_deg)
-    light = sky_radiance(_bare_sky(pattern, sun_zenith_deg), directions)
-    return float(solid @ (light * directions[:, 2]))
+    radiance = sky_radiance(_bare_sky(pattern, sun_zenith_deg), directions)
+    return float(solid @ (radiance * directions[:, 2]))
 
 
 def _bare_sky(pattern: str, sun_zenith_deg: float) -> Sky:
@@ -242,7 +242,7 @@ def _clear_spectra(
     """Return wavelengths [nm], direct normal and diffuse horizontal irradiance of SPECTRL2."""
     pvlib = _pvlib()
     air_mass = pvlib.atmosphere.get_relative_airmass(sun_zenith_deg, model="kastenyoung1989")
-    found = pvlib.spectrum.spectrl2(
+    spectrum = pvlib.spectrum.spectrl2(
         apparent_zenith=sun_zenith_deg,
         aoi=sun_zenith_deg,
         surface_tilt=0.0,
@@ -254,7 +254,7 @@ def _clear_spectra(
         aerosol_turbidity_500nm=aerosol,
         dayofyear=day_of_year,
     )
-    nodes, direct, diffuse = (np.ravel(found[name]) for name in ("wavelength", "dni", "dhi"))
+    nodes, direct, diffuse = (np.ravel(spectrum[name]) for name in ("wavelength", "dni", "dhi"))
     return nodes, direct, diffuse
 
 
@@ -266,8 +266,8 @@ def default_irradiance(zenith_deg: float, wavelength_nm: float) -> Irradiance:
     from scipy.interpolate import CubicSpline
 
     table = read_table("clear_irradiance.csv")
-    found = CubicSpline(table[:, 0], table[:, 1:])(zenith_deg)
-    return Irradiance(*(float(v) for v in found))
+    radiances = CubicSpline(table[:, 0], table[:, 1:])(zenith_deg)
+    return Irradiance(*(float(v) for v in radiances))
 
 
 @check_call
@@ -307,13 +307,13 @@ def _time_with_zone(time: Any) -> datetime:
     allowed = "a time of ISO 8601 with its zone, such as 2026-06-21T10:00Z"
     try:
         # other forms, such as 05/06/2026, are of a month or a day by the country
-        found = datetime.fromisoformat(time) if isinstance(time, str) else time
+        moment = datetime.fromisoformat(time) if isinstance(time, str) else time
     except ValueError as error:
         raise Refused("time", time, allowed) from error
-    has_zone = isinstance(found, datetime) and found.tzinfo is not None
+    has_zone = isinstance(moment, datetime) and moment.tzinfo is not None
     if not has_zone or (isinstance(time, str) and not re.match(r"[\dW-]{7,10}[T ]", time)):
         raise Refused("time", time, allowed)
-    return found
+    return moment
 
 
 WaterLight = Literal["quasi-single", "walk", "none"]
@@ -469,8 +469,8 @@ class Daylight(Model, frozen=True):
         """
         if self.pattern == "uniform":
             return np.ones_like(wavelength_nm)
-        own: dict[str, Any] = {**defaults_of("clear"), **self.recipe}
-        air = (own[name] for name in _ATMOSPHERE)
+        fields: dict[str, Any] = {**defaults_of("clear"), **self.recipe}
+        air = (fields[name] for name in _ATMOSPHERE)
         nodes, direct, diffuse = _clear_spectra(self.sun_zenith_deg, *air)
         whole = math.cos(math.radians(self.sun_zenith_deg)) * direct + diffuse
         at = np.interp([self.wavelength_nm, *wavelength_nm], nodes, whole)
@@ -651,10 +651,10 @@ class Daylight(Model, frozen=True):
         """Return the light of a model, whose recipe are the options that differ from defaults."""
         _require_absent(fields, ("direct", "diffuse", "recipe"))
         fields = {**MODELS[model].fields, **fields}
-        found = irradiance(cls(direct=1.0, diffuse=1.0, **fields))._asdict()
+        irradiances = irradiance(cls(direct=1.0, diffuse=1.0, **fields))._asdict()
         known = defaults_of(model)
         recipe = {name: value for name, value in options.items() if value != known[name]}
-        return cls(**found, **fields, recipe=recipe)
+        return cls(**irradiances, **fields, recipe=recipe)
 
     def at_wavelength(self, wavelength_nm: float) -> Self:
         """Return the light of the same model at another wavelength.
@@ -676,13 +676,17 @@ class Daylight(Model, frozen=True):
         """
         if wavelength_nm == self.wavelength_nm:
             return self
-        own = self.model_dump(exclude={"direct", "diffuse", "wavelength_nm", "recipe"})
-        lights = {one.fields["light"]: name for name, one in MODELS.items() if name != "uniform"}
-        table = {**own, **self.recipe}
+        fields = self.model_dump(exclude={"direct", "diffuse", "wavelength_nm", "recipe"})
+        lights = {
+            daylight_model.fields["light"]: name
+            for name, daylight_model in MODELS.items()
+            if name != "uniform"
+        }
+        table = {**fields, **self.recipe}
         model = lights.get(self.light)
         if model is None or light_of(model, self.wavelength_nm, table) != self:
-            given = Described(f"irradiances at {self.wavelength_nm:g} nm")
-            raise Refused("day", given, f"a model of {', '.join(lights)}, for other wavelengths")
+            reason = Described(f"irradiances at {self.wavelength_nm:g} nm")
+            raise Refused("day", reason, f"a model of {', '.join(lights)}, for other wavelengths")
         return light_of(model, wavelength_nm, table)
 
 
@@ -736,7 +740,7 @@ def _maker(model: str) -> Callable[..., Daylight]:
 def defaults_of(model: str) -> dict[str, Any]:
     """Return the default values of the arguments of a model."""
     parameters = inspect.signature(_maker(model)).parameters
-    return {name: one.default for name, one in parameters.items()}
+    return {name: parameter.default for name, parameter in parameters.items()}
 
 
 _FOLLOWS = "none: it follows from the other arguments"

@@ -47,8 +47,8 @@ def slopes_to(wanted: Floats, normals: Floats) -> Floats:
     Normals are of any length; 1e6 where the required one does not point upwards.
     """
     up = wanted[..., 2:]
-    found = np.where(up > 1e-6, -wanted[..., :2] / np.maximum(up, 1e-6), 1e6)
-    return np.asarray(found - slopes_of(normals))
+    slopes = np.where(up > 1e-6, -wanted[..., :2] / np.maximum(up, 1e-6), 1e6)
+    return np.asarray(slopes - slopes_of(normals))
 
 
 class Reflection(NamedTuple):
@@ -57,14 +57,14 @@ class Reflection(NamedTuple):
     sun: Floats
     n: tuple[float, ...]
 
-    def normal(self, light: Floats) -> Floats:
-        """Return light + sun."""
-        return light + self.sun
+    def normal(self, view: Floats) -> Floats:
+        """Return view + sun."""
+        return view + self.sun
 
-    def strength(self, light: Floats, normal: Floats) -> Floats:
+    def strength(self, view: Floats, normal: Floats) -> Floats:
         """Return rho / (4 cos^4 b) at the indices (indices, n)."""
         length = np.sqrt(np.einsum("...i,...i", normal, normal))
-        cos_i = np.clip(np.einsum("...i,...i", light, normal) / length, 0.0, 1.0)
+        cos_i = np.clip(np.einsum("...i,...i", view, normal) / length, 0.0, 1.0)
         rho = np.array([fresnel_reflectance(cos_i, 1.0, n) for n in self.n])
         return rho / (4.0 * (normal[..., 2] / length) ** 4)
 
@@ -75,19 +75,19 @@ class Refraction(NamedTuple):
     sun: Floats
     n: float
 
-    def normal(self, light: Floats) -> Floats:
-        """Return -n light - sun."""
-        return -self.n * light - self.sun
+    def normal(self, view: Floats) -> Floats:
+        """Return -n view - sun."""
+        return -self.n * view - self.sun
 
-    def strength(self, light: Floats, normal: Floats) -> Floats:
+    def strength(self, view: Floats, normal: Floats) -> Floats:
         """Return (1 - rho) n^2 cos cos / (cos^4 b (n cos - cos)^2), 0 behind the critical angle."""
         length = np.linalg.norm(normal, axis=-1)  # n cos(theta_w) - cos(theta_a)
         bend = normal / length[..., None]
-        cos_a, cos_w = bend @ self.sun, -np.einsum("...i,...i", light, bend)
-        lit = (cos_a > 0.0) & (cos_w > 0.0) & (bend[..., 2] > 0.0)
+        cos_a, cos_w = bend @ self.sun, -np.einsum("...i,...i", view, bend)
+        illuminated = (cos_a > 0.0) & (cos_w > 0.0) & (bend[..., 2] > 0.0)
         through = 1.0 - fresnel_reflectance(np.clip(cos_a, 0.0, 1.0), 1.0, self.n)
-        slope = np.where(lit, bend[..., 2], 1.0) ** 4
-        return np.where(lit, through * self.n**2 * cos_a * cos_w / (slope * length**2), 0.0)
+        slope = np.where(illuminated, bend[..., 2], 1.0) ** 4
+        return np.where(illuminated, through * self.n**2 * cos_a * cos_w / (slope * length**2), 0.0)
 
 
 Bending = Reflection | Refraction
@@ -128,22 +128,22 @@ def connected_glint(
     For s_m = 0 and the slopes of the whole sea this is the law of Cox and Munk (1954),
     L = rho E p / (4 cos(theta_v) cos^4 b).
     """
-    found = by_slopes(Reflection(sun, (n,)), view, normal, facet_normal, roughness)
-    return np.asarray(found[0])
+    radiance = by_slopes(Reflection(sun, (n,)), view, normal, facet_normal, roughness)
+    return np.asarray(radiance[0])
 
 
 def by_slopes(
-    law: Bending, light: Floats, normal: Directions, facet_normal: Directions, roughness: Roughness
+    law: Bending, view: Floats, normal: Directions, facet_normal: Directions, roughness: Roughness
 ) -> Floats:
     """Return the radiance of the sun bent into directions by unresolved slopes [sr-1].
 
     Over its irradiance, as in `connected_glint`; facets face the side of the light.
     """
-    wanted = law.normal(light)
+    wanted = law.normal(view)
     density = slope_density(slopes_to(wanted, normal), roughness)
-    facing = np.einsum("...i,...i", light, facet_normal)
+    facing = np.einsum("...i,...i", view, facet_normal)
     area = np.where(facing > 0.0, np.abs(facet_normal[..., 2]) / np.maximum(facing, 1e-12), 0.0)
-    return law.strength(light, wanted) * (density * area)
+    return law.strength(view, wanted) * (density * area)
 
 
 @check_call
@@ -234,16 +234,19 @@ class QuasiSingle:
         self.n = n
         travel, power, ring = _beams(days[0], n)
         slant = -travel[np.unique(ring, return_index=True)[1], 2]
-        lit = np.empty((len(slant), len(days)))
-        lit[:-1], lit[-1] = [day.diffuse for day in days], [day.direct for day in days]
+        illumination = np.empty((len(slant), len(days)))
+        illumination[:-1], illumination[-1] = (
+            [day.diffuse for day in days],
+            [day.direct for day in days],
+        )
         below = list(zip(waters, bubbles, strict=True))
-        scatterers = [_scatterers(*one) for one in below]
+        scatterers = [_scatterers(*layers) for layers in below]
         place: dict[PhaseFunction, int] = {}
         each = [[place.setdefault(phase, len(place)) for phase in row] for row in scatterers]
-        depths = [_over_depth(*one) for one in below]
+        depths = [_over_depth(*layers) for layers in below]
         phase, mix = _common_functions(list(place))
         self._beams = Beams(
-            travel, power, ring, slant, lit, phase, _EXTINCTION,
+            travel, power, ring, slant, illumination, phase, _EXTINCTION,
             np.stack([integral for integral, _ in depths], axis=-1),
             np.stack([mix[row] for row in each], axis=-1),
             np.stack([floor for _, floor in depths], axis=-1),
@@ -258,10 +261,11 @@ class QuasiSingle:
             Unit vectors along which the light travels up.
         """
         beams = self._beams
-        light = np.zeros((len(directions), beams.lit.shape[1]))
+        radiance = np.zeros((len(directions), beams.lit.shape[1]))
         toward = np.empty((len(beams.slant), beams.phase.shape[1] + 1))
-        add_upwelling(np.ascontiguousarray(directions), beams, toward, light[0].copy(), light)
-        return light
+        work = np.zeros(radiance.shape[1])
+        add_upwelling(np.ascontiguousarray(directions), beams, toward, work, radiance)
+        return radiance
 
 
 def _beams(day: Daylight, n: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
@@ -294,9 +298,9 @@ def _common_functions(phases: Sequence[PhaseFunction]) -> tuple[Floats, Floats]:
     wide = theta > _LEAST_ANGLE
     tables = np.array([phase.pdf(theta[wide]) for phase in phases])
     mix, functions = common_functions(tables / tables[0], _EXACT)
-    found = np.zeros((_ANGLES, len(functions)))
-    found[wide] = (functions * tables[0]).T
-    return found, mix
+    source = np.zeros((_ANGLES, len(functions)))
+    source[wide] = (functions * tables[0]).T
+    return source, mix
 
 
 def _scatterers(water: Water, bubbles: BubblePopulation | None) -> list[PhaseFunction]:
@@ -313,20 +317,24 @@ def _over_depth(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats,
     from scipy.special import exprel
 
     depth, a, b = _profile(water, bubbles)
-    k = a + np.array([one.backscatter_fraction for one in _scatterers(water, bubbles)]) @ b
+    k = (
+        a
+        + np.array([scatterer.backscatter_fraction for scatterer in _scatterers(water, bubbles)])
+        @ b
+    )
     if np.ptp(k) == 0.0 and not np.ptp(b, axis=1).any():  # in closed form
         tau = _EXTINCTION * (k[0] * depth[-1])
         last = np.exp(-tau)
-        found = b[:, :1] * depth[-1] * exprel(-tau)
+        integral = b[:, :1] * depth[-1] * exprel(-tau)
     else:
         steps = np.diff(depth)
         path = np.concatenate([[0.0], np.cumsum(0.5 * steps * (k[1:] + k[:-1]))])
         decay = np.exp(-np.outer(_EXTINCTION, path))
         last = decay[:, -1]
-        found = 0.5 * (b[:, 1:] * steps @ decay[:, 1:].T + b[:, :-1] * steps @ decay[:, :-1].T)
+        integral = 0.5 * (b[:, 1:] * steps @ decay[:, 1:].T + b[:, :-1] * steps @ decay[:, :-1].T)
     if water.bottom_depth is None:
-        return found, np.zeros(0)
-    return found, water.bottom_albedo * last / math.pi
+        return integral, np.zeros(0)
+    return integral, water.bottom_albedo * last / math.pi
 
 
 def _profile(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats, Floats, Floats]:

@@ -133,11 +133,11 @@ def remove_noise(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Float
     log_gain = np.log(g[seen])
     if not noise.any() or log_gain.size < 2 or np.ptp(log_gain) == 0.0:
         return g.copy()
-    kept = 1.0 - np.mean(noise[seen] / g[seen] ** 2) / log_gain.var(ddof=1)
-    if kept <= 0.0:
+    share = 1.0 - np.mean(noise[seen] / g[seen] ** 2) / log_gain.var(ddof=1)
+    if share <= 0.0:
         return np.where(seen, g[seen].mean(), 0.0)
     out = np.zeros_like(g)
-    out[seen] = np.exp(math.sqrt(kept) * (log_gain - log_gain.mean()))
+    out[seen] = np.exp(math.sqrt(share) * (log_gain - log_gain.mean()))
     return out * (g.mean() / out.mean())
 
 
@@ -694,8 +694,8 @@ def _fit_sample(gain: ArrayLike, gain_stderr: ArrayLike | None) -> Floats:
         zeros = g.size - np.count_nonzero(g)
         raise Refused("gain", Described(f"{zeros} of {g.size} are 0"), "gains > 0 for a fit")
     if np.ptp(g) <= 1e-12 * g.max():
-        found = Described("no variance above the Monte Carlo noise")
-        raise Refused("gain", found, "gains that vary")
+        reason = Described("no variance above the Monte Carlo noise")
+        raise Refused("gain", reason, "gains that vary")
     return g
 
 

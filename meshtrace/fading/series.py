@@ -73,8 +73,8 @@ def autocorrelation(
     share = float(noise.mean()) / float(g.mean()) ** 2
     variance = float(x.var()) - share
     if np.ptp(g) == 0.0 or not variance > 0.0:
-        found = Described(f"variance {x.var():.3g} of gain / mean")
-        raise Refused("gain", found, f"more than that of the Monte Carlo noise, {share:.3g}")
+        reason = Described(f"variance {x.var():.3g} of gain / mean")
+        raise Refused("gain", reason, f"more than that of the Monte Carlo noise, {share:.3g}")
     rho = _autocovariance(x)[: max_lag + 1] / variance
     rho[0] = 1.0
     return rho
@@ -280,17 +280,17 @@ def coherence_time(
     block = series_block(block, g)
     # A replicate without variance beside the noise never falls below 1/e.
     replicates = _first_crossing(correlation_replicates(g, lags, block, resamples, seed, noise))
-    found = block_interval(crossing, replicates, g.size / block, confidence)
-    return Estimate(found.value * step, found.low * step, found.high * step)
+    interval = block_interval(crossing, replicates, g.size / block, confidence)
+    return Estimate(interval.value * step, interval.low * step, interval.high * step)
 
 
 def correlation_replicates(
     g: Floats, lags: int, block: int, resamples: int, seed: int, noise: Floats | float = 0.0
 ) -> Floats:
     """Return the autocorrelations (lags, resamples) of random moving blocks; 1 without variance."""
-    x, rows = g / g.mean() - 1.0, g.size - lags + 1
-    products = (x[:rows] * x[lag : lag + rows] for lag in range(lags))
-    means = block_means(chain((x[:rows],), products), block, resamples, seed)
+    x, pairs = g / g.mean() - 1.0, g.size - lags + 1
+    products = (x[:pairs] * x[lag : lag + pairs] for lag in range(lags))
+    means = block_means(chain((x[:pairs],), products), block, resamples, seed)
     covariance = means[1:] - means[0] ** 2
     variance = covariance[0] - np.mean(noise) / g.mean() ** 2
     covariance[0] = variance

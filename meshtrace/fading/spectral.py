@@ -375,14 +375,14 @@ def band_fading(link: Any, surface: Any) -> BandFading | None:
     omega_max = surface.band.omega_max
     try:
         whole = surface.short_waves
-        found = BandFading(
+        result = BandFading(
             omega_max,
             scintillation_of_spectrum(link, surface, omega_max, heights=True),
             scintillation_of_spectrum(link, whole, heights=True),
         )
-        if found.index_of_band >= (1.0 - SHORT) * found.index_of_all:
-            return found
-        return found._replace(needed=_cached_band(link, whole))
+        if result.index_of_band >= (1.0 - SHORT) * result.index_of_all:
+            return result
+        return result._replace(needed=_cached_band(link, whole))
     except Refused:
         return None
 
@@ -420,9 +420,9 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     if getattr(surface, "mss", None) == "band":
         raise Refused("waves", FADING, 'others with mss = "band"')
     if getattr(surface, "short_waves", surface) is not surface:
-        found = Described(f'"{FADING}" over a spectrum whose tail is no model of short waves')
+        reason = Described(f'"{FADING}" over a spectrum whose tail is no model of short waves')
         allowed = 'others, or Elfouhaily\'s spectrum with spreading and mss = "elfouhaily"'
-        raise Refused("waves", found, allowed)
+        raise Refused("waves", reason, allowed)
     target = scintillation_of_spectrum(link, surface)
 
     def resolved(omega: float) -> bool:
@@ -437,9 +437,9 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     while not resolved(high):
         if high >= highest:
             law = f'mss = "{surface.mss}", which no band follows'
-            found = Described(f'"{FADING}" with {law} with spreading "{surface.spreading.kind}"')
+            reason = Described(f'"{FADING}" with {law} with spreading "{surface.spreading.kind}"')
             allowed = 'others, or Elfouhaily\'s spectrum with spreading and mss = "elfouhaily"'
-            raise Refused("waves", found, allowed)
+            raise Refused("waves", reason, allowed)
         high = min(high * _STEP, highest)
     low = high / _STEP
     while resolved(low):
@@ -550,14 +550,14 @@ def _resolved(link: Any, surface: Any, within: float = WITHIN) -> Any:
     try:
         highest = _cached_band(_on_axis(link), surface, within)
         if highest > _HIGHEST_OF_MESH:
-            found = Described(f'"{FADING}", with waves up to {highest:.3g} rad/s')
-            raise Refused("waves", found, f"others: a mesh holds those up to {_HIGHEST_OF_MESH:g}")
+            reason = Described(f'"{FADING}", with waves up to {highest:.3g} rad/s')
+            raise Refused("waves", reason, f"others: a mesh holds those up to {_HIGHEST_OF_MESH:g}")
         return surface.model_copy(update={"omega_max": highest})
     except Refused as error:
         if error.field == "waves":
             raise
-        found = Described(f'"{FADING}" with {error.field} {error.value}')
-        raise Refused("waves", found, f"others, or {error.field} {error.allowed}") from None
+        reason = Described(f'"{FADING}" with {error.field} {error.value}')
+        raise Refused("waves", reason, f"others, or {error.field} {error.allowed}") from None
 
 
 def _on_axis(link: Any) -> Any:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from meshtrace.checks import NonNegative, Probability, Seed, check_call
-from meshtrace.errors import require_array
+from meshtrace.errors import Described, Refused, require_array
 from meshtrace.fading.distribution import (
     MOST_RESAMPLES,
     Distribution,
@@ -165,7 +165,7 @@ class FadingStatistics(Stored):
     def to_variables(self) -> Variables:
         """Return the arrays by their names in files, with dimensions and attributes."""
         pdf, cdf, fits = self.pdf, self.cdf, self.fits
-        rows: list[tuple[str, tuple[str, ...], Any]] = [
+        table: list[tuple[str, tuple[str, ...], Any]] = [
             ("gain_bin", ("gain_bin",), 0.5 * (pdf.edges[1:] + pdf.edges[:-1])),
             ("gain_bin_width", ("gain_bin",), np.diff(pdf.edges)),
             *((name, (_PDF[name],), values) for name, values in zip(_PDF, pdf, strict=True)),
@@ -177,7 +177,7 @@ class FadingStatistics(Stored):
             none = GoodnessOfFit("lognormal", math.nan, math.nan, 0)
             tests = [known.get(fit.model, none) for fit in fits]
             values = [[fit.parameters.get(name, math.nan) for name in names] for fit in fits]
-            rows += [
+            table += [
                 ("model", ("model",), [fit.model for fit in fits]),
                 ("fit_parameter", ("fit_parameter",), names),
                 ("fit_value", ("model", "fit_parameter"), values),
@@ -185,12 +185,15 @@ class FadingStatistics(Stored):
                 ("ks", ("model",), [test.ks for test in tests]),
                 ("ks_p_value", ("model",), [test.p_value for test in tests]),
             ]
-        found = super().to_variables()
-        return found | {name: (dims, np.asarray(v), attrs(name)) for name, dims, v in rows}
+        variables = super().to_variables()
+        return variables | {name: (dims, np.asarray(v), attrs(name)) for name, dims, v in table}
 
     @classmethod
     def arrays(cls, data: xarray.Dataset) -> dict[str, Any]:
         """Return the fields that the variables of a dataset hold."""
+        if lacking := [name for name in (*_PDF, *_CDF) if name not in data.variables]:
+            allowed = f"a dataset of a {cls.__name__}"
+            raise Refused("data", Described(f"no variable {lacking[0]}"), allowed)
         return super().arrays(data) | {
             "pdf": Histogram(*(data[name].to_numpy() for name in _PDF)),
             "cdf": Distribution(*(data[name].to_numpy() for name in _CDF)),
@@ -293,13 +296,13 @@ def fading_statistics(
         trials: Any = {"n_effective": _trials(below, n_effective), "confidence": confidence}
         outages.append(outage(sample, level, relative_to=relative_to, **trials))
     index = scintillation_index(g, stderr, **boot)
-    own = max(spread - noise, 0.0) / n_effective + noise / g.size
+    mean_variance = max(spread - noise, 0.0) / n_effective + noise / g.size
     return FadingStatistics(
         n=g.size,
         block=block,
         confidence=confidence,
         mean=float(g.mean()),
-        mean_stderr=math.hypot(math.sqrt(own), common_stderr),
+        mean_stderr=math.hypot(math.sqrt(mean_variance), common_stderr),
         median=float(np.median(g)),
         scintillation_index=index,
         noise_share=noise / spread if spread > 0.0 else 0.0,
@@ -367,7 +370,7 @@ def _all_fits(
 
 
 def _notes(
-    g: Floats, variance: Floats, fades: bool, index: Estimate, found: dict[str, Any]
+    g: Floats, variance: Floats, fades: bool, index: Estimate, fields: dict[str, Any]
 ) -> Iterator[str]:
     """Yield the limitations of the statistics found."""
     if not fades:
@@ -380,9 +383,9 @@ def _notes(
     blurred = np.count_nonzero(variance > (0.3 * g) ** 2)
     if blurred:
         yield f"{blurred} gains have an error above 30 %: deep fades are blurred by noise"
-    if "lag" not in found:
+    if "lag" not in fields:
         return
-    n_effective, coherence = found["n_effective"], found["coherence_time"].value
+    n_effective, coherence = fields["n_effective"], fields["coherence_time"].value
     if n_effective < _FEWEST_EFFECTIVE:
         yield (
             f"the effective sample size is {n_effective:.2g}: the scintillation index is biased "
@@ -390,7 +393,7 @@ def _notes(
         )
     if math.isnan(coherence):
         yield f"the coherence time needs gains that vary, at {_FEWEST_STEPS} times or more"
-    if coherence < found["lag"][1]:
+    if coherence < fields["lag"][1]:
         yield "the coherence time is below one time step: use shorter steps"
     noise, steps = 2.0 * float(variance.mean()), float(np.mean(np.diff(g) ** 2))
     if noise and noise > 0.1 * steps:

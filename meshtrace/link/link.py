@@ -385,7 +385,7 @@ class Link(Model, frozen=True):
         1 + 2 tan^2 of its angle to the power 3/2.
         """
         n = self.water.n / self.n_air
-        found = []
+        ends = []
         for t in self.transmitters:
             for r in self.receivers:
                 low_end, high_end = (r, t) if isinstance(t, AirLamp) else (t, r)
@@ -395,8 +395,8 @@ class Link(Model, frozen=True):
                 lever = (n - 1.0) * height * share * (1.0 + 2.0 * aside**2) ** 1.5
                 seen = r.radius * (share if r is high_end else 1.0 - share)
                 place = _crossing(low_end.position, high_end.position, depth, height, n)
-                found.append(LitPlace(place, lever, seen))
-        return found
+                ends.append(LitPlace(place, lever, seen))
+        return ends
 
     def _middle(self, most: float) -> tuple[tuple[float, float], float, float]:
         """Return the middle of the fine mesh, and the half-widths of crossings and of the link.
@@ -418,13 +418,13 @@ def _power_of_two(size: float) -> float:
     return float(2.0 ** round(math.log2(size))) if size > 0.0 else 0.0
 
 
-def _moved(kind: type[Any], own: Any, place: Any) -> Any:
+def _moved(kind: type[Any], end: Any, place: Any) -> Any:
     """Return an end of a kind with the fields of one end, at the place and axis of another."""
-    kept = {name: getattr(own, name) for name in own.model_fields_set if name not in _PLACED}
+    fields = {name: getattr(end, name) for name in end.model_fields_set if name not in _PLACED}
     level = "depth" if hasattr(place, "depth") else "height"
     angles = zip(_axis(kind), _axis(type(place)), strict=True)
     turned = {new: getattr(place, old) for new, old in angles}
-    return kind(**kept, position=place.position, **{level: getattr(place, level)}, **turned)
+    return kind(**fields, position=place.position, **{level: getattr(place, level)}, **turned)
 
 
 def _axis(kind: type[Any]) -> tuple[str, str]:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from meshtrace.checks import Ranged, check_call
+from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_array, require_between, require_range
 from meshtrace.models import Floats
 from meshtrace.optics import pure_water
@@ -111,13 +111,13 @@ class Constituents(WaterSpectrum, frozen=True):
             limits = f"0 to {most:g}, or rows of [depth, number]"
             return value if value is None else require_between(value, 0.0, most, "", "[]", limits)
         allowed = "a number, or rows of [depth, number] with depths increasing from 0 m"
-        rows = require_array(value, "", allowed)
-        if rows.ndim != 2 or rows.shape[1] != 2 or not np.isfinite(rows).all():
+        profile = require_array(value, "", allowed)
+        if profile.ndim != 2 or profile.shape[1] != 2 or not np.isfinite(profile).all():
             raise Refused("", value, allowed)
-        if rows[0, 0] != 0.0 or np.any(np.diff(rows[:, 0]) <= 0.0):
-            raise Refused("", Described(f"depths {rows[:, 0]}"), allowed)
-        require_range(rows[:, 1], 0.0, most, "", allowed=f"0 to {most:g}")
-        return tuple(map(tuple, rows.tolist()))
+        if profile[0, 0] != 0.0 or np.any(np.diff(profile[:, 0]) <= 0.0):
+            raise Refused("", Described(f"depths {profile[:, 0]}"), allowed)
+        require_range(profile[:, 1], 0.0, most, "", allowed=f"0 to {most:g}")
+        return tuple(map(tuple, profile.tolist()))
 
     @property
     def source(self) -> str:
@@ -146,7 +146,7 @@ class Constituents(WaterSpectrum, frozen=True):
         """Shortest and longest wavelength, of the index and of absorption by particles [nm]."""
         return 400.0, 700.0
 
-    def properties(self, wavelength_nm: Ranged) -> dict[str, Any]:
+    def properties(self, wavelength_nm: float) -> dict[str, Any]:
         """Return n, the phase function, and a and b [m-1] or their layers.
 
         Parameters
@@ -179,10 +179,10 @@ class Constituents(WaterSpectrum, frozen=True):
 
     def _nodes(self) -> tuple[Floats, Floats, Floats | None]:
         """Return the depths of the profiles, with chlorophyll and bbp700 at them."""
-        given = (self.chlorophyll, 0.0 if self.bbp700 is None else self.bbp700)
-        rows = [np.array(p if isinstance(p, tuple) else [(0.0, p)]) for p in given]
-        depth = np.unique(np.concatenate([row[:, 0] for row in rows]))
-        chlorophyll, bbp = (np.interp(depth, *row.T) for row in rows)
+        profiles = (self.chlorophyll, 0.0 if self.bbp700 is None else self.bbp700)
+        tables = [np.array(p if isinstance(p, tuple) else [(0.0, p)]) for p in profiles]
+        depth = np.unique(np.concatenate([row[:, 0] for row in tables]))
+        chlorophyll, bbp = (np.interp(depth, *row.T) for row in tables)
         return depth, chlorophyll, None if self.bbp700 is None else bbp
 
 
@@ -244,8 +244,10 @@ def fournier_forand_of(
     """
     from scipy.optimize import brentq
 
-    def of(mu: float) -> FournierForand:
+    def phase_of(mu: float) -> FournierForand:
         return FournierForand(n=round(1.01 + 0.1542 * (mu - 3.0), 6), mu=round(mu, 6))
 
-    mu = brentq(lambda mu: of(mu).backscatter_fraction - backscatter_ratio, 3.15, 4.2, xtol=1e-7)
-    return of(mu)
+    mu = brentq(
+        lambda mu: phase_of(mu).backscatter_fraction - backscatter_ratio, 3.15, 4.2, xtol=1e-7
+    )
+    return phase_of(mu)

@@ -12,6 +12,7 @@ import importlib.resources
 import json
 import logging
 import os
+import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -24,7 +25,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from meshtrace.checks import RangedArray, check_call
-from meshtrace.errors import Refused, require_range
+from meshtrace.errors import Described, Refused, refusing, require_range
 from meshtrace.files import atomic, cache_directory, make_private
 from meshtrace.models import Floats
 from meshtrace.optics.phase import HistogramPhase
@@ -291,6 +292,8 @@ def population_table(
     if rotations < 1:
         raise Refused("rotations", rotations, "rotations >= 1")
     edges = angular_edges() if theta_edges is None else np.array(theta_edges, dtype=np.float64)
+    if edges.ndim != 1 or edges.size < 2 or not (np.diff(edges) > 0.0).all():
+        raise Refused("theta_edges", edges, "increasing angles (n,) from 0 to pi")
     half = np.sin(edges / 2.0) ** 2
     width = np.diff(half)
     offset = _BIN_STEP * np.arange(width.size)
@@ -337,11 +340,13 @@ def cached_table(
     damaged file is replaced with a warning; a cache that cannot be written costs a warning and
     the time to compute again.
     """
+    if not re.fullmatch(r"[\w.-]{1,100}", stem):
+        raise Refused("stem", stem, "letters, digits, points and hyphens, at most 100")
     text = json.dumps({**inputs, "format": _FORMAT}, sort_keys=True)
     name = f"{stem}-{hashlib.sha256(text.encode()).hexdigest()[:16]}.npz"
     shipped = importlib.resources.files("meshtrace.optics").joinpath("data", name)
-    kept = cache_directory() / name
-    for file in (shipped, kept):
+    cached = cache_directory() / name
+    for file in (shipped, cached):
         if file.is_file():
             try:
                 with file.open("rb") as stream:
@@ -349,13 +354,17 @@ def cached_table(
             except Exception as why:  # numpy and zipfile raise any exception
                 warnings.warn(f"{file}: damaged, computed again ({why})", stacklevel=2)
     _LOG.info("computing the Mie table %s (about 10 s, once)", name)
-    table = compute()
+    allowed = "a function without arguments that returns a MieTable"
+    with refusing("compute", allowed):
+        table = compute()
+    if not isinstance(table, MieTable):
+        raise Refused("compute", Described(f"a {type(table).__name__}"), allowed)
     try:
-        make_private(kept.parent)
-        with atomic(kept) as temporary, temporary.open("wb") as stream:
+        make_private(cached.parent)
+        with atomic(cached) as temporary, temporary.open("wb") as stream:
             np.savez(stream, inputs=np.array(text), **asdict(table))
     except OSError as why:
-        warnings.warn(f"{kept}: not kept ({why})", stacklevel=2)
+        warnings.warn(f"{cached}: not kept ({why})", stacklevel=2)
     return table
 
 

@@ -41,7 +41,7 @@ class Segments(NamedTuple):
     mass: Floats
 
     @classmethod
-    def of(cls, s_lo: Floats, s_hi: Floats, p: Floats, at_hi: Floats) -> Segments:
+    def from_densities(cls, s_lo: Floats, s_hi: Floats, p: Floats, at_hi: Floats) -> Segments:
         """Return the pieces of densities at their upper ends, normalised."""
         pieces = cls(s_lo, s_hi, p, at_hi)
         mass = at_hi * s_hi * pieces._integral
@@ -110,7 +110,7 @@ def power_law_segments(s: Floats, value: Floats) -> Segments:
     s_lo, s_hi = np.concatenate([[0.0], s]), np.concatenate([s, [1.0]])
     at_hi = np.concatenate([value, value[-1:] * s[-1] ** -slope[-1]])
     keep = s_lo < s_hi
-    return Segments.of(s_lo[keep], s_hi[keep], p[keep], at_hi[keep])
+    return Segments.from_densities(s_lo[keep], s_hi[keep], p[keep], at_hi[keep])
 
 
 def _invert(function: Callable[[Floats], Floats], u: Floats) -> Floats:
@@ -364,10 +364,10 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
     @classmethod
     def _from_table(cls, data: Any) -> Any:
         if isinstance(data, Mapping) and "file" in data:
-            own = {key: value for key, value in data.items() if key != "file"}
+            fields = {key: value for key, value in data.items() if key != "file"}
             if not isinstance(data["file"], str | Path):
                 raise Refused("file", data["file"], "the path of a text file")
-            return {**dict(cls.from_file(data["file"])), **own}
+            return {**dict(cls.from_file(data["file"])), **fields}
         return data
 
     @pydantic.model_validator(mode="after")
@@ -401,8 +401,8 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
         theta, value = table["theta"], table["value"]
         end = abs(float(theta.values[-1]) - np.pi)
         if (theta.heading is None or theta.heading.unit is None) and end < 0.01:
-            found = Described(f"angles that end at {theta.values[-1]:g}, without unit")
-            raise Refused(str(path), found, "a heading theta [deg] or theta [rad]")
+            angles = Described(f"angles that end at {theta.values[-1]:g}, without unit")
+            raise Refused(str(path), angles, "a heading theta [deg] or theta [rad]")
         unit = value.heading.unit if value.heading else None
         if unit and any(is_convertible(unit, density) for density in ("rad-1", "m-1 rad-1", "dB")):
             allowed = "values per solid angle, such as [sr-1] or [m-1 sr-1], or relative ones"

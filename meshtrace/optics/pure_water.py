@@ -236,14 +236,14 @@ def sea_water_index(w: Floats, t: Floats, s: Floats) -> Floats:
 
 def _of_one_shape(w: ArrayLike, t: ArrayLike, s: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Return wavelength, temperature and salinity as arrays of one shape."""
-    given = {"wavelength_nm": w, "temperature_c": t, "salinity": s}
-    arrays = [require_array(value, name, "numbers") for name, value in given.items()]
+    arguments = {"wavelength_nm": w, "temperature_c": t, "salinity": s}
+    arrays = [require_array(value, name, "numbers") for name, value in arguments.items()]
     try:
-        one, two, three = np.broadcast_arrays(*arrays)
+        wavelength, two, three = np.broadcast_arrays(*arrays)
     except ValueError as error:
         shapes = Described(f"shapes {[array.shape for array in arrays]}")
         raise Refused("wavelength_nm", shapes, "shapes that fit") from error
-    return one, two, three
+    return wavelength, two, three
 
 
 def interpolate(wavelength_nm: RangedArray, nodes: Floats, values: Floats) -> Floats:
@@ -261,5 +261,5 @@ def check_range(name: str, value: ArrayLike, low: float, high: float, unit: str)
 def read_table(file: str, dtype: type = float) -> NDArray[Any]:
     """Return the rows of a table of the package."""
     text = (resources.files("meshtrace.optics") / "data" / file).read_text(encoding="utf-8")
-    rows = (line for line in text.splitlines() if not line.startswith("#"))
-    return np.loadtxt(rows, delimiter=",", dtype=dtype)
+    data_lines = (line for line in text.splitlines() if not line.startswith("#"))
+    return np.loadtxt(data_lines, delimiter=",", dtype=dtype)

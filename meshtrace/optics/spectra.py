@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, field_validator
 
-from meshtrace.checks import Ranged, RangedArray, check_call
+from meshtrace.checks import RangedArray, check_call
 from meshtrace.errors import Described, Refused, did_you_mean, require_array, require_range
 from meshtrace.models import Family, Floats, NumberRows
 from meshtrace.optics.phase import FournierForand, Petzold, PhaseFunction, Rayleigh
@@ -59,7 +59,7 @@ class WaterSpectrum(Family, frozen=True, default="type", closed=_CLOSED):
         """Shortest and longest wavelength of the spectrum [nm]."""
 
     @abstractmethod
-    def properties(self, wavelength_nm: Ranged) -> dict[str, Any]:
+    def properties(self, wavelength_nm: float) -> dict[str, Any]:
         """Return fields of `Water` at a wavelength in vacuum [nm].
 
         Returns
@@ -125,7 +125,7 @@ class WaterType(WaterSpectrum, frozen=True):
             return Petzold.model_validate({"water": name})
         return Rayleigh.sea_water() if family == "pure" else FournierForand()
 
-    def properties(self, wavelength_nm: Ranged) -> dict[str, Any]:
+    def properties(self, wavelength_nm: float) -> dict[str, Any]:
         """Return a and b [m-1] at a wavelength in vacuum [nm], and the phase function."""
         a, b = coefficients(self.type, wavelength_nm)
         return {"a": float(a), "b": float(b), "phase": self.phase}
@@ -181,18 +181,18 @@ class SpectralTable(WaterSpectrum, frozen=True):
         if hasattr(value, "columns"):  # of a data frame
             value = [s.values for s in read_columns(value, TABLE_COLUMNS, "table").values()]
             value = np.column_stack(value)
-        rows = np.atleast_2d(require_array(value, "", allowed))
-        if rows.ndim == 2 and rows.shape[1] == 3:
-            rows = np.column_stack([np.zeros(len(rows)), rows])
-        good = np.isfinite(rows) & (rows >= 0.0)
-        if rows.ndim != 2 or rows.shape[1] != 4 or not rows.size or not good.all():
+        table = np.atleast_2d(require_array(value, "", allowed))
+        if table.ndim == 2 and table.shape[1] == 3:
+            table = np.column_stack([np.zeros(len(table)), table])
+        good = np.isfinite(table) & (table >= 0.0)
+        if table.ndim != 2 or table.shape[1] != 4 or not table.size or not good.all():
             raise Refused("", value, allowed)
-        depths, wavelengths = np.unique(rows[:, 0]), np.unique(rows[:, 1])
-        different = len(np.unique(rows[:, :2], axis=0))
-        if not different == len(rows) == len(depths) * len(wavelengths):
-            found = Described(f"{len(rows)} rows")
-            raise Refused("", found, f"{len(wavelengths)} wavelengths at {len(depths)} depths")
-        return tuple(map(tuple, rows[np.lexsort((rows[:, 1], rows[:, 0]))].tolist()))
+        depths, wavelengths = np.unique(table[:, 0]), np.unique(table[:, 1])
+        different = len(np.unique(table[:, :2], axis=0))
+        if not different == len(table) == len(depths) * len(wavelengths):
+            count = Described(f"{len(table)} rows")
+            raise Refused("", count, f"{len(wavelengths)} wavelengths at {len(depths)} depths")
+        return tuple(map(tuple, table[np.lexsort((table[:, 1], table[:, 0]))].tolist()))
 
     @property
     def source(self) -> str:
@@ -206,11 +206,11 @@ class SpectralTable(WaterSpectrum, frozen=True):
         wavelengths = [row[1] for row in self.table]
         return min(wavelengths), max(wavelengths)
 
-    def properties(self, wavelength_nm: Ranged) -> dict[str, Any]:
+    def properties(self, wavelength_nm: float) -> dict[str, Any]:
         """Return a and b [m-1], or their layers, at a wavelength in vacuum [nm]."""
-        rows = np.array(self.table)
-        depth = np.unique(rows[:, 0])
-        blocks = rows.reshape(len(depth), -1, 4).transpose(0, 2, 1)
+        table = np.array(self.table)
+        depth = np.unique(table[:, 0])
+        blocks = table.reshape(len(depth), -1, 4).transpose(0, 2, 1)
         a, b = (
             np.array([interpolate(wavelength_nm, at, values[i]) for _, at, *values in blocks])
             for i in (0, 1)
@@ -289,5 +289,5 @@ def coefficients(type: str, wavelength_nm: RangedArray) -> tuple[Floats, Floats]
 
 def _nodes(jerlov: str) -> Floats:
     """Return wavelengths, a and b of a Jerlov type."""
-    rows = read_table("jerlov_iop.csv", str)
-    return rows[rows[:, 0] == jerlov, 1:].astype(np.float64).T
+    table = read_table("jerlov_iop.csv", str)
+    return table[table[:, 0] == jerlov, 1:].astype(np.float64).T

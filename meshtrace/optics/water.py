@@ -101,13 +101,13 @@ class Water(Model, frozen=True):
             if self.wavelength_nm is not None:
                 raise Refused("wavelength_nm", self.wavelength_nm, "nothing, or with a spectrum")
             return self
-        given = self.model_fields_set
+        fields_set = self.model_fields_set
         for name, value in _derived(self.spectrum, self.wavelength_nm).items():
-            if name not in given or _same(getattr(self, name), value):
+            if name not in fields_set or _same(getattr(self, name), value):
                 object.__setattr__(self, name, value)
-                given.discard(name)
-        if given & {"a", "b", "layers"}:
-            given |= {"a", "b", "layers", "n", "phase"}
+                fields_set.discard(name)
+        if fields_set & {"a", "b", "layers"}:
+            fields_set |= {"a", "b", "layers", "n", "phase"}
             object.__setattr__(self, "spectrum", None)
             object.__setattr__(self, "wavelength_nm", None)
         return self
@@ -230,9 +230,9 @@ class Water(Model, frozen=True):
     def _with_spectrum(self) -> WaterSpectrum:
         """Return the spectrum, or refuse."""
         if self.spectrum is None:
-            given = Described(f"a {self.a:g}, b {self.b:g} m-1 of one wavelength")
+            coefficients = Described(f"a {self.a:g}, b {self.b:g} m-1 of one wavelength")
             allowed = 'a water with a spectrum, such as Water.from_type("jerlov-II")'
-            raise Refused("water", given, f"{allowed} or type of [water] in a link file")
+            raise Refused("water", coefficients, f"{allowed} or type of [water] in a link file")
         return self.spectrum
 
     def __str__(self) -> str:
@@ -345,9 +345,9 @@ def _derived(spectrum: WaterSpectrum, wavelength_nm: float) -> dict[str, Any]:
     return fields
 
 
-def _same(given: Any, derived: Any) -> bool:
+def _same(value: Any, derived: Any) -> bool:
     """Return whether a value is the derived one, up to rounding on other machines."""
-    numbers = isinstance(given, float | tuple) and isinstance(derived, float | tuple)
-    if not numbers or np.shape(given) != np.shape(derived):
-        return bool(given == derived)
-    return bool(np.allclose(given, derived, rtol=1e-9, atol=0.0))
+    numbers = isinstance(value, float | tuple) and isinstance(derived, float | tuple)
+    if not numbers or np.shape(value) != np.shape(derived):
+        return bool(value == derived)
+    return bool(np.allclose(value, derived, rtol=1e-9, atol=0.0))

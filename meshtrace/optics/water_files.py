@@ -14,13 +14,13 @@ from meshtrace.cells import Cells, cells_of_text, text_of
 from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, reads_as_number, refusing, warn_of_input
 from meshtrace.models import Floats
-from meshtrace.netcdf import unit_of, valid_values
+from meshtrace.netcdf import valid_values
 from meshtrace.optics.constituents import Constituents
 from meshtrace.optics.pure_water import pure_water_absorption, zhang_hu_he
 from meshtrace.optics.spectra import TABLE_COLUMNS, SpectralTable, WaterSpectrum
 from meshtrace.stored import read_dataset
 from meshtrace.tables import read_columns
-from meshtrace.units import convert
+from meshtrace.units import convert, unit_of
 
 _FIELDS = {"a": ("a", "agp"), "b": ("b", "bp"), "c": ("c", "cgp")}
 """Fields of SeaBASS: the whole coefficient, and that without pure water."""
@@ -106,16 +106,16 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
     if a is not None and c is not None and b is None:
         b = (_at(c, a.columns) - a).clip(lower=0.0)
     if a is None or b is None:
-        found = Described(", ".join(cells.labels))
-        raise Refused(str(file), found, "fields a or agp, and b, bp, c or cgp, with wavelengths")
+        labels = Described(", ".join(cells.labels))
+        raise Refused(str(file), labels, "fields a or agp, and b, bp, c or cgp, with wavelengths")
     b = _at(b, a.columns)
-    common = a.columns[a.notna().any() & b.notna().any()]
-    full = a.index[(a[common].notna() & b[common].notna()).all(axis=1)]
-    rows = [(z, w, a.at[z, w], b.at[z, w]) for z in full for w in common]
-    if not rows:
+    wavelengths = a.columns[a.notna().any() & b.notna().any()]
+    full = a.index[(a[wavelengths].notna() & b[wavelengths].notna()).all(axis=1)]
+    samples = [(z, w, a.at[z, w], b.at[z, w]) for z in full for w in wavelengths]
+    if not samples:
         raise Refused(str(file), Described("missing values"), "a depth with all values")
     cells.tell()
-    return SpectralTable(table=rows)
+    return SpectralTable(table=samples)
 
 
 def _fields_of_seabass(file: Path, text: str) -> tuple[Cells, dict[str, Floats]]:
@@ -134,8 +134,8 @@ def _fields_of_seabass(file: Path, text: str) -> tuple[Cells, dict[str, Floats]]
     body = "".join(re.split(r"\r\n|\r|\n", body, maxsplit=1)[1:])
     cells = cells_of_text(body, str(file), _DELIMITERS[delimiter], 0, first)
     if len(cells.columns) != len(fields):
-        found = Described(f"line {cells.places[0]}: {len(cells.columns)} columns")
-        raise Refused(str(file), found, f"a column for each of {len(fields)} fields")
+        count = Described(f"line {cells.places[0]}: {len(cells.columns)} columns")
+        raise Refused(str(file), count, f"a column for each of {len(fields)} fields")
     missing = [number for key in _NO_VALUES if (number := _number(file, header, key)) is not None]
     values = {
         name: _values(cells, index, name, missing)
@@ -153,8 +153,8 @@ def _require_fields(file: Path, fields: list[str]) -> None:
     """Refuse fields that stand twice, and depths of other names or several."""
     twice = sorted({name for name in fields if fields.count(name) > 1})
     if twice:
-        found = Described(f"fields {', '.join(twice)} twice")
-        raise Refused(str(file), found, "a SeaBASS file of different fields")
+        names = Described(f"fields {', '.join(twice)} twice")
+        raise Refused(str(file), names, "a SeaBASS file of different fields")
     depths = [name for name in fields if name in _DEPTHS]
     alike = depths or [name for name in fields if _is_like_depth(name)]
     if len(depths) != 1 and alike:
@@ -167,8 +167,8 @@ def _in_wanted_units(
 ) -> dict[str, Floats]:
     """Return the values of fields in m, nm and m-1."""
     if len(units) != len(fields):
-        found = Described(f"{len(fields)} fields and {len(units)} units")
-        raise Refused(str(file), found, "a SeaBASS file with a unit for each field")
+        counts = Described(f"{len(fields)} fields and {len(units)} units")
+        raise Refused(str(file), counts, "a SeaBASS file with a unit for each field")
     stated, converted = dict(zip(fields, map(str.strip, units), strict=True)), dict[str, Floats]()
     for name, numbers in values.items():
         wanted = _unit_of(name)
@@ -222,8 +222,8 @@ def _whole(frame: Any, name: str, file: Path) -> Any:
             number = re.compile(rf"{field}(\d+(?:\.\d+)?)$")
             known = {f: float(m[1]) for f in frame.columns if (m := number.match(f))}
             if len(set(known.values())) < len(known):
-                found = Described(", ".join(known))
-                raise Refused(str(file), found, "each wavelength of a field once")
+                names = Described(", ".join(known))
+                raise Refused(str(file), names, "each wavelength of a field once")
             table = frame[list(known)].rename(columns=known).groupby(level=0).mean()
         if table.shape[1] and pure:
             w = np.asarray(table.columns, np.float64)
@@ -237,9 +237,9 @@ def _whole(frame: Any, name: str, file: Path) -> Any:
 
 def _at(table: Any, wavelengths: Any) -> Any:
     """Return a table at other wavelengths, linear between its own, missing outside."""
-    own = np.asarray(table.columns, np.float64)
+    table_nm = np.asarray(table.columns, np.float64)
     new = np.asarray(wavelengths, np.float64)
-    values = [np.interp(new, own, row, left=np.nan, right=np.nan) for row in table.to_numpy()]
+    values = [np.interp(new, table_nm, row, left=np.nan, right=np.nan) for row in table.to_numpy()]
     return type(table)(values, index=table.index, columns=wavelengths)
 
 
@@ -253,22 +253,22 @@ def _read_argo(file: Path) -> Constituents:
     with refusing(str(file), "a BGC-Argo profile"):
         for profile in range(levels.sizes.get("N_PROF", 1)):
             pressure = _good(levels, "PRES", profile)
-            rows = {
+            profiles = {
                 name: _over_depth(pressure, _good(levels, name, profile), name) for name in _ARGO
             }
-            if rows["CHLA"] is not None:
+            if profiles["CHLA"] is not None:
                 break
         else:
             names = Described(", ".join(map(str, levels.data_vars)) or "no variables")
             raise Refused(str(file), names, "PRES and CHLA with good values (flags 1, 2, 5, 8)")
-    given: dict[str, Any] = {"chlorophyll": rows["CHLA"]}
-    if rows["BBP700"] is not None:
-        given["bbp700"] = rows["BBP700"]
+    constituents: dict[str, Any] = {"chlorophyll": profiles["CHLA"]}
+    if profiles["BBP700"] is not None:
+        constituents["bbp700"] = profiles["BBP700"]
     for field, name, most in (("temperature_c", "TEMP", 30.0), ("salinity", "PSAL", 40.0)):
-        profile_rows = rows[name]
+        profile_rows = profiles[name]
         if profile_rows is not None and 0.0 <= profile_rows[0][1] <= most:
-            given[field] = profile_rows[0][1]
-    return Constituents(**given)
+            constituents[field] = profile_rows[0][1]
+    return Constituents(**constituents)
 
 
 def _good(data: Any, name: str, profile: int) -> Floats:
@@ -315,5 +315,5 @@ def _over_depth(
         return None
     depth, first = np.unique(np.maximum(pressure[good], 0.0), return_index=True)
     depth[0] = 0.0
-    rows = np.column_stack([depth, np.maximum(values[good][first], 0.0)])
-    return tuple(map(tuple, rows.tolist()))
+    profile = np.column_stack([depth, np.maximum(values[good][first], 0.0)])
+    return tuple(map(tuple, profile.tolist()))

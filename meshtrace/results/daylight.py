@@ -260,10 +260,16 @@ class IrradianceSeries(Stored):
         return np.asarray(self.irradiance.std(axis=0) / self.mean)
 
     def pdf(self, edges: ArrayLike) -> Floats:
-        """Return the density of E over its mean between edges, shape (depths, bins)."""
-        edges = require_finite(edges, "edges", "increasing numbers")
-        relative = (self.irradiance / self.mean).T
-        return np.stack([np.histogram(row, edges, density=True)[0] for row in relative])
+        """Return the density of E over its mean between edges, shape (depths, bins).
+
+        It is normalized to the values between the edges, and 0 without any.
+        """
+        edges = require_finite(edges, "edges", "increasing numbers, two or more")
+        width = np.diff(edges)
+        if not width.size or not (width > 0.0).all():
+            raise Refused("edges", edges, "increasing numbers, two or more")
+        counts = [np.histogram(row, edges)[0] for row in (self.irradiance / self.mean).T]
+        return np.stack([n / width / max(n.sum(), 1) for n in counts])
 
     def flashes(self, thresholds: ArrayLike = THRESHOLDS) -> Flashes:
         """Return rate and mean duration of flashes E > k mean, for equally spaced times.

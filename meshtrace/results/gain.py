@@ -305,6 +305,9 @@ class GainResult(Stored):
     def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
         """Return the fields that a dataset holds, as numbers for a single receiver."""
         found, fates = super().arrays(data), {}
+        if "scalar" not in data.attrs:
+            allowed = f"a dataset of a {cls.__name__}"
+            raise Refused("data", Described("no attribute scalar"), allowed)
         if data.attrs["scalar"]:
             each = {name for name, _, variable in cls._described() if variable.dims == "receiver"}
             found |= {name: float(found[name][0]) for name in each & found.keys()}

@@ -109,6 +109,9 @@ class Comparison(Stored):
         With the mean gains h, the standard error of the ratio r = h_i / h_0 is that of the mean
         of :math:`h_i - r h_0`, over h_0 (delta method).
         """
+        if not len(names) == len(samples) > 0:
+            found = Described(f"{len(names)} names of {len(samples)} links")
+            raise Refused("names, samples", found, "a name for each link, one or more")
         gain, first = samples.mean(axis=1), samples[0]
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = gain / gain[0]

@@ -163,7 +163,7 @@ def _mean(found: list[ImpulseResponse]) -> MeanResponse:
     if len(found) > 1:
         spreads = np.array([one.rms_delay_spread for one in found])
         error = math.hypot(error, float(error_of_groups(spreads)))
-    response = ChannelResponse.of(delay, weight, angle)
+    response = ChannelResponse.from_arrivals(delay, weight, angle)
     return MeanResponse(response, spread_of(delay, weight), error)
 
 
@@ -183,7 +183,7 @@ def light_response(
     if not rows:
         return None
     delay, weight, angle = map(np.concatenate, zip(*rows, strict=True))
-    return ChannelResponse.of(delay, weight, angle, pulses or 64)
+    return ChannelResponse.from_arrivals(delay, weight, angle, pulses or 64)
 
 
 class Responses:

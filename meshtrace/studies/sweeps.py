@@ -324,7 +324,7 @@ def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float6
         ook, found = transmission_of(link, scenario.detector), None
         if h > 0.0 and ook.response is None:
             seen = impulse_response(result, receiver=i)
-            response = ChannelResponse.of(seen.delay, seen.weight, seen.angle)
+            response = ChannelResponse.from_arrivals(seen.delay, seen.weight, seen.angle)
             ook = ook.replace(response=response)
         if checked_daylight(scenario.daylight, link) is not None:
             alone = scenario.model_copy(update={"link": link})

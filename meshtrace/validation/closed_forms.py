@@ -260,12 +260,12 @@ def validate(
     >>> max(abs(check.z) for check in checks) < 4.0  # doctest: +SKIP
     True
     """
-    found: list[Check] = []
+    results: list[Check] = []
     for name, (checks, photons) in SUITE.items():
         if progress is not None:
             progress(name)
         with warnings.catch_warnings():
             # slabs are infinite, meshes are not: the light that wanders off is negligible
             warnings.filterwarnings("ignore", "(?s).*left the meshed surface", DomainWarning)
-            found += checks(photons // 20 if quick else photons)
-    return tuple(found)
+            results += checks(photons // 20 if quick else photons)
+    return tuple(results)

@@ -24,7 +24,7 @@ MODELS = ("W", "A", "PC", "CP")
 def exponential(tau, n=20_000, pulses=64):
     """Return the response of a pole, by the middles of n equal shares."""
     delay = -tau * np.log1p(-(np.arange(n) + 0.5) / n)
-    return ChannelResponse.of(delay, np.ones(n), pulses=pulses)
+    return ChannelResponse.from_arrivals(delay, np.ones(n), pulses=pulses)
 
 
 # --- limits --------------------------------------------------------------------------------
@@ -74,7 +74,7 @@ def test_pulses_keep_light_and_mean_and_spread():
     rng = np.random.default_rng(4)
     delay = np.concatenate([np.zeros(50), rng.exponential(1e-9, 5000), [3e-7]])
     weight = rng.random(delay.size)
-    found = ChannelResponse.of(delay, weight)
+    found = ChannelResponse.from_arrivals(delay, weight)
     share, at = np.array(found.share), np.array(found.delay)
     mean = weight @ delay / weight.sum()
     assert len(share) <= 64
@@ -87,11 +87,11 @@ def test_pulses_keep_light_and_mean_and_spread():
 def test_a_response_follows_its_light_without_steps():
     rng = np.random.default_rng(6)
     delay = rng.exponential(3e-9, 4000)
-    base = ChannelResponse.of(delay, np.ones(4000))
+    base = ChannelResponse.from_arrivals(delay, np.ones(4000))
     ook = OokLink(bit_rate=5e7, window=1e-8, **FAST)
 
     def need(step):
-        seen = ChannelResponse.of(delay, np.exp(-step * delay / 3e-9), pulses=base.delay)
+        seen = ChannelResponse.from_arrivals(delay, np.exp(-step * delay / 3e-9), pulses=base.delay)
         assert seen.delay == base.delay
         return math.log(ook.replace(response=seen).required_power(1e-3))
 
@@ -105,11 +105,11 @@ def test_a_response_follows_its_light_without_steps():
 def test_angles_keep_the_mean_shift():
     rng = np.random.default_rng(5)
     angle, weight = rng.random(3000), rng.random(3000)
-    found = ChannelResponse.of(np.zeros(3000), weight, angle)
+    found = ChannelResponse.from_arrivals(np.zeros(3000), weight, angle)
     square = np.sin(np.radians(found.angle_deg)) ** 2
     assert square.mean() == pytest.approx(weight @ np.sin(angle) ** 2 / weight.sum(), rel=1e-9)
     angle[:2000] = np.nan
-    assert ChannelResponse.of(np.zeros(3000), weight, angle).angle_deg == ()
+    assert ChannelResponse.from_arrivals(np.zeros(3000), weight, angle).angle_deg == ()
 
 
 @pytest.mark.parametrize(
@@ -118,9 +118,9 @@ def test_angles_keep_the_mean_shift():
         (lambda: ChannelResponse(delay=(0.0, 0.0), share=(0.5, 0.5)), "delay"),
         (lambda: ChannelResponse(delay=(0.0, 1e-9), share=(0.5, 0.6)), "share"),
         (lambda: ChannelResponse(delay=(0.0,), share=(0.5, 0.5)), "share"),
-        (lambda: ChannelResponse.of([0.0, -1e-9], [1.0, 1.0]), "delay, weight"),
-        (lambda: ChannelResponse.of([0.0], [0.0]), "delay, weight"),
-        (lambda: ChannelResponse.of([0.0], [1.0], pulses=0), "pulses"),
+        (lambda: ChannelResponse.from_arrivals([0.0, -1e-9], [1.0, 1.0]), "delay, weight"),
+        (lambda: ChannelResponse.from_arrivals([0.0], [0.0]), "delay, weight"),
+        (lambda: ChannelResponse.from_arrivals([0.0], [1.0], pulses=0), "pulses"),
     ],
 )
 def test_refused(make, name):
@@ -193,7 +193,7 @@ LIMIT = float(norm.isf(0.5 * (1.0 - (1.0 - 1e-4) ** (1.0 / len(CASES)))))
 @pytest.mark.slow_but("50000000.0-0.01")
 def test_error_rate_agrees_with_bits_through_the_channel(harbour, bit_rate, target):
     """z-test against the exact law at its best threshold, alpha 1e-4 over the family."""
-    response = ChannelResponse.of(harbour.delay, harbour.weight)
+    response = ChannelResponse.from_arrivals(harbour.delay, harbour.weight)
     gaussian = OokLink(bit_rate=bit_rate, response=response, **FAST)
     power, window = gaussian.required_power(target), gaussian.averaging_window
     exact = gaussian.replace(model="CP", window=window)

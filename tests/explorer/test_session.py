@@ -60,7 +60,7 @@ def response_at(link, scenario=PAPER):
     at = scenario.replace(link=link)
     run = mt.simulate(at, photons=stages.CHAINS[-1], record=[mt.Arrivals()])
     seen = mt.impulse_response(run)
-    return mt.comms.ChannelResponse.of(seen.delay, seen.weight, seen.angle)
+    return mt.comms.ChannelResponse.from_arrivals(seen.delay, seen.weight, seen.angle)
 
 
 @pytest.mark.parametrize(("rate", "counts"), [(30.0, True), (1.0, False)])

@@ -316,7 +316,7 @@ def test_the_program_prints_the_gain_and_the_error_rate(capsys):
     printed = capsys.readouterr().out
     assert f"{result.gain:.4e}" in printed
     seen = mt.impulse_response(mt.simulate(state.scenario, photons=10_000, record=[mt.Arrivals()]))
-    response = mt.comms.ChannelResponse.of(seen.delay, seen.weight, seen.angle)
+    response = mt.comms.ChannelResponse.from_arrivals(seen.delay, seen.weight, seen.angle)
     bits = mt.OokLink.of_link(state.scenario.link, bit_rate=5e6).replace(response=response)
     assert f"{float(bits.ber(bits.received_power(result.gain))):.3g}" in printed
 

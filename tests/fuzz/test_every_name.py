@@ -11,6 +11,7 @@ import inspect
 import re
 import signal
 import warnings
+from functools import cache
 from random import Random
 
 import numpy as np
@@ -89,10 +90,13 @@ def value_of(name, parameter):
     return value() if callable(value) and value.__module__ == "sound_calls" else value
 
 
+@cache
 def sound(name):
+    """Return the sound arguments of a function; studies are among them, so that they are kept."""
     return {p.name: value_of(name, p) for p in parameters(name)}
 
 
+@cache
 def bound(name):
     """Return a function, a method of an instance or of its class."""
     function, cls = callables()[name]
@@ -106,12 +110,13 @@ def bound(name):
 
 
 @pytest.fixture(autouse=True, scope="module")
-def no_work(tmp_path_factory):
+def no_work(request, tmp_path_factory):
     """End calls where light would be traced, a store be written or workers be started."""
-    for name in names():  # results of sound calls are made before
-        if not name.startswith(LATE):
-            sound(name)
-            bound(name)
+    tests = [item for item in request.session.items if item.module is request.module]
+    walked = {item.callspec.params["name"] for item in tests if hasattr(item, "callspec")}
+    for name in sorted(walked):  # sound results are traced before, else each would count as work
+        sound(name)
+        bound(name)
 
     def accept(*arguments, **options):
         raise Accepted

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from meshtrace.uav import FOOT, HEIGHT_20FT, Dryden, LogProfile, PowerProfile
+from meshtrace.uav.wind import FOOT, HEIGHT_20FT, Dryden, LogProfile, PowerProfile
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "link_reference.json").read_text())
 CASES = [

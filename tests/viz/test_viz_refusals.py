@@ -118,7 +118,7 @@ def sound(scene, calm_design):
         "save_vtk": {"source": mesh, "path": "a.vtp"},
         "export_scene": {"scene": scene, "folder": "a"},
         "to_pyvista": {"source": mesh},
-        "select_paths": {"paths": paths, "rows": slice(2)},
+        "select_paths": {"paths": paths, "which": slice(2)},
         "add_bubbles": {"scene": scene, "mesh": mesh, "bubbles": None, "near": False},
         "add_receiver": {**drawn, "mesh": mesh, "labels": True, "aside": 1.0},
         "add_transmitter": {**drawn, "mesh": mesh, "labels": True},

@@ -59,7 +59,7 @@ def test_the_default_sun_glitters_on_a_rough_sea_without_whitening_it():
     eye = 120.0 * np.array(
         [across * math.cos(azimuth), across * math.sin(azimuth), math.sin(elevation)]
     )
-    light = SeaLight.of(None, None, (SEA.wind_speed, 0.0))
+    light = SeaLight.from_link(None, None, (SEA.wind_speed, 0.0))
     darkest = ShadedSea(mesh, light, texels=256).colors(tuple(eye)).min(axis=2)
     assert (darkest > 200).mean() > 0.02
     assert (darkest > 220).mean() < 0.01
@@ -147,7 +147,7 @@ def test_foam_is_drawn_out_along_the_wind():
 
 def test_colours_are_those_of_a_screen_and_the_same_again():
     mesh = SEA.mesh(1.0, extent=8.0, spacing=0.4)
-    light = SeaLight.of(mt.Link().in_wind(13.0), None, (13.0, 0.0))
+    light = SeaLight.from_link(mt.Link().in_wind(13.0), None, (13.0, 0.0))
     assert light.foam == pytest.approx(1.0 - mt.Whitecaps(wind_speed=13.0).transmittance)
     seen = [
         ShadedSea(mesh, light, 4.0, time, texels=64).colors((5.0, -30.0, 8.0))

@@ -442,7 +442,8 @@ def as_python(scenario: Scenario) -> str:
         if through:
             lines += [
                 "seen = mt.impulse_response(result)",
-                "response = mt.comms.ChannelResponse.of(seen.delay, seen.weight, seen.angle)",
+                "arrivals = seen.delay, seen.weight, seen.angle",
+                "response = mt.comms.ChannelResponse.from_arrivals(*arrivals)",
                 "bits = bits.replace(response=response)",
             ]
         if scenario.daylight is not None:

@@ -237,7 +237,7 @@ class LiveScene:
         """Return the light on the sea of a state, and the waves that its mesh leaves out."""
         wind = wind_of(self._surface)
         day, tint = _sky_of(state.scenario.daylight)
-        light = SeaLight.of(state.scenario.link, day, wind)
+        light = SeaLight.from_link(state.scenario.link, day, wind)
         angle = math.radians(wind[1])
         slopes = mesh.vertex_normals[:, :2] / np.maximum(mesh.vertex_normals[:, 2:], 0.2)
         variances, least = left_out(mesh, longest_left_out(self._surface))

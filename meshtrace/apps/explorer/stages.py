@@ -186,7 +186,7 @@ def _detector(state: State, gain: GainResult, found: Background | None) -> OokLi
     detector = state.detector
     seen = unless_refused(lambda: impulse_response(gain))  # none of the rough gain or without light
     if detector.response is None and seen is not None:
-        response = ChannelResponse.of(seen.delay, seen.weight, seen.angle)
+        response = ChannelResponse.from_arrivals(seen.delay, seen.weight, seen.angle)
         detector = detector.replace(response=response)
     if found is None:
         return detector

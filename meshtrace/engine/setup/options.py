@@ -359,9 +359,11 @@ def read_records(record: Iterable[Any], estimator: Estimator) -> dict[str, Recor
         If there are two of a kind, or a map with the forced estimator.
     """
     records: dict[str, Record] = {}
-    if not isinstance(record, Iterable):
-        raise Refused("record", record, "a list of records")
-    for i, item in enumerate([record] if isinstance(record, Record | str) else record):
+    try:
+        items = [record] if isinstance(record, Record | str) else list(record)
+    except TypeError as error:
+        raise Refused("record", record, "a list of records") from error
+    for i, item in enumerate(items):
         try:
             read = Record.read(item)
         except Refused as error:
