@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.sets import TURBID, ChainDrawer, Request, poisson_law
 from meshtrace.engine.gains import Gains, Method
-from meshtrace.engine.photons.targets import SCATTERED
 from meshtrace.engine.setup.arrays import mean_water
 from meshtrace.engine.setup.ends import ForcedLink, across, lamp_intensity
+from meshtrace.kernels.tally import SCATTERED
 from meshtrace.link import Link, WaterReceiver
 from meshtrace.link.sources import AirLamp
 from meshtrace.models import Floats

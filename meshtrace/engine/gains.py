@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.engine.photons.targets import DIRECT, N_PARTS, REFLECTED, SCATTERED
+from meshtrace.kernels.tally import DIRECT, N_PARTS, REFLECTED, SCATTERED
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.results.gain import ChainCounts, ScatteredSamples

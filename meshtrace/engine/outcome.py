@@ -17,10 +17,10 @@ from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.gains import Gains, table_of
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
-from meshtrace.engine.photons.targets import REFLECTED, SCATTERED
 from meshtrace.engine.setup import options
 from meshtrace.engine.setup.options import Analog, Case, Record
 from meshtrace.errors import DomainWarning
+from meshtrace.kernels.tally import REFLECTED, SCATTERED
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats

@@ -47,7 +47,7 @@ from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
 from meshtrace.kernels.scene import FLAT_SEA, Scene, height_on
-from meshtrace.kernels.tally import keep_arrival
+from meshtrace.kernels.tally import DIRECT, REFLECTED, SCATTERED, keep_arrival
 from meshtrace.kernels.tints import is_tinted, tint_way
 from meshtrace.kernels.vectors import (
     ORIGIN,
@@ -213,9 +213,9 @@ def _score(q, i, light, theta, p, goal, water, world):
     `theta` is the angle of a scattering at the start of the way [rad], < 0 without one.
     """
     light *= world.joins.target[i].share
-    part = targets.SCATTERED if q.order > 0 else targets.DIRECT
+    part = SCATTERED if q.order > 0 else DIRECT
     if q.reflections > 0:
-        part = targets.REFLECTED
+        part = REFLECTED
     n = keep_arrival(world, q.id, i, light, world.tints, q.tint)
     if n >= 0:
         a, target = world.arrivals[n], targets.scene_to(world.joins.target[i], world).target

@@ -8,11 +8,11 @@ from mc_statistics import sidak, z_test
 
 import meshtrace as mt
 from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.photons.targets import REFLECTED, SCATTERED
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for, mesh_lines
 from meshtrace.engine.setup.options import resolve
 from meshtrace.errors import Refused
+from meshtrace.kernels.tally import REFLECTED, SCATTERED
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.surfaces import FlatSea, JonswapSea
 

@@ -14,9 +14,9 @@ from scipy.stats import chi2
 import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.photons.targets import SCATTERED
 from meshtrace.engine.setup.arrays import angle_table
 from meshtrace.errors import Refused
+from meshtrace.kernels.tally import SCATTERED
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import FlatSea, JonswapSea
 

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 import meshtrace as mt
 from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.photons.targets import REFLECTED
+from meshtrace.kernels.tally import REFLECTED
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
 
 pytestmark = [
