@@ -139,7 +139,7 @@ class Record(Family, frozen=True, closed="records are closed: the kernels tally 
 
 
 class Arrivals(Record, frozen=True):
-    """Record of every row of light at an aperture: the `arrivals` of a result, an `ArrivalTally`."""
+    """Record of every row of light at an aperture: `arrivals` of a result, an `ArrivalTally`."""
 
     kind: Literal["arrivals"] = "arrivals"
 
