@@ -16,7 +16,7 @@ docs:
 	.ci/docs --quick
 
 bench:
-	.venv/bin/meshtrace bench
+	.venv/bin/python tests/benchmarks/bench.py
 
 figures:
 	$(python) docs/scripts/redraw.py

@@ -26,6 +26,7 @@ from .engine.bvh import BruteForceIntersector as BruteForceIntersector
 from .engine.bvh import EmbreeIntersector as EmbreeIntersector
 from .engine.outcome import FewSamplesWarning as FewSamplesWarning
 from .engine.paths import PhotonPaths as PhotonPaths
+from .engine.photons.flight import Vertex as Vertex
 from .engine.setup import options as options
 from .engine.setup.options import Analog as Analog
 from .engine.setup.options import Arrivals as Arrivals

@@ -6,10 +6,15 @@ and deflate packs a thousand bytes into one.
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import lzma
+import math
 import mmap
 import os
 import re
 import struct
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import lru_cache
@@ -204,6 +209,65 @@ def _check_heaps(path: str | PathLike[str]) -> None:
                     raise OSError("damaged: an object of a global heap has no size")
                 at += 16 + -(-size // 8) * 8 if index else size
             start = content.find(_HEAP, start + 1)
+
+
+def check_zarr(dataset: xr.Dataset) -> None:
+    """Refuse a dataset of a Zarr store with chunks that no memory should hold; others pass.
+
+    Reading one value expands a whole chunk. In a local store a chunk may not state more than the
+    store says of it either: codecs make room for what the chunk states.
+
+    Raises
+    ------
+    Refused
+        With the name of the variable, or the file of the chunk.
+    """
+    store = Path(str(dataset.encoding.get("source", "")))
+    for name, variable in dataset.variables.items():
+        grids = [variable.encoding.get(key) for key in ("chunks", "shards")]
+        width = np.dtype(variable.encoding.get("dtype", variable.dtype)).itemsize
+        sizes = [math.prod(grid) * width for grid in grids if grid is not None]
+        if not sizes:
+            continue
+        require_size(max(sizes), max(sizes), f"a chunk of {name}")
+        for folder in store.glob(f"**/{name}") if store.is_dir() else ():
+            for file in folder.rglob("[!.]*"):
+                if file.is_file() and file.name != "zarr.json":
+                    codec = " ".join(map(str, variable.encoding.get("compressors", ())))
+                    stated = _stated_by_chunk(file, codec.lower(), max(sizes))
+                    require_size(stated, stated, str(file), max(sizes))
+
+
+_STREAMS: Mapping[bytes, Any] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ": lzma.open}
+_ZSTD = b"\x28\xb5\x2f\xfd"
+
+
+def _stated_by_chunk(path: Path, codec: str, most: int) -> int:
+    """Return the expanded size of a chunk, or a greater one than `most` of one that is larger.
+
+    0 for a chunk of another codec, or of zstd without a size.
+    """
+    with path.open("rb") as file:
+        head = file.read(18)
+    if "blosc" in codec:
+        return int.from_bytes(head[4:8], "little")
+    if "lz4" in codec:
+        return int.from_bytes(head[:4], "little")
+    if head.startswith(_ZSTD) and len(head) > 4:  # RFC 8878, 3.1.1.1
+        flags = head[4]
+        single, width = flags >> 5 & 1, (0, 2, 4, 8)[flags >> 6]
+        width = width or single
+        start = 6 - single + (0, 1, 2, 4)[flags & 3]
+        return int.from_bytes(head[start : start + width], "little") + 256 * (width == 2)
+    if "zlib" in codec:
+        return len(zlib.decompressobj().decompress(path.read_bytes(), most + 1))
+    expand = next((opened for magic, opened in _STREAMS.items() if head.startswith(magic)), None)
+    size = 0
+    if expand is not None:
+        with expand(path) as stream:
+            while size <= most and (block := stream.read(2**20)):
+                size += len(block)
+    return size
 
 
 def valid_values(variable: xr.DataArray) -> NDArray[np.float64]:

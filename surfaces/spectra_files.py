@@ -31,6 +31,7 @@ from meshtrace.errors import (
 )
 from meshtrace.netcdf import (
     check_file,
+    check_zarr,
     convention_of,
     opened,
     require_size,
@@ -140,6 +141,7 @@ def _raw(source: Any, files: ExitStack) -> xarray.Dataset:
         source = xr.combine_by_coords(parts, combine_attrs="override")
     if not isinstance(source, xr.Dataset):
         raise Refused("source", source, "a path or an xarray.Dataset")
+    check_zarr(source)
     packed = ("_FillValue", "missing_value", "scale_factor", "add_offset")
     if any(key in v.attrs for v in source.variables.values() for key in packed):
         return xr.decode_cf(source, decode_times=False, decode_timedelta=False)

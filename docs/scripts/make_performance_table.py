@@ -5,10 +5,14 @@ Run it on a quiet machine: `python docs/scripts/make_performance_table.py`.
 
 from __future__ import annotations
 
-from places import GENERATED
+import sys
 
-from meshtrace.bench import bench, report
+from places import GENERATED, ROOT
+
 from meshtrace.scenario import Scenario
+
+sys.path.append(str(ROOT / "tests" / "benchmarks"))  # the program is in no package
+from bench import bench, report
 
 PAGE = GENERATED / "performance_table.md"
 

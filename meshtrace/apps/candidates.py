@@ -11,22 +11,20 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.comms.ook import OokLink
-from meshtrace.engine.parts import Light
+from meshtrace import Flight, Uav
+from meshtrace.comms import OokLink
 from meshtrace.errors import Refused
-from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Led, Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.parallel import held, ordered_map
+from meshtrace.studies import Variant
 from meshtrace.studies.background import Lights
-from meshtrace.studies.campaign import Campaign
+from meshtrace.studies.campaign import Campaign, realization_seed
 from meshtrace.studies.cluster import Restored
-from meshtrace.studies.keys import Variant
-from meshtrace.studies.neighbours import Neighbours, Quantity, range_of, without_each
+from meshtrace.studies.neighbours import Light, Neighbours, Quantity, range_of, without_each
 from meshtrace.studies.response import MOST_SEAS, Responses
 from meshtrace.studies.store import digest_of
-from meshtrace.uav import Flight, Uav
 
 Objective = Literal["outage", "gain", "range", "margin", "capacity"]
 Custom = Callable[[Variant, Floats, Floats], float]

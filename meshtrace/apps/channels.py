@@ -21,21 +21,16 @@ from meshtrace.errors import (
     require_seed,
     require_whole,
 )
-from meshtrace.fading.distribution import (
+from meshtrace.fading import (
     Reference,
-    block_means,
-    checked_gain,
-    fit_gamma_gamma,
-    fit_lognormal,
-    level_of,
-)
-from meshtrace.fading.series import (
     autocorrelation,
     block_length,
-    correlation_replicates,
     effective_samples,
-    flat_top,
+    fit_gamma_gamma,
+    fit_lognormal,
 )
+from meshtrace.fading.distribution import block_means, checked_gain, level_of
+from meshtrace.fading.series import correlation_replicates, flat_top
 from meshtrace.models import Floats
 from meshtrace.stored import Stored, Variable
 

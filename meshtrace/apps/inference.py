@@ -11,9 +11,8 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace import MeshSource, TriangleMesh
 from meshtrace.checks import check_call
-from meshtrace.engine.backward.view import only_aperture
-from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
     Described,
@@ -26,16 +25,17 @@ from meshtrace.errors import (
     within,
 )
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS, Stored, Variable
+from meshtrace.studies import Variant
 from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.cluster import Restored
-from meshtrace.studies.keys import Parameter, Variant, parameters
+from meshtrace.studies.keys import Parameter, parameters
 from meshtrace.studies.neighbours import (
     WATER,
+    Light,
     Neighbours,
     Quantity,
     has_moments,
@@ -167,7 +167,9 @@ class Predictor(Restored):
             with within("measurements", i):
                 for key, value in row.items():
                     at = at.set(key, value)
-            only_aperture(at.link)
+            ends = len(at.link.receivers)
+            if ends != 1:
+                raise Refused("receiver", Described(f"{ends} apertures"), "one aperture")
             self._starts.append(at)
         self._quick = has_moments(start.link)
         alone = campaign.alone

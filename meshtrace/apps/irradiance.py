@@ -13,23 +13,27 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 from scipy.special import j1
 
+from meshtrace import IrradianceMap, IrradianceSeries, Meshing, background, simulate
 from meshtrace.checks import check_call
-from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, default_irradiance
-from meshtrace.engine.backward.background import background, refracted_sun
-from meshtrace.engine.setup.options import IrradianceMap, Meshing, RunOptions, require_options
-from meshtrace.engine.simulate import simulate
+from meshtrace.daylight import Daylight
+from meshtrace.daylight.light import (
+    SUN_RADIUS_DEG,
+    default_irradiance,
+    land_sunlight,
+    refracted_sun,
+)
+from meshtrace.engine.setup.options import RunOptions, require_options
 from meshtrace.errors import (
     Described,
     Refused,
     require_finite,
     require_pair,
 )
-from meshtrace.fading.spectral import fading_band
-from meshtrace.kernels.sources import land_sunlight
+from meshtrace.fading import fading_band
 from meshtrace.link import AirLed, IrradiancePlanes, Link, Sun, WaterReceiver
 from meshtrace.models import Floats
-from meshtrace.optics.water import Water
-from meshtrace.results.daylight import PARTS, IrradianceSeries
+from meshtrace.optics import Water
+from meshtrace.results.daylight import PARTS
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import campaign_of

@@ -10,9 +10,11 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack
 import numpy as np
 from pydantic import Field
 
+from meshtrace import Flight, MeshSource, TriangleMesh
 from meshtrace.apps.candidates import REWEIGHED, Custom, Goal, Objective, Sample
 from meshtrace.checks import ErrorRate, Probability, check_call
-from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.comms import OokLink
+from meshtrace.comms.ook import Preset
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
     Described,
@@ -20,16 +22,15 @@ from meshtrace.errors import (
     require_pair,
 )
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
 from meshtrace.stored import Stored, Variable
+from meshtrace.studies import Variant
 from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of
-from meshtrace.studies.keys import Bounds, Parameter, Variant, checked_bounds, parameters
+from meshtrace.studies.keys import Bounds, Parameter, checked_bounds, parameters
 from meshtrace.studies.neighbours import DECIBELS, FADES, error_of
 from meshtrace.tables import text_table
-from meshtrace.uav import Flight
 
 
 class Validation(NamedTuple):

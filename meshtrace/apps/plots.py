@@ -13,7 +13,7 @@ from meshtrace.viz import marks
 from meshtrace.viz.style import INK, PALETTE, label_of, verbatim
 
 from .channels import ChannelModel
-from .designs.page import LIGHTS, Design
+from .designs.page import LIGHTS, Design, LightName
 from .inference import Inference
 from .measured.suite import MeasuredTable
 from .optimisation import Optimum
@@ -107,7 +107,7 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
 
 
 @check_call
-def plot_design(d: Design, *, light: str = "day", ax: Axes | None = None) -> Axes:
+def plot_design(d: Design, *, light: LightName = "day", ax: Axes | None = None) -> Axes:
     """Plot the reserve over each scanned key, relative to the values of the link.
 
     Parameters

@@ -10,14 +10,13 @@ from typing import Annotated, Any, ClassVar, Literal, Unpack
 
 import numpy as np
 
+from meshtrace import Flight, GainSeries, MeshSource, Route
 from meshtrace.checks import Positive, check_call
-from meshtrace.daylight.light import Daylight
+from meshtrace.daylight import Daylight
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Refused, require_between
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource
 from meshtrace.models import Floats
-from meshtrace.results.series import GainSeries
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS, Stored, Variable
@@ -25,7 +24,6 @@ from meshtrace.studies.background import backgrounds, light_of
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of, gains_over
 from meshtrace.studies.comparison import both_directions
 from meshtrace.studies.series import in_flight
-from meshtrace.uav import Flight, Route
 
 DEFAULT_CHAINS = 1024
 """Chains of each direction."""

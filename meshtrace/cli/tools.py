@@ -25,7 +25,6 @@ from meshtrace.errors import (
     require_finite,
     require_word,
 )
-from meshtrace.files import atomic
 
 if TYPE_CHECKING:
     from meshtrace.results.gain import GainResult
@@ -230,65 +229,6 @@ def _measured(quick: bool, case: str | None, output: Path | None, json_: bool) -
         typer.echo(table.summary())
     if output is not None:
         table.save(output)
-
-
-@app.command()
-@described
-def bench(
-    link: Path | None = None,
-    *,
-    output: Path | None = None,
-    json_: bool = False,
-    quick: bool = False,
-    cold: bool = False,
-    compare: Path | None = None,
-    trust: bool = False,
-) -> None:
-    """Measure the speed of the engine, as ratios within one run.
-
-    Parameters
-    ----------
-    link : [LINK.TOML]
-        Link file; default: the link of the paper at 13 m/s.
-    output
-        Write the measurements as JSON.
-    json_
-        Print the measurements as JSON.
-    quick
-        Use a quarter of the photons.
-    cold
-        Also measure a first run, which compiles.
-    compare : OLD.JSON
-        Compare with an earlier output of this machine; exit code 1 if a work takes 15 % longer, in
-        raw rays of its run.
-    trust
-        Run the modules that the link file names, as in module:Class.
-    """
-    from meshtrace.bench import bench as measure
-    from meshtrace.bench import compare as compared
-    from meshtrace.bench import report
-
-    console.check_output(output, link)
-    before = None
-    try:
-        if compare is not None:
-            before = dict(json.loads(compare.read_text(encoding="utf-8")))
-    except (TypeError, ValueError) as error:
-        raise Refused("--compare", str(compare), "JSON of meshtrace bench") from error
-    changes = ["wind_speed=13", "bubbles=none"] if link is None else []
-    scenario = console.Changes(set_=changes, trust=trust).scenario(link)
-    result = measure(scenario, quick=quick, cold=cold)
-    text = json.dumps(result, indent=1)
-    typer.echo(text if json_ else report(result))
-    if output is not None:
-        with atomic(output) as temporary:
-            temporary.write_text(text + "\n", encoding="utf-8")
-    if before is not None:
-        table, slower = compared(result, before)
-        typer.echo(f"\n{table}", err=json_)
-        if slower:
-            typer.echo(f"slower by more than 15 %: {', '.join(slower)}", err=True)
-            raise typer.Exit(1)
 
 
 @app.command("plot")

@@ -23,9 +23,10 @@ from meshtrace.errors import (
     require_word,
 )
 from meshtrace.kernels.sources import LEAST_COS, Sky
+from meshtrace.kernels.sources import land_sunlight as land_sunlight
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.models import Finite, Floats, Model, NonNegative
-from meshtrace.optics.fresnel import unit_vector
+from meshtrace.optics.fresnel import fresnel_reflectance, unit_vector
 from meshtrace.optics.pure_water import read_table
 from meshtrace.quadrature import gauss_legendre
 
@@ -766,3 +767,28 @@ def moon_phase_factor(phase_deg: Annotated[float, Field(ge=-180.0, le=180.0)]) -
     """
     alpha = abs(phase_deg)
     return float(10.0 ** (-0.4 * (0.026 * alpha + 4e-9 * alpha**4)))
+
+
+def refracted_sun(day: Daylight, n: float) -> tuple[Floats, float]:
+    """Return the direction to the sun as seen under still water, and its irradiance there.
+
+    Parameters
+    ----------
+    day : Daylight
+        Light above the sea.
+    n : float
+        Refractive index of the water over that of the air, n >= 1.
+
+    Returns
+    -------
+    direction : ndarray, shape (3,)
+        Unit vector to the sun in the water, by Snell's law.
+    irradiance : float
+        Irradiance across the refracted light [W m-2 nm-1], behind the reflectance of Fresnel.
+    """
+    sun = np.array(day.sun)
+    inside = sun / n
+    inside[2] = math.sqrt(1.0 - inside[0] ** 2 - inside[1] ** 2)
+    through = 1.0 - float(fresnel_reflectance(sun[2], 1.0, n))
+    # a beam is narrower in the water than in the air by the ratio of the cosines
+    return inside, day.direct * through * float(sun[2] / inside[2])

@@ -90,14 +90,20 @@ class PhotonPaths:
 
 
 def record_paths(
-    link: Link, mesh: TriangleMesh, n: int, seed: int, normals: str, max_vertices: int
+    link: Link,
+    mesh: TriangleMesh,
+    n: int,
+    seed: int,
+    normals: str,
+    max_vertices: int,
+    options: Analog,
 ) -> PhotonPaths:
     """Return the paths of the first n analog photons; the tallies do not change."""
     recorder = new_recorder(n, max_vertices)
     run_analog(
         link,
         EmbreeIntersector(mesh, 1),
-        Analog(batch_size=max(-(-n // BLOCK) * BLOCK, BLOCK)),
+        options.replace(batch_size=max(-(-n // BLOCK) * BLOCK, BLOCK)),
         photons=n,
         seed=seed,
         normals=normals,

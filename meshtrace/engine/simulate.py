@@ -319,18 +319,23 @@ def trace_paths(
     max_vertices : int
         Vertices kept of a photon, >= 2.
     **options
-        Fields of `Meshing`: `normals`, `time`, `extent`, `spacing`, `waves`.
+        Fields of `Meshing`: `normals`, `time`, `extent`, `spacing`, `waves`; without
+        `received_only` also of `Analog`, such as `roulette`.
 
     Returns
     -------
     PhotonPaths
     """
     require_whole(max_vertices, 2, _MOST_VERTICES // n, "max_vertices")
-    given: dict[str, Any] = {} if seed is None else {"seed": seed}
-    case = resolve(link, surface, mesh=mesh, **given, **options)
+    fields: dict[str, Any] = dict(options) if seed is None else {"seed": seed, **options}
+    photons = Analog()
+    if not received_only:
+        of_photons = [key for key in fields if key in Analog.model_fields]
+        photons = photons.replace(**{key: fields.pop(key) for key in of_photons})
+    case = resolve(link, surface, mesh=mesh, **fields)
     key, normals = case.run.seed, case.meshing.normals
     with one_blas_thread():
         made, _ = mesh_for(case.link, case.surface, case.meshing, math.inf)
         if received_only:
             return received_paths(case.link, made, n, key, normals)
-        return record_paths(case.link, made, n, key, normals, max_vertices)
+        return record_paths(case.link, made, n, key, normals, max_vertices, photons)

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.checks import check_call
+from meshtrace.checks import check_call, check_methods
 from meshtrace.errors import Described, Refused, require_array, require_between
 from meshtrace.mesh import PlaneSurface, require_surface
 from meshtrace.models import Floats, Model
@@ -320,6 +320,7 @@ _FINEST = 2.0 ** (1.0 / 32)
 _HIGHEST_OF_MESH = 128.0  # rad/s: waves of 1.2 cm, for which a mesh of 10 m has some 10^7 facets
 
 
+@check_methods
 class BandFading(NamedTuple):
     """Scintillation indices of unscattered light in closed form, over one band and all waves.
 

@@ -310,7 +310,7 @@ def radiance(sky, direction):
 def land_sunlight(z, zx, zy, corner, spacing, sun, n, c, depth, cells, cell, light):
     """Add the unscattered sunlight of the points of a surface to the cells of a plane.
 
-    Array twin: `refracted` in `tests/studies/test_irradiance.py`.
+    Array twin: `refracted` in `tests/apps/test_irradiance.py`.
     Why so: three passes over a point, of 70 operations, in place of forty arrays.
 
     Parameters

@@ -21,7 +21,6 @@ from meshtrace.quadrature import gauss_legendre
 # Depth of the layer in e-folding depths: `BubblePopulation.profile` ends there.
 LAYER = 12.0
 _MOST_NODES = 10**7
-_STEEPEST = 1e9  # exponent of a distribution that ends where it begins, to rounding
 # Highest crest [m] to which a population is continued upwards with depth="mean_level".
 HIGHEST = 20.0
 
@@ -429,8 +428,10 @@ class HallNovarini(BubblePopulation, frozen=True):
         1.9e-05
         """
         z = self._checked(depth)
-        r_ref, p = float(_r_ref(z)), np.array([-1.0, 3.0 - min(float(_kappa(z)), _STEEPEST)])
+        r_ref, p = float(_r_ref(z)), np.array([-1.0, 3.0 - float(_kappa(z))])
         edges = np.clip([self.r_min, r_ref, self.r_max], self.r_min, self.r_max)
+        if edges[1] == self.r_max:  # far below the surface no bubble is larger than r_ref
+            edges, p = edges[:-1], p[:1]
         area = Segments.from_densities(edges[:-1], edges[1:], p, (edges[1:] / r_ref) ** (p - 1.0))
         return area.quantile((np.arange(count) + 0.5) / count)
 

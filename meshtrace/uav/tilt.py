@@ -67,6 +67,7 @@ _FACTORS = 48  # nodes of the factor: the mean of cos(alpha) to 1e-9, that of er
 _TABLE = 256  # angles of a distribution function
 
 
+@check_methods
 class TiltFactors(NamedTuple):
     """Law of the tilt factor h_alpha behind a field of view, as weighted nodes.
 

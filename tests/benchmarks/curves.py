@@ -15,9 +15,8 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from bench import peak_mib
 from rows import cpu, in_child
-
-from meshtrace.bench import peak_mib
 
 
 def _forced(chains: int) -> Callable[[], Any]:

@@ -19,10 +19,10 @@ from time import process_time
 from typing import NamedTuple
 
 import numpy as np
+from bench import RayRecorder
 from naive import HAS_OPEN3D, caster, naive_gain
 
 import meshtrace as mt
-from meshtrace.bench import RayRecorder
 from meshtrace.engine.bvh import CopiedScene
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.results.tallies import standard_error

@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from meshtrace.bench import of_command, peak_mib, timed
+from bench import of_command, peak_mib, timed
 
 ROOT = Path(__file__).parents[2]
 PARAMETERS = (
@@ -132,10 +132,10 @@ def rays() -> dict[str, Any]:
 
     The limit is that of a plain loop below still water with one raw ray for each photon.
     """
+    from bench import analog_rate
     from throughput import SMOOTH, default_mesh, measure_against_loop
 
     import meshtrace as mt
-    from meshtrace.bench import analog_rate
 
     found = {"no tilts": SMOOTH, "tilts": mt.Link()}
     rates = {k: analog_rate(v, default_mesh(v), 1_000_000) for k, v in found.items()}
@@ -232,8 +232,9 @@ def coverage() -> dict[str, Any]:
 
 def cells() -> dict[str, Any]:
     """Return the CPU seconds of maps at 13 m/s to a tolerance in every cell, and that reached."""
+    from bench import coverage_cost
+
     import meshtrace as mt
-    from meshtrace.bench import coverage_cost
     from meshtrace.surfaces import JonswapSea
 
     link, sea, found = mt.Link(), JonswapSea(wind_speed=13.0, seed=7), {}

@@ -5,9 +5,9 @@ The bound is the project's own: a million gains in a second of processor time.
 
 import numpy as np
 import pytest
+from bench import timed
 
 from meshtrace import apps
-from meshtrace.bench import timed
 
 N = 1_000_000
 

@@ -7,9 +7,9 @@ that the project sets itself.
 from __future__ import annotations
 
 import pytest
+from bench import coverage_cost
 
 import meshtrace as mt
-from meshtrace.bench import coverage_cost
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 SEAS = {

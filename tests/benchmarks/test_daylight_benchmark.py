@@ -8,9 +8,9 @@ from __future__ import annotations
 import warnings
 
 import pytest
+from bench import background_light, new_sea, timed
 
 import meshtrace as mt
-from meshtrace.bench import background_light, new_sea, timed
 from meshtrace.surfaces import JonswapSea
 
 SEA = JonswapSea(wind_speed=5.0, seed=7)

@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from bench import timed
 
 import meshtrace as mt
-from meshtrace.bench import timed
 
 GUIDE = Path(__file__).parents[2] / "docs" / "guides" / "design.md"
 

@@ -11,10 +11,10 @@ from __future__ import annotations
 from time import perf_counter
 
 import pytest
+from bench import figure_of_merit, new_sea, resolved_sea
 from throughput import peak_memory
 
 import meshtrace as mt
-from meshtrace.bench import figure_of_merit, new_sea, resolved_sea
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.surfaces import Band, Elfouhaily, JonswapSea, SpectralSea

@@ -4,9 +4,9 @@ Run with `pytest tests/benchmarks --benchmark-only` on a quiet machine.
 """
 
 import numpy as np
+from bench import timed
 
 import meshtrace as mt
-from meshtrace.bench import timed
 from meshtrace.surfaces import resolved_sea
 
 DAY = mt.Daylight(direct=1.421482, diffuse=0.295018)

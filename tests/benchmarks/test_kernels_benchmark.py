@@ -8,6 +8,7 @@ of a plain numba loop, flat memory.
 import os
 
 import pytest
+from bench import analog_rate
 from throughput import (
     SMOOTH,
     default_mesh,
@@ -17,7 +18,6 @@ from throughput import (
 )
 
 import meshtrace as mt
-from meshtrace.bench import analog_rate
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.surfaces import FlatSea
 

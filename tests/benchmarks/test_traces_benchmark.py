@@ -12,9 +12,9 @@ from time import process_time
 from typing import Any
 
 import pytest
+from bench import timed
 
 import meshtrace as mt
-from meshtrace.bench import timed
 from meshtrace.surfaces import sea_in_wind
 
 DAY = mt.Daylight.clear_sky(30.0)

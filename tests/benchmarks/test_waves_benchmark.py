@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bench import best_of
 
 import meshtrace as mt
-from meshtrace.bench import best_of
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Case, Run
 from meshtrace.surfaces import WaveComponents, resolved_sea

@@ -10,11 +10,11 @@ import subprocess
 import sys
 from typing import Any
 
+from bench import best_of, peak_mib
 from plain_loop import plain_loop
 from plain_tracer import plain_gain
 
 import meshtrace as mt
-from meshtrace.bench import best_of, peak_mib
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.surfaces import FlatSea, JonswapSea

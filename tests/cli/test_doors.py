@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 import meshtrace as mt
-from meshtrace import bench
 from meshtrace.apps.explorer.stages import design_of
 from meshtrace.cli import console
 from meshtrace.errors import Refused
@@ -85,12 +84,6 @@ def test_the_process_that_designs(hostile, monkeypatch):
     two = Scenario.from_toml("wind_speed = 0.0").replace(link=link)
     with pytest.raises(Refused, match="design: receiver"):
         asyncio.run(design_of(two))
-
-
-def test_the_processes_that_bench_times(hostile, monkeypatch):
-    """They once started in the temporary folder of all users."""
-    monkeypatch.setattr("tempfile.tempdir", str(hostile))
-    bench.of_command("-c", "import meshtrace, numpy, json")
 
 
 WORKERS = """

@@ -99,7 +99,6 @@ view --html a.html --spacing 1e-9
 view --html a.html --paths -1
 sweep none.toml
 validate --fast
-bench none.toml
 """
 
 

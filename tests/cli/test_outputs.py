@@ -28,7 +28,6 @@ def meshtrace(*arguments):
         ["ensemble", "-n", "2"],
         ["ber"],
         ["converge"],
-        ["bench"],
     ],
     ids=lambda command: command[0],
 )

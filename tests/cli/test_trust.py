@@ -30,7 +30,6 @@ COMMANDS = {
     "ber": ["ber", "link.toml", "-n", "2"],
     "coverage": ["coverage", "link.toml"],
     "compare": ["compare", "link.toml", "other.toml"],
-    "bench": ["bench", "link.toml", "--quick"],
     "set": ["run", "--set", "water.phase.kind=ownphase:Own"],
     "sweep": ["sweep", "study.toml"],
     "swept": ["sweep", "swept.toml"],

@@ -55,7 +55,7 @@ WRITING = {
     "sweep": ("sweep", "sweep.toml", "--workers", "1"),
     "sweep by day": ("sweep", "day.toml", "--workers", "1"),
 }
-NO_RESULTS = {"bench", "explore", "new", "plot", "validate", "view", "warm", "water"}
+NO_RESULTS = {"explore", "new", "plot", "validate", "view", "warm", "water"}
 """Commands that print, open windows, draw pictures or write JSON."""
 
 
@@ -119,5 +119,5 @@ def test_what_is_no_result_is_refused(folder):
     with Store(folder / "none.store").loop("gains", {}):
         pass
     assert "is not that of a sweep" in refusal("plot", folder / "none.store", "-o", "a.png")
-    (folder / "bench.json").write_text("{}")
-    assert "undamaged" in refusal("plot", folder / "bench.json", "-o", "a.png")
+    (folder / "other.json").write_text("{}")
+    assert "undamaged" in refusal("plot", folder / "other.json", "-o", "a.png")

@@ -225,7 +225,6 @@ OPTIONS = {
     "optimize": ["--over", "--objective", "--hover", "-n", "--quantile", "--method", "--set"],
     "coverage": ["--extent", "--step", "--photons", "--seed", "--set", "-o"],
     "sweep": ["--store", "--workers", "-o"],
-    "bench": ["-o"],
 }
 FEW = {
     "run": ["--photons", "64"],
@@ -239,7 +238,6 @@ FEW = {
     "optimize": ["a.toml", "--photons", "32", "-n", "2", "--over", "receiver.fov_deg=10,60"],
     "coverage": ["a.toml", "--photons", "64", "--extent", "1", "--step", "0.5"],
     "sweep": ["none.toml"],
-    "bench": ["none.toml"],
 }
 SETTINGS = ["wind_speed", "water.a", "water.b", "transmitter.depth", "receiver.height",
             "receiver.radius", "receiver.fov_deg", "sea.spacing", "sea.time", "run.estimator",

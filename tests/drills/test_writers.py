@@ -24,7 +24,6 @@ WRITERS = {
     "converge.nc": "converge --spacings 4,3,2,1 --normals vertex --photons 32 --placements 2 -o {}",
     "view.png": "view --paths 0 --spacing 0.5 --screenshot {}",
     "view.html": "view --paths 0 --spacing 0.5 --html {}",
-    "bench.json": "bench --quick -o {}",
 }
 
 
@@ -122,7 +121,6 @@ def test_kills_at_random_times(name, tmp_path):
     [
         pytest.param(name, marks=[] if name == "gain.nc" else [pytest.mark.slow])
         for name in WRITERS
-        if name != "bench.json"
     ],
 )
 @pytest.mark.slow

@@ -26,11 +26,14 @@ from meshtrace.models import Family, Model
 
 ELSEWHERE = {
     "viz.": "tests/viz/test_viz_refusals.py, with sound results for each",
-    "bench.": "a program of seconds to minutes for each call",
+    "apps.plot_": "tests/viz/test_viz_refusals.py, with sound results for each",
+    "apps.measured.": "runs all published measurements",
     "engine.": "internals that the pages of the estimators name",
     "files.atomic": "refuses when its block is entered",
     "explore": "starts a server",
-    "validation.": "runs all published measurements",
+    "apps.measured.": "runs all published measurements",
+    "apps.w2a1.": "runs the published cases",
+    "apps.plot": "tests/viz/test_viz_refusals.py, with sound results for each",
     "results.tallies.": "arrays of the engine",
     "studies.operating_point.": "steps of the studies that are walked",
     "studies.response.": "a step of the studies that are walked",
@@ -42,7 +45,10 @@ ELSEWHERE = {
     "Refused.": "the refusal itself",
 }
 LATE = ("Design.", "studies.ConvergenceStudy.")  # whose instances take half a minute
-WITHOUT = ("IrradianceSeries.flashes", "fading.mean_fade_duration")  # nan: no flash, no fade
+WITHOUT = (  # nan: no flash, no fade, no depth that crosses the rate, no range with it
+    "IrradianceSeries.flashes", "fading.mean_fade_duration", "DepthSweep.range_at_ber",
+    "LinkPerformance.range_at_ber", "LinkPerformance.at",
+)  # fmt: skip
 LACKING = ("surfaces.from_gauge", "optics.mie.cached_table")  # need more than plain arguments
 SAMPLE = 1  # values of a parameter in the quick walk
 LONGEST = 2.0  # [s], after which a call counts as accepted

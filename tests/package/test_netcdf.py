@@ -10,11 +10,12 @@ import xarray as xr
 from scipy.io import netcdf_file
 
 from meshtrace.errors import Refused
-from meshtrace.netcdf import convention_of, opened, require_size, unit_of, valid_values
+from meshtrace.netcdf import convention_of, opened, require_size, valid_values
 from meshtrace.optics.water_files import read_spectrum
 from meshtrace.results import load
 from meshtrace.stored import read_dataset
 from meshtrace.surfaces import MeshSequence, from_wavespectra
+from meshtrace.units import unit_of
 
 
 def hollow(path, n, names=("efth", "z", "CHLA", "PRES", "gain"), chunk=10**6):
@@ -165,3 +166,64 @@ def test_valid_ranges():
 )  # fmt: skip
 def test_conventions(text, convention):
     assert convention_of(xr.DataArray([0.0], attrs={"long_name": text}), {}) == convention
+
+
+def zarr_spectrum(path, zarr_format=3, codec=None):
+    """Write a store of a spectrum, and open it."""
+    zarr = pytest.importorskip("zarr")
+    group = zarr.open_group(path, mode="w", zarr_format=zarr_format)
+    axes = {"freq": np.linspace(0.1, 0.4, 8), "dir": np.arange(0.0, 360.0, 30.0)}
+    for name, values in {**axes, "efth": np.ones((8, 12))}.items():
+        dims = [name] if name in axes else list(axes)
+        options = {"dimension_names": dims} if zarr_format == 3 else {}
+        if codec is not None and name == "efth":
+            options["compressors"] = codec
+        array = group.create_array(
+            name, shape=values.shape, chunks=values.shape, dtype="f8", fill_value=np.nan, **options
+        )
+        array[:] = values
+        array.attrs["_ARRAY_DIMENSIONS"] = dims
+    return xr.open_zarr(path, chunks=None, consolidated=False)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_chunk_of_zarr_that_no_memory_holds(tmp_path):
+    """One number of a chunk is read by expanding all of it: here 3.2 GB."""
+    pytest.importorskip("wavespectra")
+    data = zarr_spectrum(tmp_path / "a.zarr")
+    assert from_wavespectra(data) is not None
+    data["efth"].encoding["chunks"] = (20_000, 20_000)
+    with pytest.raises(Refused, match=r"a chunk of efth: arrays of 3.2 GB, allowed: at most 2.15"):
+        from_wavespectra(data)
+
+
+def bombs():
+    """Yield codecs by name, and the bytes of a chunk that states or holds 2^30 bytes."""
+    codecs = pytest.importorskip("numcodecs")
+    blosc = bytearray(codecs.Blosc().encode(np.ones(96)))
+    blosc[4:8] = (2**30).to_bytes(4, "little")
+    zstd = b"\x28\xb5\x2f\xfd\xa0" + (2**30).to_bytes(4, "little") + bytes(40)
+    wide = b"\x28\xb5\x2f\xfd\xe0" + (2**60).to_bytes(8, "little") + bytes(40)
+    yield codecs.Blosc(), bytes(blosc)
+    yield codecs.Zstd(), zstd
+    yield codecs.Zstd(), wide
+    yield codecs.LZ4(), (2**30).to_bytes(4, "little") + bytes(40)
+    for codec in (codecs.GZip(), codecs.Zlib(), codecs.BZ2(), codecs.LZMA()):
+        yield codec, codec.encode(np.ones(2**20))
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("number", range(8))
+def test_a_chunk_of_zarr_that_states_more_than_its_store(number, tmp_path):
+    codec, content = list(bombs())[number]
+    data = zarr_spectrum(tmp_path / "a.zarr", 2, codec)
+    assert from_wavespectra(data) is not None
+    (tmp_path / "a.zarr" / "efth" / "0.0").write_bytes(content)
+    tracemalloc.start()
+    try:
+        with pytest.raises(Refused, match=r"efth/0.0: arrays of .*B, allowed: at most 768 B"):
+            from_wavespectra(xr.open_zarr(tmp_path / "a.zarr", chunks=None, consolidated=False))
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 2**24

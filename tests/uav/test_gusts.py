@@ -11,7 +11,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from meshtrace.uav.wind import FOOT, HEIGHT_20FT, Dryden, LogProfile, PowerProfile
+from meshtrace import Dryden
+from meshtrace.uav import LogProfile, PowerProfile
+from meshtrace.uav.wind import FOOT, HEIGHT_20FT
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "link_reference.json").read_text())
 CASES = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -14,23 +14,22 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
+from meshtrace import Background, Flight
 from meshtrace.apps.candidates import Sample
 from meshtrace.apps.designs.page import DAY, LIGHTS, NIGHT, Figures, Line
+from meshtrace.comms import ChannelResponse, OokLink
 from meshtrace.comms.background import with_background
 from meshtrace.comms.budget import link_budget
-from meshtrace.comms.ook import OokLink
-from meshtrace.comms.response import SHORT, ChannelResponse
-from meshtrace.daylight.light import Daylight
-from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, Scattered, TypicalSea
+from meshtrace.comms.response import SHORT
+from meshtrace.daylight import Daylight
 from meshtrace.fading.laws import probability_in_log
 from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
-from meshtrace.optics.water import Water
-from meshtrace.parallel import held, ordered_map
-from meshtrace.results.daylight import Background
+from meshtrace.optics import Water
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
+from meshtrace.studies import Variant
 from meshtrace.studies.background import (
     Lights,
     background_over_seas,
@@ -39,11 +38,10 @@ from meshtrace.studies.background import (
     mean_sea,
 )
 from meshtrace.studies.campaign import Campaign
-from meshtrace.studies.keys import Variant
 from meshtrace.studies.neighbours import DECIBELS, error_of, in_water, without_each
 from meshtrace.studies.operating_point import Ensemble, FadingSamples, operating_point
 from meshtrace.studies.response import light_response, through_channel
-from meshtrace.uav import Flight, TiltFactors
+from meshtrace.uav import TiltFactors
 
 DEFAULT_CHAINS = 512
 """Chains of a design, common to all seas and links."""
@@ -72,20 +70,17 @@ class MeanGains:
     Notes
     -----
     The sea is the `mean_sea` of the link: random slopes have the mean gain of resolved waves, with
-    a hundredth of their variance. Links that differ by their receivers are receivers of one run,
-    and scattered light rests on joined photons for all of them where it does for the link.
+    a hundredth of their variance. Links that differ by their receivers are receivers of one run.
     """
 
     def __init__(self, campaign: Campaign, seas: int) -> None:
-        self._link, run = campaign.link, campaign.run
+        self._link = campaign.link
         sea = mean_sea(campaign.link, campaign.surface)
         most = _RESOLVED_SEAS if sea is campaign.surface else _SEAS
         self.campaign = campaign._replace(surface=sea, progress=None)
         self.steps = self.campaign.surfaces(min(seas, most))
         self.seas = len(self.steps.labels)
-        self._options = run.photons, run.seed, campaign.meshing.normals, campaign.threads
         self._known: dict[Link, Floats] = {self._link: np.zeros(1)}
-        self._scattered: Scattered | None = None
         self._own: Floats | None = None
 
     def ratio(self, link: Link, over: Link | None = None) -> tuple[float, float]:
@@ -110,23 +105,12 @@ class MeanGains:
                 found = self._logs(some) - self._own
             self._known |= dict(zip(some, found, strict=True))
 
-    @held
     def _logs(self, links: list[Link]) -> Floats:
         """Return the logarithms of gains (links, 1 + groups) of links with one lamp."""
         receivers = tuple(link.receivers[0] for link in links)
         whole = links[0].replace("receiver", receivers if len(links) > 1 else receivers[0])
-        surfaces = map(self.steps.surface, range(self.seas))
-        mesh = partial(self.campaign.mesh, [whole])
-        meshes = list(ordered_map(lambda at: mesh(*at), surfaces, self.campaign.threads))
-        sea = TypicalSea.of(meshes, MANY_SEAS)
-        if self._scattered is None:
-            alone = ForcedDetection(self._link, *self._options, sea)
-            self._scattered = "joined" if set(alone.method) == {"joined"} else "auto"
-        clear = whole.water.layers is None and whole.water.b == 0.0
-        scattered: Scattered = "chains" if clear else self._scattered
-        chains = ForcedDetection(whole, *self._options, sea, scattered=scattered)
-        parts = [chains.evaluate(mesh).shifts for mesh in meshes]  # (receivers, shifts) each
-        return log_means(np.moveaxis(np.array(parts), 1, 0))
+        gains = self.campaign.alone.of(whole).gains(self.steps)[0, 0]  # (seas, receivers, shifts)
+        return log_means(np.moveaxis(gains, 1, 0))
 
 
 def log_means(gains: Floats) -> Floats:

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, TypeVar
 
 from meshtrace.errors import require_word
 from meshtrace.models import Floats
@@ -15,9 +15,10 @@ from meshtrace.results.provenance import water_of
 from meshtrace.stored import Stored, Variable
 from meshtrace.tables import text_table
 
-NIGHT, DAY = "night", "day"
-LIGHTS = (NIGHT, DAY)
 LightName = Literal["night", "day"]
+NIGHT: Final = "night"
+DAY: Final = "day"
+LIGHTS: tuple[LightName, ...] = (NIGHT, DAY)
 _WIDTH = 100  # of the sentences of a page
 _NAMES = {
     "radius": "lens of radius",
@@ -80,7 +81,7 @@ class BestValue(NamedTuple):
         Remark.
     """
 
-    light: str
+    light: LightName
     key: str
     unit: str
     given: float
@@ -231,7 +232,7 @@ class Design(Stored):
             ]
         return tuple(lines)
 
-    def _best_optics(self, light: str) -> str:
+    def _best_optics(self, light: LightName) -> str:
         """Return the best lens, field of view and filter together, and the reserve with them."""
         best = [one for one in self.together if one.light == light]
         left = self.reserve_together(light)
@@ -247,7 +248,7 @@ class Design(Stored):
         more = f"{10.0 ** (-0.1 * left):.3g} times the power of the lamp"
         return f"{text} short; with {more} they would close it."
 
-    def _alone(self, light: str) -> str:
+    def _alone(self, light: LightName) -> str:
         """Return the changes of one key that close a link that does not."""
         if self.closes(light):
             return ""

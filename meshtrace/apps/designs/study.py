@@ -20,7 +20,7 @@ from meshtrace.apps.designs.model import (
     WIDTH,
     LinkModel,
 )
-from meshtrace.apps.designs.page import DAY, LIGHTS, BestValue, Design, Reach
+from meshtrace.apps.designs.page import DAY, LIGHTS, BestValue, Design, LightName, Reach
 from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms.background import filter_shift_nm
 from meshtrace.comms.capacity import capacity, hard_information
@@ -34,8 +34,9 @@ from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.parallel import results_of
 from meshtrace.scenario import Scenario
+from meshtrace.studies import Variant
 from meshtrace.studies.campaign import Campaign, campaign_of
-from meshtrace.studies.keys import Bounds, Variant, checked_bounds
+from meshtrace.studies.keys import Bounds, checked_bounds
 from meshtrace.studies.neighbours import DECIBELS, closing_depth
 
 _FLAT_DB = 0.5
@@ -234,12 +235,12 @@ class _Study(LinkModel):
         Less the power that the response of the channel costs.
         """
         if key == WIDTH:
-            return dict.fromkeys(LIGHTS, np.zeros(len(values))), np.zeros(len(values))
+            return {light: np.zeros(len(values)) for light in LIGHTS}, np.zeros(len(values))
         straight = key.endswith("position.0")
         at = values if straight else np.log(values)
         step, links, places = 2 if key == VIEW else 1, self._at(key, values), at[_nodes(key)]
         logs, errors = np.array([self.means.ratio(link) for link in links]).T
-        found = dict.fromkeys(LIGHTS, _through(places, logs, at))
+        found: dict[str, Floats] = dict.fromkeys(LIGHTS, _through(places, logs, at))
         if key == LENS:  # which changes no delays
             return found, np.interp(at, places, errors)
         for light in LIGHTS:
@@ -264,7 +265,7 @@ class _Study(LinkModel):
             lambda: self.spreads and self.response(self.link),
         )
 
-    def _bit_rates(self, light: str, values: Floats) -> Scan:
+    def _bit_rates(self, light: LightName, values: Floats) -> Scan:
         """Return the reserves over bit rates; the best has the largest rate of hard decisions."""
         error = self.quantile_stderr
         gain = self.quantile(self.link.only_receiver.fov_deg)
@@ -286,7 +287,7 @@ class _Study(LinkModel):
         merit = 10.0 * np.log10(np.maximum(carried, 1e-3))
         return self._scan(light, RATE, values, rows, np.abs(high - low), merit)
 
-    def window_at(self, light: str, bit_rate: float) -> float:
+    def window_at(self, light: LightName, bit_rate: float) -> float:
         """Return the averaging window at a bit rate, interpolated in the scan [s]."""
         return float(np.interp(math.log(bit_rate), *self.windows[light])) / bit_rate
 
@@ -314,7 +315,7 @@ class _Study(LinkModel):
         return filter_shift_nm(self.link.transmitters[0].wavelength_nm, 0.5 * fov_deg)
 
     def _scan(
-        self, light: str, key: str, values: Floats, rows: Floats, errors: Floats,
+        self, light: LightName, key: str, values: Floats, rows: Floats, errors: Floats,
         merit: Floats | None = None,
     ) -> Scan:  # fmt: skip
         """Return the scan of a key with its best value, by a merit in dB other than the reserve."""
@@ -347,7 +348,7 @@ class _Study(LinkModel):
         alone = {key: self.scans(key, bounds[key]) for key in OPTICS}
         return alone, [row for light in LIGHTS for row in self._together(light, bounds)]
 
-    def _together(self, light: str, bounds: Bounds) -> tuple[BestValue, ...]:
+    def _together(self, light: LightName, bounds: Bounds) -> tuple[BestValue, ...]:
         """Return the best lens, view and filter together, with their gain by a separate run."""
         radii, views = (self._values(key, bounds[key]) for key in (LENS, VIEW))
         by_radius, by_view = (
@@ -384,7 +385,9 @@ class _Study(LinkModel):
             for key, unit, given, value, flat in table
         )  # fmt: skip
 
-    def reach(self, light: str, greatest: tuple[float, str], scans: list[Scan]) -> list[Reach]:
+    def reach(
+        self, light: LightName, greatest: tuple[float, str], scans: list[Scan]
+    ) -> list[Reach]:
         """Return the values of keys, each alone, at which the link just closes."""
         own = self.reserve(light)
         end = "receiver" if self.link.direction == "down" else "transmitter"
@@ -402,7 +405,7 @@ class _Study(LinkModel):
                 rows.append(_closing(choice, values, reserves))
         return rows
 
-    def _bit_rate(self, light: str, scans: list[Scan]) -> float:
+    def _bit_rate(self, light: LightName, scans: list[Scan]) -> float:
         """Return the greatest bit rate that closes [bit s-1], near the scan's."""
         known = next(s for s in scans if (s.choice.key, s.choice.light) == (RATE, light))
         rates, near = np.log(known.values), known.reserves >= 0.0
@@ -422,7 +425,7 @@ class _Study(LinkModel):
             low, high = (middle, high) if closes(middle) else (low, middle)
         return math.exp(low)
 
-    def greatest_depth(self, light: str) -> tuple[float, str]:
+    def greatest_depth(self, light: LightName) -> tuple[float, str]:
         """Return the greatest depth that closes [m], and the reserve of a run there.
 
         The run begins at the depth that would close if the law of the fading stayed.
@@ -453,7 +456,7 @@ class _Study(LinkModel):
         error = DECIBELS * self.apart(self.link.at_depth(depth))[1]
         return depth, f"a run there: {above:+.1f} +- {error:.1f} dB"
 
-    def _at_depth(self, light: str, depth: float, log_quantile: float) -> float:
+    def _at_depth(self, light: LightName, depth: float, log_quantile: float) -> float:
         """Return the reserve at a depth [dB]; a receiver in the water has its light there."""
         bright = 1.0
         if self.link.direction == "down" and light == DAY:

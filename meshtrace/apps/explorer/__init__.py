@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 
+from meshtrace import MeshSource
 from meshtrace.engine.setup.options import resolve
 from meshtrace.errors import extra
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource
 from meshtrace.scenario import Scenario
 from meshtrace.scenario.seas import wind_of
 

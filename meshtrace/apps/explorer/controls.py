@@ -11,10 +11,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, Self, get_args
 
-from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.comms import OokLink
+from meshtrace.comms.ook import Preset
 from meshtrace.errors import Refused, is_number, require_keys, require_word
-from meshtrace.optics.spectra import WATER_TYPES, WaterType
-from meshtrace.optics.water import Water
+from meshtrace.optics import Water, WaterType
+from meshtrace.optics.spectra import WATER_TYPES
 from meshtrace.scenario import Scenario
 from meshtrace.scenario.files import plain
 from meshtrace.scenario.parts import detector_of

@@ -14,7 +14,7 @@ import tomli_w
 from matplotlib.colors import to_hex
 
 import meshtrace
-from meshtrace import surfaces
+from meshtrace import CoverageMap, surfaces
 from meshtrace.apps.designs.page import LIGHTS, BestValue, Design, Reach
 from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, State
 from meshtrace.apps.explorer.stages import (
@@ -26,13 +26,12 @@ from meshtrace.apps.explorer.stages import (
     Session,
     Signal,
 )
+from meshtrace.comms import OokLink
 from meshtrace.comms.budget import link_budget
-from meshtrace.comms.ook import OokLink
-from meshtrace.daylight.light import Daylight
+from meshtrace.daylight import Daylight
 from meshtrace.errors import Refused
 from meshtrace.models import Model, modules_of
-from meshtrace.optics.water import Water
-from meshtrace.results.series import CoverageMap
+from meshtrace.optics import Water
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.scenario.parts import daylight_recipe, detector_config
 from meshtrace.viz import scenes

@@ -10,18 +10,16 @@ import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 from scipy.stats import norm
 
+from meshtrace import CoverageMap, MeshSource, PhotonPaths, TriangleMesh
 from meshtrace.apps.explorer.controls import State
-from meshtrace.daylight.light import Daylight
-from meshtrace.engine.paths import PhotonPaths
-from meshtrace.link import Link
-from meshtrace.link.sources import AirLamp, Source, WaterSource
-from meshtrace.mesh import MeshSource, TriangleMesh
+from meshtrace.daylight import Daylight
+from meshtrace.link import Link, Source, WaterSource
+from meshtrace.link.sources import AirLamp
 from meshtrace.models import Floats
-from meshtrace.optics.water import Water
-from meshtrace.results.series import CoverageMap
-from meshtrace.viz import parts
+from meshtrace.optics import Water
+from meshtrace.viz import Stage, parts
 from meshtrace.viz.scenes import longest_left_out, path_segments, wind_of
-from meshtrace.viz.stage import Stage, stage_of
+from meshtrace.viz.stage import stage_of
 from meshtrace.viz.style import PALETTE, RECEIVER_COLOR, to_srgb
 from meshtrace.viz.water import (
     WATER_BRIGHTNESS,

@@ -24,17 +24,24 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from meshtrace import (
+    Analog,
+    Arrivals,
+    Background,
+    CoverageMap,
+    GainResult,
+    MeshSource,
+    PhotonPaths,
+    SurfaceModel,
+    background,
+    impulse_response,
+    simulate,
+    trace_paths,
+)
 from meshtrace.apps.designs.page import Design
 from meshtrace.apps.explorer.controls import BITS_ALONE, State
+from meshtrace.comms import ChannelResponse, OokLink
 from meshtrace.comms.background import warn_of_background, with_background
-from meshtrace.comms.ook import OokLink
-from meshtrace.comms.response import ChannelResponse
-from meshtrace.engine.backward.background import background
-from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
-from meshtrace.engine.setup.ends import resolved_reach
-from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import Analog, Arrivals
-from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, one_line
 from meshtrace.fading import (
     Estimate,
@@ -43,17 +50,12 @@ from meshtrace.fading import (
     scintillation_of_spectrum,
 )
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.models import Floats
 from meshtrace.parallel import import_path, python_start
-from meshtrace.results.daylight import Background
-from meshtrace.results.gain import GainResult
-from meshtrace.results.impulse import impulse_response
-from meshtrace.results.series import CoverageMap
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
+from meshtrace.studies import coverage_map
 from meshtrace.studies.campaign import Steps, campaign_of
-from meshtrace.studies.coverage import coverage_map
 
 Found = TypeVar("Found")
 Check = Callable[..., None]
@@ -67,7 +69,6 @@ PHOTONS = (20_000, 500_000)
 BACKGROUND_RAYS = 1024
 
 RAYS = 60
-RAY_CHAINS = 1024
 
 FADING_CHAINS = 1024
 FADING_RATE = 8.0  # [Hz]
@@ -209,16 +210,14 @@ def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
     Where only analog photons follow the link they are paths of any light.
     """
     check()
-    case = state.channel.case()
-    meshing = case.meshing.replace(time=state.time)
-    analog = isinstance(case.run.estimator, Analog)
-    reach = resolved_reach(case.link, case.run.estimator)
-    mesh, _ = mesh_for(case.link, case.surface, meshing, reach)
+    scenario = state.channel.replace(meshing=state.channel.meshing.replace(time=state.time))
+    mesh, run = scenario.mesh(), scenario.run
     check()
-    if analog:
-        yield record_paths(case.link, mesh, RAYS, case.run.seed, meshing.normals, 64)
-        return
-    yield received_paths(case.link, mesh, RAYS, case.run.seed, meshing.normals, RAY_CHAINS)
+    received = not isinstance(run.estimator, Analog)
+    normals = scenario.meshing.normals
+    yield trace_paths(
+        scenario.link, mesh, RAYS, received_only=received, seed=run.seed, normals=normals
+    )
 
 
 def fading(state: State, check: Check) -> Iterator[Fading]:

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import Any
 
 import numpy as np
 
-from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.photons.analog import new_recorder, run_analog
-from meshtrace.engine.photons.flight import Recorder, Vertex
-from meshtrace.engine.setup.options import Analog, IrradianceMap
-from meshtrace.engine.simulate import simulate
+from meshtrace import IrradianceMap, PhotonPaths, Vertex, simulate, trace_paths
 from meshtrace.link import GaussianBeam, Link, Receiver, TopHatBeam
 from meshtrace.models import Floats
+from meshtrace.optics import Petzold, PhaseFunction, Water
 from meshtrace.optics.constituents import fournier_forand_of
-from meshtrace.optics.phase import Petzold, PhaseFunction
-from meshtrace.optics.water import Water
 from meshtrace.parallel import default_threads, ordered_map
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -37,7 +33,7 @@ def phase_of(name: str) -> PhaseFunction:
 
 
 def through_spheres(
-    paths: Recorder, center: Floats, axis: Floats, radii: Floats, a: float
+    paths: PhotonPaths, photons: int, center: Floats, axis: Floats, radii: Floats, a: float
 ) -> Floats:
     """Return the light that leaves spheres about the source, per photon.
 
@@ -48,7 +44,7 @@ def through_spheres(
         incidence (spherical collector).
     """
     what = paths.what[:, 1:]
-    flown = (what >= 0) & ~np.isin(what, (Vertex.LANDED, Vertex.BRANCH, Vertex.RECEIVED))
+    flown = (what >= 0) & ~np.isin(what, (Vertex.LANDED, Vertex.RECEIVED))
     start, end = (paths.vertex[:, i:][:, : what.shape[1]][flown] - center for i in (0, 1))
     weight = paths.weight[:, :-1][flown]
     way = end - start
@@ -66,7 +62,7 @@ def through_spheres(
         angle = np.degrees(np.arccos(np.clip(at @ axis / r, -1.0, 1.0)))
         for j, share in enumerate((1.0, np.maximum(incidence, _GRAZING))):
             found[i, j] = np.histogram(angle, _EDGES, weights=light / share)[0]
-    return found / len(paths.what)
+    return found / photons
 
 
 @cache
@@ -84,13 +80,12 @@ def laser_light(
     beam = TopHatBeam(depth=depth, zenith_deg=90.0, divergence_deg=divergence)
     water = Water(a=a, b=_C - a, phase=phase_of(phase))
     link, mesh = Link(water=water, transmitter=beam), FlatSea().mesh(0.0, 2000.0, 500.0)
-    options = Analog(batch_size=_CHUNK, roulette=1e-3, max_events=_VERTICES)
 
     def chunk(seed: int) -> Floats:
-        paths, over = new_recorder(_CHUNK, _VERTICES), EmbreeIntersector(mesh, 1)
-        run_analog(link, over, options, photons=_CHUNK, seed=seed, recorder=paths)
+        limits: Any = {"max_vertices": _VERTICES, "max_events": _VERTICES, "roulette": 1e-3}
+        paths = trace_paths(link, mesh, _CHUNK, seed=seed, **limits)
         center, axis = np.array([0.0, 0.0, -depth]), np.array(beam.axis)
-        return through_spheres(paths, center, axis, np.array(lengths) / _C, a)
+        return through_spheres(paths, _CHUNK, center, axis, np.array(lengths) / _C, a)
 
     return np.array(list(ordered_map(chunk, range(1, chunks + 1), default_threads())))
 

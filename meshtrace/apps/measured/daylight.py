@@ -7,11 +7,10 @@ from functools import cache
 
 import numpy as np
 
-from meshtrace.engine.simulate import simulate
+from meshtrace import MeshSource, simulate
 from meshtrace.link import CardioidalSky, IrradiancePlanes, Link, Receiver, Sun, UniformSky
-from meshtrace.mesh import MeshSource
+from meshtrace.optics import Water
 from meshtrace.optics.spectra import coefficients
-from meshtrace.optics.water import Water
 from meshtrace.results.tallies import Planes, error_of_groups
 from meshtrace.surfaces import Elfouhaily, FlatSea, SpectralSea
 

@@ -17,7 +17,7 @@ from scipy.stats import gamma, lognorm
 from meshtrace.fading import scintillation_of_spectrum
 from meshtrace.link import AirLed, Link, WaterReceiver
 from meshtrace.models import Floats
-from meshtrace.optics.water import Water
+from meshtrace.optics import Water
 from meshtrace.surfaces import Jonswap, SpectralSea, resolved_sea
 from meshtrace.surfaces.spectra import sea_state
 from meshtrace.surfaces.statistics import mean_square_slope

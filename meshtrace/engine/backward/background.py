@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from meshtrace.checks import Seed, check_call
-from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, sky_radiance
+from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, refracted_sun, sky_radiance
 from meshtrace.daylight.upward import Refraction, by_slopes, slopes_of
 from meshtrace.engine.backward.view import (
     Depth,
@@ -64,7 +64,6 @@ from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.optics.fresnel import fresnel_reflectance
 from meshtrace.optics.phase import PhaseFunction
 from meshtrace.parallel import one_blas_thread, ordered_map
 from meshtrace.results.daylight import PARTS, Background
@@ -314,15 +313,6 @@ def _sunlit(
     log = np.array(logs[1:]).T - logs[0][:, None]
     ratio = np.array(phases[1:]).T / np.maximum(phases[0], 1e-300)[:, None]
     return LastScattering(float(grid[1]), log, ratio)
-
-
-def refracted_sun(day: Daylight, n: float) -> tuple[Floats, float]:
-    """Return the direction to the sun under still water, and its irradiance across it."""
-    sun = np.array(day.sun)
-    inside = sun / n
-    inside[2] = math.sqrt(1.0 - inside[0] ** 2 - inside[1] ** 2)
-    through = 1.0 - float(fresnel_reflectance(sun[2], 1.0, n))
-    return inside, day.direct * through * float(sun[2] / inside[2])
 
 
 @lru_cache(maxsize=256)

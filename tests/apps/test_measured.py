@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from meshtrace import PhotonPaths
 from meshtrace.apps import measured
 from meshtrace.apps.measured import beams, daylight, flashes, suite
 from meshtrace.errors import Refused
@@ -114,14 +115,14 @@ def test_reflection_of_still_water_is_that_of_fresnel():
 
 def test_unscattered_light_through_spheres():
     """Without scattering all power stays within the divergence: exp(-a r), in the first bin."""
-    from meshtrace.engine.photons.analog import new_recorder
-
-    paths = new_recorder(2, 3)
+    codes = np.full((2, 3), -1, np.int8)
+    paths = PhotonPaths(np.zeros((2, 3, 3)), np.zeros((2, 3)), codes, np.arange(2))
     paths.vertex[0, :2] = [(0.0, 0.0, 0.0), (10.0, 0.0, 0.0)]
     paths.vertex[1, :3] = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 9.0, 0.0)]
     paths.weight[0, :2], paths.weight[1, :3] = (1.0, 0.1), (1.0, 0.5, 0.1)
     paths.what[0, :2], paths.what[1, :3] = (0, 1), (0, 1, 1)
-    found = beams.through_spheres(paths, np.zeros(3), np.array([1.0, 0, 0]), np.array([2.0]), 0.3)
+    axis = np.array([1.0, 0, 0])
+    found = beams.through_spheres(paths, 2, np.zeros(3), axis, np.array([2.0]), 0.3)
     way = math.sqrt(3.0)  # of the second photon from its turn to the sphere, at 60 degrees
     assert found[0, 0] == pytest.approx(
         [0.5 * math.exp(-0.6), 0.0, 0.0, 0.25 * math.exp(-0.3 * way)]

@@ -2,7 +2,7 @@
 
 from extras import lack_of
 
-NOTE = lack_of("tests/explorer", "explore", "trame", "pyvista")
+NOTE = lack_of("tests/apps/explorer", "explore", "trame", "pyvista")
 collect_ignore_glob = ["test_*.py"] if NOTE else []
 
 

@@ -1,5 +1,8 @@
 """Speed of the engine, as ratios within one run.
 
+    python tests/benchmarks/bench.py --quick
+    python tests/benchmarks/bench.py LINK.TOML --cold -o bench.json
+
 Photons and rays per second, figure of merit, cost of a new sea and of whole answers, scaling with
 threads and processes. Times are CPU seconds of one thread, which other load on the machine hardly
 changes, but for the scaling and the first run: wall time depends on the load, and on two sides of a
@@ -8,7 +11,9 @@ ratio not alike. Engine and reference take turns; the best round of each counts.
 
 from __future__ import annotations
 
+import argparse
 import heapq
+import json
 import math
 import os
 import resource
@@ -19,16 +24,17 @@ from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
 from itertools import count
+from pathlib import Path
 from time import perf_counter, process_time, thread_time
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace import EmbreeIntersector, background
 from meshtrace.checks import check_call
-from meshtrace.daylight.light import Daylight
-from meshtrace.engine.backward.background import background
-from meshtrace.engine.bvh import CopiedScene, EmbreeIntersector, RayScene
+from meshtrace.daylight import Daylight
+from meshtrace.engine.bvh import CopiedScene, RayScene
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.arrays import frame_of
@@ -42,8 +48,7 @@ from meshtrace.results.provenance import environment
 from meshtrace.results.series import relative_errors
 from meshtrace.results.tallies import standard_error
 from meshtrace.scenario import Scenario
-from meshtrace.studies.coverage import coverage_map
-from meshtrace.studies.series import ensemble
+from meshtrace.studies import coverage_map, ensemble
 from meshtrace.surfaces import Band, Elfouhaily, SpectralSea
 from meshtrace.tables import text_table
 
@@ -788,7 +793,7 @@ def compare(new: dict[str, Any], old: dict[str, Any]) -> tuple[str, list[str]]:
     try:
         before, now = _rays(old), _rays(new)
     except (KeyError, TypeError) as error:
-        found, allowed = Described("no measurement"), "JSON of meshtrace bench"
+        found, allowed = Described("no measurement"), "JSON of bench.py"
         raise Refused("compare", found, allowed) from error
     both = [name for name in now if name in before]
     ratios = {name: now[name] / before[name] for name in both}
@@ -835,3 +840,56 @@ def _times(counts: list[int], speedups: list[float]) -> str:
     """Format speedups as in "2: 1.95x"; the speedup of one thread only if no other is given."""
     rows = list(zip(counts, speedups, strict=True))
     return ", ".join(f"{n}: {speed:.2f}x" for n, speed in rows if n > 1 or len(rows) == 1)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure a link file, or the link of the paper at 13 m/s; print and compare.
+
+    Exits with code 1 if a work takes longer than in an earlier output, with 2 for bad input.
+    """
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("link", nargs="?", help="link file; default: the paper's link at 13 m/s")
+    parser.add_argument("-o", "--output", type=Path, help="write the measurements as JSON")
+    parser.add_argument("--json", action="store_true", help="print the measurements as JSON")
+    parser.add_argument("--quick", action="store_true", help="use a quarter of the photons")
+    parser.add_argument("--cold", action="store_true", help="also measure a first run")
+    parser.add_argument("--compare", type=Path, help="an earlier output on this machine")
+    options = parser.parse_args(arguments)
+    try:
+        slower = _measure_and_print(options)
+    except (Refused, OSError) as error:
+        parser.exit(2, f"error: {error}\n")
+    if slower:
+        parser.exit(1, f"slower by more than {SLOWER:.0%}: {', '.join(slower)}\n")
+
+
+def _measure_and_print(options: argparse.Namespace) -> list[str]:
+    """Print the measurements, and return the works that are slower than before."""
+    earlier = None if options.compare is None else _read_measurements(options.compare)
+    if options.output is not None:  # an hour of work is lost where it cannot be written
+        options.output.touch()
+    if options.link is None:
+        scenario = Scenario.from_config({"wind_speed": 13.0, "bubbles": "none"})
+    else:
+        scenario = Scenario.load(options.link)
+    result = bench(scenario, quick=options.quick, cold=options.cold)
+    text = json.dumps(result, indent=1)
+    print(text if options.json else report(result))
+    if options.output is not None:
+        options.output.write_text(text + "\n", encoding="utf-8")
+    if earlier is None:
+        return []
+    table, slower = compare(result, earlier)
+    print(f"\n{table}", file=sys.stderr if options.json else sys.stdout)
+    return slower
+
+
+def _read_measurements(path: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    except (TypeError, ValueError) as error:
+        raise Refused("--compare", str(path), "JSON of bench.py") from error
+
+
+if __name__ == "__main__":
+    main()

@@ -4,13 +4,9 @@ import copy
 import json
 import time
 
+import bench as room
 import pytest
-from typer.testing import CliRunner
-
-import meshtrace as mt
-from meshtrace import bench as room
-from meshtrace import cli
-from meshtrace.bench import (
+from bench import (
     analog_rate,
     background_light,
     bench,
@@ -29,6 +25,8 @@ from meshtrace.bench import (
     to_tolerance,
     worker_scaling,
 )
+
+import meshtrace as mt
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.parallel import job_times, ordered_map
@@ -193,12 +191,12 @@ def test_report_names_every_measurement(measured, threads):
 
 @pytest.mark.slow
 def test_bench_measures_all_of_it(monkeypatch, measured):
-    monkeypatch.setattr("meshtrace.bench.worker_scaling", lambda scenario, seas: seas)
+    monkeypatch.setattr("bench.worker_scaling", lambda scenario, seas: seas)
     first = measured["first_run"]
-    monkeypatch.setattr("meshtrace.bench.first_run", lambda: first)
+    monkeypatch.setattr("bench.first_run", lambda: first)
     short = {"cpu_seconds": 1.0}
     for name in ("background_light", "coverage_cost", "realization"):
-        monkeypatch.setattr(f"meshtrace.bench.{name}", lambda link, sea, **options: short)
+        monkeypatch.setattr(f"bench.{name}", lambda link, sea, **options: short)
     found = bench(Scenario.from_config({"bubbles": "none"}), quick=True, cold=True)
     assert found["first_run"] == first
     assert set(found) == set(measured)
@@ -210,15 +208,31 @@ def test_bench_measures_all_of_it(monkeypatch, measured):
 
 
 @pytest.mark.thorough
-def test_command_writes_what_was_measured(tmp_path, monkeypatch, measured):
+def test_program_writes_what_was_measured(tmp_path, monkeypatch, capsys, measured):
     asked = []
-    monkeypatch.setattr("meshtrace.bench.bench", lambda s, **o: asked.append(o) or measured)
+    monkeypatch.setattr("bench.bench", lambda s, **o: asked.append(o) or measured)
     path = tmp_path / "bench.json"
-    result = CliRunner().invoke(cli.app, ["bench", "--quick", "-o", str(path)])
-    assert result.exit_code == 0, result.output
+    room.main(["--quick", "-o", str(path)])
     assert json.loads(path.read_text()) == measured
-    assert result.stdout == report(measured) + "\n"
+    assert capsys.readouterr().out == report(measured) + "\n"
     assert asked == [{"quick": True, "cold": False}]
+
+
+def test_timed_processes_start_in_no_hostile_folder(tmp_path, monkeypatch):
+    """They once started in the temporary folder of all users."""
+    for name in ("json", "numpy", "meshtrace"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('code of the folder ran')")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    room.of_command("-c", "import meshtrace, numpy, json")
+
+
+def exit_of(capsys, *words):
+    """Return the exit code, the output and the errors of the program."""
+    try:
+        room.main([str(word) for word in words])
+    except SystemExit as done:
+        return (done.code, *capsys.readouterr())
+    return (0, *capsys.readouterr())
 
 
 def test_works_are_compared_in_rays_of_their_run(measured):
@@ -248,34 +262,34 @@ def test_works_are_compared_in_rays_of_their_run(measured):
     assert len(compare({**half, "coverage": None}, measured)[0].splitlines()) == 12
 
 
-def test_command_fails_where_a_work_is_slower(tmp_path, monkeypatch, measured):
-    monkeypatch.setattr("meshtrace.bench.bench", lambda s, **o: measured)
+def test_program_fails_where_a_work_is_slower(tmp_path, monkeypatch, capsys, measured):
+    monkeypatch.setattr("bench.bench", lambda s, **o: measured)
     old = copy.deepcopy(measured)
     old["downlink"]["seconds"] *= 0.8
     path = tmp_path / "old.json"
     for before, code in ((measured, 0), (old, 1)):
         path.write_text(json.dumps(before))
-        result = CliRunner().invoke(cli.app, ["bench", "--compare", str(path)])
-        assert result.exit_code == code
-    assert result.stderr == "slower by more than 15 %: downlink seconds\n"
+        done = exit_of(capsys, "--compare", path)
+        assert done[0] == code
+    assert done[2] == "slower by more than 15%: downlink seconds\n"
     for text in ("{}", "[1]", "no JSON"):
         path.write_text(text)
-        result = CliRunner().invoke(cli.app, ["bench", "--compare", str(path)])
-        assert result.exit_code == 2
-        assert result.stderr.startswith("error: --compare: ")
+        code, _, errors = exit_of(capsys, "--compare", path)
+        assert code == 2
+        assert errors.startswith(("error: --compare: ", "error: compare: "))
 
 
 @pytest.mark.parametrize(
-    ("text", "options", "field"),
+    ("text", "options", "message"),
     [
         ('[sea]\nspectrum = "flat"\n', [], "sea: "),
-        ("", ["--output", "/nowhere/at/all.json"], "--output: "),
+        ("", ["--output", "/nowhere/at/all.json"], "[Errno 2]"),
     ],
 )
-def test_what_cannot_be_measured_is_one_line(tmp_path, text, options, field):
+def test_what_cannot_be_measured_is_one_line(tmp_path, capsys, text, options, message):
     link = tmp_path / "link.toml"
     link.write_text(text)
-    result = CliRunner().invoke(cli.app, ["bench", str(link), *options])
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.startswith(f"error: {field}")
-    assert result.stderr.count("\n") == 1
+    code, output, errors = exit_of(capsys, link, *options)
+    assert (code, output) == (2, "")
+    assert errors.startswith(f"error: {message}")
+    assert errors.count("\n") == 1
