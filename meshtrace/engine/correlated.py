@@ -57,7 +57,7 @@ class _Group(NamedTuple):
     def at_wavelengths(self, mesh: TriangleMesh, record: bool) -> list[Gains]:
         if not self.ends:
             return self.detection.at_wavelengths(mesh, record=record)
-        aimed = self.detection.aim_over(mesh)
+        aimed = self.detection.planner.aim_over(mesh)
         gains = self.detection.at_wavelengths(mesh, aimed, record)
         low, high = (end.at_wavelengths(mesh, aimed) for end in self.ends)
         return [_moved(*row) for row in zip(gains, low, high, self.shares.tolist(), strict=True)]

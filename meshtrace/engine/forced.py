@@ -159,20 +159,12 @@ class ForcedDetection:
         chained = set(self.method) == {"chains"} and not any(self.arrays.sizes)
         return chained and self.plan.joined is None
 
-    def aim_over(self, mesh: TriangleMesh) -> AimedChains:
-        """Return the chains aimed over a mesh, see `Planner.aim_over`."""
-        return self.planner.aim_over(mesh)
-
-    def flat(self) -> TriangleMesh:
-        """Return a flat sea larger than the footprint of the light."""
-        return self.planner.flat()
-
     def sets(self, unscattered: bool) -> list[list[Drawing]]:
         """Return the chains by source, on demand with unscattered ones."""
         if not unscattered:
             return self.scattered_sets
         pairs = zip(self.unscattered(), self.scattered_sets, strict=True)
-        return [[first, *row] for first, row in pairs]
+        return [[first, *others] for first, others in pairs]
 
     def unscattered(self) -> list[Drawing]:
         """Return unscattered chains by source, which differ by their random slopes only."""
@@ -383,6 +375,6 @@ def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
         return np.zeros(len(link.receivers))
     planner = Planner(link, **case.how, sea=TypicalSea.of([mesh]))
     few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
-    whole = few.at_wavelengths(few.flat())[0].gain
+    whole = few.at_wavelengths(planner.flat())[0].gain
     cut = whole - few.at_wavelengths(flat_mesh(low, high))[0].gain
     return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)

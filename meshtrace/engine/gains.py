@@ -18,7 +18,7 @@ from meshtrace.kernels.tally import DIRECT, N_PARTS, REFLECTED, SCATTERED
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.results.gain import ChainCounts, ScatteredSamples
-from meshtrace.results.tallies import ArrivalTally, error_of_groups
+from meshtrace.results.tallies import ArrivalTally, error_of_groups, travel_time
 from meshtrace.stored import SHIFTS
 
 Method = Literal["chains", "joined", "analog"]
@@ -268,15 +268,15 @@ def shares_of(arrivals: NDArray[np.void], photons: int) -> Floats:
 
 def table_of(arrivals: NDArray[np.void], weight: Floats, unit: float, link: Link) -> ArrivalTally:
     """Return the table of rows (ARRIVAL) of photons, with paths in `unit`, by their weights."""
-    return ArrivalTally.with_time(
-        link.water.n,
-        link.n_air,
+    water, air = unit * arrivals["water"], unit * arrivals["air"]
+    return ArrivalTally(
         receiver=arrivals["receiver"].copy(),
         weight=weight,
-        water_path=unit * arrivals["water"],
-        air_path=unit * arrivals["air"],
-        group=arrivals["photon"] % SHIFTS,
+        water_path=water,
+        air_path=air,
+        time=travel_time(water, air, link.water.n, link.n_air),
         angle=np.arccos(np.clip(arrivals["cosine"], -1.0, 1.0)),
+        group=arrivals["photon"] % SHIFTS,
         sample=arrivals["photon"].copy(),
         part=arrivals["part"].copy(),
         order=arrivals["order"].copy(),

@@ -102,10 +102,7 @@ def analog_result(
 
 
 def forced_result(
-    case: Case,
-    mesh: TriangleMesh,
-    gains: Gains,
-    origin: dict[str, Any],
+    case: Case, mesh: TriangleMesh, gains: Gains, origin: dict[str, Any]
 ) -> GainResult:
     """Return the result of forced detection over a mesh."""
     link = case.link
@@ -204,7 +201,7 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
     usual : ForcedDetection
         The same with the estimators of `simulate`.
     """
-    gains = chains.evaluate(chains.flat())
+    gains = chains.evaluate(chains.planner.flat())
     samples = gains.samples_of(SCATTERED)
     found = _that_matter(samples, gains.parts[SCATTERED], gains.gain)
     worse = [r for r, method in enumerate(usual.method) if method != "chains"]

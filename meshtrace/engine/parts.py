@@ -14,7 +14,7 @@ from meshtrace.kernels.tints import NO_TINTS, Tints
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.models import Floats
-from meshtrace.results.tallies import ArrivalTally, sums_by_group
+from meshtrace.results.tallies import ArrivalTally, sums_by_group, travel_time
 from meshtrace.stored import SHIFTS
 
 ChainJob = tuple[list[int], Block]
@@ -51,13 +51,12 @@ class Light(NamedTuple):
 
     def table(self, receiver: int, factor: Floats, link: Link) -> ArrivalTally:
         """Return the rows as those of a receiver, their weights times a factor."""
-        return ArrivalTally.with_time(
-            link.water.n,
-            link.n_air,
+        return ArrivalTally(
             receiver=np.full(len(self.weight), receiver),
             weight=self.weight * factor,
             water_path=self.water,
             air_path=self.air,
+            time=travel_time(self.water, self.air, link.water.n, link.n_air),
             angle=self.angle,
             group=self.shift,
             sample=self.sample,

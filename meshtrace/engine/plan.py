@@ -272,23 +272,19 @@ class Planner:
         """
         try:
             ends.require_points(self.link)
-            if self.link.water.bottom_depth is not None and not self._follows_bottom():
+            if self.link.water.bottom_depth is not None and not self._photons_follow():
                 ends.refuse_bottom(self.link)
             return [self.drawer.last_order(s) for s in range(len(self.arrays.emitters))]
-        except Refused as refused:  # a feature, or too many orders, for chains
-            if self.scattered == "chains":
+        except Refused:  # a feature, or too many orders, for chains
+            if not self._photons_follow():
                 raise
-            try:
-                self._joined(SHIFTS, range(len(self.link.receivers)))
-            except Refused:  # a form as published
-                raise refused from None
         return None
 
-    def _follows_bottom(self) -> bool:
-        """Return whether joined photons may follow the light of the bottom."""
+    def _photons_follow(self) -> bool:
+        """Return whether joined photons may follow the link; they do not know published forms."""
         try:
             self._joined(SHIFTS, range(len(self.link.receivers)))
-        except Refused:  # forms as published
+        except Refused:
             return False
         return self.scattered != "chains"
 

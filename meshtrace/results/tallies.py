@@ -74,6 +74,12 @@ def _common(parts: Sequence[NDArray[Any]], n: NDArray[np.int64]) -> NDArray[Any]
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum [m s-1] (exact by definition of the metre)."""
 
+
+def travel_time(water: Floats, air: Floats, n_water: float, n_air: float) -> Floats:
+    """Return the times [s] of paths [m] in water and air, by the phase velocities."""
+    return (n_water * water + n_air * air) / SPEED_OF_LIGHT
+
+
 _CELLS = "map_axis_x map_axis_y"
 
 
@@ -149,9 +155,8 @@ class ArrivalTally(Tally):
         """Return the rows as a Dataset, a variable with its unit for each column."""
         import xarray as xr
 
-        columns = self.__dataclass_fields__
-        rows = {n: ("arrival", getattr(self, n), attrs(f"arrival_{n}")) for n in columns}
-        return xr.Dataset(rows)
+        columns = vars(self).items()
+        return xr.Dataset({n: ("arrival", x, attrs(f"arrival_{n}")) for n, x in columns})
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return the rows as a pandas DataFrame, in the units of `to_dataset`.
@@ -179,16 +184,10 @@ class ArrivalTally(Tally):
         return replace(self, receiver=receiver, sample=self.sample + samples)
 
     @classmethod
-    def with_time(cls, n_water: float, n_air: float, **columns: Any) -> ArrivalTally:
-        """Return arrivals with their times, by the phase velocities in water and air."""
-        path = n_water * columns["water_path"] + n_air * columns["air_path"]
-        return cls(time=path / SPEED_OF_LIGHT, **columns)
-
-    @classmethod
     def concatenated(cls, tables: Sequence[ArrivalTally]) -> ArrivalTally:
         """Return the arrivals of several tables."""
-        names = cls.__dataclass_fields__
-        return cls(**{n: np.concatenate([getattr(table, n) for table in tables]) for n in names})
+        columns = zip(*(vars(table).values() for table in tables), strict=True)
+        return cls(*map(np.concatenate, columns))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

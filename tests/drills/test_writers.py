@@ -118,10 +118,7 @@ def test_kills_at_random_times(name, tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=[] if name == "gain.nc" else [pytest.mark.slow])
-        for name in WRITERS
-    ],
+    [pytest.param(name, marks=[] if name == "gain.nc" else [pytest.mark.slow]) for name in WRITERS],
 )
 @pytest.mark.slow
 def test_kills_while_files_are_opened_and_renamed(name, tmp_path):
