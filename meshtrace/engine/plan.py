@@ -316,13 +316,9 @@ class Planner:
         self, doubtful: NDArray[np.bool_], chained: list[choice.Pilot]
     ) -> JoinedPhotons | None:
         """Return the photons of a pilot, None if joined photons do not follow the link."""
-        receivers = self._piloted[doubtful].tolist()
-        try:
-            photons = self._joined(choice.PILOT_PHOTONS, receivers) if receivers else None
-        except Refused:
+        if not doubtful.any() or not self._photons_follow():
             return None
-        if photons is None:
-            return None
+        photons = self._joined(choice.PILOT_PHOTONS, self._piloted[doubtful].tolist())
         photons.seed ^= _PILOT_SEED
         if chained and self.link.water.bottom_depth is not None:
             # chains are compared with the light that misses it
