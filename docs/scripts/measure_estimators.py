@@ -356,7 +356,7 @@ def analog_cost(found: dict[str, Any]) -> str:
 
 def best(found: dict[str, Any]) -> np.ndarray | None:
     """Return the gain but unscattered light by joined photons, or else by the other estimators."""
-    for name, part in (("joined", "both"), ("adjoint", "scattered"), ("chains", "scattered")):
+    for name, part in (("joined", "both"), ("chains", "scattered")):
         if part in found.get(name, {}):
             return np.array(found[name][part]["mean"])
     return None
@@ -389,12 +389,12 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 def light_table(found: dict[str, dict[str, Any]]) -> str:
     """Return the gains by each estimator."""
-    head = ["link", "unscattered", "scattered: chains", "adjoint paths", "joined photons"]
+    head = ["link", "unscattered", "scattered: chains", "joined photons"]
     rows = []
     for name, row in found.items():
         direct = row.get("unscattered", {}).get("link", {"mean": [], "stderr": []})
         texts = cell(bracket(*pair) for pair in zip(direct["mean"], direct["stderr"], strict=True))
-        scattered = [light(row.get(e), "scattered") for e in ("chains", "adjoint", "joined")]
+        scattered = [light(row.get(e), "scattered") for e in _SCATTERED]
         rows.append([name, texts, *scattered, light(row.get("joined"), "reflected")])
     return table([*head, "reflected first"], rows)
 
@@ -402,7 +402,7 @@ def light_table(found: dict[str, dict[str, Any]]) -> str:
 def analog_table(found: dict[str, dict[str, Any]]) -> str:
     """Return the comparison with analog photons."""
     head = ["link", "radius [m]", "analog, reflected light followed", "z joined photons"]
-    head += ["analog, reflected light ended", "z chains", "z adjoint paths", "z joined photons"]
+    head += ["analog, reflected light ended", "z chains", "z joined photons"]
     rows = []
     for name, row in found.items():
         radius = LINKS[name].wide or LINKS[name].link.receivers[0].radius
@@ -414,8 +414,8 @@ def analog_table(found: dict[str, dict[str, Any]]) -> str:
 
 def cost_table(found: dict[str, dict[str, Any]]) -> str:
     """Return the times to 1 %, and chi-square of the stated errors."""
-    head = ["link", "CPU s to 1 %: chains", "adjoint paths", "joined photons", "analog photons"]
-    head += ["chi2: chains", "adjoint paths", "joined photons", "with reflected first"]
+    head = ["link", "CPU s to 1 %: chains", "joined photons", "analog photons"]
+    head += ["chi2: chains", "joined photons", "with reflected first"]
     rows = []
     for name, row in found.items():
         own = [row.get(e, {}) for e in _SCATTERED]
@@ -432,35 +432,11 @@ def cost_table(found: dict[str, dict[str, Any]]) -> str:
     return table(head, rows)
 
 
-def sample_table(found: dict[str, dict[str, Any]]) -> str:
-    """Return the relative variance and the time of one chain and one joined photon."""
-    head = ["link", "V of a chain, pilot", "V of a chain", "us", "V of a joined photon", "us"]
-    rows = []
-    for name, row in found.items():
-        chains, joined = row.get("chains", {}), row.get("joined", {})
-        cells = [cell(map(number, chains.get("pilot", [])))]
-        for e in (chains, joined):
-            if "scattered" not in e:
-                cells += ["–", "–"]
-                continue
-            cells += [cell(map(number, variance(e))), f"{1e6 * e['cpu'] / e['photons']:.1f}"]
-        limit, better = "–", "–"
-        if "scattered" in chains and "scattered" in joined:
-            per_chain, per_photon = (e["cpu"] / e["photons"] for e in (chains, joined))
-            limits = variance(joined) * per_photon / per_chain
-            limit = cell(map(number, limits))
-            wins = variance(chains) < limits
-            better = cell("chains" if w else "joined photons" for w in wins)
-        rows.append([name, *cells, limit, better])
-    return table([*head, "V of a chain at equal cost", "cheaper"], rows)
-
-
-_SCATTERED = ("chains", "adjoint", "joined")
+_SCATTERED = ("chains", "joined")
 TABLES = {
     "light": light_table,
     "analog": analog_table,
     "cost": cost_table,
-    "samples": sample_table,
 }
 
 

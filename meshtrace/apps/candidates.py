@@ -18,6 +18,7 @@ from meshtrace.link import Led, Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.parallel import held, ordered_map
+from meshtrace.stored import SHIFTS
 from meshtrace.studies import Variant
 from meshtrace.studies.background import Lights
 from meshtrace.studies.campaign import Campaign, realization_seed
@@ -261,7 +262,11 @@ class Sample(Restored):
             return lambda step: self._over_sea(link, uav, step[1])
 
         name = f"candidates of seed {self._seed}"
-        return np.array(list(self._near.campaign.over(setup, steps, name, self._identity)))
+        places = sum(len(at.receivers) for at in self._links(link, uav, 0))
+        rows = self._near.campaign.over(
+            setup, steps, name, self._identity, lambda step: (places, SHIFTS)
+        )
+        return np.array(list(rows))
 
     def _over_sea(self, link: Link, uav: Uav | None, i: int) -> Floats:
         """Return the gains of a candidate over sea i, shape (places, shifts)."""

@@ -190,7 +190,10 @@ class Predictor(Restored):
         """Return the predictions at a point: ln(p / start), or p - start for offsets and angles."""
         point = tuple(x[self._of_link].tolist())
         steps = [(i, *point) for i in range(len(self._starts))]
-        each = self._campaign.over(lambda: self._one, steps, "predictions", self._identity)
+        each = self._campaign.over(
+            lambda: self._one, steps, "predictions", self._identity,
+            lambda step: (SHIFTS + len(point),),
+        )  # fmt: skip
         rows = np.array(list(each))
         shifts, slopes = rows[:, :SHIFTS], rows[:, SHIFTS:]
         means = shifts.mean(axis=1)

@@ -168,7 +168,10 @@ def irradiance_series(
         "times": digest_of(times.tolist()),
     }
     setup = partial(_frames, plans, times)
-    found = np.array(list(campaign.over(setup, range(len(times)), "frames", identity, "frames")))
+    cells = 0 if disk.cells is None else len(disk.cells)
+    shape = ((2 + cells**2) * len(depths),)
+    rows = campaign.over(setup, range(len(times)), "frames", identity, lambda step: shape, "frames")
+    found = np.array(list(rows))
     total, direct, pattern = np.split(found, [len(depths), 2 * len(depths)], axis=1)
     origin = {
         "environment": environment(),
@@ -183,10 +186,9 @@ def irradiance_series(
         "cpu_seconds_per_frame": (process_time() - ready) / len(times),
     }
     sky, still = np.array([(plan.scattered.sky, plan.still) for plan in plans]).T
-    cells, shape = disk.cells, (len(times), len(depths))
     return IrradianceSeries(
-        times, depths, total, direct, sky, still, origin, cells, cells,
-        None if cells is None else pattern.reshape(*shape, len(cells), -1),
+        times, depths, total, direct, sky, still, origin, disk.cells, disk.cells,
+        pattern.reshape(len(times), len(depths), cells, cells) if cells else None,
     )  # fmt: skip
 
 

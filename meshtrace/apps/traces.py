@@ -271,7 +271,12 @@ def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
     setup = partial(_gains_of_piece, campaign.alone, steps)
     identity = {"steps": steps.identity(), "piece": _PIECE}
     samples, frames = np.zeros((links, receivers, SHIFTS)), []
-    for numbers in campaign.over(setup, pieces, "frames", identity, f"pieces of {_PIECE} frames"):
+
+    def shape(first: int) -> tuple[int]:
+        return ((SHIFTS + 3 * min(_PIECE, n - first)) * links * receivers,)
+
+    work = f"pieces of {_PIECE} frames"
+    for numbers in campaign.over(setup, pieces, "frames", identity, shape, work):
         own = numbers.reshape(-1, links, receivers)
         frames.append(own[SHIFTS:].reshape(-1, 3, links, receivers))
         samples += np.moveaxis(own[:SHIFTS], 0, -1)

@@ -333,7 +333,8 @@ def backgrounds(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -
     # the threads are those of the rays over one surface
     one = campaign._replace(run=campaign.run.replace(threads=1))
     name = f"background of {', '.join(campaign.links)} by {day.light}"
-    found = one.over(setup, range(len(steps.labels)), name, identity)
+    shape = (2 * len(PARTS) + 4,)
+    found = one.over(setup, range(len(steps.labels)), name, identity, lambda step: shape)
     results = []
     for row in found:
         parts, errors, numbers = np.split(row, [len(PARTS), 2 * len(PARTS)])

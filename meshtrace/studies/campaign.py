@@ -48,6 +48,8 @@ from meshtrace.uav import Dryden, Flight, TiltFactors
 Setup = Callable[[], Callable[[Any], Any]]
 """Returns the function that gives the numbers of a step; called in the process that evaluates."""
 
+ShapeOf = Callable[[Any], tuple[int | None, ...]]
+
 DEFAULT_CHAINS = 2048
 """Chains of a study over many surfaces, common to all of them."""
 
@@ -264,6 +266,7 @@ class Campaign(NamedTuple):
         steps: Sequence[Any],
         name: str,
         identity: Mapping[str, Any],
+        shape: ShapeOf,
         work: str = "seas",
     ) -> Iterator[Floats]:
         """Yield the numbers of each step in order: kept ones, and others as they are computed.
@@ -280,11 +283,21 @@ class Campaign(NamedTuple):
             Name of the loop in the store.
         identity : mapping
             What the numbers depend on besides `identity` of the campaign.
+        shape : callable
+            Returns the shape of the numbers of a step; None is any size.
         work : str
             Name of the steps, for the announcement.
+
+        Raises
+        ------
+        Refused
+            If numbers in the store have another shape.
         """
         with self.store.loop(name, {**self.identity(), **identity}) as kept:
             waiting = [step for step in steps if step not in kept]
+            for step in steps:
+                if step in kept:
+                    self.store.require_shape(kept[step].numbers, shape(step))
             computed = self._computed(setup, waiting) if waiting else iter(())
             ready: dict[Any, Floats] = {}
             with closing(paced(computed, len(waiting), f"{len(waiting):,} {work}")) as found:
@@ -336,7 +349,8 @@ class Campaign(NamedTuple):
         setup = partial(gains_over, self.alone, steps, probed)
         name = f"gains of {', '.join(self.links)}"
         identity = {"steps": steps.identity(), "probed": probed}
-        return self.over(setup, range(len(steps.labels)), name, identity)
+        shape = 2, len(self.links), len(self.link.receivers), SHIFTS
+        return self.over(setup, range(len(steps.labels)), name, identity, lambda step: shape)
 
     def gains(self, steps: Steps, probed: int = _PROBED) -> Floats:
         """Return the gains over all surfaces, and their unscattered parts.

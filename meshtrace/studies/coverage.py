@@ -55,6 +55,7 @@ from meshtrace.results.series import (
     spectral,
 )
 from meshtrace.scenario import Scenario
+from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, split_options
 from meshtrace.studies.cluster import Restored
 
@@ -336,6 +337,13 @@ class _Mapped(Restored):
         _ = chains.pilots  # once, before threads share them
         return lambda step: chains.sums(step.time, step.tile, step.chains, step.first).to_row()
 
+    def _shape_of_tile(self, step: _TileStep) -> tuple[int]:
+        """Return the shape of the numbers of a tile, see `TileSums.to_row`."""
+        chains = self.cell_chains
+        assert chains is not None
+        cells = np.empty((chains.cells, chains.cells))[chains.tiles[step.tile]].size
+        return (1 + (SHIFTS + 1) * cells,)
+
     def _unscattered(self) -> Floats | None:
         """Return the unscattered gain of the cells; None if photons have to carry it."""
         options = self._campaign.meshing.normals, self._campaign.threads, self.tinting
@@ -432,7 +440,9 @@ class _Mapped(Restored):
         ]
         identity = {"map": self._grid.model_dump(mode="json"), "times": self.times}
         campaign = self._campaign._replace(progress=None)
-        rows = campaign.over(self.tile_setup, steps, "chains", identity, "tiles")
+        rows = campaign.over(
+            self.tile_setup, steps, "chains", identity, self._shape_of_tile, "tiles"
+        )
         sums = dict[int, list[TileSums]]()
         for step, row in zip(steps, rows, strict=True):
             sums.setdefault(step.tile, []).append(TileSums.of_row(row))
@@ -501,7 +511,10 @@ class _Mapped(Restored):
             "unscattered": self._carry,
         }
         campaign = self._campaign._replace(progress=None)
-        rows = campaign.over(self.setup, steps, name, identity, "runs of photons")
+        sizes = [tallies.to_row().size for tallies in found]
+        rows = campaign.over(
+            self.setup, steps, name, identity, lambda step: (sizes[step.run],), "runs of photons"
+        )
         for step, row in zip(steps, rows, strict=True):
             found[step.run] += found[step.run].of_row(row)
             if self._campaign.progress is not None:

@@ -48,7 +48,7 @@ from meshtrace.studies.operating_point import (
 )
 from meshtrace.studies.series import closed_form
 from meshtrace.surfaces import sea_in_wind
-from meshtrace.uav import Dryden, Flight
+from meshtrace.uav import Dryden, Flight, tilt_outage_note
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -213,12 +213,8 @@ class LinkPerformance(Stored):
 
     def _tilts(self, wind: str = "") -> list[str]:
         """Return the share of the tilts of an aircraft that leave the field of view."""
-        if self._least_ber < _FLOOR:
-            return []
-        return [
-            f"tilt of the aircraft{wind}: {200.0 * self._least_ber:.2g} % of the time beyond half "
-            f"of the field of view, so that no power has an error rate below {self._least_ber:.2e}"
-        ]
+        note = tilt_outage_note(float(self.provenance.get("tilt_outage", 0.0)), wind)
+        return [note] if note else []
 
     def _spreads(self) -> list[str]:
         """Return the largest delay spread, in bits, and its penalty."""

@@ -195,7 +195,10 @@ class CommonChains(Restored):
         def setup() -> Callable[[int], Floats]:
             return lambda i: self.measure(cases[i], photons)
 
-        rows = self.campaign.over(setup, range(len(cases)), "meshes", identity, "meshes")
+        shape = len(self.kinds), SHIFTS + 6
+        rows = self.campaign.over(
+            setup, range(len(cases)), "meshes", identity, lambda step: shape, "meshes"
+        )
         return np.stack(list(rows), axis=1)
 
     def exact(self, sea: WaveSum, spacing: float) -> Reference:

@@ -515,12 +515,20 @@ class Study:
             link, surface = inputs[i // near.seas]
             return near.frozen.gains(link, near.mesh(i % near.seas, surface))[0]
 
-        return self._over(of_first, len(inputs), name)
+        return self._over(of_first, len(inputs), name, (SHIFTS,))
 
-    def _over(self, evaluate: Callable[[int], Floats], variants: int, name: str) -> Floats:
+    def _over(
+        self,
+        evaluate: Callable[[int], Floats],
+        variants: int,
+        name: str,
+        shape: tuple[int, ...],
+    ) -> Floats:
         known = {"seas": self.near.seas, "variants": variants}
         steps, name = range(variants * self.near.seas), f"{name}{self.where}"
-        return np.array(list(self.near.campaign.over(lambda: evaluate, steps, name, known)))
+        campaign = self.near.campaign
+        rows = campaign.over(lambda: evaluate, steps, name, known, lambda step: shape)
+        return np.array(list(rows))
 
     @cached_property
     def base(self) -> Floats:
@@ -535,7 +543,7 @@ class Study:
         def both(i: int) -> Floats:
             return moments(link, near.light(link, i)[0])
 
-        return self._over(both, 1, "moments").swapaxes(0, 1)
+        return self._over(both, 1, "moments", (2, SHIFTS)).swapaxes(0, 1)
 
     def derivatives(self, p: Parameter) -> _Rates:
         """Return the derivatives by a parameter."""
@@ -551,7 +559,8 @@ class Study:
 
         The difference of a window of half its width is taken as its bias.
         """
-        found = self._over(partial(edge_over, self.near, p.name), 1, p.name)
+        shape = 3, len(WINDOWS), SHIFTS
+        found = self._over(partial(edge_over, self.near, p.name), 1, p.name, shape)
         k, resolved = resolving_window(found)
         rates = self._exactly(p, found[:, 0, k], "angle")
         narrow = self._exactly(p, found[:, 0, min(k + _HALVED, len(WINDOWS) - 1)], "angle")

@@ -184,6 +184,14 @@ class Store:
         held = Described(f"{str(self.path)!r} holds another study ({_difference(there, here)})")
         raise Refused("store", held, "the same arguments, or another path")
 
+    def require_shape(self, numbers: Floats, shape: tuple[int | None, ...]) -> None:
+        """Refuse numbers of another shape than a study writes; None is any size."""
+        sizes = zip(numbers.shape, shape, strict=False)
+        if numbers.ndim != len(shape) or not all(n is None or n == size for size, n in sizes):
+            wanted = " x ".join("n" if n is None else str(n) for n in shape)
+            found = Described(f"{str(self.path)!r}: an item of shape {numbers.shape}")
+            raise Refused("store", found, f"items of {wanted} numbers, or a new path")
+
     def items(self, name: str) -> Kept:
         """Return the finished items of a loop as they were read."""
         return Kept(self._items.get(digest_of(self.identities[name], name), {}))

@@ -238,9 +238,11 @@ class Sweep:
         """Return the results, from the store or computed; options as in `sweep`."""
         cluster = Cluster(workers, timeout).checked()
         advance = progress or (lambda done: None)
-        with Store(store, "sweep").loop("sweep", self.identity()) as kept:
+        file, identity = Store(store, "sweep"), self.identity()
+        with file.loop("sweep", identity) as kept:
             tasks = list(self.tasks())
             found = {task: kept[task.key] for task in tasks if task.key in kept}
+            _require_shapes(file, identity, found)
             waiting = [task for task in tasks if task not in found]
             for _ in found:
                 advance(1)
@@ -254,7 +256,7 @@ class Sweep:
                         found[task] = kept.keep(task.key, *result)
                     advance(1)
         with refusing("store", "items of this sweep, or a new path"):
-            return dataset(self.identity(), found)
+            return dataset(identity, found)
 
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies this sweep, as plain data."""
@@ -270,6 +272,12 @@ class Sweep:
         }
 
 
+def _sizes(identity: dict[str, Any]) -> tuple[int, int, int]:
+    """Return how many quantities, wavelengths and receivers a realization has."""
+    waves = max(len(identity["wavelengths_nm"]), 1)
+    return len(identity["measured"]), waves, identity["receivers"]
+
+
 def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
     """Return the results of a sweep as a Dataset, nan where points are not finished."""
     import xarray as xr
@@ -278,7 +286,7 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
     coordinates["realization"] = np.arange(identity["realizations"])
     dims, shape = tuple(coordinates), tuple(map(len, coordinates.values()))
     names, at = identity["measured"], identity["wavelengths_nm"]
-    sizes = len(names), max(len(at), 1), identity["receivers"]
+    sizes = _sizes(identity)
     numbers = np.full((*shape, math.prod(sizes) + 1), np.nan)
     error = np.full(shape, "", object)
     for task, item in items.items():
@@ -469,7 +477,16 @@ def read_store(path: Path) -> xr.Dataset:
     items, identity = store.items("sweep"), store.identities["sweep"]
     with refusing("store", "the items of a sweep"):
         tasks = tasks_of(identity["parameters"], identity["realizations"])
-        return dataset(identity, {task: items[task.key] for task in tasks if task.key in items})
+        found = {task: items[task.key] for task in tasks if task.key in items}
+        _require_shapes(store, identity, found)
+        return dataset(identity, found)
+
+
+def _require_shapes(store: Store, identity: dict[str, Any], items: Mapping[Task, Item]) -> None:
+    """Refuse items of a store with other numbers than those of their realizations."""
+    width = math.prod(_sizes(identity)) + 1
+    for task, item in items.items():
+        store.require_shape(item.numbers, (task.last - task.first, width))
 
 
 @check_call

@@ -12,6 +12,7 @@ from .tilt import TiltFactors as TiltFactors
 from .tilt import TiltLaw as TiltLaw
 from .tilt import compare_laws as compare_laws
 from .tilt import h_alpha as h_alpha
+from .tilt import tilt_outage_note as tilt_outage_note
 from .wind import Dryden as Dryden
 from .wind import LogProfile as LogProfile
 from .wind import PowerProfile as PowerProfile

@@ -65,6 +65,7 @@ _Angle = Annotated[ArrayLike, Field(ge=0.0, lt=0.5 * math.pi)]
 
 _FACTORS = 48  # nodes of the factor: the mean of cos(alpha) to 1e-9, that of error rates to 1e-4
 _TABLE = 256  # angles of a distribution function
+_LEAST_BER = 1e-15  # below which an error rate says nothing about a device
 
 
 @check_methods
@@ -100,6 +101,26 @@ class TiltFactors(NamedTuple):
             return (self.h < level[..., None]) @ self.weight
         tilt = np.minimum(np.arccos(np.clip(level, 0.0, 1.0)), _half_angle(self.fov))
         return np.where(level >= 1.0, 1.0, _tilt_table(self.law)(tilt))
+
+
+@check_call
+def tilt_outage_note(outage: float, wind: str = "") -> str:
+    """Describe the share of tilts that leave the field of view; "" for a share of no account.
+
+    Parameters
+    ----------
+    outage : float
+        Probability that the tilt leaves the field of view.
+    wind : str
+        Text that follows the subject, such as " at 13 m/s".
+    """
+    least_ber = 0.5 * outage  # bits are then guessed
+    if least_ber < _LEAST_BER:
+        return ""
+    return (
+        f"tilt of the aircraft{wind}: {100.0 * outage:.2g} % of the time beyond half of the field "
+        f"of view, so that no power has an error rate below {least_ber:.2e}"
+    )
 
 
 @functools.lru_cache(64)

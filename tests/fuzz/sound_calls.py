@@ -219,7 +219,7 @@ OTHER = {
     "apps.MarkovChannel.fit": {"thresholds": (1.0,)},
     "studies.fading_study": {"surface": surfaces.resolved_sea(5.0), "omega_max": (4.0, 8.0, 16.0, 32.0),
                              "realizations": 0},
-    "design": {"realizations": 8},
+    "design": {"realizations": 8}, "Design.choice": {"key": "receiver.radius"},
     "channel_trace": {"surface": SEA, "rate": 10.0},
     "coverage_map": {"times": None},
     "background": {"wavelengths_nm": None},

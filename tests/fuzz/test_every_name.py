@@ -27,7 +27,6 @@ from meshtrace.models import Family, Model
 ELSEWHERE = {
     "viz.": "tests/viz/test_viz_refusals.py, with sound results for each",
     "apps.plot_": "tests/viz/test_viz_refusals.py, with sound results for each",
-    "apps.measured.": "runs all published measurements",
     "engine.": "internals that the pages of the estimators name",
     "files.atomic": "refuses when its block is entered",
     "explore": "starts a server",

@@ -103,6 +103,47 @@ def test_code_runs_and_pages_show_what_it_prints(page, tmp_path, request):
         assert numbers(output) == pytest.approx(numbers(shown), rel=0.3)
 
 
+DESIGN_GUIDE = DOCS / "guides" / "design.md"
+COMMAND_OUTPUT = re.compile(
+    r"^```sh\n(meshtrace \w+ link\.toml [^\n]*)\n```\n\n```text\n(.*?)^```$", re.M | re.S
+)
+
+
+def report_of(words, folder):
+    """Return what a command prints about a link, without the line on its output file."""
+    done = subprocess.run(
+        [sys.executable, "-m", "meshtrace", *words[1:]],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": "", "COLUMNS": "100"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    lines = [line for line in done.stdout.splitlines() if not line.startswith("written to")]
+    return "\n".join(lines).rstrip()
+
+
+@pytest.mark.process
+@pytest.mark.thorough
+@pytest.mark.slow_but("0", "1")
+@pytest.mark.parametrize("index", range(3))
+def test_design_guide_shows_what_its_commands_print(index, tmp_path, request):
+    """`--update-golden` replaces the outputs; "..." at the end of one stands for its remainder."""
+    text = DESIGN_GUIDE.read_text("utf-8")
+    (tmp_path / "link.toml").write_text(blocks(DESIGN_GUIDE, "toml")[0], encoding="utf-8")
+    command, shown = COMMAND_OUTPUT.findall(text)[index]
+    report = report_of(shlex.split(command), tmp_path)
+    shown = "".join(line for line in shown.splitlines(True) if not line.startswith("warning:"))
+    if shown.endswith("...\n"):
+        shown, report = shown[:-4], report.partition("LENS, FIELD OF VIEW")[0]
+    if request.config.getoption("--update-golden"):
+        DESIGN_GUIDE.write_text(text.replace(shown.rstrip(), report.rstrip()), encoding="utf-8")
+        return
+    words = [NUMBER.sub("0", re.sub("─+", "─", part)).split() for part in (report, shown)]
+    assert words[0] == words[1]
+    assert numbers(report) == pytest.approx(numbers(shown), rel=0.3)
+
+
 def own_classes(page):
     """Return the classes of a page as the module that its link files name."""
     tree = ast.parse("\n".join(blocks(page, "python")))

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 import warnings
+from base64 import b64decode, b64encode
 from contextlib import suppress
 from functools import partial
 
@@ -21,6 +22,7 @@ import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.studies import fading_study
 from meshtrace.studies.store import Kept, Store, _line, is_store, locked
+from meshtrace.studies.sweeps import read_store
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
 
 LINK = mt.Link()
@@ -441,3 +443,47 @@ def test_lines_of_right_digests_that_no_study_wrote(changes, tmp_path):
         Refused, match=r"^store: .*a line that no study wrote .*, allowed: one, or a new path"
     ):
         Store(path, "sweep").read()
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.thorough) if n in LONG else n for n in STUDIES]
+)
+@pytest.mark.slow_but(*KEPT)
+def test_items_of_another_shape_are_refused(name, tmp_path):
+    """Once some were spread over all links in silence, others ended in a traceback."""
+    path, study = tmp_path / "a.store", STUDIES[name]
+    study(store=path)
+    sound = path.read_bytes().splitlines(keepends=True)
+    for change in (lambda x: np.concatenate([x, x]), lambda x: x[..., :-1], lambda x: x.ravel()[0]):
+        path.write_bytes(b"".join(changed(line, change) for line in sound))
+        with pytest.raises(Refused, match=r"^store: '.*a.store': an item of shape .*, allowed: "):
+            study(store=path)
+
+
+def changed(line, change):
+    """Return a line of a store with other numbers in its item, if it has any."""
+    content = json.loads(line.partition(b" ")[2])
+    if "item" not in content:
+        return line
+    numbers = change(np.frombuffer(b64decode(content["numbers"])).reshape(content["shape"]))
+    content.update(shape=numbers.shape, numbers=b64encode(numbers.tobytes()).decode())
+    return _line(**content)
+
+
+def test_items_of_a_sweep_of_another_shape_are_refused(tmp_path, monkeypatch):
+    """Once a single number became those of all receivers and quantities."""
+    path = tmp_path / "a.store"
+
+    def fill(self, setup, tasks):
+        for i in range(len(tasks)):
+            yield i, (np.full((1, 1), 3e-5), '[""]')
+
+    monkeypatch.setattr("meshtrace.studies.sweeps.Cluster.map", fill)
+    run = partial(mt.sweep, {"wind_speed": 5.0}, {"transmitter.depth": [5.0, 10.0]}, photons=32,
+                  rtol=None, store=path)  # fmt: skip
+    run()
+    for read in (run, partial(read_store, path)):
+        with pytest.raises(
+            Refused, match=r"^store: '.*a.store': an item of shape \(1, 1\), allowed"
+        ):
+            read()

@@ -56,6 +56,7 @@ from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.studies import coverage_map
 from meshtrace.studies.campaign import Steps, campaign_of
+from meshtrace.uav import tilt_outage_note
 
 Found = TypeVar("Found")
 Check = Callable[..., None]
@@ -163,7 +164,7 @@ def gains(state: State, check: Check) -> Iterator[Signal]:
             lit = lit or _noted(partial(_light, state))
             detector, more = _noted(partial(_detector, state, gain, lit[0]))
             ber = float(detector.ber(detector.received_power(float(gain.gain))))
-            notes = notes + lit[1] + more
+            notes = notes + lit[1] + more + _tilt_notes(state)
             yield Signal(gain, notes, day.light if day else "", detector, ber)
 
 
@@ -194,6 +195,20 @@ def _detector(state: State, gain: GainResult, found: Background | None) -> OokLi
     detector = with_background(detector, found)
     warn_of_background(detector, found)
     return detector
+
+
+def _tilt_notes(state: State) -> tuple[str, ...]:
+    """Describe the tilts of the aircraft that leave the field of view, as in `link_performance`.
+
+    The gain of the page is that at the tilt in the mean wind, which says nothing about gusts.
+    """
+    campaign = campaign_of(state.channel)
+    flight = campaign.flight(None)
+    if flight is None:
+        return ()
+    fov_deg = state.scenario.link.only_receiver.fov_deg
+    note = tilt_outage_note(campaign.tilt_factors(flight, fov_deg).outage)
+    return (note,) if note else ()
 
 
 def unless_refused(work: Callable[[], Found]) -> Found | None:

@@ -55,6 +55,22 @@ def test_gain_and_bits_are_those_of_the_library(session):
     assert shown["db"] == f"−{-10 * np.log10(expected.gain):.2f} dB"
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("wind", [3.0, 13.0])
+def test_tilts_beyond_the_field_of_view_are_named_as_by_a_performance(wind):
+    session = Session(Scenario.from_toml("[uav]\npreset = 'dji-m300-rtk'"))
+    try:
+        session.move({"wind": wind})
+        assert session.wait(120.0)
+        notes = [n for n in session.answer("gain").notes if n.startswith("tilt of the aircraft")]
+    finally:
+        session.close()
+        session.join()
+    report = mt.link_performance(session.state.scenario, photons=512, realizations=2)
+    assert notes == report._tilts()
+    assert len(notes) == (wind == 13.0)
+
+
 def response_at(link, scenario=PAPER):
     """Return the response of the channel, of a separate run."""
     at = scenario.replace(link=link)
