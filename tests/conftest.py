@@ -152,7 +152,9 @@ def scene_of():
 
     def make(link, mesh, normals="vertex"):
         forced = ForcedDetection(link, 32, 1, normals, scattered="chains")
-        return forced.over(mesh).scene(forced.arrays.emitters[0], forced.arrays.targets[0])
+        return forced.planner.aim_over(mesh).scene(
+            forced.arrays.emitters[0], forced.arrays.targets[0]
+        )
 
     return make
 

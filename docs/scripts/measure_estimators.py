@@ -243,7 +243,7 @@ def _pilot_variance(link: mt.Link) -> list[float]:
     for seed in range(4):
         forced = ForcedDetection(link, SHIFTS, seed, scattered="chains")
         orders = [forced.drawer.last_order(s) for s in range(len(forced.arrays.emitters))]
-        found = chain_pilot(forced.pilots([forced.drawer], orders)[0][0], forced.arrays)
+        found = chain_pilot(forced.planner.pilots([forced.drawer], orders)[0][0], forced.arrays)
         rows.append(found.variance / np.maximum(found.mean**2, 1e-300))
     return _short(np.median(rows, axis=0))
 

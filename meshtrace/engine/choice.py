@@ -12,17 +12,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import product
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.sets import TURBID, ChainDrawer, Request, poisson_law
-from meshtrace.engine.photons.joined import PhotonParts
-from meshtrace.engine.photons.targets import SCATTERED
+from meshtrace.engine.gains import Gains, Method
 from meshtrace.engine.setup.arrays import mean_water
 from meshtrace.engine.setup.ends import ForcedLink, across, lamp_intensity
+from meshtrace.kernels.tally import SCATTERED
 from meshtrace.link import Link, WaterReceiver
 from meshtrace.link.sources import AirLamp
 from meshtrace.models import Floats
@@ -35,8 +35,6 @@ PILOT = 128
 _PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order with fewer hits
 _PILOT_HITS = 4
 _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
-
-Method = Literal["chains", "joined", "analog"]
 
 PILOT_PHOTONS = 8192
 """Joined photons of a pilot."""
@@ -174,10 +172,11 @@ class ScatteredPilot(NamedTuple):
         return ScatteredPilot(*(row[receivers] for row in self))
 
     @classmethod
-    def of_photons(cls, photons: PhotonParts) -> ScatteredPilot:
+    def of_photons(cls, photons: Gains) -> ScatteredPilot:
         """Return the pilot of joined photons, without light that the surface reflects first."""
-        mean, square = photons.parts[SCATTERED], photons.square[SCATTERED]
-        return cls(mean, square - mean**2, photons.stderr[SCATTERED])
+        mean = photons.parts[SCATTERED]
+        square = photons.square[SCATTERED] * photons.samples[SCATTERED]
+        return cls(mean, square - mean**2, photons.part_stderr[SCATTERED])
 
 
 def chain_pilot(pilots: list[Pilot], link: ForcedLink) -> ScatteredPilot:

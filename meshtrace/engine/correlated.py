@@ -27,8 +27,9 @@ from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.aimed import AimedChains, Nodes, SearchMode
 from meshtrace.engine.chains.sets import ChainSet
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
+from meshtrace.engine.gains import Gains, with_error
 from meshtrace.engine.outcome import warn_of_chains
-from meshtrace.engine.parts import Light, Parts, chain_light, direct_light, merged, with_error
+from meshtrace.engine.parts import Light, chain_light, direct_light, merged
 from meshtrace.engine.photons.analog import PhotonSums, run_analog, tinted
 from meshtrace.engine.setup.ends import ForcedLink, forced_link
 from meshtrace.engine.setup.options import Analog, Arrivals, Record
@@ -37,7 +38,6 @@ from meshtrace.errors import Refused
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
-from meshtrace.results.tallies import ArrivalTally
 from meshtrace.stored import SHIFTS
 
 _INDEX_SHARE = 0.0625
@@ -54,19 +54,13 @@ class _Group(NamedTuple):
     ends: list[ForcedDetection]  # some of the paths at the extreme indices, if these differ
     shares: Floats  # (rows,) of their difference, by the index
 
-    def at_wavelengths(self, mesh: TriangleMesh) -> list[Parts]:
+    def at_wavelengths(self, mesh: TriangleMesh, record: bool) -> list[Gains]:
         if not self.ends:
-            return self.detection.at_wavelengths(mesh)
-        aimed, every = self.detection.over(mesh), [self.detection, *self.ends]
-        found = [one.at_wavelengths(mesh, aimed) for one in every]
-        return [_moved(*row) for row in zip(*found, self.shares.tolist(), strict=True)]
-
-    def arrivals_at_wavelengths(self, mesh: TriangleMesh) -> list[ArrivalTally]:
-        found = self.detection.arrivals_at_wavelengths(mesh)
-        if not self.ends:
-            return found
-        pairs = zip(found, self.at_wavelengths(mesh), strict=True)
-        return [tally.with_gains(parts.gain) for tally, parts in pairs]
+            return self.detection.at_wavelengths(mesh, record=record)
+        aimed = self.detection.planner.aim_over(mesh)
+        gains = self.detection.at_wavelengths(mesh, aimed, record)
+        low, high = (end.at_wavelengths(mesh, aimed) for end in self.ends)
+        return [_moved(*row) for row in zip(gains, low, high, self.shares.tolist(), strict=True)]
 
 
 class SpectralDetection:
@@ -103,10 +97,12 @@ class SpectralDetection:
         waiting = list(range(len(self.links)))
         while waiting:
             base, common = photon_paths(self.links, waiting, chains=True)
-            first, some = common.middle(), [self.links[i] for i in common.rows]
+            first, alike = common.middle(), [self.links[i] for i in common.rows]
             ratios = [found[i] / (found[base] or 1.0) for i in common.rows]
-            kept = None if common.tinting is None else Common(common.tinting, some, ratios)
-            detection = ForcedDetection(first, photons, seed, normals, threads, sea, common=kept)
+            shared = None if common.tinting is None else Common(common.tinting, alike, ratios)
+            detection = ForcedDetection(
+                first, photons, seed, normals, threads, sea, wavelengths=shared
+            )
             ends = [
                 detection.at_index(link.water.n, _INDEX_SHARE)
                 for link in common.bases
@@ -115,47 +111,30 @@ class SpectralDetection:
             self._groups.append(_Group(common.rows, detection, ends, common.shares - 0.5))
             waiting = [i for i in waiting if i not in common.rows]
 
-    def at_wavelengths(self, mesh: TriangleMesh) -> list[Parts]:
-        """Return the gain over a mesh at each wavelength, in parts."""
-        found: dict[int, Parts] = {}
-        for group in self._groups:
-            found |= dict(zip(group.rows, group.at_wavelengths(mesh), strict=True))
-        return [found[row] for row in range(len(self.links))]
-
-    def arrivals_at_wavelengths(self, mesh: TriangleMesh) -> list[ArrivalTally]:
-        """Return the light that arrives over a mesh at each wavelength.
+    def at_wavelengths(self, mesh: TriangleMesh, record: bool = False) -> list[Gains]:
+        """Return the gain over a mesh at each wavelength, on demand with every row of its light.
 
         Unscattered light has the length of its way to the centroid of a facet.
         """
-        found: dict[int, ArrivalTally] = {}
+        gains: dict[int, Gains] = {}
         for group in self._groups:
-            found |= dict(zip(group.rows, group.arrivals_at_wavelengths(mesh), strict=True))
-        return [found[row] for row in range(len(self.links))]
+            gains |= dict(zip(group.rows, group.at_wavelengths(mesh, record), strict=True))
+        return [gains[row] for row in range(len(self.links))]
 
 
-def _moved(parts: Parts, low: Parts, high: Parts, share: float) -> Parts:
-    """Return parts with a share of the difference between two, of fewer paths."""
-    three = parts, low, high
-    moved: dict[str, Any] = _shifted(three, ("direct", "scattered", "orders"), share)
-    moved["photons"] = [
-        replace(rows[0], **_shifted(rows, ("groups", "orders"), share))
-        for rows in zip(*(one.photons for one in three), strict=True)
-    ]
-    return replace(parts, **moved)
+def _moved(gains: Gains, low: Gains, high: Gains, share: float) -> Gains:
+    """Return gains with a share of the difference between two, of fewer paths.
 
-
-def _shifted(three: Sequence[Any], names: Sequence[str], share: float) -> dict[str, Any]:
-    """Return arrays of the first with a share of the difference between the others.
-
-    Rows are filled up with zeros: orders of scattering may be missing.
+    Their rows, if they are kept, get weights that add up to the gain.
     """
-    found = {}
-    for name in names:
-        rows = [getattr(one, name) for one in three]
-        width = max(row.shape[-1] for row in rows)
-        wide = [np.pad(r, [*[(0, 0)] * (r.ndim - 1), (0, width - r.shape[-1])]) for r in rows]
-        found[name] = wide[0] + share * (wide[2] - wide[1])
-    return found
+    width = max(part.all_orders.shape[1] for part in (gains, low, high))
+    orders, first, last = (  # orders of scattering may be missing
+        np.pad(part.all_orders, ((0, 0), (0, width - part.all_orders.shape[1])))
+        for part in (gains, low, high)
+    )
+    groups = gains.groups + share * (high.groups - low.groups)
+    moved = replace(gains, groups=groups, all_orders=orders + share * (last - first))
+    return replace(moved, table=[table.with_gains(moved.gain) for table in gains.table])
 
 
 def analog_sums(

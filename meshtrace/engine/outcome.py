@@ -14,20 +14,18 @@ import numpy as np
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.choice import counts, returned_gain
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.parts import Parts
+from meshtrace.engine.gains import Gains, table_of
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
-from meshtrace.engine.photons.targets import REFLECTED
 from meshtrace.engine.setup import options
 from meshtrace.engine.setup.options import Analog, Case, Record
 from meshtrace.errors import DomainWarning
-from meshtrace.kernels.tally import ARRIVAL
+from meshtrace.kernels.tally import REFLECTED, SCATTERED
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.gain import Fate, FateTally, GainResult, ScatteredSamples, bound_where_dark
 from meshtrace.results.tallies import (
-    ArrivalTally,
     MapTally,
     Planes,
     error_of_groups,
@@ -79,7 +77,10 @@ def analog_result(
     n, n_rx = sums.photons, len(link.receivers)
     mean = sums.score / n
     stderr = standard_error(sums.score, sums.score_squared, n)
-    weights = sums.ledger.value() / n
+    weights, arrivals = sums.ledger.value() / n, None
+    if "arrivals" in records:
+        hits = sums.all_arrivals
+        arrivals = table_of(hits, hits["weight"] / n, 1.0, link)
     grid = records.get("irradiance-map")
     gain = per_receiver(link, mean[:n_rx])
     return GainResult(
@@ -94,46 +95,37 @@ def analog_result(
         provenance=origin,
         rays_recast=int(sums.misses[0]),
         rays_lost=int(sums.misses[1]),
-        arrivals=_arrivals(sums) if "arrivals" in records else None,
+        arrivals=arrivals,
         planes=_planes(link, sums, mean[n_rx:], stderr[n_rx:]),
         map=irradiance_map(grid, sums) if isinstance(grid, options.IrradianceMap) else None,
     )
 
 
 def forced_result(
-    case: Case,
-    mesh: TriangleMesh,
-    parts: Parts,
-    origin: dict[str, Any],
-    arrivals: ArrivalTally | None = None,
+    case: Case, mesh: TriangleMesh, gains: Gains, origin: dict[str, Any]
 ) -> GainResult:
     """Return the result of forced detection over a mesh."""
-    link, photons = case.link, parts.photons
+    link = case.link
     extra: dict[str, Any] = {}
-    if photons:
-        gain, error = (
-            np.sum([getattr(one, name)[REFLECTED] for one in photons], axis=0)
-            for name in ("parts", "stderr")
-        )
-        extra["gain_reflected"] = per_receiver(link, gain)
-        extra["gain_reflected_stderr"] = per_receiver(link, error)
-        rows = zip(*(p.samples(REFLECTED) for p in photons), strict=True)
-        extra["reflected"] = [max(row, key=lambda one: one.samples) for row in rows]
+    if gains.reflects:
+        extra["gain_reflected"] = per_receiver(link, gains.parts[REFLECTED])
+        extra["gain_reflected_stderr"] = per_receiver(link, gains.part_stderr[REFLECTED])
+        extra["reflected"] = gains.samples_of(REFLECTED)
     result = GainResult(
-        gain=per_receiver(link, parts.gain),
-        gain_stderr=per_receiver(link, parts.stderr),
+        gain=per_receiver(link, gains.gain),
+        gain_stderr=per_receiver(link, gains.stderr),
         photons=case.run.photons,
         fates={},
         provenance=origin,
-        gain_ballistic=per_receiver(link, parts.ballistic),
-        gain_scattered=per_receiver(link, parts.scattered.mean(axis=1)),
-        gain_order=parts.orders,
-        chains=parts.counts,
-        scattered=parts.samples,
-        arrivals=arrivals,
+        gain_ballistic=per_receiver(link, gains.ballistic),
+        gain_scattered=per_receiver(link, gains.parts[SCATTERED]),
+        gain_order=gains.orders,
+        chains=gains.counts,
+        scattered=gains.samples_of(SCATTERED),
+        arrivals=gains.table[0] if gains.table else None,
         **extra,
     )
-    bound = np.fmax(_bound_of_dark(case, mesh, parts.gain), _bound_of_few(result))
+    bound = np.fmax(_bound_of_dark(case, mesh, gains.gain), _bound_of_few(result))
     if not np.isfinite(bound).any():
         return result
     return replace(result, gain_bound=per_receiver(link, bound))
@@ -209,9 +201,9 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
     usual : ForcedDetection
         The same with the estimators of `simulate`.
     """
-    parts = chains.evaluate(chains.flat())
-    light = parts.scattered.mean(axis=1)
-    found = _that_matter(parts.samples, light, parts.gain)
+    gains = chains.evaluate(chains.planner.flat())
+    samples = gains.samples_of(SCATTERED)
+    found = _that_matter(samples, gains.parts[SCATTERED], gains.gain)
     worse = [r for r, method in enumerate(usual.method) if method != "chains"]
     for r in worse:
         _warn(
@@ -221,7 +213,7 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
             FewSamplesWarning,
         )
     _warn_of_few([row for row in found if row[0] not in worse])
-    warn_of_omitted(chains.link, parts.gain, chains.returned)
+    warn_of_omitted(chains.link, gains.gain, chains.planner.returned)
 
 
 def _warn_of_few(found: list[tuple[int, ScatteredSamples, float]], where: str = "") -> None:
@@ -309,18 +301,6 @@ def warn_of_cut(cut: Floats) -> None:
             f"receiver {r}: the mesh cuts off {100.0 * cut[r]:.2g} % of the light (flat sea; limit "
             f"{100.0 * LEFT_DOMAIN_WARNING:g} %): enlarge extent",
         )
-
-
-def _arrivals(sums: PhotonSums) -> ArrivalTally:
-    rows = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
-    return ArrivalTally(
-        rows["receiver"].astype(np.int64),
-        rows["weight"] / sums.photons,
-        rows["water"],
-        rows["air"],
-        rows["photon"].astype(np.int64) % SHIFTS,
-        np.full(len(rows), np.nan),
-    )
 
 
 def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> Planes | None:

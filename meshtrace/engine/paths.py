@@ -147,7 +147,11 @@ def received_paths(
     """
     sea, rng = TypicalSea.of([mesh]), np.random.default_rng([seed, 1])
     forced = ForcedDetection(link, chains, seed, normals, sea=sea, scattered="chains")
-    aimed, sets, arrays = forced.over(mesh), forced.sets(unscattered=True), forced.arrays
+    aimed, sets, arrays = (
+        forced.planner.aim_over(mesh),
+        forced.sets(unscattered=True),
+        forced.arrays,
+    )
     light, paths = list[float](), list[Floats]()
     for s, power in enumerate(arrays.power):
         e, t = (0, s) if arrays.down else (s, 0)

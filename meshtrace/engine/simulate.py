@@ -15,10 +15,11 @@ from meshtrace.checks import Inside, check_call
 from meshtrace.engine import outcome
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.correlated import SpectralDetection, analog_sums
-from meshtrace.engine.forced import ForcedDetection, TypicalSea, cut_share
+from meshtrace.engine.forced import ForcedDetection, cut_share
 from meshtrace.engine.mesh_error import relative_mesh_error, with_mesh_errors
 from meshtrace.engine.paths import PhotonPaths, received_paths, record_paths
 from meshtrace.engine.photons.analog import options_over, run_analog
+from meshtrace.engine.plan import Planner, TypicalSea
 from meshtrace.engine.setup.ends import require_height_field, resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import (
@@ -44,7 +45,6 @@ from meshtrace.parallel import default_threads, one_blas_thread
 from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
 from meshtrace.results.series import ByWavelength, checked_wavelengths
-from meshtrace.stored import SHIFTS
 
 _MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
 
@@ -214,11 +214,15 @@ def _followed(
     run: Run | None = case.run
     results: list[GainResult] = []
     returned: Floats | None = None
-    how = {**case.how, "sea": TypicalSea.of([mesh])}
-    paths: ForcedDetection | SpectralDetection | None = None
-    if _is_sized_by_pilots(case.run, links):
-        paths = ForcedDetection(case.link, SHIFTS, **how)
-        run = case.run.replace(photons=paths.photons_for(case.run.rtol or 1.0, case.run.photons))
+    sea = TypicalSea.of([mesh])
+    single = len(links) == 1
+    if single and isinstance(case.run.estimator, Forced):
+        planner = Planner(case.link, **case.how, sea=sea)
+        comparison = planner.compare()
+        if case.run.rtol is not None and "photons" not in case.run.model_fields_set:
+            most = case.run.photons
+            photons = planner.photons_for(case.run.rtol, most, comparison)
+            run = case.run.replace(photons=photons)
     while run is not None:
         whole = {**run.to_config(), **case.meshing.model_dump(), "record": recorded}
         origins = [{**provenance(link, config, whole), **case.origin} for link in links]
@@ -233,33 +237,20 @@ def _followed(
             pairs = zip(results, found, strict=True) if results else ()
             results = [merge(list(pair)) for pair in pairs] or found
         else:
-            if isinstance(paths, ForcedDetection):
-                paths = paths.with_photons(run.photons)
-            elif len(links) == 1:
-                paths = ForcedDetection(case.link, run.photons, **how)
+            paths: ForcedDetection | SpectralDetection
+            if single:
+                paths = ForcedDetection.following(planner, planner.plan(run.photons, comparison))
+                returned = None if paths.plan.reflects else planner.returned
             else:
-                paths = SpectralDetection(links, run.photons, **how)
-            gains = paths.at_wavelengths(mesh)
-            if isinstance(paths, ForcedDetection) and not paths.reflects:
-                returned = paths.returned
-            none: list[Any] = [None] * len(links)
-            light = paths.arrivals_at_wavelengths(mesh) if records else none
+                paths = SpectralDetection(links, run.photons, **case.how, sea=sea)
+            gains = paths.at_wavelengths(mesh, record=bool(records))
             results = [
-                outcome.forced_result(case._replace(run=run, link=link), mesh, parts, origin, seen)
-                for link, parts, origin, seen in zip(links, gains, origins, light, strict=True)
+                outcome.forced_result(case._replace(run=run, link=link), mesh, gain, origin)
+                for link, gain, origin in zip(links, gains, origins, strict=True)
             ]
         wanted = [more for one in results if (more := _further(case.run, one)) is not None]
         run = max(wanted, key=lambda more: more.photons, default=None)
     return results, returned
-
-
-def _is_sized_by_pilots(run: Run, links: list[Link]) -> bool:
-    """Return whether pilots give the first number of chains for a relative error.
-
-    Several wavelengths have the usual one: their gains rest on common paths, pilots on one link.
-    """
-    forced = isinstance(run.estimator, Forced) and len(links) == 1
-    return forced and run.rtol is not None and "photons" not in run.model_fields_set
 
 
 def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:

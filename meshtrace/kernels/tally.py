@@ -64,15 +64,20 @@ class PlaneScore(IntEnum):
 
 N_PLANE_SCORES = len(PlaneScore)
 
+DIRECT, SCATTERED, REFLECTED = range(3)
+N_PARTS = 3
+"""Parts of the light at a receiver: unscattered, scattered, and first reflected by the surface."""
+
 ARRIVAL = record_type(
     [
         ("photon", np.int64),
         ("receiver", np.int64),
-        ("part", np.int64),  # of the light, see `photons.targets`
+        ("part", np.int64),  # of the light
         ("order", np.int64),  # scatterings, and reflections by the bottom
         ("weight", float),
         ("water", float),  # path in the water [m]
         ("air", float),
+        ("cosine", float),  # of the angle of arrival to the axis of the aperture
         ("tint", float, (TINTS,)),  # see `meshtrace.kernels.tints`
     ]
 )
@@ -215,7 +220,8 @@ def score_apertures(q, in_water, flight, world):
             a.water = flight.water + (t if in_water else 0.0)
             a.air = flight.air + (0.0 if in_water else t)
             a.order = q.turned
-            a.part = 2 if q.crossings > 1 else min(q.turned, 1)
+            a.cosine = dot(flight.direction, row(apertures.axis, i)) / norm(flight.direction)
+            a.part = REFLECTED if q.crossings > 1 else min(q.turned, SCATTERED)
             if in_water:
                 tint_way(world.tints, a.tint, z, z + t * flight.direction.z, t)
     return received

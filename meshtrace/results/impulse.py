@@ -13,12 +13,11 @@ from meshtrace.checks import Positive, check_call
 from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
-from meshtrace.results.tallies import ArrivalTally, error_of_groups
+from meshtrace.results.tallies import SPEED_OF_LIGHT as SPEED_OF_LIGHT
+from meshtrace.results.tallies import ArrivalTally, error_of_groups, sums_by_group
 from meshtrace.stored import SHIFTS, Stored, Variable
 
 _MOST_BINS = 10**7
-SPEED_OF_LIGHT = 299_792_458.0
-"""Speed of light in vacuum [m s-1] (exact by definition of the metre)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -111,25 +110,20 @@ def impulse_response(
     if arrivals is None:
         found = Described("no arrivals")
         raise Refused("result", found, "a result of simulate(..., record=[Arrivals()])")
-    try:
-        link = result.provenance["link"]
-        indices = float(link["water"]["n"]), float(link["n_air"])
-    except (LookupError, TypeError) as error:
-        found = Described("no indices of water and air")
-        raise Refused("result.provenance", found, "a result with its link") from error
-    return response_of(arrivals, *indices, bin_width, receiver, result.provenance)
+    return response_of(arrivals, bin_width, receiver, result.provenance)
 
 
 def response_of(
-    arrivals: ArrivalTally, n_water: float, n_air: float, bin_width: float = 1e-10,
-    receiver: int = 0, provenance: dict[str, Any] | None = None,
-) -> ImpulseResponse:  # fmt: skip
-    """Return the impulse response of arrivals between media of two indices."""
+    arrivals: ArrivalTally,
+    bin_width: float = 1e-10,
+    receiver: int = 0,
+    provenance: dict[str, Any] | None = None,
+) -> ImpulseResponse:
+    """Return the impulse response of arrivals."""
     mine = arrivals.receiver == receiver
     if not mine.any():
         raise Refused("receiver", receiver, "a receiver where light arrived")
-    path = n_water * arrivals.water_path[mine] + n_air * arrivals.air_path[mine]
-    time = path / SPEED_OF_LIGHT
+    time = arrivals.time[mine]
     weight, group = arrivals.weight[mine], arrivals.group[mine]
     first = float(time.min())
     delay = time - first
@@ -137,7 +131,9 @@ def response_of(
     if not longest / bin_width < _MOST_BINS:
         allowed = f"at most {_MOST_BINS} bins over {longest:.3g} s"
         raise Refused("bin_width", bin_width, allowed)
-    by_group, moments = _by_group(delay, weight, group, bin_width)
+    bins = (delay / bin_width).astype(int)
+    by_group = sums_by_group(group, weight, bins, int(bins.max()) + 1)
+    moments = np.stack([sums_by_group(group, weight * delay**k)[:, 0] for k in range(3)], axis=1)
     mean, spread = _delays(moments.mean(axis=0))
     others = (moments.sum(axis=0) - moments) / (SHIFTS - 1)  # jackknife: all groups but one
     factor = (SHIFTS - 1) / np.sqrt(SHIFTS)
@@ -156,21 +152,6 @@ def response_of(
         angle=arrivals.angle[mine],
         provenance=provenance or {},
     )
-
-
-def _by_group(
-    delay: Floats, weight: Floats, group: NDArray[np.int64], bin_width: float
-) -> tuple[Floats, Floats]:
-    """Return weights by group and bin, and sums of w, w t, w t^2 by group."""
-    n_bins = int(delay.max() / bin_width) + 1
-    bins = np.minimum((delay / bin_width).astype(int), n_bins - 1)
-    by_group, moments = np.zeros((SHIFTS, n_bins)), np.zeros((SHIFTS, 3))
-    for g in range(SHIFTS):
-        # parts without Monte Carlo error belong to every group; the others share the gain
-        w = np.where(group < 0, weight, np.where(group == g, SHIFTS * weight, 0.0))
-        by_group[g] = np.bincount(bins, w, n_bins)
-        moments[g] = w.sum(), (w * delay).sum(), (w * delay**2).sum()
-    return by_group, moments
 
 
 def _delays(moments: Floats) -> tuple[float, float]:

@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import Variable, Variables, WithArrays
+from meshtrace.stored import SHIFTS, Variable, Variables, WithArrays
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 
 def standard_error(total: Any, squares: Any, n: int) -> Any:
@@ -26,6 +30,20 @@ def standard_error(total: Any, squares: Any, n: int) -> Any:
 def error_of_groups(samples: Floats, axis: int = 0) -> Floats:
     """Return the standard error of the mean of independent samples, along an axis."""
     return np.asarray(samples.std(axis=axis, ddof=1) / math.sqrt(samples.shape[axis]))
+
+
+def sums_by_group(
+    group: NDArray[np.int64], weight: Floats, cell: Any = 0, cells: int = 1
+) -> Floats:
+    """Return the sum of the weights of rows in each cell by each group, shape (SHIFTS, cells).
+
+    The mean over the groups is the sum of all rows: those of a group, a share of the light, count
+    times the number of groups; those without error by chance, of group -1, are part of every group.
+    """
+    chance, cell = group >= 0, np.broadcast_to(cell, group.shape)
+    place = group[chance] * cells + cell[chance]
+    sums: Any = np.bincount(place, weight[chance], SHIFTS * cells)
+    return SHIFTS * sums.reshape(SHIFTS, cells) + np.bincount(cell[~chance], weight[~chance], cells)
 
 
 def merged_mean(
@@ -51,6 +69,15 @@ def _joined_shares(parts: Sequence[Floats], n: NDArray[np.int64]) -> Floats:
 
 def _common(parts: Sequence[NDArray[Any]], n: NDArray[np.int64]) -> NDArray[Any]:
     return parts[0]
+
+
+SPEED_OF_LIGHT = 299_792_458.0
+"""Speed of light in vacuum [m s-1] (exact by definition of the metre)."""
+
+
+def travel_time(water: Floats, air: Floats, n_water: float, n_air: float) -> Floats:
+    """Return the times [s] of paths [m] in water and air, by the phase velocities."""
+    return (n_water * water + n_air * air) / SPEED_OF_LIGHT
 
 
 _CELLS = "map_axis_x map_axis_y"
@@ -84,30 +111,66 @@ def merged(runs: Sequence[WithArrays], n: NDArray[np.int64]) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ArrivalTally(Tally):
-    """Arrivals of light at the receivers.
+    """Light at the receivers, a row for each contribution of a sample, a chain or a photon.
 
     Attributes
     ----------
     receiver : ndarray, shape (arrivals,)
         Index of the receiver.
     weight : ndarray, shape (arrivals,)
-        Contributions to the gain [1]; they add up to it.
+        Contributions to the gain [1]; those of a receiver add up to it.
     water_path, air_path : ndarray, shape (arrivals,)
-        Path lengths in water and air [m].
+        Path lengths in water and air [m]; unscattered light without random slopes crosses at the
+        centroid of a facet.
+    time : ndarray, shape (arrivals,)
+        Time from emission to arrival [s], by the phase velocities.
+    angle : ndarray, shape (arrivals,)
+        Angle of arrival to the axis of the receiver [rad]; nan where it is not known, that is for
+        joined photons of a downlink.
     group : ndarray, shape (arrivals,)
         Independent estimate, 0 to 31, that an arrival belongs to; the groups share the gain
-        equally. -1 has no Monte Carlo error.
-    angle : ndarray, shape (arrivals,)
-        Angle of arrival to the axis of the receiver [rad]; nan where it is not recorded, that is
-        for photons.
+        equally. -1 has no Monte Carlo error: it is part of every group.
+    sample : ndarray, shape (arrivals,)
+        Number of the chain or photon, which may bring several arrivals; -1 for unscattered light
+        without random slopes.
+    part : ndarray, shape (arrivals,)
+        0 for unscattered light, 1 for scattered light, 2 for light that the surface reflected
+        first.
+    order : ndarray, shape (arrivals,)
+        Number of scatterings, and of reflections by the bottom.
     """
 
     receiver: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_receiver")]
     weight: Annotated[Floats, Variable("arrival", _joined_shares, "arrival_weight")]
     water_path: Annotated[Floats, Variable("arrival", _joined, "arrival_water_path")]
     air_path: Annotated[Floats, Variable("arrival", _joined, "arrival_air_path")]
-    group: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_group")]
+    time: Annotated[Floats, Variable("arrival", _joined, "arrival_time")]
     angle: Annotated[Floats, Variable("arrival", _joined, "arrival_angle")]
+    group: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_group")]
+    sample: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_sample")]
+    part: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_part")]
+    order: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_order")]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return the rows as a Dataset, a variable with its unit for each column."""
+        import xarray as xr
+
+        columns = vars(self).items()
+        return xr.Dataset({n: ("arrival", x, attrs(f"arrival_{n}")) for n, x in columns})
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return the rows as a pandas DataFrame, in the units of `to_dataset`.
+
+        Examples
+        --------
+        >>> import meshtrace as mt
+        >>> from meshtrace.surfaces import FlatSea
+        >>> r = mt.simulate(mt.Link(), FlatSea(), photons=4096, seed=1, record=[mt.Arrivals()])
+        >>> rows = r.arrivals.to_dataframe()
+        >>> bool(abs(rows.weight.sum() / r.gain - 1.0) < 1e-12)
+        True
+        """
+        return self.to_dataset().to_dataframe()
 
     def with_gains(self, gains: Floats) -> ArrivalTally:
         """Return the arrivals with weights that add up to the gain of each receiver."""
@@ -115,11 +178,16 @@ class ArrivalTally(Tally):
         factor = np.divide(gains, known, out=np.ones(len(gains)), where=known > 0.0)
         return replace(self, weight=factor[self.receiver] * self.weight)
 
+    def moved(self, receivers: Sequence[int], samples: int) -> ArrivalTally:
+        """Return the arrivals at other receivers, their samples counted after some others."""
+        receiver = np.array(receivers, np.int64)[self.receiver]
+        return replace(self, receiver=receiver, sample=self.sample + samples)
+
     @classmethod
-    def of_rows(cls, rows: Floats) -> ArrivalTally:
-        """Return arrivals from rows of receiver, weight, water path, air path, group and angle."""
-        whole, weight, water, air, group, angle = rows.T
-        return cls(whole.astype(np.int64), weight, water, air, group.astype(np.int64), angle)
+    def concatenated(cls, tables: Sequence[ArrivalTally]) -> ArrivalTally:
+        """Return the arrivals of several tables."""
+        columns = zip(*(vars(table).values() for table in tables), strict=True)
+        return cls(*map(np.concatenate, columns))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

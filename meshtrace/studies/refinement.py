@@ -205,7 +205,7 @@ class CommonChains(Restored):
         """Return the gain over the sum of waves, from crossings found on a mesh of some spacing."""
         forced, time = self._chains("vertex"), self.campaign.meshing.time
         link, mesh = forced.arrays, nested_mesh(self.link, sea, time, spacing, np.zeros(2))
-        aimed, waves = forced.over(mesh), waves_at(sea, time, link.frame)
+        aimed, waves = forced.planner.aim_over(mesh), waves_at(sea, time, link.frame)
         scattered, direct = np.zeros(SHIFTS), np.zeros(2)
         counters = np.zeros(len(analytic.Moved), np.int64)
         for source, power in enumerate(link.power):
@@ -319,7 +319,7 @@ def _finely_meshed(
     gains = []
     for parts in (8, 16):
         mesh = sea.mesh(time, extent, max(spacing / parts, extent / 500.0), center=center)
-        gains.append(float(forced.over(mesh).direct_gains(source, 0).sum()))
+        gains.append(float(forced.planner.aim_over(mesh).direct_gains(source, 0).sum()))
     return gains[1], gains[1] + (gains[1] - gains[0]) / 3.0
 
 

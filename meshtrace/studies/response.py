@@ -72,9 +72,9 @@ def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
     meshes = list(ordered_map(lambda i: campaign.mesh(links, *steps.surface(i)), numbers, threads))
     tallies_of_seas = []
     by_sea = ordered_map(_arrivals_over(campaign, meshes), meshes, threads)
-    for link, tallies in zip(links, zip(*by_sea, strict=True), strict=True):
+    for tallies in zip(*by_sea, strict=True):
         nonzero = [tally for tally in tallies if tally.weight.any()]
-        responses = [response_of(tally, link.water.n, link.n_air) for tally in nonzero]
+        responses = [response_of(tally) for tally in nonzero]
         tallies_of_seas.append(_mean(responses) if responses else None)
     return tallies_of_seas
 
@@ -109,7 +109,7 @@ def _arrivals_over(
         campaign.threads,
         TypicalSea.of(meshes, MANY_SEAS),
     )
-    return paths.arrivals_at_wavelengths
+    return lambda mesh: [gains.table[0] for gains in paths.at_wavelengths(mesh, record=True)]
 
 
 def over_colours(

@@ -107,7 +107,7 @@ def test_gains_do_not_depend_on_the_facets(name, tilts):
 @pytest.mark.parametrize(("name", "tilts"), [mark(case) for case in CASES if case[1] is not None])
 def test_light_through_large_facets_against_searched_chains(name, tilts):
     forced = ForcedDetection(LINKS[name], 64, 1, scattered="chains")
-    aimed = forced.over(still_water(4, tilts))
+    aimed = forced.planner.aim_over(still_water(4, tilts))
     gain = aimed.direct_gains(0, 0).sum()
     drawn = forced.drawer.draw(Request(0, 0, 256, (7, 0, 0, 1)))
     aimed.blurred = False
@@ -159,7 +159,7 @@ def test_light_of_beams_is_integrated_over_waves():
         forced = ForcedDetection(link, 64, 1, sea=TypicalSea(1.0))
         gains.append(forced.evaluate(mesh).ballistic[0])
         if waist == 0.0:
-            assert forced.over(mesh).direct_gains(0, 0) is not None
+            assert forced.planner.aim_over(mesh).direct_gains(0, 0) is not None
     assert gains[1] == pytest.approx(gains[0], rel=1e-3)
 
 
@@ -176,7 +176,7 @@ def test_views_narrower_than_the_facets(mss, fov, points):
     link = mt.Link(receiver=mt.Receiver(fov_deg=fov))
     mesh = JonswapSea(wind_speed=5.0, seed=4, mss=mss).mesh(extent=6.0, spacing=0.1)
     forced = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6), scattered="chains")
-    aimed = forced.over(mesh)
+    aimed = forced.planner.aim_over(mesh)
     gain = aimed.direct_gains(0, 0).sum()
     aimed.blurred = False
     drawn = forced.drawer.draw(Request(0, 0, points, (7, 0, 0, 1)))

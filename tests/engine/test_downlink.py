@@ -43,7 +43,7 @@ def down(lamp=None, radius=0.25, **receiver):
 def through_still_water(link):
     """Return the unscattered gain through still water."""
     forced = ForcedDetection(link, 32, 1, scattered="chains")
-    return float(forced.over(forced.flat()).direct_gains(0, 0).sum())
+    return float(forced.planner.aim_over(forced.planner.flat()).direct_gains(0, 0).sum())
 
 
 BEAM = mt.AirBeam(height=20.0)
@@ -214,7 +214,12 @@ def test_without_refraction_both_directions_are_alike():
 def test_a_sinusoid_meets_the_quadrature(spacing, tolerance, radius):
     link = down(mt.AirLed(), radius)
     mesh = WAVE.mesh(0.0, 2.5, spacing)
-    found = ForcedDetection(link, 32, 1, scattered="chains").over(mesh).direct_gains(0, 0).sum()
+    found = (
+        ForcedDetection(link, 32, 1, scattered="chains")
+        .planner.aim_over(mesh)
+        .direct_gains(0, 0)
+        .sum()
+    )
     assert found == pytest.approx(DIRECT["S1"][f"r{radius}"], rel=tolerance)
 
 
@@ -241,7 +246,7 @@ def test_interpolated_normals_weigh_reversed_light_as_light_from_the_air(normals
     link = down(mt.AirLed(half_angle_deg=20.0), fov_deg=180.0).replace(water=mt.Water(b=0.0))
     mesh = WAVE.mesh(0.0, 4.0, 0.3)  # coarse, so that the normals differ from those of the facets
     forced = ForcedDetection(link, 32 * 256, 1, normals=normals, scattered="chains")
-    aimed = forced.over(mesh)
+    aimed = forced.planner.aim_over(mesh)
     score = aimed.aim(0, 0, forced.drawer.whole(forced.unscattered()[0])).score
     shifts = score.reshape(32, -1).mean(axis=1)
     error = shifts.std(ddof=1) / math.sqrt(32)

@@ -116,13 +116,13 @@ def test_no_gain_below_the_light_that_is_scattered_once(name):
         assert parts.method == ["joined"]
         assert parts.gain[0] > floor - 3.5 * parts.stderr[0]
         assert parts.orders[0, 0] == pytest.approx(floor, rel=0.25)
-        assert parts.samples[0].scored > 1000
+        assert parts.samples_of(1)[0].scored > 1000
 
 
 def test_links_with_direct_light_rest_on_chains():
     parts = parts_of(mt.Link(), 4096, 1)
     assert parts.method == ["chains"]
-    assert parts.samples[0].effective > 500
+    assert parts.samples_of(1)[0].effective > 500
 
 
 def test_errors_do_not_depend_on_the_order_of_the_receivers():
@@ -289,7 +289,7 @@ def test_the_order_of_receivers_changes_nothing(sea):
         parts = ForcedDetection(link, 1024, 1).evaluate(mesh)
         assert {"chains", "joined"} == set(parts.method)
         back = np.argsort(order)
-        samples = np.array([row[1:] for row in parts.samples])
+        samples = np.array([row[1:] for row in parts.samples_of(1)])
         found[order] = [values[back] for values in (parts.shifts, parts.orders, samples)]
     for values in found.values():
         for value, first in zip(values, found[0, 1, 2], strict=True):

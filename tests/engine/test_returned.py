@@ -158,7 +158,7 @@ def test_little_light_that_is_reflected_first_has_few_photons():
     """They took nine tenths of the time of a link in turbid water, for a thousandth of its light."""
     found = ForcedDetection(TURBID, 4096, 1)
     assert set(found.method) == {"chains"}
-    assert SHIFTS <= found._joined.photons < 0.2 * 4096
+    assert SHIFTS <= found.plan.joined.photons < 0.2 * 4096
 
 
 @pytest.mark.statistical

@@ -51,7 +51,7 @@ LINKS = {
 @pytest.mark.parametrize("name", LINKS)
 def test_errors_are_true_and_means_those_of_analog_photons(name):
     forced = [ForcedDetection(LINKS[name], 1024, seed) for seed in range(100, 100 + SEEDS)]
-    parts = [one.evaluate(one.flat()) for one in forced]
+    parts = [one.evaluate(one.planner.flat()) for one in forced]
     gain, error = (np.array([getattr(p, k)[0] for p in parts]) for k in ("gain", "stderr"))
     mean, scatter = gain.mean(), gain.std(ddof=1) / np.sqrt(SEEDS)
     square = (((gain - mean) / error) ** 2).sum()

@@ -95,7 +95,9 @@ def test_joined_photons_bring_the_light_of_all_wavelengths(sea):
     parts = JoinedPhotons(links[0], 2**15, 1).at_wavelengths(mesh, common, links)
     alone = [JoinedPhotons(link, 2**15, 9 + k).evaluate(mesh) for k, link in enumerate(links)]
     for part in (1, 2):  # scattered, and reflected first
-        rows = [[(p.parts[part, 0], p.stderr[part, 0]) for p in found] for found in (parts, alone)]
+        rows = [
+            [(p.parts[part, 0], p.part_stderr[part, 0]) for p in found] for found in (parts, alone)
+        ]
         compare(*rows, 12)
     same = JoinedPhotons(links[0], 2**15, 1).evaluate(mesh)
     assert parts[0].groups == pytest.approx(same.groups, rel=1e-12)
@@ -171,7 +173,7 @@ def test_photons_in_layers():
     common = tinting(links[0], links, frame_of(links[0]))
     parts = JoinedPhotons(links[0], 2**14, 1).at_wavelengths(mesh, common, links)
     alone = [JoinedPhotons(link, 2**14, 9 + k).evaluate(mesh) for k, link in enumerate(links)]
-    compare(*([(p.parts[1, 0], p.stderr[1, 0]) for p in found] for found in (parts, alone)), 4)
+    compare(*([(p.parts[1, 0], p.part_stderr[1, 0]) for p in found] for found in (parts, alone)), 4)
 
 
 @pytest.mark.slow
@@ -206,7 +208,7 @@ def test_photons_below_bubbles():
     assert common.follows
     parts = JoinedPhotons(base, 2**14, 1).at_wavelengths(mesh, common, links)
     alone = [JoinedPhotons(link, 2**14, 9 + k).evaluate(mesh) for k, link in enumerate(links)]
-    compare(*([(p.parts[1, 0], p.stderr[1, 0]) for p in found] for found in (parts, alone)), 6)
+    compare(*([(p.parts[1, 0], p.part_stderr[1, 0]) for p in found] for found in (parts, alone)), 6)
 
 
 def test_a_downlink():
@@ -239,9 +241,11 @@ def test_photons_of_several_bases(sea):
     parts = JoinedPhotons(links[0], 2**15, 1).at_wavelengths(mesh, common.tinting, links)
     alone = [JoinedPhotons(link, 2**15, 9 + k).evaluate(mesh) for k, link in enumerate(links)]
     for part in (1, 2):  # scattered, and reflected first
-        rows = [[(p.parts[part, 0], p.stderr[part, 0]) for p in found] for found in (parts, alone)]
+        rows = [
+            [(p.parts[part, 0], p.part_stderr[part, 0]) for p in found] for found in (parts, alone)
+        ]
         compare(*rows, 12)
-    errors = [[p.stderr[1, 0] / p.parts[1, 0] for p in found] for found in (parts, alone)]
+    errors = [[p.part_stderr[1, 0] / p.parts[1, 0] for p in found] for found in (parts, alone)]
     assert (np.array(errors[0]) < 4.0 * np.array(errors[1])).all()
 
 
@@ -331,7 +335,7 @@ def test_errors_of_a_far_wavelength_are_true():
         part = SpectralDetection(links, 1024, seed, sea=sea).at_wavelengths(mesh)[1]
         rows[0].append((part.gain[0], part.stderr[0]))
         found = JoinedPhotons(opaque[0], 2**13, seed).at_wavelengths(mesh, common, opaque)[1]
-        rows[1].append((found.parts[1, 0], found.stderr[1, 0]))
+        rows[1].append((found.parts[1, 0], found.part_stderr[1, 0]))
         sums = analog_sums(wide, surface, mt.Analog(), 2**13, None, seed=seed)[1]
         n = sums.photons
         rows[2].append((sums.score[0] / n, standard_error(sums.score, sums.score_squared, n)[0]))

@@ -75,7 +75,7 @@ def test_convergence_of_a_gain_with_the_mesh():
         sea = sea_up_to(24.0, seed=seed)
         gains.append(
             [
-                forced.over(
+                forced.planner.aim_over(
                     sea.mesh(extent=4.0, spacing=h, fine_extent=0.75, coarse_spacing=0.1)
                 ).direct_gains(0, 0).sum()
                 for h in spacing

@@ -128,6 +128,11 @@ class PhotonSums:
         square = whole.score_squared - within + whole.score**2 / max(whole.photons, 1)
         return replace(whole, score_squared=square)
 
+    @property
+    def all_arrivals(self) -> NDArray[np.void]:
+        """The rows of light that are kept, as one array."""
+        return np.concatenate([np.zeros(0, ARRIVAL), *self.arrivals])
+
     def map_mean(self) -> tuple[Floats, Floats]:
         """Return the mean score of a photon in the cells (x, y, wavelengths), and its error."""
         total, n = self.map.value(), self.photons
@@ -164,7 +169,7 @@ def tinted(
     `factors` (wavelengths, arrivals) follow from these, times a `scale` (wavelengths,); `first` is
     the id of the first photon. `arrivals` are kept on demand.
     """
-    light = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
+    light = sums.all_arrivals
     n, found = len(sums.score), []
     place, cell = np.unique((light["photon"] - first) * n + light["receiver"], return_inverse=True)
     aperture = place % n

@@ -9,17 +9,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine.gains import Gains, shares_of, table_of
 from meshtrace.engine.photons.analog import run_analog
-from meshtrace.engine.photons.joined import PhotonParts
-from meshtrace.engine.photons.targets import N_PARTS
 from meshtrace.engine.setup.options import Analog, Arrivals
-from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
-from meshtrace.stored import SHIFTS
 
 _ROULETTE = 0.5  # of the largest weight that arrives: lighter photons are ended or made heavier
 
@@ -65,36 +60,19 @@ class ArrivingPhotons(NamedTuple):
     normals: str = "vertex"
     threads: int = 1
 
-    def evaluate(self, mesh: TriangleMesh, arrivals: bool = False) -> PhotonParts:
-        """Return the gain over a mesh in parts, on demand with every arrival."""
+    def evaluate(self, mesh: TriangleMesh, record: bool = False) -> Gains:
+        """Return the gain over a mesh, on demand with every row of its light."""
         options = Analog(roulette=_ROULETTE * largest_weight(self.link, float(mesh.bounds[0, 2])))
         sums = run_analog(
             self.link, EmbreeIntersector(mesh, self.threads), options, photons=self.photons,
             seed=self.seed, normals=self.normals, threads=self.threads, unscattered=False,
             record=[Arrivals()],
         )  # fmt: skip
-        light = np.concatenate([np.zeros(0, ARRIVAL), *sums.arrivals])
-        n, receivers, weight = self.photons, len(self.link.receivers), light["weight"]
-        group = light["photon"] % SHIFTS
-        per_group = np.bincount(np.arange(n) % SHIFTS, minlength=SHIFTS)
-        shape = N_PARTS, receivers, SHIFTS
-        cell = np.ravel_multi_index((light["part"], light["receiver"], group), shape)
-        groups = np.bincount(cell, weight, np.prod(shape)).reshape(shape) / per_group
-        # a photon may bring light several times
-        place = (light["photon"] * N_PARTS + light["part"]) * receivers + light["receiver"]
-        first, which = np.unique(place, return_inverse=True)
-        score, at = np.bincount(which, weight, len(first)), first % (N_PARTS * receivers)
-        square = np.bincount(at, score**2, N_PARTS * receivers).reshape(N_PARTS, receivers)
-        scored = np.bincount(at, minlength=N_PARTS * receivers).reshape(N_PARTS, receivers)
-        once = light[light["part"] < N_PARTS - 1]
-        orders = np.zeros((receivers, int(once["order"].max(initial=0)) + 1))
-        np.add.at(orders, (once["receiver"], once["order"]), once["weight"] / n)
-        rows = None
-        if arrivals:
-            columns = weight / (SHIFTS * per_group[group]), light["water"], light["air"], group
-            table = np.column_stack(columns)
-            rows = [table[light["receiver"] == r] for r in range(receivers)]
-        number = np.full(receivers, n)
-        return PhotonParts(
-            number, groups, orders, scored, square / n, rows, estimator="analog photons"
-        )
+        arrivals = sums.all_arrivals
+        orders = int(arrivals["order"].max(initial=0)) + 1
+        gains = Gains.zeros(1, len(self.link.receivers), orders)
+        gains.add_arrivals(arrivals, arrivals["weight"][None], 0, self.photons)
+        if record:
+            weight = arrivals["weight"] * shares_of(arrivals, self.photons)
+            gains.table.append(table_of(arrivals, weight, 1.0, self.link))
+        return gains.of_photons(self.photons).by_wavelength()[0]

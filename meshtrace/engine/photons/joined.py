@@ -9,10 +9,9 @@ down photons run backwards, from a receiver in the water to the lamps.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +19,10 @@ from numpy.typing import NDArray
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.aimed import ROOTS, search_extent
 from meshtrace.engine.crossing import FLAT, ROOT
+from meshtrace.engine.gains import Gains, shares_of, table_of
 from meshtrace.engine.photons.joined_walk import follow_joined
 from meshtrace.engine.photons.targets import (
     JOINED_PHOTON,
-    N_PARTS,
-    REFLECTED,
     TARGET,
     JoinedWorld,
     Joins,
@@ -33,7 +31,7 @@ from meshtrace.engine.photons.targets import (
 )
 from meshtrace.engine.setup import arrays, ends
 from meshtrace.engine.setup.options import BLOCK
-from meshtrace.engine.setup.tinting import Tinting
+from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import MeshArrays
 from meshtrace.kernels.medium import Absorption, AngleTable
@@ -47,8 +45,7 @@ from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
-from meshtrace.results.gain import ScatteredSamples
-from meshtrace.results.tallies import error_of_groups
+from meshtrace.results.tallies import ArrivalTally
 from meshtrace.stored import SHIFTS
 
 _ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
@@ -67,78 +64,11 @@ _AIMED_HIGHEST = 2.0
 _BENT = 0.3  # fall of the importance with the bend of light over random slopes
 _BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
 _GUIDES = 64  # targets at most to which directions are guided: their densities are sums over all
+_TOGETHER = 16  # targets to which the rows of a block of photons are few enough for the cache
 _ROOM = 32  # arrivals of a photon at each target, else a block is followed again
 _EVENTS = 10_000_000  # of a photon and its copies
 _OPAQUE = 1e4  # largest optical depth: diffuse photons collide up to its square times (1 - g)
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
-
-
-@dataclass(frozen=True)
-class PhotonParts:
-    """Gain over one surface from joined or analog photons.
-
-    Attributes
-    ----------
-    photons : ndarray of int, shape (receivers,)
-        Photons followed for each receiver.
-    groups : ndarray, shape (3, receivers, SHIFTS)
-        Unscattered, scattered and first reflected gain of each group of photons; the mean over
-        the groups is the gain.
-    orders : ndarray, shape (receivers, orders)
-        Gain without light reflected first by the number of scatterings, from 0 on; the last holds
-        all beyond.
-    scored : ndarray of int, shape (3, receivers)
-        Photons that brought light of each part.
-    square : ndarray, shape (3, receivers)
-        Mean square score of a photon.
-    arrivals : list of ndarray, shape (arrivals, 4), or None
-        By receiver: weight, path in water, path in air [m] and group.
-    estimator : {"joined photons", "analog photons"}
-        Which photons these are.
-    """
-
-    photons: NDArray[np.int64]
-    groups: Floats
-    orders: Floats
-    scored: NDArray[np.int64]
-    square: Floats
-    arrivals: list[Floats] | None = None
-    estimator: str = "joined photons"
-
-    @property
-    def parts(self) -> Floats:
-        """Unscattered, scattered and first reflected gain, shape (3, receivers)."""
-        return self.groups.mean(axis=2)
-
-    def samples(self, part: int) -> list[ScatteredSamples]:
-        """Return the samples of a part of each receiver."""
-        mean, square = self.parts[part], self.square[part]
-        effective = self.photons * mean**2 / np.maximum(square, 1e-300)
-        columns = (row.tolist() for row in (self.photons, self.scored[part], effective))
-        return [ScatteredSamples(self.estimator, *row) for row in zip(*columns, strict=True)]
-
-    def of(self, receivers: NDArray[np.intp]) -> PhotonParts:
-        """Return the parts of some receivers."""
-        rows = None if self.arrivals is None else [self.arrivals[i] for i in receivers]
-        counts = self.scored[:, receivers], self.square[:, receivers]
-        groups, orders = self.groups[:, receivers], self.orders[receivers]
-        return PhotonParts(self.photons[receivers], groups, orders, *counts, rows, self.estimator)
-
-    def among(self, n: int, rows: Sequence[int]) -> PhotonParts:
-        """Return the parts of n receivers, with zeros for all but the given rows."""
-        photons = np.zeros(n, np.int64)
-        photons[rows] = self.photons
-        groups = np.zeros((N_PARTS, n, self.groups.shape[2]))
-        orders, square = np.zeros((n, self.orders.shape[1])), np.zeros((N_PARTS, n))
-        scored = np.zeros((N_PARTS, n), np.int64)
-        groups[:, rows], orders[rows] = self.groups, self.orders
-        scored[:, rows], square[:, rows] = self.scored, self.square
-        return PhotonParts(photons, groups, orders, scored, square, estimator=self.estimator)
-
-    @property
-    def stderr(self) -> Floats:
-        """Standard errors of the parts, shape (3, receivers)."""
-        return error_of_groups(self.groups, axis=2)
 
 
 class JoinedPhotons:
@@ -205,37 +135,29 @@ class JoinedPhotons:
         self._first = [int(k) for k in np.broadcast_to(first, len(link.receivers))]
         self._direct = direct
 
-    def evaluate(self, mesh: TriangleMesh, arrivals: bool = False) -> PhotonParts:
-        """Return the gain over a mesh in parts.
-
-        Parameters
-        ----------
-        mesh : TriangleMesh
-            The surface.
-        arrivals : bool
-            Keep every contribution to the gain with its path lengths.
+    def evaluate(self, mesh: TriangleMesh, record: bool = False) -> Gains:
+        """Return the gain over a mesh, on demand with every row of its light.
 
         Raises
         ------
         Refused
             If the mesh overhangs.
         """
-        (found,) = self._evaluated(mesh, arrivals, None)
-        return found
+        (gains,) = self._evaluated(mesh, [self.link], UNTINTED, record)
+        return gains
 
     def at_wavelengths(
-        self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link], arrivals: bool = False
-    ) -> list[PhotonParts]:
+        self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link], record: bool = False
+    ) -> list[Gains]:
         """Return the gain of each link over a mesh, at the wavelengths of a tinting.
 
         Photons are those of the bases of the tinting in turn, refracted by the index of this link.
         Below bubbles that differ in number each wavelength has its own photons.
         """
-        if tinting.follows:
-            bases = [self._in_water_of(links[i]) for i in tinting.bases]
-            return self._evaluated(mesh, arrivals, tinting, bases)
-        own = [self._in_water_of(link) for link in links]
-        return [one.evaluate(mesh, arrivals=arrivals) for one in own]
+        if len(links) == 1 or tinting.follows:
+            tinting = UNTINTED if len(links) == 1 else tinting
+            return self._evaluated(mesh, links, tinting, record)
+        return [self._in_water_of(link).evaluate(mesh, record) for link in links]
 
     def _in_water_of(self, link: Link) -> JoinedPhotons:
         """Return the same photons in the water of another link, but for its index."""
@@ -252,22 +174,31 @@ class JoinedPhotons:
         return found
 
     def _evaluated(
-        self,
-        mesh: TriangleMesh,
-        arrivals: bool,
-        tinting: Tinting | None,
-        bases: Sequence[JoinedPhotons] = (),
-    ) -> list[PhotonParts]:
+        self, mesh: TriangleMesh, links: Sequence[Link], tinting: Tinting, record: bool
+    ) -> list[Gains]:
         ends.require_height_field(mesh)
-        frame = arrays.frame_of(self.link)
+        frame, bases = arrays.frame_of(self.link), [self]
+        if tinting.bases:
+            bases = [self._in_water_of(links[i]) for i in tinting.bases]
         intersector = EmbreeIntersector(frame.mesh(mesh), 1)
-        runs, found = self._runs(frame), []
-        for run in runs:
+        gains = Gains.zeros(len(tinting.shares), len(self.link.receivers), _ORDERS)
+        tables = [list[ArrivalTally]() for _ in links]
+        for run in self._runs(frame):
             worlds = list[JoinedWorld]()
-            for one in bases or [self]:
-                worlds.append(one._world(frame, intersector, run))
-            found.append(self._follow(worlds, intersector, arrivals, tinting))
-        return [self._parts(runs, sums, frame, arrivals) for sums in zip(*found, strict=True)]
+            for base in bases:
+                worlds.append(base._world(frame, intersector, run))
+            receivers = run.receivers if run.start is None else run.receivers * len(run.targets)
+            for sums, arrivals, weights in self._follow(worlds, intersector, tinting, record):
+                gains.add(sums, receivers)
+                if not record:
+                    continue
+                arrivals["receiver"] = np.array(receivers)[arrivals["receiver"]]
+                weights = weights * shares_of(arrivals, self.photons)
+                for table, weight, link in zip(tables, weights, links, strict=False):
+                    table.append(table_of(arrivals, weight, frame.unit, link))
+        if record:
+            gains.table.extend(ArrivalTally.concatenated(table) for table in tables)
+        return gains.of_photons(self.photons).by_wavelength()
 
     def _runs(self, frame: arrays.Frame) -> list[_Run]:
         """Return the runs: one to all receivers in the air, or one from each in the water."""
@@ -307,12 +238,10 @@ class JoinedPhotons:
             room = np.zeros(1, FLAT), np.zeros(ROOTS, ROOT)
             manifold = Manifold(search_extent(surface, facets, bins), *room)
         joins = self._joins(surface, sources, run, frame, bins, facets)
-        n = len(run.targets)
         return JoinedWorld(
             0, np.uint64(self.seed), sources, surface, grid, medium,
             arrays.interface_arrays(link), joins, manifold, _EVENTS, NO_TINTS, NO_BVH,
-            np.zeros(1 + _COPIES, JOINED_PHOTON), np.zeros((0, n, N_PARTS)),
-            np.zeros((n, _ORDERS)), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
+            np.zeros(1 + _COPIES, JOINED_PHOTON), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
         )  # fmt: skip
 
     def _joins(
@@ -383,89 +312,58 @@ class JoinedPhotons:
         self,
         worlds: Sequence[JoinedWorld],
         intersector: EmbreeIntersector,
-        arrivals: bool,
-        tinting: Tinting | None,
-    ) -> list[_Sums]:
-        """Return the sums over the photons of one run, at each wavelength of a tinting.
+        tinting: Tinting,
+        record: bool,
+    ) -> Iterator[tuple[Gains, NDArray[np.void], Floats]]:
+        """Yield the sums over the photons of the parts of a run, by target.
 
-        Blocks of photons belong to the worlds of the bases in turn.
+        With their rows and the weights of these at each wavelength, (wavelengths, rows), if they
+        are to be recorded. Blocks of photons belong to the worlds of the bases in turn; parts of
+        them are as small as many targets ask for.
         """
-        n, m = len(worlds[0].joins.target), 1 if tinting is None else len(tinting.shares)
-        spans = [(i, min(i + BLOCK, self.photons)) for i in range(0, self.photons, BLOCK)]
+        n = len(worlds[0].joins.target)
+        # whole groups of photons, so that a part has about the rows of a block to a few targets
+        step = max(BLOCK // (-(-n // _TOGETHER) * SHIFTS), 1) * SHIFTS
+        spans = [
+            (i, min(i + step, start + BLOCK, self.photons))
+            for start in range(0, self.photons, BLOCK)
+            for i in range(start, min(start + BLOCK, self.photons), step)
+        ]
         numbers = np.zeros(len(worlds))
-        for k, (first, last) in enumerate(spans):
-            numbers[k % len(worlds)] += last - first
+        for first, last in spans:
+            numbers[first // BLOCK % len(worlds)] += last - first
         kappa = np.array([world.joins.window.kappa for world in worlds])
         depth = (
             max(-item.center[2] for _, item in self.link.items()) / arrays.frame_of(self.link).unit
         )
         importance = np.exp((kappa[0] - kappa) * depth)
-        whole = [_Sums.of(n) for _ in range(m)]
-        kept = arrivals or tinting is not None
 
-        def follow(span: tuple[int, int]) -> list[_Sums]:
+        def follow(span: tuple[int, int]) -> tuple[Gains, NDArray[np.void], Floats]:
             first, last = span
             base = first // BLOCK % len(worlds)
-            world = worlds[base]
-            if tinting is not None:
-                world = world._replace(tints=tinting.tints)
-            room = _ROOM * (last - first) * n if kept else 0
-            while True:
+            world = worlds[base]._replace(first=first, tints=tinting.tints)
+            room = _ROOM * (last - first) * n
+            while True:  # followed again, with the same random numbers, if its rows had no room
                 with intersector.function() as bvh:
                     block = world._replace(
-                        first=first,
                         bvh=bvh,
                         photon=np.zeros_like(world.photon),
                         manifold=_own(world.manifold),
-                        score=np.zeros((last - first, n, N_PARTS)),
-                        order=np.zeros_like(world.order),
-                        arrivals=np.zeros(room, ARRIVAL),
+                        arrivals=np.empty(room, ARRIVAL),
                         n_arrivals=np.zeros(1, np.int64),
                     )
                     follow_joined(first, last, block)
-                if not kept or block.n_arrivals[0] <= room:
+                if block.n_arrivals[0] <= room:
                     break
                 room = int(block.n_arrivals[0])
-            light = block.arrivals[: block.n_arrivals[0]]
-            if tinting is None:
-                return [_Sums.of_scores(block.score, block.order, light)]
-            factors = tinting.mixed(light["tint"], base, numbers / self.photons, importance)
-            return _tinted(block, light, factors, arrivals)
+            arrivals = block.arrivals[: block.n_arrivals[0]]
+            factors = tinting.mixed(arrivals["tint"], base, numbers / self.photons, importance)
+            factors *= arrivals["weight"]
+            sums = Gains.zeros(len(factors), n, _ORDERS)
+            sums.add_arrivals(arrivals, factors, first, last - first)
+            return (sums, arrivals, factors) if record else (sums, arrivals[:0], factors[:, :0])
 
-        for found in ordered_map(follow, spans, self._threads):
-            for sums, part in zip(whole, found, strict=True):
-                sums.add(part)
-        return whole
-
-    def _parts(
-        self, runs: list[_Run], sums: Sequence[_Sums], frame: arrays.Frame, arrivals: bool
-    ) -> PhotonParts:
-        """Return the gains by receiver: by target of one run, or of runs over all lamps."""
-        down, n = self.link.direction == "down", self.photons
-        whole = []
-        for name, axis in (("groups", 1), ("orders", 0), ("scored", 0), ("square", 0)):
-            rows = [getattr(one, name) for one in sums]
-            if down:  # light of all lamps
-                rows = [row.sum(axis=axis, keepdims=True) for row in rows]
-            whole.append(np.concatenate(rows, axis=axis))
-        groups, orders, scored, square = whole
-        per_group = np.bincount(np.arange(n) % SHIFTS, minlength=SHIFTS)
-        light = None
-        if arrivals:
-            found = [np.concatenate(one.arrivals) for one in sums]
-            if not down:
-                found = [found[0][found[0]["receiver"] == i] for i in range(len(runs[0].targets))]
-            light = [
-                np.column_stack(
-                    [a["weight"] / (SHIFTS * per_group[a["photon"] % SHIFTS]),
-                     frame.unit * a["water"], frame.unit * a["air"], a["photon"] % SHIFTS]
-                )
-                for a in found
-            ]  # fmt: skip
-        groups = groups.transpose(2, 1, 0) / per_group
-        photons = np.full(groups.shape[1], n)
-        parts = PhotonParts(photons, groups, orders / n, scored.T, square.T / n, light)
-        return parts if down else parts.of(np.argsort(runs[0].receivers))
+        return ordered_map(follow, spans, self._threads)
 
 
 class _Run(NamedTuple):
@@ -476,55 +374,6 @@ class _Run(NamedTuple):
     targets: list[Target]
     share: Floats  # factors on the scores of the targets
     first: list[int]  # crossing from which on each is scored
-
-
-class _Sums(NamedTuple):
-    """Sums over the photons of one run."""
-
-    groups: Floats  # (SHIFTS, targets, parts)
-    orders: Floats  # (targets, orders)
-    scored: NDArray[Any]  # (targets, parts)
-    square: Floats  # (targets, parts)
-    arrivals: list[NDArray[np.void]]
-
-    @classmethod
-    def of(cls, n: int) -> _Sums:
-        """Return the sums over no photons, of n targets."""
-        none = np.zeros((0, n, N_PARTS)), np.zeros((n, _ORDERS)), np.zeros(0, ARRIVAL)
-        return cls.of_scores(*none)
-
-    @classmethod
-    def of_scores(cls, score: Floats, orders: Floats, light: NDArray[np.void]) -> _Sums:
-        """Return the sums over the photons of a block, a whole number of groups."""
-        groups = np.array([score[g::SHIFTS].sum(axis=0) for g in range(SHIFTS)])
-        square = np.einsum("ijk,ijk->jk", score, score)
-        return cls(groups, orders, np.count_nonzero(score, axis=0), square, [light])
-
-    def add(self, part: _Sums) -> None:
-        """Add the sums over other photons."""
-        for mine, other in zip(self[:4], part[:4], strict=True):
-            mine += other
-        self.arrivals.extend(part.arrivals)
-
-
-def _tinted(
-    block: JoinedWorld, light: NDArray[np.void], factors: Floats, arrivals: bool
-) -> list[_Sums]:
-    """Return the sums over the photons of a block with factors (wavelengths, arrivals)."""
-    row, found = np.ascontiguousarray(light["receiver"]), list[_Sums]()
-    place = ((light["photon"] - block.first) * block.score.shape[1] + row) * N_PARTS + light["part"]
-    cell = row * _ORDERS + np.minimum(light["order"], _ORDERS - 1)
-    once = light["part"] != REFLECTED
-    factors *= light["weight"]
-    for weight in factors:
-        score: Any = np.bincount(place, weight, block.score.size).reshape(block.score.shape)
-        orders: Any = np.bincount(cell, weight * once, block.order.size).reshape(block.order.shape)
-        kept = light[:0]
-        if arrivals:
-            kept = light.copy()
-            kept["weight"] = weight
-        found.append(_Sums.of_scores(score, orders, kept))
-    return found
 
 
 def _own(manifold: Manifold | None) -> Manifold | None:

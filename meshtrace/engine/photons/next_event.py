@@ -47,7 +47,7 @@ from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
 from meshtrace.kernels.scene import FLAT_SEA, Scene, height_on
-from meshtrace.kernels.tally import keep_arrival
+from meshtrace.kernels.tally import DIRECT, REFLECTED, SCATTERED, keep_arrival
 from meshtrace.kernels.tints import is_tinted, tint_way
 from meshtrace.kernels.vectors import (
     ORIGIN,
@@ -58,6 +58,7 @@ from meshtrace.kernels.vectors import (
     dot,
     minus,
     norm,
+    plus,
     row,
     scaled,
 )
@@ -184,13 +185,12 @@ class Passage(NamedTuple):
 
     density: float  # of landing points [m-2]
     share: float  # transmittance, exposure and acceptance
-    flight: float  # through the air [m]
 
 
 @outlined
 def _through(p, n, g, d, goal, facet, scene, world):
     """Return the `Passage` along d through P by its random slope."""
-    dark = Passage(0.0, 0.0, 0.0)
+    dark = Passage(0.0, 0.0)
     s = slope_towards(p, n, d, d, 0.0, goal, scene)
     if s.density <= 0.0 or dot(d, g) <= 0.0:
         return dark
@@ -198,7 +198,7 @@ def _through(p, n, g, d, goal, facet, scene, world):
     if share > 0.0 and world.interface.follow_second_hit:
         if not _is_clear(p, s.aim.r, s.aim.flight, facet, world):
             return dark
-    return Passage(s.density, share, s.aim.flight)
+    return Passage(s.density, share)
 
 
 @outlined
@@ -224,23 +224,24 @@ def _point_density(i, light, world):
 
 
 @inlined
-def _score(q, i, light, theta, z, water, air, world):
-    """Score light of a photon on target i, by a way of `water` and `air` through a crossing at z.
+def _score(q, i, light, theta, p, goal, water, world):
+    """Score light of a photon on a point of target i, by a way of `water` to a crossing at P.
 
     `theta` is the angle of a scattering at the start of the way [rad], < 0 without one.
     """
     light *= world.joins.target[i].share
-    part = targets.SCATTERED if q.order > 0 else targets.DIRECT
+    part = SCATTERED if q.order > 0 else DIRECT
     if q.reflections > 0:
-        part = targets.REFLECTED
-    else:
-        world.order[i, min(q.order, world.order.shape[1] - 1)] += light
-    world.score[q.id - world.first, i, part] += light
+        part = REFLECTED
     n = keep_arrival(world, q.id, i, light, world.tints, q.tint)
     if n >= 0:
-        a = world.arrivals[n]
-        a.water, a.air, a.part, a.order = q.water + water, air, part, q.order
-        tint_way(world.tints, a.tint, q.z, z, water)
+        a, target = world.arrivals[n], targets.scene_to(world.joins.target[i], world).target
+        off = plus(scaled(goal.x, target.e1), scaled(goal.y, target.e2))
+        way = minus(plus(target.center, off), p)
+        a.water, a.air, a.part, a.order = q.water + water, norm(way), part, q.order
+        # photons to a lamp run backwards: their light arrives where they start
+        a.cosine = math.nan if target.is_lamp else dot(way, target.axis) / a.air
+        tint_way(world.tints, a.tint, q.z, p.z, water)
         if theta >= 0.0:
             _, _, _, u = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
             targets.tint_mixed(a.tint, theta, u, place(q), world)
@@ -281,7 +282,7 @@ def join_crossing(q, facet, length, chance, world):
             # facet, seen from above by g_z.
             other *= length * length * g.z / (dot(d, g) * scene.target.area * q.density)
         score = weight * light.density * light.share / (own + other)
-        _score(q, i, score, -1.0, p.z, length, light.flight, world)
+        _score(q, i, score, -1.0, p, goal, length, world)
 
 
 @outlined
@@ -376,7 +377,7 @@ def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
     turned *= math.exp(-depth_between(world.medium, start, p, length))
     light_in = turned * light.density * light.share / (here + other)
     if light_in > 0.0:
-        _score(q, i, q.weight * light_in, theta, p.z, length, light.flight, world)
+        _score(q, i, q.weight * light_in, theta, p, goal, length, world)
 
 
 @outlined
@@ -421,4 +422,4 @@ def _join_at(at, facet, multiplicity, q, i, shot, scene, world):
     light *= math.exp(-depth_between(world.medium, start, p, m.length))
     light *= multiplicity
     if light > 0.0:
-        _score(q, i, q.weight * light, theta, p.z, m.length, m.flight, world)
+        _score(q, i, q.weight * light, theta, p, shot.goal, m.length, world)

@@ -116,11 +116,6 @@ class Joins(NamedTuple):
     window: Window
 
 
-DIRECT, SCATTERED, REFLECTED = range(3)
-
-N_PARTS = 3
-"""Parts of the light at a target: without an event in the water, scattered, and reflected first."""
-
 WIDE, WIDE_SHARE = 3.0, 0.15  # second part of the law of crossings
 _LEAST_WIDTH = 0.02  # of that law, over the depth of the collision
 LEAST_DEPTH = 1e-3  # [m], of a collision below the surface
@@ -157,8 +152,6 @@ class JoinedWorld(NamedTuple):
     tints: Tints | None
     bvh: Bvh
     photon: NDArray[np.void]  # JOINED_PHOTON: the one under way, and copies of it that wait
-    score: NDArray[np.float64]  # (photons, targets, `N_PARTS`)
-    order: NDArray[np.float64]  # (targets, scatterings) of light not reflected first
     arrivals: NDArray[np.void]  # (capacity,) ARRIVAL
     n_arrivals: NDArray[np.int64]  # (1,) also those without room
 

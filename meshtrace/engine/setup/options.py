@@ -139,7 +139,7 @@ class Record(Family, frozen=True, closed="records are closed: the kernels tally 
 
 
 class Arrivals(Record, frozen=True):
-    """Record of every arrival at an aperture, with its path lengths in water and air."""
+    """Record of every row of light at an aperture: `arrivals` of a result, an `ArrivalTally`."""
 
     kind: Literal["arrivals"] = "arrivals"
 

@@ -49,6 +49,8 @@ class Tinting(NamedTuple):
 
     def factors(self, sums: Floats) -> Floats:
         """Return the factors (wavelengths, paths) on the weights of paths with sums (paths, >=)."""
+        if not self.shares.any():
+            return np.ones((len(self.shares), len(sums)))
         found = np.zeros((len(self.shares), len(sums)))
         for i in range(0, len(sums), _CACHED):
             part, rows = found[:, i : i + _CACHED], np.array(sums[i : i + _CACHED].T, order="C")

@@ -67,7 +67,7 @@ def test_unscattered_light_against_chains(omega_max, chains):
     spacing = SPACING[omega_max]
     mesh = sea_of(omega_max).mesh(extent=6.0, spacing=spacing, fine_extent=0.65, coarse_spacing=0.4)
     forced = ForcedDetection(mt.Link(), 64, 1, sea=TypicalSea(0.6), scattered="chains")
-    aimed = forced.over(mesh)
+    aimed = forced.planner.aim_over(mesh)
     gain = aimed.direct_gains(0, 0).sum()
     mean, stderr = searched(forced, aimed, 0, chains)
     assert stderr < 0.02 * mean
@@ -95,7 +95,7 @@ def test_unscattered_light_of_other_links(name, normals):
     link = LINKS[name]
     mesh = sea_of(4.0).mesh(extent=6.0, spacing=0.1, fine_extent=3.0)
     forced = ForcedDetection(link, 64, 1, normals, sea=TypicalSea(0.6), scattered="chains")
-    aimed = forced.over(mesh)
+    aimed = forced.planner.aim_over(mesh)
     found = aimed.direct_gains(0, 0)
     assert found is not None
     mean, stderr = searched(forced, aimed, 0, 8192)
@@ -110,7 +110,9 @@ def test_the_tail_of_a_beam_is_cut_finely_enough(position):
     beam = mt.GaussianBeam(depth=20.0, divergence_deg=0.1)
     link = mt.Link(transmitter=beam, receiver=mt.Receiver(height=30.0, position=position))
     mesh = sea_of(8.0).mesh(extent=6.0, spacing=0.05, fine_extent=2.0)
-    aimed = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6), scattered="chains").over(mesh)
+    aimed = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6), scattered="chains").planner.aim_over(
+        mesh
+    )
     gain = aimed.direct_gains(0, 0)
     dim = np.flatnonzero((gain > 0.0) & (gain < 1e-5 * gain.max()))
     assert len(dim) > 0.5 * np.count_nonzero(gain)
@@ -130,7 +132,7 @@ def test_chains_that_try_crossings_against_searched_ones(omega_max):
         extent=8.0, spacing=SPACING[omega_max], fine_extent=1.0, coarse_spacing=0.4
     )
     forced = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6), scattered="chains")
-    aimed = forced.over(mesh)
+    aimed = forced.planner.aim_over(mesh)
     for order in (0, 1, 3):
         drawn = forced.drawer.draw(Request(0, order, 1024, (9, 0, order, 1)))
         for r in range(2):
@@ -242,7 +244,7 @@ def test_the_default_mesh_resolves_a_gain_to_one_per_cent():
         sea = sea_of(16.0, seed, d_omega=0.6)
         mesh, _ = mesh_for(link, sea, reach=crossing_reach(link))
         fine = sea.mesh(extent=6.0, spacing=0.009, fine_extent=0.8, coarse_spacing=0.1)
-        gains = [forced.over(m).direct_gains(0, 0).sum() for m in (mesh, fine)]
+        gains = [forced.planner.aim_over(m).direct_gains(0, 0).sum() for m in (mesh, fine)]
         errors.append(gains)
     coarse, fine = np.array(errors).T
     assert np.sqrt(np.mean((coarse - fine) ** 2)) < 0.005 * fine.mean()
@@ -257,7 +259,7 @@ def test_light_crosses_within_the_lit_patch():
         flat = FlatSea().mesh(extent=8.0, spacing=0.1)
         rough = UnresolvedSlopes((slope**2,) * 2, (slope**2,) * 2)
         mesh = mt.TriangleMesh(flat.vertices, flat.faces, flat.vertex_normals, rough)
-        aimed = ForcedDetection(link, 64, 1, scattered="chains").over(mesh)
+        aimed = ForcedDetection(link, 64, 1, scattered="chains").planner.aim_over(mesh)
         gains = aimed.direct_gains(0, 0)
         beside = np.abs(aimed.centroids[:, :2] - center).max(axis=1) > half
         assert gains[beside].sum() < 1e-3 * gains.sum()
@@ -274,8 +276,12 @@ def test_large_apertures_beside_the_critical_angle(x, height):
         receiver=mt.Receiver(position=(x, 0.0), height=height, radius=1.0, fov_deg=179.0),
     )
     mesh = sea_of(4.0).mesh(extent=18.0, spacing=0.4)
-    aimed = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6)).over(mesh)
+    aimed = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6)).planner.aim_over(mesh)
     photons = JoinedPhotons(link, 1_000_000, 1, direct=True).evaluate(mesh)
-    gain, mean, stderr = aimed.direct_gains(0, 0).sum(), photons.parts[0, 0], photons.stderr[0, 0]
+    gain, mean, stderr = (
+        aimed.direct_gains(0, 0).sum(),
+        photons.parts[0, 0],
+        photons.part_stderr[0, 0],
+    )
     assert stderr < 0.04 * mean
     assert z_test(gain, math.hypot(stderr, 2e-3 * mean), mean) > sidak(ALPHA, 3)

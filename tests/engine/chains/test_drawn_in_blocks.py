@@ -17,7 +17,8 @@ def parts_of(sea, threads=1):
     link = mt.Link(receiver=TWO, water=mt.Water(b=0.1))
     mesh = sea.mesh(extent=30.0, spacing=2.0)
     forced = ForcedDetection(link, 16 * SHIFTS, seed=5, threads=threads, scattered="chains")
-    return forced.evaluate(mesh), forced.arrivals(mesh)
+    (gains,) = forced.at_wavelengths(mesh, record=True)
+    return gains, gains.table[0]
 
 
 @pytest.mark.parametrize("sea", [FlatSea(), ROUGH], ids=["flat", "rough"])
@@ -30,7 +31,7 @@ def test_kept_and_drawn_chains_are_the_same(sea, largest, monkeypatch):
     for threads in (1, 2):
         drawn, arrivals = parts_of(sea, threads)
         assert drawn.counts == kept.counts
-        for one, other in zip(drawn.samples, kept.samples, strict=True):
+        for one, other in zip(drawn.samples_of(1), kept.samples_of(1), strict=True):
             assert (one.samples, one.scored) == (other.samples, other.scored)
             assert one.effective == pytest.approx(other.effective, rel=1e-12)
         np.testing.assert_allclose(drawn.scattered, kept.scattered, rtol=1e-14)

@@ -8,11 +8,11 @@ from mc_statistics import sidak, z_test
 
 import meshtrace as mt
 from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.photons.targets import REFLECTED, SCATTERED
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for, mesh_lines
 from meshtrace.engine.setup.options import resolve
 from meshtrace.errors import Refused
+from meshtrace.kernels.tally import REFLECTED, SCATTERED
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -84,7 +84,7 @@ def test_analog_photons_agree(name):
     mesh = mesh_of(link, sea)
     found = JoinedPhotons(link, 60_000, 3, direct=True).evaluate(mesh)
     whole, once = traced(link, mesh, 400_000)
-    parts, error = found.parts[:, 0], found.stderr[:, 0]
+    parts, error = found.parts[:, 0], found.part_stderr[:, 0]
     if sea is FLAT:
         parts[0] = mt.simulate(link, mesh, photons=64).gain_ballistic
     p = [
@@ -125,7 +125,7 @@ def test_peaked_scattering_into_wide_apertures(name):
     mesh = mesh_of(link, sea)
     found = JoinedPhotons(link, 150_000, 3).evaluate(mesh)
     gain = found.parts[1:, 0].sum() + mt.simulate(link, mesh, photons=64).gain_ballistic
-    error = math.hypot(*found.stderr[1:, 0])
+    error = math.hypot(*found.part_stderr[1:, 0])
     whole = mt.simulate(link, mesh, "analog", photons=600_000, seed=2)
     assert z_test(gain, error, whole.gain, whole.gain_stderr) > sidak(ALPHA, 2), (gain, error)
 
@@ -140,7 +140,7 @@ def test_photons_run_backwards_from_a_receiver_above_a_bottom(sea):
     found = JoinedPhotons(link, 200_000, 3).evaluate(mesh)
     whole = mt.simulate(link, mesh, "analog", photons=2_000_000, seed=2, roulette=1e-3)
     direct = mt.simulate(link, mesh, photons=64).gain_ballistic
-    gain, error = found.parts[1, 0] + direct, found.stderr[1, 0]
+    gain, error = found.parts[1, 0] + direct, found.part_stderr[1, 0]
     assert z_test(gain, error, whole.gain, whole.gain_stderr) > sidak(ALPHA, 2)
 
 
@@ -157,9 +157,9 @@ def test_photons_run_backwards_from_a_receiver_in_the_water(sea):
     # no photon counts in both parts: their covariance is minus the product of their means
     error = math.sqrt(error**2 - its_error**2 + 2.0 * once * share / n)
     assert error < 0.1 * share
-    p = z_test(found.parts[REFLECTED, 0], found.stderr[REFLECTED, 0], share, error)
+    p = z_test(found.parts[REFLECTED, 0], found.part_stderr[REFLECTED, 0], share, error)
     assert p > sidak(ALPHA, 2)
-    assert found.parts[REFLECTED, 0] > 10.0 * found.stderr[REFLECTED, 0]
+    assert found.parts[REFLECTED, 0] > 10.0 * found.part_stderr[REFLECTED, 0]
 
 
 def laser(wind_speed, radius):
@@ -187,7 +187,7 @@ def test_a_laser_over_waves():
     """The gain of an independent program of forward photons over the same sea: 1.590(5)e-6."""
     link, sea = laser(8.0, 0.05)
     found = JoinedPhotons(link, 50_000, 1, direct=True).evaluate(mesh_of(link, sea))
-    error = math.hypot(*found.stderr[:, 0])
+    error = math.hypot(*found.part_stderr[:, 0])
     assert error < 0.015 * 1.590e-6
     assert z_test(found.parts.sum(), error, 1.590e-6, 0.005e-6) > ALPHA
 
@@ -199,9 +199,9 @@ def test_a_laser_over_low_waves():
     link, sea = laser(3.0, 0.5)
     mesh = mesh_of(link, sea)
     found = JoinedPhotons(link, 100_000, 1, direct=True).evaluate(mesh)
-    assert found.samples(1)[0].effective > 8_000
+    assert found.samples_of(1)[0].effective > 8_000
     _, once = traced(link, mesh, 2_000_000)
-    assert z_test(found.parts[:2].sum(), math.hypot(*found.stderr[:2, 0]), *once) > ALPHA
+    assert z_test(found.parts[:2].sum(), math.hypot(*found.part_stderr[:2, 0]), *once) > ALPHA
 
 
 @pytest.mark.parametrize("sea", [FLAT, WAVES], ids=["still", "waves"])
@@ -244,7 +244,7 @@ def test_stated_errors_are_those_of_the_scatter(sea):
     runs = [JoinedPhotons(link, 2048, s).evaluate(mesh) for s in range(64)]
     for part in (1, REFLECTED):
         gain = np.array([r.parts[part, 0] for r in runs])
-        error = np.array([r.stderr[part, 0] for r in runs])
+        error = np.array([r.part_stderr[part, 0] for r in runs])
         square = ((gain - gain.mean()) ** 2).sum() / np.mean(error**2)
         assert chi2.ppf(1e-3, 63) < square < chi2.ppf(1.0 - 1e-3, 63)
 
@@ -273,12 +273,13 @@ def test_the_order_of_receivers_changes_nothing():
 
 def test_arrivals_add_up_to_the_gain():
     link, sea = UP["waves"]
-    found = JoinedPhotons(link, 4096, 1).evaluate(mesh_of(link, sea), arrivals=True)
-    weight, water, air, group = found.arrivals[0].T
+    found = JoinedPhotons(link, 4096, 1).evaluate(mesh_of(link, sea), record=True)
+    (table,) = found.table
+    weight, water, air = table.weight, table.water_path, table.air_path
     assert weight.sum() == pytest.approx(found.parts[:, 0].sum(), rel=1e-12)
     assert (water > 2.0).all()
     assert (air > 2.0).all()
-    assert set(group) <= set(range(32))
+    assert set(table.group) <= set(range(32))
 
 
 def test_nothing_is_reflected_where_it_is_ended():

@@ -14,9 +14,9 @@ from scipy.stats import chi2
 import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.photons.targets import SCATTERED
 from meshtrace.engine.setup.arrays import angle_table
 from meshtrace.errors import Refused
+from meshtrace.kernels.tally import SCATTERED
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -86,8 +86,8 @@ class Scattered:
 
     def __init__(self, parts):
         self.shifts = parts.groups[SCATTERED]
-        self.gain, self.stderr = parts.parts[SCATTERED], parts.stderr[SCATTERED]
-        self.orders, self.scored = parts.orders[:, 1:], parts.scored[SCATTERED]
+        self.gain, self.stderr = parts.parts[SCATTERED], parts.part_stderr[SCATTERED]
+        self.orders, self.scored = parts.orders, parts.scored[SCATTERED]
 
 
 def evaluate(link, photons, seed=1, mesh=FLAT, normals="vertex", threads=2):

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 import meshtrace as mt
 from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.photons.targets import REFLECTED
+from meshtrace.kernels.tally import REFLECTED
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
 
 pytestmark = [
@@ -74,7 +74,7 @@ def test_analog_photons_agree(name):
     link, sea, normals = CASES[name]
     mesh = mesh_of(sea)
     found = JoinedPhotons(link, 40_000, 3, normals).evaluate(mesh)
-    parts, error = found.parts[:, 0], found.stderr[:, 0]
+    parts, error = found.parts[:, 0], found.part_stderr[:, 0]
     parts[0] = mt.simulate(link, mesh, photons=4096, normals=normals).gain_ballistic
     options = {"photons": 400_000, "seed": 2, "normals": normals, "roulette": 1e-3}
     whole, once = (
@@ -96,8 +96,9 @@ def test_results_do_not_depend_on_threads():
 
 
 def test_arrivals_add_up_to_the_gain():
-    found = JoinedPhotons(LINK, 2048, 1).evaluate(mesh_of(WAVES), arrivals=True)
-    weight, water, air, _ = found.arrivals[0].T
+    found = JoinedPhotons(LINK, 2048, 1).evaluate(mesh_of(WAVES), record=True)
+    (table,) = found.table
+    weight, water, air = table.weight, table.water_path, table.air_path
     assert weight.sum() == pytest.approx(found.parts[:, 0].sum(), rel=1e-12)
     assert (water > 2.0).all()
     assert (air > 1.5).all()
@@ -111,6 +112,6 @@ def test_stated_errors_are_those_of_the_scatter():
     runs = [JoinedPhotons(LINK, 2048, s).evaluate(mesh) for s in range(64)]
     for part in (1, REFLECTED):
         gain = np.array([r.parts[part, 0] for r in runs])
-        error = np.array([r.stderr[part, 0] for r in runs])
+        error = np.array([r.part_stderr[part, 0] for r in runs])
         square = ((gain - gain.mean()) ** 2).sum() / np.mean(error**2)
         assert chi2.ppf(1e-3, 63) < square < chi2.ppf(1.0 - 1e-3, 63)

@@ -1,0 +1,283 @@
+"""Gains: sums of rows of light by part, receiver and group.
+
+A row is light that one sample, a chain or a photon, brings to one receiver. Samples come in 32
+independent groups, whose scatter gives standard errors; a sample may bring light several times.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.kernels.tally import DIRECT, N_PARTS, REFLECTED, SCATTERED
+from meshtrace.link import Link
+from meshtrace.models import Floats
+from meshtrace.results.gain import ChainCounts, ScatteredSamples
+from meshtrace.results.tallies import ArrivalTally, error_of_groups, travel_time
+from meshtrace.stored import SHIFTS
+
+Method = Literal["chains", "joined", "analog"]
+"""Estimator of the scattered light of a receiver."""
+
+_SPARSE = 4  # cells for each row beyond which samples are sorted rather than counted in an array
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Gain of each receiver over one surface, at one wavelength or at several.
+
+    Attributes
+    ----------
+    groups : ndarray, shape (..., 3, receivers, SHIFTS)
+        Unscattered, scattered and first reflected gain by each group of samples; the mean over the
+        groups is the gain. All the same where it is deterministic, but for the error of its
+        quadrature.
+    all_orders : ndarray, shape (..., receivers, orders)
+        Gain without light reflected first by the number of scatterings, from 0 on.
+    square : ndarray, shape (..., 3, receivers)
+        Sum of the squares of what each sample brings to the gain.
+    scored : ndarray of int, shape (..., 3, receivers)
+        Samples that bring something.
+    samples : ndarray of int, shape (3, receivers)
+        Samples in all.
+    quadrature : ndarray, shape (..., receivers)
+        Standard error of the unscattered gain by its quadrature, where the groups do not show it.
+    method : list of {"chains", "joined", "analog"}
+        Estimator of the scattered gain of each receiver.
+    counts : ChainCounts
+        Numbers of chains by their outcomes.
+    reflects : bool
+        Whether light that the surface reflects first was measured.
+    table : list of ArrivalTally
+        The rows, if they are recorded, by wavelength.
+    """
+
+    groups: Floats
+    all_orders: Floats
+    square: Floats
+    scored: NDArray[np.int64]
+    samples: NDArray[np.int64]
+    quadrature: Floats
+    method: list[Method] = field(default_factory=list)
+    counts: ChainCounts = field(default_factory=ChainCounts)
+    reflects: bool = True
+    table: list[ArrivalTally] = field(default_factory=list)
+
+    @classmethod
+    def zeros(cls, wavelengths: int, receivers: int, orders: int) -> Gains:
+        """Return gains without samples."""
+        shape = wavelengths, N_PARTS, receivers
+        return cls(
+            groups=np.zeros((*shape, SHIFTS)),
+            all_orders=np.zeros((wavelengths, receivers, orders)),
+            square=np.zeros(shape),
+            scored=np.zeros(shape, np.int64),
+            samples=np.zeros(shape[1:], np.int64),
+            quadrature=np.zeros((wavelengths, receivers)),
+        )
+
+    def add(self, other: Gains, receivers: Sequence[int]) -> Gains:
+        """Add the sums over other samples to some of the receivers, which may repeat."""
+        last: Any = (..., np.array(receivers, np.intp))
+        np.add.at(self.groups, (*last, slice(None)), other.groups)
+        np.add.at(self.all_orders, (*last, slice(None)), other.all_orders)
+        np.add.at(self.square, last, other.square)
+        np.add.at(self.scored, last, other.scored)
+        return self
+
+    def by_wavelength(self) -> list[Gains]:
+        """Return the gains at each wavelength."""
+        return [
+            replace(
+                self,
+                groups=self.groups[i],
+                all_orders=self.all_orders[i],
+                square=self.square[i],
+                scored=self.scored[i],
+                samples=self.samples.copy(),
+                quadrature=self.quadrature[i],
+                table=self.table[i : i + 1],
+            )
+            for i in range(len(self.groups))
+        ]
+
+    @property
+    def parts(self) -> Floats:
+        """Unscattered, scattered and first reflected gain, shape (3, receivers)."""
+        return self.groups.mean(axis=-1)
+
+    @property
+    def part_stderr(self) -> Floats:
+        """Standard errors of the parts, shape (3, receivers)."""
+        return error_of_groups(self.groups, axis=-1)
+
+    @property
+    def direct(self) -> Floats:
+        """Unscattered gain by group, shape (receivers, SHIFTS)."""
+        return self.groups[..., DIRECT, :, :]
+
+    @property
+    def scattered(self) -> Floats:
+        """Scattered gain by group, without light reflected first."""
+        return self.groups[..., SCATTERED, :, :]
+
+    @property
+    def ballistic(self) -> Floats:
+        """Unscattered gain of each receiver."""
+        return self.direct.mean(axis=-1)
+
+    @property
+    def shifts(self) -> Floats:
+        """Gain of each receiver by group, shape (receivers, SHIFTS)."""
+        return self.direct + self.scattered + self.groups[..., REFLECTED, :, :]
+
+    @property
+    def gain(self) -> Floats:
+        """Gain of each receiver."""
+        return self.shifts.mean(axis=-1)
+
+    @property
+    def stderr(self) -> Floats:
+        """Standard error of the gain of each receiver."""
+        return np.hypot(error_of_groups(self.shifts, axis=-1), self.quadrature)
+
+    @property
+    def orders(self) -> Floats:
+        """Scattered gain by the number of scatterings, from 1 on."""
+        return self.all_orders[..., 1:]
+
+    def samples_of(self, part: int) -> list[ScatteredSamples]:
+        """Return the samples of a part of each receiver."""
+        effective = self.parts[part] ** 2 / np.maximum(self.square[part], 1e-300)
+        names = {"joined": "joined photons", "analog": "analog photons"}
+        if part == SCATTERED:
+            names["chains"] = "chains"
+        columns = self.samples[part].tolist(), self.scored[part].tolist(), effective.tolist()
+        estimators = [names.get(method, "joined photons") for method in self.method]
+        return [ScatteredSamples(*row) for row in zip(estimators, *columns, strict=True)]
+
+    def add_direct(self, receiver: int, gain: Floats, error: float, in_groups: bool) -> None:
+        """Add unscattered gain (wavelengths, 1 or SHIFTS) with the relative error of a quadrature.
+
+        `in_groups` makes it one of the groups, so that errors of frames of a sea add up; beside
+        scattered light, whose errors between groups are far larger, it is kept apart.
+        """
+        if in_groups:
+            gain = with_error(gain, error)
+        else:
+            self.quadrature[:, receiver] += error * gain.mean(axis=-1)
+        self.groups[:, DIRECT, receiver] += gain
+
+    def add_chains(
+        self, receiver: int, order: int, groups: slice, score: Floats, share: float
+    ) -> None:
+        """Add the scores (wavelengths, chains) of chains of one order in successive groups.
+
+        `share` is what each score counts in the gain.
+        """
+        part = SCATTERED if order else DIRECT
+        by_group = score.reshape(len(score), groups.stop - groups.start, -1).sum(axis=-1)
+        # a group is an estimate of the gain on its own: its chains are a share 1 / SHIFTS of all
+        self.groups[:, part, receiver, groups] += SHIFTS * share * by_group
+        self.all_orders[:, receiver, order] += share * by_group.sum(axis=-1)
+        self.square[:, part, receiver] += share**2 * np.einsum("ji,ji->j", score, score)
+        self.scored[:, part, receiver] += np.count_nonzero(score, axis=-1)
+        self.samples[part, receiver] += score.shape[-1]
+
+    def add_arrivals(
+        self, arrivals: NDArray[np.void], weights: Floats, first: int, photons: int
+    ) -> None:
+        """Add rows (ARRIVAL) of a number of photons, the `first` one and those that follow.
+
+        With the weight of each row at each wavelength, (wavelengths, rows).
+        """
+        receivers, n_orders = self.all_orders.shape[1:]
+        part, size = arrivals["part"] * receivers + arrivals["receiver"], N_PARTS * receivers
+        group = part * SHIFTS + arrivals["photon"] % SHIFTS
+        # what a photon brings to a receiver is one score, in however many rows it comes
+        sample = part * photons + (arrivals["photon"] - first)
+        if size * photons > _SPARSE * len(arrivals):
+            cells, sample = np.unique(sample, return_inverse=True)
+        else:
+            cells = np.arange(size * photons)
+        once = arrivals["part"] != REFLECTED
+        order = np.minimum(arrivals["order"], n_orders - 1)  # the last holds all beyond
+        order = (arrivals["receiver"] * n_orders + order)[once]
+        for k, weight in enumerate(weights):
+            sums = np.bincount(group, weight, size * SHIFTS)
+            self.groups[k] += sums.reshape(self.groups.shape[1:])
+            score = np.bincount(sample, weight, len(cells))
+            for total, value in ((self.square, score * score), (self.scored, score != 0.0)):
+                of_part = np.bincount(cells // photons, value, size).reshape(total.shape[1:])
+                total[k] += of_part.astype(total.dtype)
+            of_order = np.bincount(order, weight[once], receivers * n_orders)
+            self.all_orders[k] += of_order.reshape(receivers, n_orders)
+
+    def of_photons(self, photons: int) -> Gains:
+        """Return the gains per photon from sums over photons 0, 1, ..., `photons` - 1."""
+        in_group = np.bincount(np.arange(photons) % SHIFTS, minlength=SHIFTS)
+        return replace(
+            self,
+            groups=self.groups / in_group,
+            all_orders=self.all_orders / photons,
+            square=self.square / photons**2,
+            samples=np.full_like(self.samples, photons),
+        )
+
+    def with_photons(self, photons: Gains, receivers: Sequence[int]) -> Gains:
+        """Return the gains with those of photons to some receivers.
+
+        Where chains serve, scattered light of photons is that of the bottom alone.
+        """
+        seen = np.flatnonzero(photons.all_orders.any(axis=0)).max(initial=0) + 1
+        more = max(seen - self.all_orders.shape[1], 0)
+        orders, index = np.pad(self.all_orders, ((0, 0), (0, more))), np.array(receivers)
+        orders[index, 1:seen] += photons.all_orders[:, 1:seen]
+        # unscattered light is that of the facets
+        for part in (SCATTERED, REFLECTED):
+            self.groups[part, index] += photons.groups[part]
+            self.square[part, index] += photons.square[part]
+            counted = np.array([part == REFLECTED or self.method[r] != "chains" for r in receivers])
+            for mine, other in ((self.scored, photons.scored), (self.samples, photons.samples)):
+                mine[part, index[counted]] = other[part, counted]
+        return replace(self, all_orders=orders)
+
+
+def with_error(gain: Floats, error: float) -> Floats:
+    """Return a gain (..., 1 or SHIFTS) with the relative `error` of a quadrature between groups.
+
+    Half of them lie above and half below: +-a has the standard error a / (SHIFTS - 1)^(1/2). It is
+    the same in all frames of a sea, whose errors so add up.
+    """
+    if error == 0.0:
+        return gain
+    above = np.where(np.arange(SHIFTS) % 2 == 0, 1.0, -1.0)
+    return gain * (1.0 + error * math.sqrt(SHIFTS - 1) * above)
+
+
+def shares_of(arrivals: NDArray[np.void], photons: int) -> Floats:
+    """Return what the weight of each row counts in the gain by photons 0, ..., `photons` - 1."""
+    in_group = np.bincount(np.arange(photons) % SHIFTS, minlength=SHIFTS)
+    return np.asarray(1.0 / (SHIFTS * in_group[arrivals["photon"] % SHIFTS]))
+
+
+def table_of(arrivals: NDArray[np.void], weight: Floats, unit: float, link: Link) -> ArrivalTally:
+    """Return the table of rows (ARRIVAL) of photons, with paths in `unit`, by their weights."""
+    water, air = unit * arrivals["water"], unit * arrivals["air"]
+    return ArrivalTally(
+        receiver=arrivals["receiver"].copy(),
+        weight=weight,
+        water_path=water,
+        air_path=air,
+        time=travel_time(water, air, link.water.n, link.n_air),
+        angle=np.arccos(np.clip(arrivals["cosine"], -1.0, 1.0)),
+        group=arrivals["photon"] % SHIFTS,
+        sample=arrivals["photon"].copy(),
+        part=arrivals["part"].copy(),
+        order=arrivals["order"].copy(),
+    )

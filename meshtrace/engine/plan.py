@@ -1,0 +1,454 @@
+"""Plan of a gain: the estimator that serves each receiver, and the samples of each kind.
+
+1. Pilot chains of each order of scattering are aimed at each receiver over still water.
+2. Where few of them carry most of the light, pilots of photons are compared with them.
+3. Chains are allotted to the orders by their pilots (Neyman's allocation).
+4. Light that the surface reflects first has joined photons unless a closed estimate says that it
+   is negligible; that of the bottom always has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshtrace.engine import choice
+from meshtrace.engine.chains.aimed import AimedChains, SearchMode
+from meshtrace.engine.chains.sets import ChainDrawer, Request, flat_mesh, levels
+from meshtrace.engine.gains import Method
+from meshtrace.engine.photons.arriving import ArrivingPhotons, largest_weight
+from meshtrace.engine.photons.joined import JoinedPhotons
+from meshtrace.engine.setup import ends
+from meshtrace.engine.setup.tinting import UNTINTED, Common
+from meshtrace.errors import Refused
+from meshtrace.link import Link
+from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
+from meshtrace.models import Floats
+from meshtrace.parallel import ordered_map
+from meshtrace.stored import SHIFTS
+
+Scattered = Literal["auto", "chains", "joined"]
+
+_STILL_CHAINS = 8  # unscattered, of each shift, over still water
+_PILOT_SEED = 2**63  # flips a bit of the seed: photons of pilots are none of a run
+_MOST_CHAINS = 2**22  # some 10 s of a thread for each receiver
+_FEWEST = 4 * SHIFTS  # chains of a run to a relative error, whose 32 groups must not be single ones
+
+
+class TypicalSea(NamedTuple):
+    """Properties of all surfaces that forced detection needs before their meshes.
+
+    Parameters
+    ----------
+    crest : float
+        Height up to which collisions are expected [m]: about the highest crest of the surfaces.
+        Unbiased for any value; a good one saves chains.
+    unresolved : UnresolvedSlopes, optional
+        Random slopes, with which the estimators are compared.
+    """
+
+    crest: float = 0.0
+    unresolved: UnresolvedSlopes | None = None
+
+    @classmethod
+    def of(cls, meshes: Iterable[TriangleMesh], margin: float = 1.0) -> TypicalSea:
+        """Return the typical sea of some surfaces, its crest by a margin above the highest."""
+        crests, slopes = zip(*((float(m.bounds[1, 2]), m.unresolved) for m in meshes), strict=True)
+        return cls(margin * max(crests), slopes[0])
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Estimators chosen by pilots, whatever the number of samples.
+
+    Attributes
+    ----------
+    method : list of {"chains", "joined", "analog"}
+        Estimator of the scattered light of each receiver.
+    per_chain : float
+        Joined photons in place of a chain.
+    chained : list of choice.Pilot
+        Pilot chains by source; none where photons alone follow the link.
+    still_gain : ndarray or None
+        Gain over still water of each receiver with a pilot.
+    pilot : choice.ScatteredPilot or None
+        Pilot of the chosen estimator of each of these.
+    """
+
+    method: list[Method]
+    per_chain: float = choice.PER_CHAIN
+    chained: list[choice.Pilot] = field(default_factory=list)
+    still_gain: Floats | None = None
+    pilot: choice.ScatteredPilot | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Samples of a link.
+
+    Attributes
+    ----------
+    photons : int
+        Chains that were asked for.
+    method : list of {"chains", "joined", "analog"}
+        Estimator of the scattered light of each receiver.
+    chains : list of Request
+        Chains by source and order.
+    joined : JoinedPhotons or None
+        Joined photons, to the receivers `joined_to`.
+    arriving : ArrivingPhotons or None
+        Analog photons, to the receivers `arriving_at`.
+    reflects : bool
+        Whether photons bring light that the surface reflects first.
+    """
+
+    photons: int
+    method: list[Method]
+    chains: list[Request]
+    joined: JoinedPhotons | None
+    joined_to: list[int]
+    arriving: ArrivingPhotons | None
+    arriving_at: list[int]
+    reflects: bool
+
+
+@dataclass
+class Planner:
+    """Makes the plans of a link; its parameters are those of `ForcedDetection`."""
+
+    link: Link
+    seed: int
+    normals: str = "vertex"
+    threads: int = 1
+    sea: TypicalSea = TypicalSea()  # noqa: RUF009 - frozen
+    search: SearchMode = "usual"
+    scattered: Scattered = "auto"
+    wavelengths: Common | None = None
+
+    def __post_init__(self) -> None:
+        self.arrays = ends.forced_link(self.link)
+        self.shared = self.wavelengths or Common(UNTINTED, [self.link], (1.0,))
+        self.drawer = ChainDrawer(
+            self.arrays, *levels(self.arrays, self.sea.crest), self.shared.ratios
+        )
+        # of receivers close to each other one has pilots, which stand for a number of receivers
+        self._first = self.arrays.stands_for_receivers
+        self._piloted, self._number = np.unique(self._first, return_counts=True)
+
+    def at_index(self, n: float) -> Planner:
+        """Return the same for water of another index, with chains of the same numbers."""
+        planner = copy(self)
+        planner.link = self.link.replace("water.n", n)
+        planner.arrays = ends.forced_link(planner.link)
+        planner.drawer = self.drawer.of_link(planner.arrays)
+        return planner
+
+    def plan(self, photons: int, comparison: Comparison) -> Plan:
+        """Return the plan for a number of chains in all.
+
+        Raises
+        ------
+        Refused
+            If there are too few or too many of them.
+        """
+        if not SHIFTS <= photons <= _MOST_CHAINS:
+            allowed = f"an integer {SHIFTS} <= photons <= {_MOST_CHAINS} for forced detection"
+            raise Refused("photons", photons, allowed)
+        method = comparison.method
+        chains = self._allot(photons, comparison) if "chains" in method else []
+        arriving_at = [r for r, name in enumerate(method) if name == "analog"]
+        arriving = None
+        if arriving_at:
+            number = round(choice.ANALOG_PER_CHAIN * photons)
+            link = self._link_to(arriving_at)
+            arriving = ArrivingPhotons(link, number, self.seed, self.normals, self.threads)
+        joined, joined_to, reflects = self._plan_joined(photons, comparison)
+        reflects = reflects and bool(joined_to or arriving_at)
+        return Plan(photons, method, chains, joined, joined_to, arriving, arriving_at, reflects)
+
+    def photons_for(self, rtol: float, most: int, comparison: Comparison) -> int:
+        """Return a number of chains that pilots expect to reach a relative error, up to `most`.
+
+        Pilots have random numbers of their own: their choice of the number biases nothing. Few
+        Sobol points gain little over the independent ones of which these are.
+        """
+        pilot, gain = comparison.pilot, comparison.still_gain
+        if pilot is None or gain is None:
+            return most
+        method = [comparison.method[r] for r in self._piloted]
+        n = choice.samples_for(rtol, pilot, gain, largest_weight(self.link, 0.0), method)
+        return int(min(max(n, _FEWEST), most))
+
+    def compare(self) -> Comparison:
+        """Choose the estimators by pilots over still water."""
+        orders = self._orders()
+        if orders is None or self.scattered == "joined":
+            every = np.ones(len(self._piloted), bool)
+            method: list[Method] = ["joined"] * len(self._piloted)
+            alone = self.scattered == "auto" and len(self.shared.links) == 1
+            photons = self._pilot_photons(every, []) if alone else None
+            if photons is not None:
+                gains = photons.evaluate(self._still_water())
+                method = self._or_analog(choice.ScatteredPilot.of_photons(gains), method)
+            return Comparison(self._by_receiver(every, method, "joined"))
+        compares = self.scattered == "auto" and any(orders)
+        still, shared = self._still_water(), self.shared
+        if not shared.tinting.follows:  # photons cannot be common to all wavelengths
+            shared = Common(UNTINTED, [self.link], (1.0,))
+        surfaces: list[ChainDrawer | AimedChains] = [self.drawer]
+        if compares and still.unresolved is not None:
+            # chains are worst where random slopes are wider than a beam: compared with them, but
+            # allotted to the orders by the pilots over smooth water
+            surfaces.append(self.aim_over(still).at_wavelengths(shared))
+        pilots = self.pilots(surfaces, orders)
+        chained, compared = pilots[0][0], pilots[-1]
+        most = 0 if len(compared) == 1 else int(np.argmax(shared.ratios))
+        pilot = choice.chain_pilot(compared[most], self.arrays)
+        names: list[Method] = ["chains"] * len(self.link.receivers)
+        chains = Comparison(names, choice.PER_CHAIN, chained, self._still_gain(chained), pilot)
+        # photons are tried where few chains carry most of the light, or none bring any
+        doubtful = ~choice.is_clear(pilot)
+        joined = self._pilot_photons(doubtful, chained) if compares else None
+        if joined is None:
+            return chains
+        by_photons = [
+            choice.ScatteredPilot.of_photons(gains)
+            for gains in joined.at_wavelengths(still, shared.tinting, shared.links)
+        ]
+        if len(compared) < len(by_photons):
+            # pilots over the drawer's own still water know one wavelength alone
+            (compared,) = self.pilots([self.aim_over(still).at_wavelengths(shared)], orders)
+        by_chains = [choice.chain_pilot(p, self.arrays).of(doubtful) for p in compared]
+        return self._choose(chains, by_chains, by_photons, doubtful, shared)
+
+    def _choose(
+        self,
+        chains: Comparison,
+        by_chains: list[choice.ScatteredPilot],
+        by_photons: list[choice.ScatteredPilot],
+        doubtful: NDArray[np.bool_],
+        shared: Common,
+    ) -> Comparison:
+        """Return the better estimators of doubtful receivers and of those they stand for."""
+        expected = max(law.expected for law in self.drawer.nominals) * np.array(shared.ratios)
+        better, per_chain = choice.choose_common(by_chains, by_photons, expected)
+        pilot = chains.pilot
+        if len(by_chains) == 1 and pilot is not None:
+            # several wavelengths share the paths of chains and joined photons alone
+            joined = np.array([method == "joined" for method in better])
+            pairs = zip(by_photons[0], by_chains[0], strict=True)
+            chosen = choice.ScatteredPilot(*(np.where(joined, *pair) for pair in pairs))
+            pilot = choice.ScatteredPilot(*(column.copy() for column in pilot))
+            for column, values in zip(pilot, chosen, strict=True):
+                column[doubtful] = values
+            better = self._or_analog(chosen, better)
+        method = self._by_receiver(doubtful, better, "chains")
+        return replace(chains, method=method, per_chain=per_chain, pilot=pilot)
+
+    def _or_analog(self, pilot: choice.ScatteredPilot, method: list[Method]) -> list[Method]:
+        """Return the estimators of receivers with pilots, analog photons where these are better."""
+        return choice.prefer_analog(pilot, largest_weight(self.link, 0.0), method)
+
+    def _by_receiver(
+        self, piloted: NDArray[np.bool_], method: list[Method], default: Method
+    ) -> list[Method]:
+        """Return the estimators of all receivers from those of some with pilots."""
+        chosen = dict(zip(self._piloted[piloted].tolist(), method, strict=True))
+        return [chosen.get(r, default) for r in self._first.tolist()]
+
+    def _orders(self) -> list[int] | None:
+        """Return the orders of the chains from each source, None if photons alone follow the link.
+
+        Raises
+        ------
+        Refused
+            If neither chains nor photons follow it.
+        """
+        try:
+            ends.require_points(self.link)
+            if self.link.water.bottom_depth is not None and not self._photons_follow():
+                ends.refuse_bottom(self.link)
+            return [self.drawer.last_order(s) for s in range(len(self.arrays.emitters))]
+        except Refused:  # a feature, or too many orders, for chains
+            if not self._photons_follow():
+                raise
+        return None
+
+    def _photons_follow(self) -> bool:
+        """Return whether joined photons may follow the link; they do not know published forms."""
+        try:
+            self._joined(SHIFTS, range(len(self.link.receivers)))
+        except Refused:
+            return False
+        return self.scattered != "chains"
+
+    def pilots(
+        self, surfaces: Sequence[ChainDrawer | AimedChains], orders: list[int]
+    ) -> list[list[list[choice.Pilot]]]:
+        """Return the pilots of the sources up to their orders, by surface and wavelength."""
+        requests = [
+            Request(s, k, choice.PILOT // SHIFTS, (*self.key(s), k))
+            for s, last in enumerate(orders)
+            for k in range(1, last + 1)
+        ]
+        job = partial(choice.pilot_statistics, self.drawer, surfaces, self._targets)
+        statistics = list(ordered_map(job, requests, self.threads))
+        cuts, pilots = np.cumsum(orders)[:-1], list[list[list[choice.Pilot]]]()
+        for k, surface in enumerate(surfaces):
+            shape = len(statistics), surface.wavelengths, 4, len(self._targets)
+            table = np.reshape([row[k] for row in statistics], shape).swapaxes(0, 1)
+            by_source = (np.split(part, cuts) for part in table)
+            pilots.append([[choice.Pilot.of_orders(p) for p in parts] for parts in by_source])
+        return pilots
+
+    @property
+    def _targets(self) -> list[int]:
+        """Targets with pilots."""
+        return list(np.unique(self.arrays.stands_for).tolist())
+
+    def _pilot_photons(
+        self, doubtful: NDArray[np.bool_], chained: list[choice.Pilot]
+    ) -> JoinedPhotons | None:
+        """Return the photons of a pilot, None if joined photons do not follow the link."""
+        if not doubtful.any() or not self._photons_follow():
+            return None
+        photons = self._joined(choice.PILOT_PHOTONS, self._piloted[doubtful].tolist())
+        photons.seed ^= _PILOT_SEED
+        if chained and self.link.water.bottom_depth is not None:
+            # chains are compared with the light that misses it
+            photons.link = photons.link.replace("water.bottom_albedo", 0.0)
+        return photons
+
+    def _still_gain(self, pilots: list[choice.Pilot]) -> Floats:
+        """Return the gain of each receiver with a pilot over still water."""
+        gain = np.array([pilot.mean.sum(axis=1) for pilot in pilots])
+        for s, to_targets in enumerate(gain):
+            request = Request(s, 0, _STILL_CHAINS, (*self.key(s), 0, 3))
+            unscattered = self.drawer.draw(request, self._targets)
+            for i, t in enumerate(self._targets):
+                to_targets[i] += self.drawer.aim(s, t, unscattered).score.mean()
+        return self.arrays.by_receiver(gain)
+
+    def _allot(self, photons: int, comparison: Comparison) -> list[Request]:
+        """Return the chains of each source and order, allotted by the pilots."""
+        link, emitters = self.arrays, len(self.arrays.emitters)
+        served = np.array([comparison.method[r] == "chains" for r in self._piloted])
+        # a common factor of the gain does not matter for one receiver
+        together = len(served) > 1 and not link.down
+        known = comparison.still_gain
+        gain = known if together and known is not None else np.ones(len(served))
+        # chains start at the sources of an uplink, and each source serves all receivers; those of
+        # a downlink start at the receivers, each of which has its own
+        share = photons if link.down else max(photons // emitters, SHIFTS)
+        requests = []
+        for s, pilot in enumerate(comparison.chained):
+            number = self._number[served]
+            if not link.down:
+                pilot, scale = pilot.of(served), gain[served]
+            elif served[s]:
+                pilot, scale = pilot.joined(link.power), gain[s : s + 1]
+                number = np.ones(1, int)
+            else:
+                continue
+            if len(self.shared.links) > 1 and known is not None:
+                bright = known[s : s + 1] if link.down else known[served]
+                pilot, scale = pilot.at_wavelengths(np.array(self.shared.ratios), bright)
+                number = np.tile(number, len(self.shared.ratios))
+            expected = self.drawer.nominals[s].expected
+            counts = choice.allotment(share, expected, pilot, scale, number)
+            key = self.key(s)
+            requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
+        return requests
+
+    def _plan_joined(
+        self, photons: int, comparison: Comparison
+    ) -> tuple[JoinedPhotons | None, list[int], bool]:
+        """Return the joined photons of light that chains omit, their receivers, and `reflects`.
+
+        No photons where it is negligible.
+        """
+        method, per_chain = comparison.method, comparison.per_chain
+        every = [r for r, name in enumerate(method) if name != "analog"]
+        joined = [r for r in every if method[r] == "joined"]
+        reflects = self.scattered != "chains" and self.link.physics.reflected == "trace"
+        water, gain = self.link.water, comparison.still_gain
+        # light of the first crossing is that of the chains where these serve
+        crossings = [1 if name == "joined" else 2 for name in method]
+        if every and water.bottom_depth is not None and water.bottom_albedo > 0.0:
+            number = round(choice.PER_CHAIN * photons)
+            return self._joined(number, every, crossings), every, reflects
+        served = every if reflects else joined
+        per_chain = per_chain if joined else choice.REFLECTED_PER_CHAIN
+        if reflects and len(joined) < len(every) and gain is not None:
+            # light that the surface reflects first may be too little to be measured
+            returned = self.returned[self._piloted]
+            counted = choice.counts(returned, gain)
+            bright = set(self._piloted[counted].tolist())
+            first = self._first.tolist()
+            served = [r for r in every if first[r] in bright or method[r] == "joined"]
+            if bright and not joined:
+                share = float((returned[counted] / gain[counted]).max())
+                per_chain *= min(share / choice.MUCH, 1.0)
+        if not served:
+            return None, [], reflects
+        try:
+            number = max(round(per_chain * photons), SHIFTS)
+            return self._joined(number, served, crossings), served, reflects
+        except Refused:  # forms as published, which chains follow
+            if joined:
+                raise
+            return None, [], False
+
+    def _joined(
+        self, photons: int, receivers: Sequence[int], crossings: Sequence[int] = ()
+    ) -> JoinedPhotons:
+        """Return joined photons to some receivers, scored from a crossing of each on, or from 1."""
+        link, first = (
+            self._link_to(receivers),
+            [crossings[r] if crossings else 1 for r in receivers],
+        )
+        return JoinedPhotons(link, photons, self.seed, self.normals, self.threads, first=first)
+
+    def _link_to(self, receivers: Iterable[int]) -> Link:
+        """Return the link to some of its receivers."""
+        ends_of = tuple(self.link.receivers[r] for r in receivers)
+        return self.link.model_copy(update={"receiver": ends_of})
+
+    @cached_property
+    def returned(self) -> Floats:
+        """Estimated gain of light reflected first, of each receiver by that which stands for it."""
+        gain = choice.returned_gain(self._link_to(self._piloted))
+        return gain[np.searchsorted(self._piloted, self._first)]
+
+    def key(self, source: int) -> tuple[int, int]:
+        """Return the key of the chains of a source: receivers share one, in any order."""
+        return self.seed, 0 if self.arrays.down else source
+
+    def aim_over(self, mesh: TriangleMesh) -> AimedChains:
+        """Return the chains aimed over a mesh.
+
+        Raises
+        ------
+        Refused
+            If the mesh overhangs.
+        """
+        ends.require_height_field(mesh)
+        unresolved = self.link.physics.unresolved
+        return AimedChains(self.arrays, mesh, self.normals, unresolved, self.search)
+
+    def flat(self) -> TriangleMesh:
+        """Return a flat sea larger than the footprint of the light."""
+        far = ends.crossing_reach(self.link) + 10.0 * self.arrays.frame.unit
+        origin = np.array(self.link.origin)
+        return flat_mesh(origin - far, origin + far)
+
+    def _still_water(self) -> TriangleMesh:
+        """Return a flat sea with the random slopes that refract light."""
+        tilts = self.link.physics.unresolved == "tilt"
+        return replace(self.flat(), unresolved=self.sea.unresolved) if tilts else self.flat()
