@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from meshtrace.checks import check_call, check_methods
+from meshtrace.checks import Infinite, check_call, check_methods
 from meshtrace.errors import require_between
 from meshtrace.models import Floats
 from meshtrace.quadrature import gauss_legendre
@@ -94,7 +94,7 @@ class TiltFactors(NamedTuple):
         """Probability that the tilt leaves the field of view."""
         return float(self.weight[self.h == 0.0].sum())
 
-    def below(self, h: ArrayLike) -> Floats:
+    def below(self, h: Annotated[ArrayLike, Infinite()]) -> Floats:
         """Return P(h_alpha < h) for h > 0, any shape."""
         level = np.asarray(h, dtype=float)
         if self.law is None:
