@@ -134,12 +134,13 @@ def entries(owner: Any) -> dict[str, tuple[str, str]]:
 
     A text "See ..." does not replace that of a base, nor does one without a type.
     """
-    found: dict[str, tuple[str, str]] = {}
-    for one in reversed(getattr(owner, "__mro__", (owner,))):
-        section = _SECTION.search(f"{docstring(one)}\n")
+    described: dict[str, tuple[str, str]] = {}
+    for documented in reversed(getattr(owner, "__mro__", (owner,))):
+        section = _SECTION.search(f"{docstring(documented)}\n")
         for names, kind, text in _ENTRY.findall(section[1] if section else ""):
             text = " ".join(text.split())
             refers = not kind or text.startswith("See ")
             for name in names.split(", "):
-                found[name] = kind, found[name][1] if refers and name in found else text
-    return found
+                known = refers and name in described
+                described[name] = kind, described[name][1] if known else text
+    return described

@@ -35,18 +35,19 @@ def numbers(option: str, text: str) -> list[float]:
     wrong = Refused(option, text, "numbers as in 1,2,3, or start:stop:step")
     try:
         if ":" not in text:
-            found = [float(word) for word in text.split(",")]
+            values = [float(word) for word in text.split(",")]
         else:
             start, stop, step = (float(word) for word in text.split(":"))
+            # rounding of the quotient must not lose the end: 0:0.3:0.1 has four numbers
             count = math.floor((stop - start) / step + 1e-9) + 1
             if not (step > 0.0 and 1 <= count <= 10**7):
                 raise wrong
-            found = [start + step * i for i in range(count)]
+            values = [start + step * i for i in range(count)]
     except (ValueError, ZeroDivisionError, OverflowError) as error:
         raise wrong from error
-    if not all(math.isfinite(value) for value in found):
+    if not all(math.isfinite(value) for value in values):
         raise wrong
-    return found
+    return values
 
 
 def _real(option: str, text: str) -> float:
@@ -71,23 +72,23 @@ def _whole_or_text(option: str, text: str) -> int | str:
 
 
 def _pair(option: str, text: str) -> tuple[float, float]:
-    found = numbers(option, text)
-    if len(found) != 2:
+    values = numbers(option, text)
+    if len(values) != 2:
         raise Refused(option, text, "two numbers, as in 1,2")
-    return found[0], found[1]
+    return values[0], values[1]
 
 
 def _intervals(option: str, texts: list[str]) -> dict[str, tuple[float, float]]:
     """Return the bounds of each key of texts "key=low,high"."""
-    found = {}
+    intervals = {}
     for text in texts:
         key, _, bounds = text.partition("=")
         try:
-            found[key] = _pair(option, bounds)
+            intervals[key] = _pair(option, bounds)
         except Refused as error:
             allowed = "KEY=LOW,HIGH, as in receiver.fov_deg=6,90"
             raise Refused(option, text, allowed) from error
-    return found
+    return intervals
 
 
 _NUMBERS = Reader("LIST", numbers, note="; as 1,2,3 or start:stop:step")
@@ -123,7 +124,7 @@ def reader_of(annotation: str, names: dict[str, Any]) -> tuple[Reader, tuple[str
         return text
 
     def several(option: str, text: str) -> list[str]:
-        return [word(option, one) for one in text.split(",")]
+        return [word(option, part) for part in text.split(",")]
 
     return Reader("WORD", several if annotation.startswith("Sequence[") else word), words
 
@@ -175,7 +176,7 @@ class StudyCommand(TyperCommand):
 
     @cached_property
     def _made(self) -> Any:
-        study, one = self._study, typer.Typer(add_completion=False, rich_markup_mode=None)
+        study, application = self._study, typer.Typer(add_completion=False, rich_markup_mode=None)
         options = {name: _option(study, name) for name in study.options}
 
         def read(**texts: Any) -> dict[str, Any]:
@@ -183,8 +184,8 @@ class StudyCommand(TyperCommand):
             return {name: options[name][0].read(name, text) for name, text in given.items()}
 
         asked = Group([parameter for _, parameter in options.values()], read)
-        one.command()(described(self._work, study=Group([], lambda: study), asked=asked))
-        return typer.main.get_command(one)
+        application.command()(described(self._work, study=Group([], lambda: study), asked=asked))
+        return typer.main.get_command(application)
 
     def get_params(self, context: Any) -> Any:
         """Return arguments and options."""
@@ -215,29 +216,32 @@ def described(command: Callable[..., None], **groups: Group) -> Callable[..., No
     Keyword-only parameters are options, and dataclasses groups of options. Refusals of a value
     name its option.
     """
-    own = inspect.signature(command, eval_str=True).parameters
-    for name, p in own.items():
+    declared = inspect.signature(command, eval_str=True).parameters
+    for name, p in declared.items():
         if name not in groups and is_dataclass(p.annotation):
             kind: Any = p.annotation
             fields = inspect.signature(kind, eval_str=True).parameters.values()
             groups[name] = Group([_declared(kind, field) for field in fields], kind)
 
-    parts = [groups[n].options if n in groups else [_declared(command, p)] for n, p in own.items()]
-    parameters = [one for some in parts for one in some]
+    parameters = [
+        option
+        for name, p in declared.items()
+        for option in (groups[name].options if name in groups else [_declared(command, p)])
+    ]
 
-    def call(**given: Any) -> None:
+    def call(**values: Any) -> None:
         try:
             for name, (options, value) in groups.items():
-                given[name] = value(**{one.name: given.pop(one.name) for one in options})
-            command(**given)
+                values[name] = value(**{p.name: values.pop(p.name) for p in options})
+            command(**values)
         except Refused as error:
             option = next(
                 (_option_name(p) for p in parameters if p.name.rstrip("_") == error.field), ""
             )
             if error.source or not option:
                 raise
-            found = MISSING if error.value is None else error.value
-            raise Refused(option, found, error.allowed, error.hint) from error
+            refused = MISSING if error.value is None else error.value
+            raise Refused(option, refused, error.allowed, error.hint) from error
 
     call.__name__ = command.__name__
     call.__doc__ = docstring(command).partition("\n\nParameters\n")[0]
@@ -283,7 +287,7 @@ def _words(study: StudyRow, name: str) -> tuple[list[str], str, str | None]:
 
 def _option(study: StudyRow, name: str) -> tuple[Reader, inspect.Parameter]:
     """Return reader and option of a parameter, described by the first function that has it."""
-    functions = [one for one in study.functions if name in parameters_of(one)]
+    functions = [f for f in study.functions if name in parameters_of(f)]
     annotation = parameters_of(functions[0])[name].annotation
     reader, choices = reader_of(annotation, inspect.unwrap(functions[0]).__globals__)
     names, metavar, default = _words(study, name)
@@ -294,9 +298,9 @@ def _option(study: StudyRow, name: str) -> tuple[Reader, inspect.Parameter]:
     text = re.sub(r"`([\w.]+)`", lambda code: options.get(code[1], code[1]), text)
     text += f": {', '.join(choices[:-1])} or {choices[-1]}" if choices else ""
     text += f"{reader.note}."
-    found = list(filter(None, dict.fromkeys(_typed(defaults(one)[name]) for one in functions)))
-    if default is None and found and "default" not in text:
-        text += f"  [default: {' or '.join(found)}]"
+    typed = list(filter(None, dict.fromkeys(_typed(defaults(f)[name]) for f in functions)))
+    if default is None and typed and "default" not in text:
+        text += f"  [default: {' or '.join(typed)}]"
     unit = re.search(r"\[(\w)\]", text) if reader.metavar == "X" else None
     metavar = metavar or (unit[1].upper() if unit else reader.metavar)
     declared: Any = typer.Option(*names, metavar=metavar, help=text)
@@ -318,19 +322,19 @@ def sentences(function: Callable[..., Any]) -> dict[str, str]:
     from meshtrace.engine.setup.options import StudyOptions
 
     of_run = entries(StudyOptions) if "run" in inspect.signature(function).parameters else {}
-    found = {**of_run, **entries(function)}
-    return {name: re.split(r"(?<=\.) ", text, maxsplit=1)[0] for name, (_, text) in found.items()}
+    texts = {name: text for name, (_, text) in {**of_run, **entries(function)}.items()}
+    return {name: re.split(r"(?<=\.) ", text, maxsplit=1)[0] for name, text in texts.items()}
 
 
 def parameters_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
     """Return the parameters of a function, and its options `**run` as parameters."""
-    found = dict(inspect.signature(function).parameters)
-    if run := found.pop("run", None):
+    parameters = dict(inspect.signature(function).parameters)
+    if run := parameters.pop("run", None):
         (kind,) = get_args(eval(run.annotation, inspect.unwrap(function).__globals__))
         for name, hint in kind.__annotations__.items():
             text = hint.__forward_arg__
-            found[name] = inspect.Parameter(name, _KEYWORD, default=None, annotation=text)
-    return found
+            parameters[name] = inspect.Parameter(name, _KEYWORD, default=None, annotation=text)
+    return parameters
 
 
 def defaults(function: Callable[..., Any]) -> dict[str, Any]:

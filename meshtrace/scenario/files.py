@@ -148,11 +148,11 @@ def with_unset_keys(text: str, more: str) -> str:
     unset = unset_keys()
 
     def filled(part: str) -> list[str]:
-        found = []
+        lines = []
         for line in part.splitlines():
-            own = unset.pop(line.strip("[]"), []) if line.startswith("[") else []
-            found += [line, *(f"# {key}" for key in own)]
-        return found
+            keys = unset.pop(line.strip("[]"), []) if line.startswith("[") else []
+            lines += [line, *(f"# {key}" for key in keys)]
+        return lines
 
     lines = filled(text)
     further = filled(more)

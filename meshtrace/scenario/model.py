@@ -114,8 +114,7 @@ class Scenario(Model, frozen=True):
             yet is named without `trust`.
         """
         text, folder = files.read_text(path), Path(path).parent
-        given: Table = {"folder": folder, "changes": changes, "trust": trust}
-        return cls.from_toml(text, source=str(path), **given)
+        return cls.from_toml(text, source=str(path), folder=folder, changes=changes, trust=trust)
 
     @classmethod
     def from_toml(
@@ -287,8 +286,8 @@ class Scenario(Model, frozen=True):
         absent: Table = {"detector": parts.read_detector({}), "uav": parts.read_uav({})}
         absent = {name: part for name, part in absent.items() if name not in config}
         more = tomli_w.dumps({name: files.plain(part) for name, part in absent.items()})
-        own = {**self._parts(), **{name: (part,) for name, part in absent.items()}}
-        return files.with_unset_keys(files.with_notes(text, own), files.with_notes(more, own))
+        models = {**self._parts(), **{name: (part,) for name, part in absent.items()}}
+        return files.with_unset_keys(files.with_notes(text, models), files.with_notes(more, models))
 
     def _parts(self) -> dict[str, tuple[Any, ...]]:
         """Return the models behind each table of a link file."""

@@ -38,8 +38,8 @@ _FREE = ("physics", "transmitter", "receiver", "planes", "n_air")  # tables that
 
 def read_wind_speed(config: Mapping[str, Any]) -> float:
     """Return the wind speed at the top of a link file [m s-1]."""
-    given, allowed = config.get("wind_speed", DEFAULT_WIND_SPEED), "0 <= wind_speed <= 60 m/s"
-    return require_between(given, 0.0, 60.0, "wind_speed", "[]", allowed)
+    speed, allowed = config.get("wind_speed", DEFAULT_WIND_SPEED), "0 <= wind_speed <= 60 m/s"
+    return require_between(speed, 0.0, 60.0, "wind_speed", "[]", allowed)
 
 
 def read_link(config: Mapping[str, Any], wind_speed: float) -> Link:
@@ -72,15 +72,15 @@ def _water(value: Any, wavelength_nm: float, printed: bool) -> Water:
     kinds = spectrum_keys()
     keys = [*kinds, "file", *(key for key in Water.model_fields if key not in _SHARED)]
     require_keys(table, keys, "water")
-    own = {key: table.pop(key) for key in kinds if key in table}
+    spectral = {key: table.pop(key) for key in kinds if key in table}
     try:
-        if own.keys() == {"type"} and "file" not in table:
-            water = Water.from_type(own["type"], wavelength_nm, **table)
-        elif own or "file" in table:
+        if spectral.keys() == {"type"} and "file" not in table:
+            water = Water.from_type(spectral["type"], wavelength_nm, **table)
+        elif spectral or "file" in table:
             if {"a", "b"} <= table.keys() or "layers" in table:
-                key = next(iter({**own, "file": None}))
-                raise Refused(key, {**own, **table}[key], "without a and b, or layers")
-            spectrum = spectrum_of(own, table.pop("file", None))
+                key = next(iter({**spectral, "file": None}))
+                raise Refused(key, {**spectral, **table}[key], "without a and b, or layers")
+            spectrum = spectrum_of(spectral, table.pop("file", None))
             water = Water(**table, spectrum=spectrum, wavelength_nm=wavelength_nm)
         else:
             water = Water.model_validate(table)
@@ -194,12 +194,12 @@ def detector_of(detector: OokLink, link: Link) -> OokLink:
 def require_of_link(value: Any, detector: OokLink) -> None:
     """Refuse keys of [detector] that contradict the link."""
     for part, names in OF_LINK.items():
-        given = value.get(part, {}) if isinstance(value, Mapping) else {}
+        table = value.get(part, {}) if isinstance(value, Mapping) else {}
         for name in names:
-            own = getattr(getattr(detector, part), name)
-            if name in given and not math.isclose(given[name], own, rel_tol=1e-9):
-                allowed = f"nothing, or {own:g}, which the link gives"
-                raise Refused(f"detector.{part}.{name}", given[name], allowed)
+            of_link = getattr(getattr(detector, part), name)
+            if name in table and not math.isclose(table[name], of_link, rel_tol=1e-9):
+                allowed = f"nothing, or {of_link:g}, which the link gives"
+                raise Refused(f"detector.{part}.{name}", table[name], allowed)
 
 
 def detector_config(detector: OokLink, link: Link) -> Table:
@@ -234,8 +234,8 @@ def bubbles_config(link: Link, wind_speed: float) -> Table:
     if link.bubbles is None:
         return {"model": "none"}
     shared = {"wind_speed": wind_speed, **_bubble_defaults(link)}
-    kept = unshared(link.bubbles.model_dump(mode="json"), **shared)
-    return {"model": kept.pop("kind"), **kept}
+    table = unshared(link.bubbles.model_dump(mode="json"), **shared)
+    return {"model": table.pop("kind"), **table}
 
 
 def whitecaps_config(link: Link, wind_speed: float) -> Any:
@@ -297,7 +297,7 @@ def _gives(model: str, options: Table, day: Daylight) -> bool:
 
 
 def _needed(model: str, options: Table, keys: Iterable[str], day: Daylight) -> Table:
-    """Return the options with the redundant ones among some keys removed."""
+    """Drop those of `keys` that do not change the light."""
     for key in keys:
         rest = {k: v for k, v in options.items() if k != key}
         options = rest if _gives(model, rest, day) else options
@@ -335,9 +335,9 @@ def daylight_with(day: Daylight, key: str, value: Any) -> Daylight:
 def changes_irradiance(key: str) -> bool:
     """Return whether direct and diffuse follow the value at a dotted key of a link file."""
     table, _, name = key.partition(".")
-    options = [key for one in MODELS.values() for key in one.keys]
-    own = table == "daylight" and name in ("model", *SUN, *options)
-    return own or name.endswith("wavelength_nm")
+    options = [key for model in MODELS.values() for key in model.keys]
+    of_daylight = table == "daylight" and name in ("model", *SUN, *options)
+    return of_daylight or name.endswith("wavelength_nm")
 
 
 def daylight_recipe(day: Daylight) -> Table:
@@ -351,6 +351,6 @@ def daylight_recipe(day: Daylight) -> Table:
     table = daylight_config(day)
     model = table.pop("model")
     if not table.keys().isdisjoint(_IRRADIANCES):
-        found = Described("irradiances other than those of a model")
-        raise Refused("daylight", found, "a link file or its plain data, with the model")
+        irradiances = Described("irradiances other than those of a model")
+        raise Refused("daylight", irradiances, "a link file or its plain data, with the model")
     return {"model": model, **_needed(model, table, list(table), day)}

@@ -120,13 +120,14 @@ def _measured(table: Table, wind_speed: float) -> Any:
     reader = from_gauge if gauge else from_wavespectra
     if not isinstance(table.get("file"), str):
         raise Refused("file", table.get("file", MISSING), "a path")
-    own = {key: value for key, value in table.items() if key not in ("spectrum", "file")}
-    options = [reader, gauge_spectrum] if gauge else [reader]
-    known = dict.fromkeys(key for one in options for key in inspect.signature(one).parameters)
-    require_keys(own, [*(k for k in known if k not in ("source", "gauge")), "file", *_SEA_KEYS])
-    if {"tail", "mss", "spreading"} & own.keys():
-        own.setdefault("wind_speed", wind_speed)
-    return reader(table["file"], **own)
+    options = {key: value for key, value in table.items() if key not in ("spectrum", "file")}
+    functions = [reader, gauge_spectrum] if gauge else [reader]
+    known = dict.fromkeys(key for f in functions for key in inspect.signature(f).parameters)
+    require_keys(options, [*(k for k in known if k not in ("source", "gauge")), "file", *_SEA_KEYS])
+    # what the instrument leaves open, short waves and directions, follows the wind
+    if {"tail", "mss", "spreading"} & options.keys():
+        options.setdefault("wind_speed", wind_speed)
+    return reader(table["file"], **options)
 
 
 def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
@@ -176,19 +177,23 @@ def _with_spectrum(
 
     if isinstance(word, Mapping):
         path: tuple[str, ...] = ("spectrum",)
-        keys, own = _SEA_KEYS, {"kind": "jonswap", **word}
+        keys, spectrum = _SEA_KEYS, {"kind": "jonswap", **word}
     else:
         fields = list(Spectrum.member(word).model_fields)
         fields += ["file"] if word == "tabulated" else []
         path, keys = (), (*_SEA_KEYS, *fields)
-        own = {"kind": word, **{key: table.pop(key) for key in fields if key in table}}
-    own, calm = _driven(own, wind_speed)
+        spectrum = {"kind": word, **{key: table.pop(key) for key in fields if key in table}}
+    spectrum, calm = _driven(spectrum, wind_speed)
     with within(*path):
-        return {**table, "spectrum": Spectrum.read(own)}, keys, calm
+        return {**table, "spectrum": Spectrum.read(spectrum)}, keys, calm
 
 
 def _driven(table: Table, wind_speed: float) -> tuple[Table, bool]:
-    """Return a table with its wind speed, and whether it is calm (5 m/s for the checks then)."""
+    """Return a table with its wind speed, and whether it is calm.
+
+    Spectra refuse a wind speed of 0; a calm sea is validated at 5 m/s, so that its other keys are
+    still checked, and `read_surface` returns a flat sea in its place.
+    """
     speed = table.get("wind_speed", wind_speed)
     calm = speed == 0.0 and not isinstance(speed, bool)
     return {**table, "wind_speed": 5.0 if calm else speed}, calm
