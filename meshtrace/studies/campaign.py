@@ -153,7 +153,7 @@ class Campaign(NamedTuple):
 
     def workers(self) -> AbstractContextManager[None]:
         """Return a context in which all loops have the same workers."""
-        return nullcontext() if self.cluster is None else self.cluster.kept()
+        return nullcontext() if self.cluster is None else self.cluster.keep_workers()
 
     def of(self, link: Link, name: str = "link") -> Campaign:
         """Return the campaign of another link; names in one store have to differ."""

@@ -11,7 +11,6 @@ import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial
@@ -27,6 +26,9 @@ from meshtrace.parallel import cores, held, safe_processes
 if TYPE_CHECKING:
     import distributed
 
+Setup = Callable[[], Callable[[Any], Any]]
+"""Returns the function of a job; called once in each process that evaluates jobs."""
+
 DEFAULT_TIMEOUT = 60.0
 """Seconds to wait for a scheduler and for a worker."""
 
@@ -35,7 +37,7 @@ _PATIENCE = 2.0  # [s] of work in this process before others start, which takes 
 _AHEAD = 2  # jobs that a process on this machine has or waits with
 _BROKEN = -1  # number of a job that stands for the loss of all workers
 _POLL = 0.02  # [s] between looks for finished tasks
-_ANSWER = 2.0  # [s] to wait for a result, or for the scheduler
+_ANSWER = 2.0  # [s] to wait for an answer of the scheduler
 _SILENCE = 60.0  # [s] without an answer after which a scheduler is lost; a busy one takes seconds
 _ALLOWED = "a running dask scheduler with workers; the same command resumes"
 
@@ -56,7 +58,7 @@ class Cluster:
 
     workers: int | str | None = None
     timeout: float = DEFAULT_TIMEOUT
-    _kept: ExitStack | None = field(default=None, init=False, repr=False)
+    _shared: ExitStack | None = field(default=None, init=False, repr=False)
     _client: distributed.Client | None = field(default=None, init=False, repr=False)
     _turn: Lock = field(default_factory=Lock, init=False, repr=False)
 
@@ -71,17 +73,15 @@ class Cluster:
         return self
 
     @contextmanager
-    def kept(self) -> Iterator[None]:
-        """Keep the workers that one loop needs for those that follow."""
-        with ExitStack() as self._kept:
+    def keep_workers(self) -> Iterator[None]:
+        """Share the workers that one loop starts with the loops that follow."""
+        with ExitStack() as self._shared:
             try:
                 yield
             finally:
-                self._kept = self._client = None
+                self._shared = self._client = None
 
-    def map(
-        self, setup: Callable[[], Callable[[Any], Any]], jobs: Sequence[Any]
-    ) -> Generator[tuple[int, Any], None, None]:
+    def map(self, setup: Setup, jobs: Sequence[Any]) -> Generator[tuple[int, Any], None, None]:
         """Yield the number of each job as it finishes, and its result or its exception.
 
         Parameters
@@ -104,37 +104,37 @@ class Cluster:
             return
         others = (self.workers or cores()) - 1
         alone = min(others, len(waiting) - 1) < 1
-        yield from _evaluated(setup, waiting) if alone else self._shared(setup, waiting, others)
+        yield from _evaluated(setup, waiting) if alone else self._beside(setup, waiting, others)
 
-    def _shared(
-        self,
-        setup: Callable[[], Callable[[Any], Any]],
-        waiting: deque[tuple[int, Any]],
-        others: int,
+    def _beside(
+        self, setup: Setup, waiting: deque[tuple[int, Any]], others: int
     ) -> Iterator[tuple[int, Any]]:
-        """Yield the results of jobs of this process and, once they take longer, of others."""
-        total, ended = len(waiting), Event()
-        finished: SimpleQueue[tuple[int, Any]] = SimpleQueue()
+        """Yield the results of jobs of this process and, once they take longer, of others.
 
-        def beside() -> None:
+        A thread feeds the others, so that they also work while this process is inside a long job.
+        """
+        total, ended = len(waiting), Event()
+        results: SimpleQueue[tuple[int, Any]] = SimpleQueue()
+
+        def feed() -> None:
             try:
                 patience = 0.0 if self.workers or self._client else _PATIENCE
                 if ended.wait(patience) or 2 * len(waiting) < total:
                     return
                 for result in self._elsewhere(setup, waiting, _AHEAD * others, ended):
-                    finished.put(result)
+                    results.put(result)
             except Exception as error:
-                finished.put((_BROKEN, error))
+                results.put((_BROKEN, error))
 
         def merged() -> Iterator[tuple[int, Any]]:
             for result in _evaluated(setup, waiting):
                 yield result
-                while not finished.empty():
-                    yield finished.get()
+                while not results.empty():
+                    yield results.get()
             while True:
-                yield finished.get()
+                yield results.get()
 
-        thread = Thread(target=beside, name="workers")
+        thread = Thread(target=feed, name="workers")
         thread.start()
         try:
             for i, result in islice(merged(), total):
@@ -143,14 +143,10 @@ class Cluster:
                 yield i, result
         finally:
             ended.set()
-            thread.join()  # ends within dask's bounds of the end of its processes, seconds
+            thread.join()  # within dask's bounds of the end of its processes, seconds
 
     def _elsewhere(
-        self,
-        setup: Callable[[], Callable[[Any], Any]],
-        waiting: deque[tuple[int, Any]],
-        ahead: int,
-        ended: Event,
+        self, setup: Setup, waiting: deque[tuple[int, Any]], ahead: int, ended: Event
     ) -> Iterator[tuple[int, Any]]:
         """Yield the number of each job as a worker finishes it, and its result or exception.
 
@@ -161,40 +157,42 @@ class Cluster:
 
         total, drawn = len(waiting), _drawn(waiting)
         with self._connected() as client:
-            work = {"setup": cloudpickle.dumps(setup), "expected": _environment()()}
-            run, completed = _portable_job(), distributed.as_completed(loop=client.loop)
-            number: dict[Any, int] = {}
+            options = {"setup": cloudpickle.dumps(setup), "expected": _environment()}
+            # a result that is lost with its worker is awaited again, computed by another one
+            completed = distributed.as_completed(
+                loop=client.loop, with_results=True, raise_errors=False
+            )
+            run, numbers = _portable_job(), dict[Any, int]()
 
             def submit(count: int) -> None:
-                batch = dict(islice(drawn, count))
-                futures = client.map(run, list(batch.values()), **work, pure=False)
-                number.update(zip((future.key for future in futures), batch, strict=True))
+                jobs = dict(islice(drawn, count))
+                futures = client.map(run, list(jobs.values()), **options, pure=False)
+                numbers.update(zip((future.key for future in futures), jobs, strict=True))
                 completed.update(futures)
 
             submit(ahead)
             for future, result in _finished(client, completed, self.timeout, ended):
-                if isinstance(result, CancelledError):
+                if future.cancelled():  # by a scheduler that went away
                     break
-                yield number.pop(future.key), _checked(result)
+                i = numbers.pop(future.key)
+                yield i, result[1] if future.status == "error" else _checked(result)
                 future.release()
                 submit(1)
-            if number and not ended.is_set():
-                raise _lost(client, total - len(waiting) - len(number), total)
+            if numbers and not ended.is_set():
+                raise _lost(client, total - len(waiting) - len(numbers), total)
 
     @contextmanager
     def _connected(self) -> Iterator[distributed.Client]:
-        """Yield a client with workers, the one of other loops if it is kept."""
-        import distributed  # noqa: F401  (its loggers exist from here on)
-
-        with ExitStack() as own:
+        """Yield a dask client with workers, reusing the one kept from an earlier loop."""
+        with ExitStack() as stack:
             with self._turn:  # loops of several threads share it, too
                 client = self._client
                 if client is None:
-                    stack = self._kept or own
+                    stack = self._shared or stack
                     stack.enter_context(_quiet())
                     client = stack.enter_context(_client(self.workers, self.timeout))
                     _require_equal_workers(client, self.timeout)
-                    self._client = client if self._kept else None
+                    self._client = client if self._shared else None
             yield client
 
 
@@ -207,8 +205,7 @@ class Restored:
     def _recipe(self) -> bytes:
         import cloudpickle
 
-        recipe: bytes = cloudpickle.dumps(partial(type(self), *self.inputs))
-        return recipe
+        return bytes(cloudpickle.dumps(partial(type(self), *self.inputs)))
 
     def __reduce__(self) -> Any:
         """Return the recipe, by which a worker knows the object again."""
@@ -231,14 +228,12 @@ def _drawn(waiting: deque[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
             yield waiting.popleft()
 
 
-def _evaluated(
-    setup: Callable[[], Callable[[Any], Any]], waiting: deque[tuple[int, Any]]
-) -> Iterator[tuple[int, Any]]:
+def _evaluated(setup: Setup, waiting: deque[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
     """Yield the number of each job, and its result or exception, evaluated in this process."""
-    work = held(held(setup)())
+    evaluate = held(held(setup)())
     for i, job in _drawn(waiting):
         try:
-            yield i, work(job)
+            yield i, evaluate(job)
         except Exception as error:
             yield i, error
 
@@ -251,37 +246,23 @@ def _finished(
 ) -> Iterator[tuple[distributed.Future[Any], Any]]:
     """Yield tasks as they finish, with result or error, until there is no worker.
 
-    A result lost with its worker before it arrives here is awaited again: the scheduler has
-    another worker compute it. It also takes the jobs of a worker without a sign of life (dask's
+    The scheduler takes the jobs of a worker without a sign of life (dask's
     `distributed.scheduler.worker-ttl`, five minutes). A job itself has no bound: its length is
     not known.
     """
-    without_worker = 0.0
-    answered = time.monotonic()
+    employed = answered = time.monotonic()
     while not (completed.is_empty() or ended.is_set()):
-        if time.monotonic() - answered > _SILENCE:
-            return
         if completed.has_ready():
-            future = next(completed)
-            try:
-                failed = future.status == "error"
-                result = future.exception(_ANSWER) if failed else future.result(_ANSWER)
-            except TimeoutError:
-                completed.add(future)
-                if _has_workers(client) is not None:
-                    answered = time.monotonic()
-                continue
-            except Exception as error:
-                result = error
-            yield future, result
-            without_worker, answered = 0.0, time.monotonic()
+            yield next(completed)
+            employed = answered = time.monotonic()
             continue
         time.sleep(_POLL)
-        has_workers = _has_workers(client)
-        without_worker = without_worker + _POLL if has_workers is False else 0.0
+        has_workers, now = _has_workers(client), time.monotonic()
         if has_workers is not None:
-            answered = time.monotonic()
-        if client.status != "running" or without_worker > timeout:
+            answered = now
+        if has_workers is not False:  # a scheduler without an answer may well have some
+            employed = now
+        if now - answered > _SILENCE or now - employed > timeout or client.status != "running":
             return
 
 
@@ -299,40 +280,32 @@ def _has_workers(client: distributed.Client) -> bool | None:
 
 
 def _lost(client: distributed.Client, done: int, total: int) -> Refused:
+    """Return the refusal to go on without workers."""
     what = "the connection is lost"
     if client.status == "running":
         what = "no worker is left" if _has_workers(client) is False else "no answer"
     return Refused("workers", Described(f"{what}, {done} of {total} tasks finished"), _ALLOWED)
 
 
-def _environment() -> Callable[[], dict[str, str]]:
-    """Return a function that describes an environment; it is sent by value.
+def _portable_job() -> Callable[..., Any]:
+    """Return a function that evaluates a job, or describes the environment if it is another one.
 
-    A function of this module would be looked up in the package of the worker, which may be none.
+    It is sent by value: a function of this module would be looked up in the package of the
+    worker, which may be none.
     """
 
-    def environment() -> dict[str, str]:
+    def run(job: Any, setup: bytes, expected: dict[str, str]) -> Any:
         try:
             from importlib.metadata import version
 
             from meshtrace.kernels.jit import sources
 
-            versions = {name: version(name) for name in ("meshtrace", "numpy", "numba")}
-            return {**versions, "kernels": sources().hex()}
+            here = {name: version(name) for name in ("meshtrace", "numpy", "numba")}
+            here["kernels"] = sources().hex()
         except Exception as error:
-            return {"meshtrace": f"{type(error).__name__}: {error}"}
-
-    return environment
-
-
-def _portable_job() -> Callable[..., Any]:
-    """Return a function that evaluates a job; it is sent by value."""
-    describe = _environment()
-
-    def run(job: Any, setup: bytes, expected: dict[str, str]) -> Any:
-        environment = describe()
-        if environment != expected:  # of a worker that came late
-            return environment
+            here = {"meshtrace": f"{type(error).__name__}: {error}"}
+        if here != expected:  # of a worker that came after the first check
+            return here
         from meshtrace.parallel import one_blas_thread
         from meshtrace.studies.cluster import prepared
 
@@ -340,6 +313,11 @@ def _portable_job() -> Callable[..., Any]:
             return prepared(setup)(job)
 
     return run
+
+
+def _environment() -> dict[str, str]:
+    """Return the versions on which digits depend, as a worker describes its own."""
+    return dict(_portable_job()(None, b"", {}))
 
 
 def _checked(result: Any) -> Any:
@@ -358,39 +336,41 @@ def _require_equal_workers(client: distributed.Client, timeout: float) -> None:
         client.wait_for_workers(1, timeout=timeout)
         what = "no answer of a worker"
         # `Client.run` waits without limit, for a worker that is stopped, too
-        run = partial(client._run, _environment(), on_error="return")
-        environments = client.sync(run, callback_timeout=max(timeout, _ANSWER))
+        describe = partial(client._run, _portable_job(), None, b"", {}, on_error="return")
+        environments = client.sync(describe, callback_timeout=max(timeout, _ANSWER))
     except (TimeoutError, distributed.TimeoutError) as error:
         waited = Described(f"{what} within {timeout:g} s")
         raise Refused("workers", waited, _ALLOWED) from error
     except OSError as error:
         raise _lost(client, 0, 0) from error
-    expected = _environment()()
-    for address, environment in environments.items():
-        if environment != expected:
-            raise _other_worker(address, environment)
+    for address, there in environments.items():
+        if there != _environment():
+            raise _other_worker(address, there)
 
 
-def _other_worker(address: str, environment: Any) -> Refused:
-    expected = _environment()()
-    there = environment if isinstance(environment, dict) else {"meshtrace": error_text(environment)}
-    name = next(name for name in expected if there.get(name) != expected[name])
-    odd = Described(f"{address}: {name} {there.get(name, 'missing')} there, {expected[name]} here")
-    return Refused("worker", odd, "the same versions of meshtrace, its kernels, numpy and numba")
+def _other_worker(address: str, there: Any) -> Refused:
+    """Return the refusal of a worker, by its first difference from this process."""
+    if not isinstance(there, dict):
+        there = {"meshtrace": error_text(there)}
+    name, here = next(item for item in _environment().items() if there.get(item[0]) != item[1])
+    difference = f"{address}: {name} {there.get(name, 'missing')} there, {here} here"
+    allowed = "the same versions of meshtrace, its kernels, numpy and numba"
+    return Refused("worker", Described(difference), allowed)
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Suppress the messages of distributed about lost connections."""
+    import distributed  # noqa: F401  (its loggers exist from here on)
+
     names = [name for name in logging.root.manager.loggerDict if name.startswith(_CHATTY)]
-    loggers = [logging.getLogger(name) for name in names]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
+    levels = {logging.getLogger(name): logging.getLogger(name).level for name in names}
+    for logger in levels:
         logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        for logger, level in zip(loggers, levels, strict=True):
+        for logger, level in levels.items():
             logger.setLevel(level)
 
 
@@ -400,32 +380,7 @@ def _client(workers: int | str | None, timeout: float) -> Iterator[distributed.C
     import distributed
 
     if not isinstance(workers, str):
-        # like all of dask these processes unpickle, and so run, what reaches their ports; on
-        # 127.0.0.1 that is what users of this machine send (docs/guides/sweep.md)
-        # one thread each: a task fills one core, and dask keeps BLAS to one thread as well
-        with (
-            safe_processes(),
-            tempfile.TemporaryDirectory(prefix="meshtrace-", ignore_cleanup_errors=True) as scratch,
-            distributed.LocalCluster(
-                n_workers=(workers or cores()) - 1,
-                threads_per_worker=1,
-                processes=True,
-                host="127.0.0.1",
-                dashboard_address=None,
-                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # no fixed port for health
-                local_directory=scratch,
-                silence_logs=logging.ERROR,
-            ) as cluster,
-            distributed.Client(cluster, set_as_default=False) as client,
-        ):
-
-            class LeaveInterrupts(distributed.WorkerPlugin):
-                """Plugin that ignores Ctrl-C on workers: the client handles it."""
-
-                def setup(self, worker: distributed.Worker) -> None:
-                    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-            client.register_plugin(LeaveInterrupts())
+        with _local_client((workers or cores()) - 1) as client:
             yield client
         return
     try:
@@ -441,18 +396,57 @@ def _client(workers: int | str | None, timeout: float) -> Iterator[distributed.C
         yield client
 
 
+@contextmanager
+def _local_client(processes: int) -> Iterator[distributed.Client]:
+    """Yield a client of a new cluster on this machine.
+
+    Like all of dask its processes unpickle, and so run, what reaches their ports; on 127.0.0.1
+    that is what users of this machine send (docs/guides/sweep.md).
+    """
+    import distributed
+
+    with (
+        safe_processes(),
+        tempfile.TemporaryDirectory(prefix="meshtrace-", ignore_cleanup_errors=True) as scratch,
+        distributed.LocalCluster(
+            n_workers=processes,
+            threads_per_worker=1,  # a task fills one core, and dask keeps BLAS to one thread
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # no fixed port for health
+            local_directory=scratch,
+            silence_logs=logging.ERROR,
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+
+        class LeaveInterrupts(distributed.WorkerPlugin):
+            """Plugin that ignores Ctrl-C on workers: the client handles it."""
+
+            def setup(self, worker: distributed.Worker) -> None:
+                signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+        client.register_plugin(LeaveInterrupts())
+        yield client
+
+
 def _address(scheduler: str, timeout: float) -> str:
-    """Return an address, or that in a scheduler's file written within a time."""
+    """Return an address, or that in a scheduler's file written within a time.
+
+    `distributed.Client` waits for such a file without a bound.
+    """
     if not scheduler.endswith(".json"):
         return scheduler
     end = time.monotonic() + timeout
     while not os.path.isfile(scheduler) and time.monotonic() < end:
         time.sleep(0.1)
     with open(scheduler, encoding="utf-8") as file:
-        fields = json.load(file)
-    if not isinstance(fields, dict) or not isinstance(fields.get("address"), str):
+        content = json.load(file)
+    address = content.get("address") if isinstance(content, dict) else None
+    if not isinstance(address, str):
         raise ValueError("no address in the file")
-    return str(fields["address"])
+    return address
 
 
 def error_text(error: BaseException) -> str:

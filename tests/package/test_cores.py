@@ -44,7 +44,7 @@ def test_systems_without_affinity_count_all_cores(four, monkeypatch):
 def test_a_study_has_as_many_processes_as_cores(four, monkeypatch):
     asked = []
     monkeypatch.setattr(
-        Cluster, "_shared", lambda self, setup, jobs, others: asked.append(others) or []
+        Cluster, "_beside", lambda self, setup, jobs, others: asked.append(others) or []
     )
     list(Cluster().map(lambda: abs, range(10)))
     assert asked == [3]

@@ -103,7 +103,7 @@ def test_foreign_worker_is_refused(scheduler, worker_of, foreign, tmp_path):
 
 
 def test_late_worker_describes_itself_instead_of_computing():
-    run, here = _portable_job(), _environment()()
+    run, here = _portable_job(), _environment()
     setup = cloudpickle.dumps(lambda: abs)
     assert _checked(run(-2, setup=setup, expected=here)) == 2
     other = run(-2, setup=setup, expected={**here, "numpy": "1.0"})
