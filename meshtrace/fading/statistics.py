@@ -280,6 +280,7 @@ def fading_statistics(
     g, variance = checked(gain, gain_stderr)
     stderr = np.sqrt(variance) if variance.any() else None
     noise, spread = float(variance.mean()), float(g.var(ddof=1))
+    # the variance over n, as in `autocorrelation`, which refuses gains without fading
     fades = bool(np.ptp(g) > 0.0 and spread * (g.size - 1) / g.size > noise)
     levels = tuple(require_array(thresholds, "thresholds", "numbers > 0").ravel().tolist())
     block = 1 if time is None else block_length(g)
@@ -296,6 +297,7 @@ def fading_statistics(
         trials: Any = {"n_effective": _trials(below, n_effective), "confidence": confidence}
         outages.append(outage(sample, level, relative_to=relative_to, **trials))
     index = scintillation_index(g, stderr, **boot)
+    # fading is correlated along a series, independent errors are not
     mean_variance = max(spread - noise, 0.0) / n_effective + noise / g.size
     return FadingStatistics(
         n=g.size,
@@ -380,6 +382,7 @@ def _notes(
             "the gains scatter less than independent errors of the stated size would: give the "
             "error common to all gains (common random numbers) as common_stderr"
         )
+    # `remove_noise` expands the logarithm, which relative errors above 0.3 do not allow
     blurred = np.count_nonzero(variance > (0.3 * g) ** 2)
     if blurred:
         yield f"{blurred} gains have an error above 30 %: deep fades are blurred by noise"
@@ -395,6 +398,7 @@ def _notes(
         yield f"the coherence time needs gains that vary, at {_FEWEST_STEPS} times or more"
     if coherence < fields["lag"][1]:
         yield "the coherence time is below one time step: use shorter steps"
+    # a difference of two gains has the errors of both
     noise, steps = 2.0 * float(variance.mean()), float(np.mean(np.diff(g) ** 2))
     if noise and noise > 0.1 * steps:
         yield (
