@@ -145,7 +145,7 @@ TABLE_COLUMNS = (
 
 
 class SpectralTable(WaterSpectrum, frozen=True):
-    """Spectrum given by a table of measured a and b.
+    """Spectrum of measured a and b, linear between the wavelengths of a table.
 
     Parameters
     ----------
@@ -210,6 +210,7 @@ class SpectralTable(WaterSpectrum, frozen=True):
         """Return a and b [m-1], or their layers, at a wavelength in vacuum [nm]."""
         table = np.array(self.table)
         depth = np.unique(table[:, 0])
+        # sorted by depth, then wavelength: a block of wavelengths for each depth
         blocks = table.reshape(len(depth), -1, 4).transpose(0, 2, 1)
         a, b = (
             np.array([interpolate(wavelength_nm, at, values[i]) for _, at, *values in blocks])

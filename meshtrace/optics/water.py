@@ -94,7 +94,7 @@ class Water(Model, frozen=True):
 
     @pydantic.model_validator(mode="after")
     def _of_spectrum(self) -> Self:
-        """Take the values that are not given from the spectrum; keep in mind which are given."""
+        """Take values that were not set from the spectrum; remember which were set."""
         if self.spectrum is None or self.wavelength_nm is None:
             if self.spectrum is not None:
                 raise Refused("wavelength_nm", MISSING, "the wavelength beside the spectrum [nm]")
@@ -103,10 +103,14 @@ class Water(Model, frozen=True):
             return self
         fields_set = self.model_fields_set
         for name, value in _derived(self.spectrum, self.wavelength_nm).items():
+            # a saved water states its derived values: those that agree still follow from the
+            # spectrum
             if name not in fields_set or _same(getattr(self, name), value):
                 object.__setattr__(self, name, value)
                 fields_set.discard(name)
         if fields_set & {"a", "b", "layers"}:
+            # with other coefficients the spectrum no longer says what the water is at other
+            # wavelengths
             fields_set |= {"a", "b", "layers", "n", "phase"}
             object.__setattr__(self, "spectrum", None)
             object.__setattr__(self, "wavelength_nm", None)
@@ -139,7 +143,7 @@ class Water(Model, frozen=True):
         return self.b / self.c if self.c > 0.0 else 0.0
 
     def profile(self, depth: ArrayLike) -> tuple[Floats, Floats]:
-        """Return a and b at given depths.
+        """Return a and b at depths.
 
         Parameters
         ----------

@@ -104,6 +104,7 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
     whole = {name: _whole(frame, name, file) for name in _FIELDS}
     a, b, c = whole.values()
     if a is not None and c is not None and b is None:
+        # noise of both instruments can make c less than a
         b = (_at(c, a.columns) - a).clip(lower=0.0)
     if a is None or b is None:
         labels = Described(", ".join(cells.labels))
@@ -228,6 +229,7 @@ def _whole(frame: Any, name: str, file: Path) -> Any:
         if table.shape[1] and pure:
             w = np.asarray(table.columns, np.float64)
             water = {"a": pure_water_absorption, "b": zhang_hu_he}
+            # attenuation lacks both the absorption and the scattering of pure water
             parts = water.values() if name == "c" else (water[name],)
             table = table + sum(part(w) for part in parts)
         if table.shape[1]:
@@ -236,7 +238,7 @@ def _whole(frame: Any, name: str, file: Path) -> Any:
 
 
 def _at(table: Any, wavelengths: Any) -> Any:
-    """Return a table at other wavelengths, linear between its own, missing outside."""
+    """Interpolate a table linearly to other wavelengths; missing outside."""
     table_nm = np.asarray(table.columns, np.float64)
     new = np.asarray(wavelengths, np.float64)
     values = [np.interp(new, table_nm, row, left=np.nan, right=np.nan) for row in table.to_numpy()]
@@ -273,6 +275,7 @@ def _read_argo(file: Path) -> Constituents:
 
 def _good(data: Any, name: str, profile: int) -> Floats:
     """Return good values of a variable of a profile in the unit of Argo, nan for all others."""
+    # adjusted values are calibrated; raw ones stand in where a profile has none
     for variable in (f"{name}_ADJUSTED", name):
         if variable not in data:
             continue
@@ -314,6 +317,7 @@ def _over_depth(
     if not good.any():
         return None
     depth, first = np.unique(np.maximum(pressure[good], 0.0), return_index=True)
+    # the highest level stands for the water above it
     depth[0] = 0.0
     profile = np.column_stack([depth, np.maximum(values[good][first], 0.0)])
     return tuple(map(tuple, profile.tolist()))
