@@ -39,6 +39,7 @@ class Placed(Model, frozen=True):
     @property
     def center(self) -> tuple[float, float, float]:
         """Centre of the part, at its height, its depth or still water [m]."""
+        # 0.0 - 0.0 in place of a negative zero
         return (*self.position, getattr(self, "height", 0.0 - getattr(self, "depth", 0.0)))
 
 
@@ -76,7 +77,7 @@ class Source(
 
     @property
     def size(self) -> float:
-        """Radius of the emitting disk, or half-width of the lit square [m]; 0 for a point."""
+        """Radius of the emitting disk, or half-width of the lighted square [m]; 0 for a point."""
         return 0.0
 
     @property
@@ -100,6 +101,7 @@ class _Lambertian(Model, frozen=True):
     @property
     def order(self) -> float:
         """Order m of I ~ cos^m(theta)."""
+        # cos^m at the half-angle is 1/2
         return -math.log(2.0) / math.log(math.cos(math.radians(self.half_angle_deg)))
 
 
@@ -334,7 +336,7 @@ class AirSource(Source, frozen=True):
 
     @property
     def size(self) -> float:
-        """Half-width of the lit square [m]."""
+        """Half-width of the lighted square [m]."""
         return self.half_width
 
 
