@@ -375,8 +375,7 @@ class Link(Model, frozen=True):
         low, high = np.full(2, math.inf), np.full(2, -math.inf)
         beside = 0.05 * min(_SMALL * self.unit, 1.0)
         for place, lever, seen in self.crossings():
-            # 4.5 standard deviations: a sea has steeper slopes at a hundred-thousandth of its
-            # places at most
+            # Gaussian slopes exceed 4.5 standard deviations at 7 in a million places
             reach = 4.5 * lever * slope + seen + beside
             low, high = np.minimum(low, place - reach), np.maximum(high, place + reach)
         middle = 0.5 * (low + high)
