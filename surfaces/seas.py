@@ -153,6 +153,7 @@ class RandomSea(WaveSurface, frozen=True):
         True
         """
         other = self.model_copy(update={"seed": seed})
+        # the plans of the sums and all waves but their phases are shared
         other._grids = self._grids  # type: ignore[misc]  # private: not frozen
         other._common = self._common  # type: ignore[misc]
         return other
@@ -256,6 +257,7 @@ class _BandedSea(RandomSea, frozen=True):
     @cached_property
     def free_waves(self) -> WaveComponents:
         """The waves of first order, direction by direction at each frequency."""
+        # all but the phases is common to the seeds of a sea
         if "waves" not in self._common:
             components = self.band.waves(self.spectrum, self.spreading)
             k = wavenumber(components.omega, self._water_depth(), self.capillary)
@@ -655,6 +657,7 @@ class SumSea(RandomSea, frozen=True):
     @property
     def windiest(self) -> RandomSea:
         """The part with the largest slope variance of the real sea."""
+        # variances of real seas do not add up: each holds all short waves of its wind
         return max(self.parts, key=lambda part: sum(part.slope_variance or (0.0, 0.0)))
 
     @property
@@ -678,6 +681,7 @@ class SumSea(RandomSea, frozen=True):
     @cached_property
     def free_waves(self) -> WaveComponents:
         """The waves of first order of all parts."""
+        # independent phases for every part, for equal parts as well
         seeds = (np.random.SeedSequence([self.seed, i]) for i in range(len(self.parts)))
         waves = [
             part.with_seed(int(seed.generate_state(1)[0])).free_waves

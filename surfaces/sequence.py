@@ -107,6 +107,7 @@ def _files(files: list[Path], source: object) -> Frames:
             raise Refused("source", str(file), _ALLOWED)
     files = sorted(files)
     numbers = [re.findall(r"\d+(?:\.\d+)?", file.stem) for file in files]
+    # the first number that differs from file to file orders them, and is their time
     for column in range(min(map(len, numbers))):
         times = np.array([float(row[column]) for row in numbers])
         if len(np.unique(times)) == len(files):
@@ -178,6 +179,7 @@ def _xdmf(path: Path) -> Frames:
                 return _moved(points, series.read_data(i)[1]), _triangles(cells)
         grid = ElementTree.Element("Grid", grids[i].attrib)
         grid.extend(c for c in grids[i] if c.tag in ("Topology", "Geometry"))
+        # meshio reads files of one grid: each grid becomes such a file in memory
         root = ElementTree.Element("Xdmf", Version="3.0")
         ElementTree.SubElement(root, "Domain").append(grid)
         mesh = XdmfReader(str(path)).read_xdmf3(root)
@@ -287,6 +289,7 @@ def _grid_facets(
     vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3)
     faces = grid_faces(*height.shape).astype(np.int64)
     step, side = np.diff(x, axis=0)[0, 0], np.diff(x, axis=1)[0, 0]
+    # an axis may fall, which would turn the facets over
     turn = step * np.diff(y, axis=1)[0, 0] - side * np.diff(y, axis=0)[0, 0]
     return vertices, faces if turn > 0.0 else faces[:, ::-1]
 
@@ -482,12 +485,14 @@ class MeshSequence(Model, frozen=True):
             `from_trimesh`), or frames of other facets are to be blended.
         """
         at, time = self._at, TIME.check(time)
+        # times of a study are rounded
         if not at[0] - 1e-9 <= time <= at[-1] + 1e-9:
             raise Refused("time", time, f"{at[0]:g} <= time <= {at[-1]:g} s, the record")
         if self.blend == "nearest" or len(at) == 1:
             return self.frame(int(np.abs(at - time).argmin()))
         i = int(np.clip(np.searchsorted(at, time, side="right") - 1, 0, len(at) - 2))
         share = min(max((time - at[i]) / (at[i + 1] - at[i]), 0.0), 1.0)
+        # at a frame there is nothing to blend, nor another file to read
         if share in (0.0, 1.0):
             return self.frame(i + int(share))
         before, after = self.frame(i), self.frame(i + 1)

@@ -377,6 +377,7 @@ class WaveSurface(Surface, frozen=True):
     ) -> tuple[Floats, Floats, Floats]:
         """Return z [m], dz/dx and dz/dy on a tensor grid; see `Surface.grid`."""
         if self.choppy:
+            # fixed points have labels that lie on no tensor grid: the sums are taken point by point
             at = self._at(*np.meshgrid(*grid_lines(x_axis, y_axis), indexing="ij"), time)
             return at.z, *at.slopes
         weights = elevation_and_slopes(self.components, TIME.check(time))
