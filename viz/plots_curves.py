@@ -239,6 +239,7 @@ def _over_parameters(data: xr.Dataset, quantity: str) -> tuple[xr.Dataset, list[
     selected = selected[[name for name in data.data_vars if str(name).startswith(quantity)]]
     n = selected.sizes.get("realization", 0)
     if n > 1:
+        # standard error of the mean of independent realizations
         scatter = selected[quantity].std("realization", ddof=1) / np.sqrt(n)
         selected = selected[[quantity]].mean("realization").assign({f"{quantity}_stderr": scatter})
     elif n == 1 and selected[quantity].ndim > 1:
@@ -248,6 +249,7 @@ def _over_parameters(data: xr.Dataset, quantity: str) -> tuple[xr.Dataset, list[
     def use(name: str) -> tuple[bool, bool]:
         return selected.sizes[name] > 1, selected[name].dtype.kind in "iuf"
 
+    # of equals `max` takes the first: reversed, the last parameter
     last = max(reversed(dims), key=use)
     others = [name for name in dims if name != last and selected.sizes[name] > 1]
     selected = selected.squeeze([n for n in dims if n not in (last, *others)], drop=True)
@@ -358,5 +360,6 @@ def positive(data: xr.Dataset, quantity: str) -> xr.Dataset:
     """Return a dataset for a logarithmic axis: nan for 0; a lower limit of 0 is below the axis."""
     values = variable(data, quantity)
     shown = data.assign({quantity: values.where(values > 0.0)})
+    # a band may reach beyond the axis, but 0 has no logarithm
     low = f"{quantity}_low"
     return shown.assign({low: data[low].clip(min=1e-300)}) if low in data else shown

@@ -81,6 +81,7 @@ def plot_convergence(study: studies.ConvergenceStudy, *, ax: Axes | None = None)
     for k, kind in enumerate(study.normals):
         fit, percent = study.fits[kind], 100.0 / study.gain[k, -1]
         target = fit.gain.value if study.reference is None else study.anchor[k]
+        # a logarithmic axis has no place for 0
         scatter = np.where(study.scatter[k] > 0.0, study.scatter[k], np.nan)
         law = np.abs(fit.coefficient * study.step**fit.order.value)
         errors_percent = percent * np.array([np.abs(study.gain[k] - target), law, scatter])
@@ -128,6 +129,7 @@ def _over_steps(ax: Axes, values: Floats, **settings: Any) -> Axes:
     """Return finished axes over the steps of a study, logarithmic, each step named."""
     ax.set_xscale("log")
     ax.set_xticks(values, [f"{value:g}" for value in values])
+    # each step is named; minor ticks of decades would only fall between the names
     ax.minorticks_off()
     return marks.finished(ax, **settings)
 
