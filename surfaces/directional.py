@@ -174,6 +174,7 @@ def _read(
 
 def _mean_direction(table: _Table) -> float:
     """Return the mean direction of the last frequency with waves [rad]."""
+    # the shortest waves follow the wind
     row = table.variance[np.flatnonzero(table.variance.sum(axis=1))[-1:]].sum(axis=0)
     return float(np.arctan2(row @ np.sin(table.theta), row @ np.cos(table.theta)))
 

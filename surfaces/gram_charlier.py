@@ -230,8 +230,8 @@ def _series(c21: float, c03: float, c40: float, c22: float, c04: float) -> Serie
     else:
         raise _refused("moments that no density has")
     square = q.along**2 + q.across**2
-    # bound of the density over the wider Gaussian that proposes slopes, see
-    # `kernels.interface.WIDE`
+    # bound of the density over the wider Gaussian that
+    # proposes slopes, see `kernels.interface.WIDE`
     most = float((density * np.exp(-0.5 * square * (1.0 - 1.0 / WIDE))).max())
     return Series._make(map(float, (*(moments @ _hermite()), _ABOVE * WIDE * most)))
 

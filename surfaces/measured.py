@@ -338,6 +338,7 @@ def _step(name: str, time: Floats) -> float:
     """Return the time step; times may be rounded by a tenth of it."""
     n = len(time)
     step = float(time[-1] - time[0]) / max(n - 1, 1)
+    # against an even grid, since the differences of rounded times are uneven
     even = time[0] + step * np.arange(n)
     if not step > 0.0 or np.abs(time - even).max() > 0.1 * step:
         raise Refused(name, Described("unequal steps in time"), "equal steps > 0 s, without gaps")
@@ -369,6 +370,7 @@ def _stated(
     """Return the shares of the directions at each frequency of a spreading."""
     if spreading is None:
         raise Refused("spreading", None, "a spreading: one gauge does not see directions")
+    # spreadings take angles from -pi to pi
     turned = np.remainder(theta + math.pi, 2.0 * math.pi) - math.pi
     kind, omega = Spreading.read(spreading), 2.0 * math.pi * freq[:, None]
 

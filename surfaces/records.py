@@ -172,6 +172,7 @@ def _at_station(data: xarray.Dataset, site: Any) -> xarray.Dataset:
 def _text(label: Any) -> str:
     """Return a label of a station as text."""
     if isinstance(label, bytes):
+        # never fails, whatever encoding a file has
         label = label.decode("latin-1")
     if isinstance(label, float) and label.is_integer():
         label = int(label)

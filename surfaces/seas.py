@@ -185,6 +185,7 @@ class RandomSea(WaveSurface, frozen=True):
         The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
         """
         real = self.slope_variance
+        # sums over all waves: kept, since every mesh of a series asks for the same spacing
         if real is not None and spacing not in self._left_out:
             wind = self._slopes_along_deg
             vertex, facet = (
@@ -262,6 +263,7 @@ class _BandedSea(RandomSea, frozen=True):
             components = self.band.waves(self.spectrum, self.spreading)
             k = wavenumber(components.omega, self._water_depth(), self.capillary)
             heading = components.theta + math.radians(self.wind_direction_deg)
+            # a wave a cos(phi) has the variance a^2 / 2
             amplitude, still = np.sqrt(2.0 * components.variance), np.zeros_like(heading)
             self._common["waves"] = flat_components(
                 amplitude, components.omega, k, heading, still, self.current
@@ -304,6 +306,7 @@ class _BandedSea(RandomSea, frozen=True):
         """
         if (self.omega_max, self.waves) != (None, None) or self.mss == "band":
             return None
+        # the default spreading was not chosen, so that it may give way
         standard = self.spreading == IttcSpreading()
         if isinstance(self.spectrum, Elfouhaily):
             # no band follows the slopes of another law
@@ -313,6 +316,7 @@ class _BandedSea(RandomSea, frozen=True):
             return self
         of_wind = self.spectrum.model_dump(include={"wind_speed", "fetch"})
         law = type(self.spectrum)
+        # heights, peaks, depths and spreadings that were chosen say more than the wind does
         if law is Tma or not standard or self.spectrum != law(**of_wind):
             return None
         return self.short_waves

@@ -142,6 +142,7 @@ def _read_vtk(path: Path) -> Facets:
     with extra("viz", "source", str(path), "{} for VTK files"):
         import pyvista as pv
     data: Any = pv.read(path)
+    # a file of several parts is one surface
     if isinstance(data, pv.MultiBlock):
         data = data.combine()
     if not isinstance(data, pv.PolyData):
@@ -271,6 +272,7 @@ def _grid_facets(
     """Return a frame as triangles that face up, cells split."""
     z = heights[i] if heights.ndim == 3 else heights
     first, second = along.dims, across.dims
+    # files may count along y first
     if len(first) == len(second) == 1 and (*second, *first) == z.dims:
         z = z.transpose()
     grid = (along.size, across.size) if along.ndim == across.ndim == 1 else along.shape
@@ -409,8 +411,10 @@ class MeshSequence(Model, frozen=True):
     def model_post_init(self, context: Any) -> None:
         """List the frames and their times."""
         self._frames = open_frames(self.source)  # type: ignore[misc]  # private: not frozen
+        # a cache for each sequence, which ends with it
         self._mesh_of = lru_cache(maxsize=_KEPT)(self._read)  # type: ignore[misc]
         at, n = self._frames.times, len(self)
+        # stated times come first, then a stated rate, then those in the files
         if self.times is not None:
             at = np.array(self.times)
         elif self.frame_rate is not None:

@@ -523,6 +523,7 @@ class OchiHubble(Spectrum, frozen=True):
     @property
     def omega_p(self) -> float:
         """Frequency of the higher peak [rad s-1]."""
+        # both parts overlap: the higher peak is that of the sum
         peaks = 2.0 * math.pi / np.array(self.tp)
         return float(peaks[np.argmax(sum(self._parts(peaks)))])
 
@@ -820,6 +821,7 @@ class IttcSpreading(Spreading, frozen=True):
         theta = finite_array("theta", theta)
         inside = np.abs(theta) <= self.half_range
         cosine = np.where(inside, 2.0 / math.pi * np.cos(theta) ** 2, 0.0)
+        # the same at every frequency, in the shape of both arguments
         return cosine * np.ones_like(finite_array("omega", omega))
 
 

@@ -172,6 +172,7 @@ def _formatted(dataset: xarray.Dataset, reader: str) -> xarray.Dataset:
         stated = unit_of(lazy[name]) if name in lazy.variables else ""
         factor = float(convert(1.0, stated, unit, name)) if stated else 1.0
         if factor != 1.0:
+            # logarithms do not scale by a factor
             if reader == "era5":
                 raise Refused(name, Described(f"logarithms of {stated}"), f"logarithms of {unit}")
             warn_of_input(f"{name}: {stated} converted to {unit}")

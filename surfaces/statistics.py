@@ -60,8 +60,8 @@ class SlopeSpectrum(NamedTuple):
         capillary: bool = True,
     ) -> SlopeSpectrum:
         """Return the slopes of waves up to a frequency, or of all waves down to 1.3 mm."""
-        # a hundredth of the peak's wavenumber is a tenth of its frequency, where spectra have
-        # underflowed
+        # a hundredth of the peak's wavenumber is a tenth
+        # of its frequency, where spectra have underflowed
         low = 1e-2 * spectrum.omega_p**2 / GRAVITY
         k = np.geomspace(low, SHORTEST, _WAVENUMBERS)
         omega = angular_frequency(k, depth, capillary)

@@ -436,8 +436,8 @@ def _refuse_many_pieces(n: int, edges: NDArray[np.int64], outline: NDArray[np.in
         raise unfit(f"{pieces} separate pieces or sheets", "one")
     if len(np.unique(outline[:, 0])) < len(outline):
         raise unfit("pieces joined at a single vertex only", "one surface")
-    # Loops of the outline: its components less the vertices inside, each of which counts as one,
-    # and less the outer loop.
+    # Loops of the outline: its components less the vertices
+    # inside, each of which counts as one, and less the outer loop.
     holes = _component_count(n, outline) - (n - len(outline)) - 1
     if holes:
         raise unfit(f"{holes} holes inside the outline", "none")

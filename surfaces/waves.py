@@ -114,8 +114,7 @@ def wavenumber(omega: ArrayLike, depth: float | None = None, capillary: bool = F
     k = gravity_wave[moving]
     if capillary:
         # The roots of gravity alone and of tension alone both lie above the root: from there
-        # Newton's
-        # method falls on a convex function.
+        # Newton's method falls on a convex function.
         k = np.minimum(k, np.cbrt(target / KINEMATIC_TENSION))
     if depth is not None:
         k = k / np.sqrt(np.tanh(k * depth))
@@ -430,8 +429,7 @@ class WaveGrid:
         paired = len(weights) // 2 * 2
         if paired:
             # A real sum is half the transform of the waves and, with conjugate weights, of their
-            # mirror
-            # images: one complex transform holds two, as its real and imaginary part.
+            # mirror images: one complex transform holds two, as its real and imaginary part.
             even, odd = 0.5 * turned[:paired:2], 0.5j * turned[1:paired:2]
             pairs = np.concatenate([even + odd, even.conj() - odd.conj()], axis=1)
             folded = self._transformed(pairs)

@@ -88,6 +88,7 @@ def plot_bubble_profile(
     most = float(data[quantity].max())
     for name, values, _, _ in curves(data, quantity):
         ax.plot(values, z, label=name)
+    # depth points down
     ends: Any = {"xlim": (_LEAST_BUBBLES * most, 2.0 * most), "ylim": (z.max(), z.min())}
     return finished(ax, quantity, "depth", xscale="log", **ends)
 
@@ -216,6 +217,7 @@ def plot_sweep(
     name = str(shown[quantity].dims[-1])
     words = shown[name].to_numpy() if shown[name].dtype.kind not in "iuf" else None
     if words is not None:
+        # words stand at whole numbers, in their order
         shown = shown.assign_coords({name: np.arange(len(words))})
     ax = plot_curves(positive(shown, quantity) if log else shown, quantity, style="o-", ax=ax)
     if words is not None:

@@ -408,8 +408,8 @@ def plot_impulse_response(
         edges, h, error = marks.scaled("delay", response.edges)[0], response.h, response.h_stderr
         known = (error <= _LARGEST_ERROR * h) & (h > 0.0)
         later = np.arange(len(h)) > np.argmax(h)
-        # up to the first noisy bin behind the peak: beyond it single photons make bins of any
-        # height
+        # up to the first noisy bin behind the peak:
+        # beyond it single photons make bins of any height
         known &= np.cumsum(later & ~known) == 0
         shown = np.where(known, np.maximum(h, floor), np.nan)
         spread = f"rms delay spread {1e9 * response.rms_delay_spread:.3g} ns"

@@ -116,6 +116,7 @@ def plot_fading_convergence(study: studies.FadingConvergence, *, ax: Axes | None
     indices = np.array([study.with_tilts, study.band_alone, study.measured])
     errors = np.array([0.0 * indices[0], 0.0 * indices[1], study.measured_stderr])
     names = ["closed form, random slopes beyond", "closed form, nothing beyond", "measured"]
+    # without simulations there are closed forms alone
     n = 3 if np.isfinite(study.measured).any() else 2
     quantities = {"scintillation_index": indices[:n]}
     quantities |= {"scintillation_index_stderr": errors} if n == 3 else {}
@@ -166,6 +167,7 @@ def plot_tornado(
     data = marks.dataset(
         values, name=[name.removesuffix(" 1") for name in names], side=["lower", "higher"]
     )
+    # `bars` takes the groups first
     ax = marks.bars(ax, data.transpose(), "change", across=True, beside=False)
     ax.tick_params(axis="y", labelsize=8)
     ax.axvline(0.0, **_LINE)

@@ -111,6 +111,7 @@ def save_movie(
     if len(at) < 2:
         raise Refused("times", at.tolist(), "two times or more")
     options = writer_options(path, natural_rate(at) if frame_rate is None else frame_rate, quality)
+    # the waves that the gain of `time_series` has
     surface = resolve_band(link, surface, fading=True)
     seed = shown.get("seed", 1)
     gain = gain or time_series(link, surface, at, photons=photons, seed=seed)
@@ -184,6 +185,7 @@ def save_light(
     step = extent / _CELLS if step is None else step
     pattern_ends(link, surface, extent, step)  # refuses what has no pattern
     lines, slope = _crossed(link, surface, extent, float(at[0]))
+    # a flat sea has no slopes to scale by
     steepest = _STEEPEST * float(slope.std()) or 0.1
     around = [float(x) + np.array([-extent, extent]) for x in link.only_receiver.position]
     maps = (
@@ -196,8 +198,8 @@ def save_light(
         nonlocal mean
         for time in map(float, at):
             gain = light_pattern(link, surface, extent, step, time=time).gain
-            # that of the first frame for all: else each would be scaled to its own and caustics
-            # would pulse
+            # that of the first frame for all: else each would
+            # be scaled to its own and caustics would pulse
             mean = mean or float(gain.mean())
             slope = _crossed(link, surface, extent, time)[1]
             titles = "sea that the light crosses", f"light {height:g} m above it, t = {time:.2f} s"

@@ -152,6 +152,7 @@ class ScenePlotter(pv.Plotter):
         low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
         above = pv.Light(position=(-0.5, -0.4, 1.0), light_type="scene light", intensity=0.45)
         for lamp in (low_sun, above, pv.Light(light_type="headlight", intensity=0.35)):
+            # parallel light, as from far away
             lamp.positional = False
             self.add_light(lamp)
         look(self)
@@ -255,6 +256,7 @@ def look(
             spans.append((seen.max() - seen.min()) / (high - low))
             shift = 0.5 * (seen.max() + seen.min()) - 0.5 * (low + high) * spans[-1]
             focus = focus + shift * distance * math.tan(half_angle) * scale * axis
+        # the stage fills the tighter of both directions
         distance *= max(spans)
     scene.camera.position = tuple(focus + distance * towards)
     scene.camera.focal_point = tuple(focus)

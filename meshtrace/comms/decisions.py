@@ -218,9 +218,8 @@ def _distance(n0: float, n1: float, branching: float) -> float:
 def _decision_laws(n0: float, n1: float, branching: float) -> tuple[Floats, Floats, Floats]:
     """Return the counts that matter and their log probabilities in a zero and in a one."""
     share = 1.0 - branching
-    # Normal tails hold less than 1e-32 beyond 12 deviations; 40 more counts cover the skewed tail
-    # of
-    # laws of few counts.
+    # Normal tails hold less than 1e-32 beyond 12 deviations; 40
+    # more counts cover the skewed tail of laws of few counts.
     low, high = (math.sqrt(n / share**3) for n in (n0, n1))
     first = max(math.floor(n0 / share - 12.0 * low), 0)
     k = np.arange(first, math.ceil(n1 / share + 12.0 * high + 40.0), dtype=float)
@@ -316,11 +315,11 @@ def _information(log_law: Floats) -> float:
 
 
 def _normal_information(means: Floats, log_chance: Floats, branching: float) -> float:
-    """Return the mutual information for normal counts of means (2, states) of the given chances."""
+    """Return the mutual information for normal counts, by means (2, states) and their chances."""
     from scipy.special import logsumexp
 
-    # I = 1 - E log2(1 + p_other(x) / p_sent(x)), by Gauss-Hermite nodes around the mean of each
-    # state
+    # I = 1 - E log2(1 + p_other(x) / p_sent(x)), by
+    # Gauss-Hermite nodes around the mean of each state
     nodes, weights = np.polynomial.hermite_e.hermegauss(32)
     # counts times (1 - lam): mean N, variance N / (1 - lam)
     std = np.sqrt(np.maximum(means, 1.0) / (1.0 - branching))
@@ -441,8 +440,7 @@ def compound_poisson_decision(
     spread = math.sqrt(top * filters.noise_energy / share)
     below = 8.0 * thermal_std + float(removed.sum())
     # The FFT is periodic, and what lies beyond an end comes back at the other: room for 12
-    # deviations
-    # of shot noise, 30 avalanches at their peak and 8 deviations of thermal noise.
+    # deviations of shot noise, 30 avalanches at their peak and 8 deviations of thermal noise.
     reach = top + 12.0 * spread + 30.0 * share * filters.peak + 8.0 * thermal_std
     step = (reach + below) / _POINTS
     most = share * filters.peak / step  # of a count, in steps
@@ -459,8 +457,8 @@ def compound_poisson_decision(
         above = counts_until(old) - counts_until(young)
         counts[1 : above.size + 1] = above - np.append(above[1:], 0.0)
         spectrum = np.fft.fft(counts)
-        # m avalanches of one count have m times its amplitude: its spectrum at m times the
-        # frequency
+        # m avalanches of one count have m times its
+        # amplitude: its spectrum at m times the frequency
         branched = sum(p * spectrum[(m * _INDEX) % _POINTS] for m, p in enumerate(borel, 1))
         return np.asarray(branched - counts.sum())
 

@@ -481,8 +481,8 @@ class OpticalFrontEnd(Model, frozen=True):
         if not self.etendue_limited:
             return 1.0
         index = self.concentrator_index / self.medium_index
-        # the most etendue a detector accepts, from a hemisphere in its medium (Winston et al.,
-        # chapter 2)
+        # the most etendue a detector accepts, from a
+        # hemisphere in its medium (Winston et al., chapter 2)
         limit = math.pi * detector_area * index**2
         return min(1.0, limit / self._acceptance)
 

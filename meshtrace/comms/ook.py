@@ -337,8 +337,7 @@ class OokLink(Model, frozen=True):
         day = background.provenance.get("daylight")
         irradiance = Daylight.model_validate(day).spectrum if day else np.ones_like
         # `background_power` takes the light as flat over the filter; `background_counted` does the
-        # filter
-        # over the spectrum, and the flat one is divided out
+        # filter over the spectrum, and the flat one is divided out
         per_nm = power / (optics.equivalent_width_nm * optics.peak_transmission)
         return per_nm * background_counted(self, nm, irradiance) / photon_energy(1e-9 * nm)
 

@@ -112,6 +112,7 @@ class CompoundPoisson(AveragedPulses):
     def _decide_at(self, link: OokLink, power: float) -> tuple[float, float]:
         low, high = (float(level) for level in link.levels(power))
         filters, pulses = link.filters, _pulses(link, 1.0)
+        # what the equaliser takes off the sample for each bit that was a one
         removed = (high - low) * (pulses.mean - pulses.heard)
         thermal = link.tia.thermal_noise(link.sipm.gain)
         thermal_std = math.sqrt(0.5 * thermal * filters.noise_energy)

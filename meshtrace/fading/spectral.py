@@ -261,8 +261,8 @@ def _covariance(
     weight = np.tile(weights, repeat) * 0.25 * math.pi * 2.0 * math.pi / span
     covariance = spectrum.covariance(distance, azimuth, lags)
     still = 2.0 * (variance + np.array(missing))
-    # D = 2 (C(0) - C(R)); slopes beyond the band are independent at two crossings, so that they are
-    # part of C(0) alone
+    # D = 2 (C(0) - C(R)); slopes beyond the band are independent
+    # at two crossings, so that they are part of C(0) alone
     spread = [still[0] - 2.0 * covariance[0], still[1] - 2.0 * covariance[1], -2.0 * covariance[2]]
     x = distance[:, None] * np.cos(azimuth)
     y = distance[:, None] * np.sin(azimuth)

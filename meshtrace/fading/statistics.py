@@ -174,6 +174,7 @@ class FadingStatistics(Stored):
         if fits:
             names = list(dict.fromkeys(name for fit in fits for name in fit.parameters))
             known = {test.model: test for test in self.goodness}
+            # laws without a test have nan in its columns
             none = GoodnessOfFit("lognormal", math.nan, math.nan, 0)
             tests = [known.get(fit.model, none) for fit in fits]
             values = [[fit.parameters.get(name, math.nan) for name in names] for fit in fits]
@@ -293,6 +294,7 @@ def fading_statistics(
     fits, goodness, fit_notes = _all_fits(sample, n_effective, test_resamples, seed)
     outages = []
     for level in levels:
+        # gains without their noise, as `outage` counts them
         below = (sample < level_of(sample, level, relative_to)).astype(np.float64)
         trials: Any = {"n_effective": _trials(below, n_effective), "confidence": confidence}
         outages.append(outage(sample, level, relative_to=relative_to, **trials))
@@ -362,6 +364,7 @@ def _all_fits(
         return (), (), ["no variance above the Monte Carlo noise: no law fitted"]
     fits = (fit_lognormal(sample), fit_gamma_gamma(sample, n_effective=n_effective))
     notes = [f"{fit.model}: {fit.note}" for fit in fits if fit.note]
+    # about independent gains, as the test assumes
     apart = sample[:: math.ceil(sample.size / n_effective)]
     if resamples == 0:
         return fits, (), notes
@@ -396,6 +399,7 @@ def _notes(
         )
     if math.isnan(coherence):
         yield f"the coherence time needs gains that vary, at {_FEWEST_STEPS} times or more"
+    # shorter times are an interpolation within the first step
     if coherence < fields["lag"][1]:
         yield "the coherence time is below one time step: use shorter steps"
     # a difference of two gains has the errors of both

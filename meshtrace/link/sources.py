@@ -253,6 +253,7 @@ class AirLamp(Source, frozen=True):
     @property
     def axis(self) -> tuple[float, float, float]:
         """Unit vector of the emission."""
+        # the tilt is counted from straight down
         x, y, z = unit_vector(self.tilt_deg, self.tilt_azimuth_deg)
         return x, y, -z
 
@@ -367,6 +368,7 @@ class Sun(AirSource, frozen=True):
     @property
     def axis(self) -> tuple[float, float, float]:
         """Unit vector of the direction of travel."""
+        # the azimuth is that of the travel, which leads down
         x, y, z = unit_vector(self.zenith_deg, self.azimuth_deg)
         return x, y, -z
 

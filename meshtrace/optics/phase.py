@@ -311,7 +311,7 @@ def _tables(phase: PhaseFunction) -> PhaseTables:
         error_s = np.abs(phase._cdf_s(0.5 * (s[:-1] + s[1:])) - middle)
         error_y = np.abs(phase._cdf_s((0.5 * (y[:-1] + y[1:])) ** exponent) - middle)
         coarse = (error_s > _QUANTILE_TOLERANCE) & (error_y < error_s)
-        # y serves the forward peak, which has at least half of the light: u < 1/2 at most
+        # y serves the forward peak alone: the first half of the light at most
         better = np.flatnonzero(coarse[: intervals // 2])
         k = int(better[-1]) + 1 if better.size else 0
         worst = max(error_y[:k].max(initial=0.0), error_s[k:].max(initial=0.0))

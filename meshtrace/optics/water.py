@@ -103,14 +103,13 @@ class Water(Model, frozen=True):
             return self
         fields_set = self.model_fields_set
         for name, value in _derived(self.spectrum, self.wavelength_nm).items():
-            # a saved water states its derived values: those that agree still follow from the
-            # spectrum
+            # values that agree with the spectrum follow from it, as in a file that has both
             if name not in fields_set or _same(getattr(self, name), value):
                 object.__setattr__(self, name, value)
                 fields_set.discard(name)
         if fields_set & {"a", "b", "layers"}:
-            # with other coefficients the spectrum no longer says what the water is at other
-            # wavelengths
+            # with other coefficients the spectrum no longer
+            # says what the water is at other wavelengths
             fields_set |= {"a", "b", "layers", "n", "phase"}
             object.__setattr__(self, "spectrum", None)
             object.__setattr__(self, "wavelength_nm", None)
@@ -126,6 +125,7 @@ class Water(Model, frozen=True):
             raise Refused("layers", layers.min(), "finite numbers >= 0")
         if depth[0] != 0.0 or np.any(np.diff(depth) <= 0.0):
             raise Refused("layers", Described(f"depths {depth}"), "increasing from 0")
+        # a and b of layered water are those at the surface
         if (self.a, self.b) != self.layers[0][1:]:
             first = f"{self.layers[0][1]} and {self.layers[0][2]}"
             allowed = f"with layers: nothing, or those of the first node, {first}"

@@ -110,6 +110,7 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
         labels = Described(", ".join(cells.labels))
         raise Refused(str(file), labels, "fields a or agp, and b, bp, c or cgp, with wavelengths")
     b = _at(b, a.columns)
+    # first wavelengths without values of both are left out, then depths with gaps
     wavelengths = a.columns[a.notna().any() & b.notna().any()]
     full = a.index[(a[wavelengths].notna() & b[wavelengths].notna()).all(axis=1)]
     samples = [(z, w, a.at[z, w], b.at[z, w]) for z in full for w in wavelengths]
@@ -131,6 +132,7 @@ def _fields_of_seabass(file: Path, text: str) -> tuple[Cells, dict[str, Floats]]
     if not end:
         raise Refused(str(file), Described("no /end_header"), "a SeaBASS file")
     _require_fields(file, fields)
+    # the line at which the body begins, for errors
     first = len(re.findall(r"\r\n|\r|\n", head)) + 2
     body = "".join(re.split(r"\r\n|\r|\n", body, maxsplit=1)[1:])
     cells = cells_of_text(body, str(file), _DELIMITERS[delimiter], 0, first)

@@ -144,6 +144,7 @@ class Uav(Model, frozen=True):
         Refused
             If the tilt does not vary (gimbal or calm), or `law` is not one of the two names.
         """
+        # a constant tilt has no density
         if self.gimbal or not np.all(wind.std > 0.0):
             raise Refused("tilt_law", Described("constant tilt"), "no gimbal, a wind with gusts")
         mean_wind, std = wind.mean_wind, wind.std

@@ -98,6 +98,7 @@ class TiltFactors(NamedTuple):
         level = np.asarray(h, dtype=float)
         if self.law is None:
             return (self.h < level[..., None]) @ self.weight
+        # more tilt is a lower factor, and beyond the field of view it is 0, below every level > 0
         tilt = np.minimum(np.arccos(np.clip(level, 0.0, 1.0)), _half_angle(self.fov))
         return np.where(level >= 1.0, 1.0, _tilt_table(self.law)(tilt))
 
@@ -385,6 +386,7 @@ class ExactTiltLaw(TiltLaw):
         return part
 
     def _bulk(self) -> tuple[float, float]:
+        # nine deviations of a normal law leave 1e-19 on a side
         reach = 9.0 * max(self.std_horizontal, self.std_vertical)
         return max(self.mean_speed - reach, 0.0) ** 2, (self.mean_speed + 1.2 * reach) ** 2
 

@@ -273,8 +273,7 @@ def _states(q: float, noise: Floats) -> Floats:
     (drive_1[0],), (drive_2[0],) = drive(0.5, 0.25, 0.25, noise[:, :1])
     decay = math.exp(-q)
     x1 = lfilter([1.0], [1.0, -decay], drive_1)
-    # the transition matrix is exp(-q) [[1, 0], [q, 1]]; q may be infinite in its limit of white
-    # noise
+    # the transition matrix is exp(-q) [[1, 0], [q, 1]]; infinity times 0 would be nan
     coupling = q * decay if math.isfinite(q) else 0.0
     drive_2[1:] += coupling * x1[:-1]
     return np.stack([x1, lfilter([1.0], [1.0, -decay], drive_2)])
