@@ -278,6 +278,7 @@ def _grid_facets(
     grid = (along.size, across.size) if along.ndim == across.ndim == 1 else along.shape
     if z.ndim != 2 or z.shape != grid or (along.ndim != 1 and across.shape != grid):
         raise unfit(f"shapes {along.shape}, {across.shape}, {z.shape}", "x, y and z of one grid")
+    # before the arrays are read: a file may state any size
     require_size(8 * z.size, 8 * z.size, str(z.name))
     arrays = zip((along, across, z), factors, strict=True)
     x, y, height = (factor * valid_values(axis) for axis, factor in arrays)

@@ -675,7 +675,7 @@ def _unit_of_density(path: str, frequency: Heading | None, density: Heading | No
 
 
 class TabulatedSpectrum(Spectrum, frozen=True):
-    """Tabulated frequency spectrum, linear between the frequencies and zero beyond them.
+    """Frequency spectrum given by a table, linear between its rows and zero beyond them.
 
     Parameters
     ----------

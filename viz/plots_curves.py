@@ -116,6 +116,7 @@ def plot_water(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     ax = axes(ax)
     for name, style in zip("abc", ("-", "--", ":"), strict=True):
         lines(ax, data, name, (style,), label=f"{FIELDS[name].long_name} ${name}$")
+    # the name alone, without the publications
     text = str(data.attrs["source"]).partition(" (")[0]
     note(ax, f"{text}; n = {float(data.n[0]):.4f} to {float(data.n[-1]):.4f}")
     return finished(ax, yscale="log", ylabel="coefficient [m$^{-1}$]")

@@ -200,6 +200,7 @@ def scene(
                 add_paths(plotter, drawn, color=style.path_color)
         if crossing is not None and style.footprint:
             add_footprint(plotter, shown, crossing)
+        # texts of the receiver stand beyond the map
         aside = 0.0 if coverage is None else float(1.1 * coverage.x[-1])
         parts.add_receiver(plotter, link, shown, labels=style.labels, aside=aside)
         if style.uav:
@@ -406,6 +407,7 @@ def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
     share = (np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)) / np.repeat(n - 1, n).clip(1)
     points = np.repeat(start, n, axis=0) + share[:, None] * np.repeat(end - start, n, axis=0)
     pieces = np.column_stack([np.arange(n.sum())[:-1], np.arange(n.sum())[1:]])
+    # distance to the nearest side of the stage
     inside = np.minimum(points - low, high - points).min(axis=1)
     ahead = np.where(np.repeat(last, n), (1.0 - share) * np.repeat(length, n), np.inf)
     fade = np.clip(np.minimum(inside, ahead) / (_SOFT * stage.size), 0.0, 1.0)

@@ -101,6 +101,7 @@ def axis_label(name: str) -> str:
     require_word(name, FIELDS, "name")
     field = FIELDS[name]
     label = f"{field.long_name} ${field.symbol}$"
+    # powers of units in TeX: m-1 has a raised -1
     raised = re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", field.units)
     units = "°" if field.units == "degree" else raised
     return label if units == "1" else f"{label} [{units}]"

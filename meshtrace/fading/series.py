@@ -180,7 +180,7 @@ def block_length(gain: ArrayLike) -> int:
 def _politis_white(x: Floats) -> float:
     n = x.size
     x = x - x.mean()
-    # each lag over n, not over its pairs, which keeps the estimate positive definite
+    # each lag over n, not over its pairs, which keeps the estimate positive semidefinite
     covariance = _autocovariance(x) * np.arange(n, 0, -1) / n
     if not covariance[0] > 0.0:
         return 1.0

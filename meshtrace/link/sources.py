@@ -77,7 +77,7 @@ class Source(
 
     @property
     def size(self) -> float:
-        """Radius of the emitting disk, or half-width of the lighted square [m]; 0 for a point."""
+        """Radius of the emitting disk or half-width of the illuminated square [m], else 0."""
         return 0.0
 
     @property
@@ -337,7 +337,7 @@ class AirSource(Source, frozen=True):
 
     @property
     def size(self) -> float:
-        """Half-width of the lighted square [m]."""
+        """Half-width of the illuminated square [m]."""
         return self.half_width
 
 

@@ -339,7 +339,7 @@ _COLUMNS = (
 
 
 class TabulatedPhase(BuiltInPhase, frozen=True):
-    """Phase function tabulated over the scattering angle, in any normalisation.
+    """Phase function given by a table of angles and values, of any normalisation.
 
     Parameters
     ----------

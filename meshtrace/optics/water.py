@@ -267,6 +267,7 @@ class Water(Model, frozen=True):
         spectrum, used = self.spectrum, wavelength_nm or self.wavelength_nm
         values = f"a {self.a:.4g}, b {self.b:.4g} m-1{f' at {used:g} nm' if used else ''}{surface}"
         if spectrum is None:
+            # waters of Petzold are told by their values, which are the defaults, too
             names = (name for name, known in PETZOLD.items() if known == (self.a, self.b))
             spectrum = next((WaterType(type=f"petzold-{name}") for name in names), None)
         elif self.wavelength_nm != used:
