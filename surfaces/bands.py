@@ -115,6 +115,7 @@ class Band(Model, frozen=True):
         theta = direction_grid(spreading.half_range, self.d_theta)
         state = sea_state(spectrum)
         shares = direction_weights(spreading, centers, theta, self.d_theta, **state)
+        # the paper's rule: density at the frequency of the wave times the distance of waves
         variance = (spectrum(centers) * self.d_omega)[:, None] * shares
         omega = np.broadcast_to(centers[:, None], shares.shape)
         return Samples(variance, omega, np.broadcast_to(theta, shares.shape))
@@ -167,6 +168,7 @@ def named_band(name: BandName, spectrum: Spectrum, half_range: float, order: int
     if name == "mean" and order == 1:
         return Band(omega_min=low, omega_max=high, d_theta=2.0 * half_range / DIRECTIONS)
     if name == "mean":
+        # ten bins over 1.5 peak frequencies: every pair of these waves makes two more
         step, turn = 0.15 * peak, 2.0 * half_range / 10
         return Band(omega_min=low, omega_max=high, d_omega=step, d_theta=turn)
     if name == "scaled":
@@ -195,7 +197,7 @@ _read_name = partial(named_or_given, Band, get_args(BandName), "waves")
 
 
 def _read(value: Any, more: str = "") -> Any:
-    """Return a band or its name; `more` are the allowed values beside them."""
+    """Return a band or its name; `more` names further allowed values."""
     return value if value is None else _read_name(value, more=more)
 
 
@@ -248,9 +250,11 @@ def drawn_waves(edges: Edges, d_theta: float, spectrum: Spectrum, spreading: Spr
     low = np.maximum(middle - 0.5 * d_theta, -half)
     cell = np.minimum(middle + 0.5 * d_theta, half) - low
     theta = low[:, None] + cell[:, None] * 0.5 * (nodes + 1.0)
+    # the spreading of a bin is that of its geometric middle
     center = np.sqrt(edges[:-1] * edges[1:])[:, None]
     density = spreading.density(center, theta.ravel(), **sea_state(spectrum))
     shares = (density.reshape(len(width), *theta.shape) * weights).sum(axis=2) * cell
+    # whatever the error of the quadrature, a bin keeps its variance
     shares /= shares.sum(axis=1, keepdims=True)
     return Samples(variance[:, None] * shares, *drawn_places(edges, low, cell))
 
@@ -314,6 +318,7 @@ def direction_grid(half_range: float, d_theta: float) -> Floats:
     """
     Range("half_range", 0.0, math.pi, "rad").check(half_range)
     Range("d_theta", 0.0, half_range, "rad").check(d_theta)
+    # the tolerance keeps pi over pi / 20 at 20 steps whatever the last bit of the quotient
     fits = math.floor(2.0 * half_range / d_theta * (1.0 + 1e-12))
     if fits > _MOST_DIRECTIONS:
         raise Refused("d_theta", d_theta, f"at most {_MOST_DIRECTIONS:,} directions")

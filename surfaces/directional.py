@@ -168,11 +168,13 @@ def _read(
     (freq, direction, density), record = read_spectrum(source, reader, time, site)
     width = 360.0 / len(direction)
     theta = np.radians(180.0 + x_axis_deg - direction)
+    # widths as wavespectra counts them, so that Hs agrees with its `hs()`
     return _Table(freq, theta, density * np.gradient(freq)[:, None] * width), record
 
 
 def _mean_direction(table: _Table) -> float:
     """Return the mean direction of the last frequency with waves [rad]."""
+    # the shortest waves follow the wind
     row = table.variance[np.flatnonzero(table.variance.sum(axis=1))[-1:]].sum(axis=0)
     return float(np.arctan2(row @ np.sin(table.theta), row @ np.cos(table.theta)))
 
@@ -182,6 +184,7 @@ def _with_tail(table: _Table, wind_speed: float) -> _Table:
     spectrum = Elfouhaily(wind_speed=wind_speed)
     omega = 2.0 * np.pi * table.freq
     width = np.gradient(omega)[-1]
+    # the last bin of the table reaches half a width beyond its frequency
     start = omega[-1] + 0.5 * width
     if start >= TAIL_OMEGA_MAX:
         return table
@@ -191,6 +194,7 @@ def _with_tail(table: _Table, wind_speed: float) -> _Table:
     ratio = float(table.variance[-1].sum() / width / spectrum(omega[-1]))
     octaves = np.clip(np.log2(centers / omega[-1]), 0.0, 1.0)
     density = spectrum(centers) * (ratio + (1.0 - ratio) * octaves)
+    # the spreading takes angles from -pi to pi off the mean direction
     turned = np.remainder(table.theta - _mean_direction(table) + np.pi, 2.0 * np.pi) - np.pi
     spread = ElfouhailySpreading().density(centers[:, None], turned, **sea_state(spectrum))
     shares = spread / spread.sum(axis=1, keepdims=True)

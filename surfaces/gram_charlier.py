@@ -189,6 +189,7 @@ class _Quadrature(NamedTuple):
 def _quadrature() -> _Quadrature:
     lines = np.arange(-_REACH, _REACH + 0.5 * _STEP, _STEP)
     a, c = (v.ravel() for v in np.meshgrid(lines, lines[len(lines) // 2 :], indexing="ij"))
+    # all densities are even across the wind: a point off the axis stands for two
     twice = np.where(c < 0.5 * _STEP, 1.0, 2.0)
     weight = twice * _STEP**2 / (2.0 * math.pi) * np.exp(-0.5 * (a * a + c * c))
     powers = np.stack([a**i * c**j for i, j in _POWERS])
@@ -213,6 +214,7 @@ def _series(c21: float, c03: float, c40: float, c22: float, c04: float) -> Serie
     # in the slope along the wind, -eta
     wanted = np.array([1.0, 0.0, 0.0, c03, c04, 0.0, c21, c22, c40])
     wanted /= _NORMS[:, 0]
+    # chi-square distance by Parseval's sum, since the polynomials are orthonormal
     distance = float(wanted @ wanted) - 1.0
     if not distance <= _FARTHEST:
         raise _refused(f"slopes at a distance of {distance:.2g} from Gaussian ones")
@@ -222,11 +224,14 @@ def _series(c21: float, c03: float, c40: float, c22: float, c04: float) -> Serie
         error = q.polynomials @ (q.weight * density) - wanted
         if np.abs(error).max() < _ACCURACY:
             break
+        # derivative of the moments by the coefficients; where P is negative the density stays 0
         slope = (q.polynomials * (q.weight * (density > 0.0))) @ q.polynomials.T
         moments = moments - np.linalg.lstsq(slope, error)[0]
     else:
         raise _refused("moments that no density has")
     square = q.along**2 + q.across**2
+    # bound of the density over the wider Gaussian that
+    # proposes slopes, see `kernels.interface.WIDE`
     most = float((density * np.exp(-0.5 * square * (1.0 - 1.0 / WIDE))).max())
     return Series._make(map(float, (*(moments @ _hermite()), _ABOVE * WIDE * most)))
 

@@ -165,6 +165,7 @@ def gauge_spectrum(
     else:
         shares = _of_array(record, positions, length, freq, theta, depth)
     count = (n - length // 2) // (length - length // 2)
+    # Welch (1967): segments that overlap by half are not independent
     freedom = 2.0 * count / (1.0 + (count - 1.0) / (18.0 * count))
     low, high = freedom / stats.chi2.ppf([0.5 + 0.5 * confidence, 0.5 - 0.5 * confidence], freedom)
     variance = float((spectrum * np.gradient(freq)).sum())
@@ -175,6 +176,7 @@ def gauge_spectrum(
             "spectrum_low": ("freq", low * spectrum),
             "spectrum_high": ("freq", high * spectrum),
         },
+        # +x is the east, and directions are those the waves come from
         coords={"freq": freq, "dir": np.mod(270.0 - np.degrees(theta), 360.0)},
         attrs={
             "record": f"{record.name}, {n * record.step:g} s of {gauges} gauge{'s' * (gauges > 1)}",
@@ -275,6 +277,7 @@ def _read_gauges(source: Any, unit: str | None) -> _Record:
         raise Refused(
             name, count, f"within {_HIGHEST:g} m of their median: a heading with the unit"
         )
+    # a column that only rises is a time or a count, not waves
     if not headings and (np.diff(elevation, axis=0) > 0.0).all(axis=0).any():
         raise Refused(name, Described("a gauge that rises in all rows"), "headings of the columns")
     cells.tell()
@@ -335,6 +338,7 @@ def _step(name: str, time: Floats) -> float:
     """Return the time step; times may be rounded by a tenth of it."""
     n = len(time)
     step = float(time[-1] - time[0]) / max(n - 1, 1)
+    # against an even grid, since the differences of rounded times are uneven
     even = time[0] + step * np.arange(n)
     if not step > 0.0 or np.abs(time - even).max() > 0.1 * step:
         raise Refused(name, Described("unequal steps in time"), "equal steps > 0 s, without gaps")
@@ -366,6 +370,7 @@ def _stated(
     """Return the shares of the directions at each frequency of a spreading."""
     if spreading is None:
         raise Refused("spreading", None, "a spreading: one gauge does not see directions")
+    # spreadings take angles from -pi to pi
     turned = np.remainder(theta + math.pi, 2.0 * math.pi) - math.pi
     kind, omega = Spreading.read(spreading), 2.0 * math.pi * freq[:, None]
 
@@ -373,6 +378,7 @@ def _stated(
         density = kind.density(omega, turned, omega_p=2.0 * math.pi * peak, wind_speed=speed)
         return density / density.sum(axis=1, keepdims=True)
 
+    # a spreading that is the same at 5 and 10 m/s does not depend on the wind
     directional = shares(5.0 if wind_speed is None else wind_speed)
     if wind_speed is None and not np.array_equal(directional, shares(10.0)):
         raise Refused("wind_speed", None, f"a wind speed [m/s] for the spreading {kind.kind}")
@@ -386,12 +392,14 @@ def _of_array(
     n = record.elevation.shape[1]
     allowed = f"{n} pairs (x, y) [m], one for each gauge, three or more not on a line"
     at = require_array(() if positions is None else positions, "positions", allowed)
+    # gauges on a line do not tell its two sides apart
     if at.shape != (n, 2) or n < 3 or np.linalg.matrix_rank(at - at.mean(axis=0), 1e-6) < 2:
         raise Refused("positions", Described(f"shape {at.shape}"), allowed)
     with extra("measured", "positions", Described(f"{n} gauges"), "one gauge, or diwasp: {}"):
         from diwasp import EstimationMethod, EstimationParameters, InstrumentData, dirspec
         from diwasp.types import SensorType
     apart = np.hypot(*(at[:, None] - at).transpose(2, 0, 1))[~np.eye(n, dtype=bool)].min()
+    # beyond it half a wave is shorter than the least distance: directions are ambiguous
     last = int(np.searchsorted(wavenumber(2.0 * np.pi * freq, depth), math.pi / apart))
     if last == 0:
         reason = Described(f"{apart:.3g} m at least between gauges")

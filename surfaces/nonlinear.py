@@ -125,7 +125,7 @@ class ChoppyWaves:
         return self._over(*r, time).require_single()
 
     def _over(self, x: Floats, y: Floats, time: float) -> Sheet:
-        """Return the sheet of some labels."""
+        """Return the sheet at labels."""
         dx, dy = sum_waves(self._potential, 1, x, y, time)
         (z,), slopes = (sum_waves(self._waves, order, x, y, time) for order in (0, 1))
         bent = sum_waves(self._potential, 2, x, y, time)
@@ -170,6 +170,7 @@ class ChoppyWaves:
         target = np.stack([np.ravel(x), np.ravel(y)], axis=1)
         r, step = target.copy(), self._displacement(target, time)
         error = np.full(len(r), np.inf)
+        # far from the origin positions are rounded by more than the tolerance
         enough = _TOLERANCE + _ROUNDING * np.abs(target).max(axis=1, initial=0.0)
         open_ = np.arange(len(r))
         for _ in range(_STEPS):
@@ -180,6 +181,7 @@ class ChoppyWaves:
             ahead = open_[nearer]
             r[ahead], error[ahead] = trial[nearer], size[nearer]
             step[ahead] = self._newton_step(trial[nearer], miss[nearer], time)
+            # a step that leads away is halved from the same point
             step[open_[~nearer]] *= 0.5
             open_ = open_[error[open_] > enough[open_]]
             if not open_.size:
@@ -316,6 +318,7 @@ def with_bound_waves(free: WaveComponents, omega_max: float, most: int) -> WaveC
     """
     chosen = np.flatnonzero((free.amplitude != 0.0) & (free.omega <= omega_max))
     n = len(chosen)
+    # n (n + 1) / 2 pairs, each with a sum and a difference
     if n * (n + 1) > MOST_PAIRS:
         reason = Described(f"{omega_max:g} rad/s makes {n * (n + 1)} bound waves")
         raise Refused("order_omega_max", reason, f"at most {MOST_PAIRS}, small ones included")
@@ -324,6 +327,7 @@ def with_bound_waves(free: WaveComponents, omega_max: float, most: int) -> WaveC
         free.kx[first], free.ky[first], free.kx[second], free.ky[second]
     )
     product = 0.5 * free.amplitude[first] * free.amplitude[second]
+    # a pair stands for (i, j) and (j, i) of the equation; a wave with itself occurs once
     pairs = (1.0, np.where(first == second, 0.5, 1.0) * k_plus), (-1.0, k_minus)
     parts = []
     for sign, kernel in pairs:
@@ -333,6 +337,7 @@ def with_bound_waves(free: WaveComponents, omega_max: float, most: int) -> WaveC
         parts.append(WaveComponents(bound.amplitude, *(turn * a for a in bound[1:])))
     bound = WaveComponents(*(np.concatenate(pair) for pair in zip(*parts, strict=True)))
     relevant = np.zeros(len(bound.amplitude), dtype=bool)
+    # in elevation and in curvature: a^2 and a^2 k^4
     for power in (0, 2):
         share = bound.amplitude**2 * (bound.kx**2 + bound.ky**2) ** power
         order = np.argsort(share, kind="stable")

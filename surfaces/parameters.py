@@ -28,6 +28,7 @@ class Range(NamedTuple):
 
     def check(self, value: float) -> float:
         """Return `value` unchanged; raise `Refused` outside of the interval."""
+        # formulas divide by such numbers, and the squares of the quotients may overflow
         if 0.0 == self.low < value < SMALLEST and not self.closed:
             raise Refused(self.name, value, f"at least {SMALLEST:g} {self.unit}".rstrip())
         ends = f"{'[' if self.closed else '('}{']' if math.isfinite(self.high) else ')'}"
@@ -63,7 +64,7 @@ Variances = tuple[float, float]
 def named_or_given(
     kind: type[Model], names: tuple[str, ...], field: str, value: Any, *, more: str = ""
 ) -> Any:
-    """Return a name, a model or that of plain data; `more` are the allowed values beside them."""
+    """Return a name, a model or that of plain data; `more` names further allowed values."""
     if isinstance(value, kind) or (isinstance(value, str) and value in names):
         return value
     if isinstance(value, Mapping):

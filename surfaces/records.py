@@ -26,7 +26,7 @@ _PLACES = (*_STATIONS, "lon", "lat", "longitude", "latitude")
 def one_record(
     dataset: xarray.Dataset, names: Sequence[str], time: Any, site: Any
 ) -> tuple[xarray.Dataset, str | None]:
-    """Return the lazy variables of some names at a time and a place, and the label of both."""
+    """Return the lazy variables of these names at a time and a place, and the label of both."""
     names = (*names, "time", *_PLACES)
     data = dataset[[name for name in names if name in dataset.variables]].assign_attrs(
         dataset.attrs
@@ -55,6 +55,7 @@ def _at_time(data: xarray.Dataset, time: Any) -> xarray.Dataset:
         raise Refused("time", Described("no dates in the record"), "a record with times")
     dates = f"{_shown(dated.min())} to {_shown(dated.max())}"
     distance = np.abs(times - _date(time, f"a date from {dates}"))
+    # a missing date is never the nearest one
     distance[np.isnat(distance)] = np.timedelta64(2**62, "us")
     # the usual step: a gap in the record is no reason to take what is far away
     steps = np.diff(np.unique(dated))
@@ -106,6 +107,7 @@ def _date(time: Any, allowed: str) -> np.datetime64:
     value = time
     try:
         if isinstance(time, str):
+            # a year or a month stands for its first day
             value = f"{time}-01-01"[:10] if re.fullmatch(r"\d{4}(-\d\d)?", time) else time
             value = datetime.fromisoformat(value)
         elif not isinstance(time, date | np.datetime64):
@@ -134,6 +136,7 @@ def _at_site(data: xarray.Dataset, site: Any) -> xarray.Dataset:
             convert(1.0, unit, "deg", known)  # refuses metres
         coordinates.append(np.radians(data[known].astype(np.float64)))
     x, y, x0, y0 = *coordinates, math.radians(lon), math.radians(lat)
+    # the haversine keeps the digits of short distances, which an arccosine loses
     haversine = np.sin(0.5 * (y - y0)) ** 2 + np.cos(y) * math.cos(y0) * np.sin(0.5 * (x - x0)) ** 2
     distance: Any = np.degrees(2.0 * np.arcsin(np.sqrt(np.minimum(haversine, 1.0)))).fillna(np.inf)
     if distance.size == 0 or float(distance.min()) > _FARTHEST:
@@ -169,6 +172,7 @@ def _at_station(data: xarray.Dataset, site: Any) -> xarray.Dataset:
 def _text(label: Any) -> str:
     """Return a label of a station as text."""
     if isinstance(label, bytes):
+        # never fails, whatever encoding a file has
         label = label.decode("latin-1")
     if isinstance(label, float) and label.is_integer():
         label = int(label)

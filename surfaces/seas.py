@@ -153,6 +153,7 @@ class RandomSea(WaveSurface, frozen=True):
         True
         """
         other = self.model_copy(update={"seed": seed})
+        # the plans of the sums and all waves but their phases are shared
         other._grids = self._grids  # type: ignore[misc]  # private: not frozen
         other._common = self._common  # type: ignore[misc]
         return other
@@ -184,6 +185,7 @@ class RandomSea(WaveSurface, frozen=True):
         The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
         """
         real = self.slope_variance
+        # sums over all waves: kept, since every mesh of a series asks for the same spacing
         if real is not None and spacing not in self._left_out:
             wind = self._slopes_along_deg
             vertex, facet = (
@@ -256,10 +258,12 @@ class _BandedSea(RandomSea, frozen=True):
     @cached_property
     def free_waves(self) -> WaveComponents:
         """The waves of first order, direction by direction at each frequency."""
+        # all but the phases is common to the seeds of a sea
         if "waves" not in self._common:
             components = self.band.waves(self.spectrum, self.spreading)
             k = wavenumber(components.omega, self._water_depth(), self.capillary)
             heading = components.theta + math.radians(self.wind_direction_deg)
+            # a wave a cos(phi) has the variance a^2 / 2
             amplitude, still = np.sqrt(2.0 * components.variance), np.zeros_like(heading)
             self._common["waves"] = flat_components(
                 amplitude, components.omega, k, heading, still, self.current
@@ -302,6 +306,7 @@ class _BandedSea(RandomSea, frozen=True):
         """
         if (self.omega_max, self.waves) != (None, None) or self.mss == "band":
             return None
+        # the default spreading was not chosen, so that it may give way
         standard = self.spreading == IttcSpreading()
         if isinstance(self.spectrum, Elfouhaily):
             # no band follows the slopes of another law
@@ -311,6 +316,7 @@ class _BandedSea(RandomSea, frozen=True):
             return self
         of_wind = self.spectrum.model_dump(include={"wind_speed", "fetch"})
         law = type(self.spectrum)
+        # heights, peaks, depths and spreadings that were chosen say more than the wind does
         if law is Tma or not standard or self.spectrum != law(**of_wind):
             return None
         return self.short_waves
@@ -655,6 +661,7 @@ class SumSea(RandomSea, frozen=True):
     @property
     def windiest(self) -> RandomSea:
         """The part with the largest slope variance of the real sea."""
+        # variances of real seas do not add up: each holds all short waves of its wind
         return max(self.parts, key=lambda part: sum(part.slope_variance or (0.0, 0.0)))
 
     @property
@@ -678,6 +685,7 @@ class SumSea(RandomSea, frozen=True):
     @cached_property
     def free_waves(self) -> WaveComponents:
         """The waves of first order of all parts."""
+        # independent phases for every part, for equal parts as well
         seeds = (np.random.SeedSequence([self.seed, i]) for i in range(len(self.parts)))
         waves = [
             part.with_seed(int(seed.generate_state(1)[0])).free_waves

@@ -107,6 +107,7 @@ def _files(files: list[Path], source: object) -> Frames:
             raise Refused("source", str(file), _ALLOWED)
     files = sorted(files)
     numbers = [re.findall(r"\d+(?:\.\d+)?", file.stem) for file in files]
+    # the first number that differs from file to file orders them, and is their time
     for column in range(min(map(len, numbers))):
         times = np.array([float(row[column]) for row in numbers])
         if len(np.unique(times)) == len(files):
@@ -141,6 +142,7 @@ def _read_vtk(path: Path) -> Facets:
     with extra("viz", "source", str(path), "{} for VTK files"):
         import pyvista as pv
     data: Any = pv.read(path)
+    # a file of several parts is one surface
     if isinstance(data, pv.MultiBlock):
         data = data.combine()
     if not isinstance(data, pv.PolyData):
@@ -178,6 +180,7 @@ def _xdmf(path: Path) -> Frames:
                 return _moved(points, series.read_data(i)[1]), _triangles(cells)
         grid = ElementTree.Element("Grid", grids[i].attrib)
         grid.extend(c for c in grids[i] if c.tag in ("Topology", "Geometry"))
+        # meshio reads files of one grid: each grid becomes such a file in memory
         root = ElementTree.Element("Xdmf", Version="3.0")
         ElementTree.SubElement(root, "Domain").append(grid)
         mesh = XdmfReader(str(path)).read_xdmf3(root)
@@ -269,11 +272,13 @@ def _grid_facets(
     """Return a frame as triangles that face up, cells split."""
     z = heights[i] if heights.ndim == 3 else heights
     first, second = along.dims, across.dims
+    # files may count along y first
     if len(first) == len(second) == 1 and (*second, *first) == z.dims:
         z = z.transpose()
     grid = (along.size, across.size) if along.ndim == across.ndim == 1 else along.shape
     if z.ndim != 2 or z.shape != grid or (along.ndim != 1 and across.shape != grid):
         raise unfit(f"shapes {along.shape}, {across.shape}, {z.shape}", "x, y and z of one grid")
+    # before the arrays are read: a file may state any size
     require_size(8 * z.size, 8 * z.size, str(z.name))
     arrays = zip((along, across, z), factors, strict=True)
     x, y, height = (factor * valid_values(axis) for axis, factor in arrays)
@@ -287,6 +292,7 @@ def _grid_facets(
     vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3)
     faces = grid_faces(*height.shape).astype(np.int64)
     step, side = np.diff(x, axis=0)[0, 0], np.diff(x, axis=1)[0, 0]
+    # an axis may fall, which would turn the facets over
     turn = step * np.diff(y, axis=1)[0, 0] - side * np.diff(y, axis=0)[0, 0]
     return vertices, faces if turn > 0.0 else faces[:, ::-1]
 
@@ -406,8 +412,10 @@ class MeshSequence(Model, frozen=True):
     def model_post_init(self, context: Any) -> None:
         """List the frames and their times."""
         self._frames = open_frames(self.source)  # type: ignore[misc]  # private: not frozen
+        # a cache for each sequence, which ends with it
         self._mesh_of = lru_cache(maxsize=_KEPT)(self._read)  # type: ignore[misc]
         at, n = self._frames.times, len(self)
+        # stated times come first, then a stated rate, then those in the files
         if self.times is not None:
             at = np.array(self.times)
         elif self.frame_rate is not None:
@@ -482,12 +490,14 @@ class MeshSequence(Model, frozen=True):
             `from_trimesh`), or frames of other facets are to be blended.
         """
         at, time = self._at, TIME.check(time)
+        # times of a study are rounded
         if not at[0] - 1e-9 <= time <= at[-1] + 1e-9:
             raise Refused("time", time, f"{at[0]:g} <= time <= {at[-1]:g} s, the record")
         if self.blend == "nearest" or len(at) == 1:
             return self.frame(int(np.abs(at - time).argmin()))
         i = int(np.clip(np.searchsorted(at, time, side="right") - 1, 0, len(at) - 2))
         share = min(max((time - at[i]) / (at[i + 1] - at[i]), 0.0), 1.0)
+        # at a frame there is nothing to blend, nor another file to read
         if share in (0.0, 1.0):
             return self.frame(i + int(share))
         before, after = self.frame(i), self.frame(i + 1)

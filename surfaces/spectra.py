@@ -164,7 +164,7 @@ class Jonswap(Spectrum, frozen=True):
 
     @cached_property
     def energy_scale(self) -> float:
-        """Factor alpha in use: given, of the wave height, or of the fetch law."""
+        """Factor alpha in use: as set, of the wave height, or of the fetch law."""
         if self.alpha is not None:
             return self.alpha
         if self.hs is None:
@@ -241,6 +241,7 @@ class PiersonMoskowitz(Spectrum, frozen=True):
     @property
     def omega_p(self) -> float:
         """Peak angular frequency [rad s-1]."""
+        # 5/4 omega_p^4 = 0.74 (g / U_19.5)^4, by the exponents of both forms
         return (4.0 * 0.74 / 5.0) ** 0.25 * GRAVITY / (1.026 * self.wind_speed)
 
     def __call__(self, omega: ArrayLike) -> Floats:
@@ -522,6 +523,7 @@ class OchiHubble(Spectrum, frozen=True):
     @property
     def omega_p(self) -> float:
         """Frequency of the higher peak [rad s-1]."""
+        # both parts overlap: the higher peak is that of the sum
         peaks = 2.0 * math.pi / np.array(self.tp)
         return float(peaks[np.argmax(sum(self._parts(peaks)))])
 
@@ -536,6 +538,7 @@ class OchiHubble(Spectrum, frozen=True):
         parts = []
         for hs, tp, lam in zip(self.hs, self.tp, self.lam, strict=True):
             ratio = (4.0 * lam + 1.0) / 4.0 * (2.0 * math.pi / (tp * omega)) ** 4
+            # in logarithms, since powers of low frequencies overflow
             log = lam * np.log(ratio) - gammaln(lam) - ratio
             parts.append(0.25 * hs**2 * np.exp(log) / omega)
         return parts
@@ -742,6 +745,7 @@ class TabulatedSpectrum(Spectrum, frozen=True):
         usual = _unit_of_density(str(path), table["omega"].heading, heading)
         stated = usual if heading is None or heading.unit is None else heading.unit
         where = f"{path}: column {heading.text if heading else 2}"
+        # first in the unit of its own frequency, then over omega: S(omega) = S(f) / (2 pi)
         values = convert(convert(density, stated, usual, where), usual, "m2 s rad-1", where)
         return cls(omega=tuple(table["omega"].values), density=tuple(values))
 
@@ -817,6 +821,7 @@ class IttcSpreading(Spreading, frozen=True):
         theta = finite_array("theta", theta)
         inside = np.abs(theta) <= self.half_range
         cosine = np.where(inside, 2.0 / math.pi * np.cos(theta) ** 2, 0.0)
+        # the same at every frequency, in the shape of both arguments
         return cosine * np.ones_like(finite_array("omega", omega))
 
 
@@ -901,6 +906,7 @@ class ElfouhailySpreading(Spreading, frozen=True):
 def _cos_2s(theta: ArrayLike, s: ArrayLike) -> Floats:
     """Return the cosine-2s density for exponents s >= 0 that broadcast with `theta`."""
     s = np.asarray(s, dtype=np.float64)
+    # in logarithms, since Gamma(2 s + 1) of narrow spreadings overflows
     log_scale = (2.0 * s - 1.0) * math.log(2.0) + 2.0 * _log_gamma(s + 1.0)
     scale = np.exp(log_scale - _log_gamma(2.0 * s + 1.0)) / math.pi
     return scale * np.abs(np.cos(0.5 * finite_array("theta", theta))) ** (2.0 * s)

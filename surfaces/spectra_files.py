@@ -128,7 +128,7 @@ def _opened(source: Any, reader: str | None) -> Iterator[xarray.Dataset]:
 
 
 def _raw(source: Any, files: ExitStack) -> xarray.Dataset:
-    """Return the lazy dataset of netCDF files, or a given one; missing values become nan."""
+    """Return the lazy dataset of netCDF files, or the dataset itself; missing values become nan."""
     import xarray as xr
 
     if isinstance(source, str | PathLike):
@@ -172,6 +172,7 @@ def _formatted(dataset: xarray.Dataset, reader: str) -> xarray.Dataset:
         stated = unit_of(lazy[name]) if name in lazy.variables else ""
         factor = float(convert(1.0, stated, unit, name)) if stated else 1.0
         if factor != 1.0:
+            # logarithms do not scale by a factor
             if reader == "era5":
                 raise Refused(name, Described(f"logarithms of {stated}"), f"logarithms of {unit}")
             warn_of_input(f"{name}: {stated} converted to {unit}")
@@ -189,6 +190,7 @@ def _formatted(dataset: xarray.Dataset, reader: str) -> xarray.Dataset:
         converted["efth"] = converted["efth"].where(~absent.drop_vars(list(absent.coords)))
     converted = _without_attributes(converted)
     if convention != form.convention and "dir" in converted.variables:
+        # undo the turn of the reader, which took the convention of its format for granted
         bearing = converted["dir"].values - (180.0 if form.convention == "to" else 0.0)
         converted["dir"] = ("dir", coming_from(bearing, convention))
     return converted
@@ -219,6 +221,7 @@ def _check_text(source: Any) -> None:
             is_gzip = file.read(2) == b"\x1f\x8b"
         if is_gzip:
             size, most = 0, _MOST_TEXT
+            # counted as it unpacks, no further than the limit: a small file may hold any amount
             with gzip.open(path) as file:
                 while size <= _MOST_TEXT and (block := file.read(2**20)):
                     size += len(block)
@@ -260,6 +263,7 @@ def _ndbc_ascii(source: Any) -> xarray.Dataset:
     for name, path in zip(names, paths, strict=False):
         frame = read_file(str(path)).drop(columns="Sep_Freq", errors="ignore")
         values = frame.to_numpy(np.float64)
+        # NDBC writes missing values so
         values[values == 999.0] = np.nan
         freq = np.array([float(column) for column in frame.columns]).round(6)
         arrays[name] = xr.DataArray(

@@ -130,6 +130,7 @@ def _round_the_circle(direction: Floats, density: Floats) -> tuple[Floats, Float
     """Return densities over sorted directions in equal steps round the circle, 0 <= dir < 360."""
     if not np.isfinite(direction).all():
         raise Refused("dir", Described("not finite"), "finite directions [deg]")
+    # conversions leave 360 less a last bit, which is 0
     direction = np.mod(np.round(np.mod(direction, 360.0), 9), 360.0)
     order = np.argsort(direction, kind="stable")
     direction, density = direction[order], density[:, order]
@@ -204,6 +205,7 @@ def _from_fourier(
         beyond = ~calm & ~((ratio >= 0.0) & (ratio <= _MOST_RATIO))
         if beyond.any():
             raise Refused(name, float(ratio[beyond][0]), f"0 <= {name} <= 1")
+    # the coefficients are the means of exp(i theta) and exp(2 i theta)
     c1 = np.where(calm, 0.0, r1 * np.exp(1j * alpha1))
     c2 = np.where(calm, 0.0, r2 * np.exp(2j * alpha2))
     shares = maximum_entropy(c1, c2, np.radians(direction))

@@ -60,6 +60,8 @@ class SlopeSpectrum(NamedTuple):
         capillary: bool = True,
     ) -> SlopeSpectrum:
         """Return the slopes of waves up to a frequency, or of all waves down to 1.3 mm."""
+        # a hundredth of the peak's wavenumber is a tenth
+        # of its frequency, where spectra have underflowed
         low = 1e-2 * spectrum.omega_p**2 / GRAVITY
         k = np.geomspace(low, SHORTEST, _WAVENUMBERS)
         omega = angular_frequency(k, depth, capillary)
@@ -69,6 +71,7 @@ class SlopeSpectrum(NamedTuple):
             omega = angular_frequency(k, depth, capillary)
         weight = np.full(len(k), math.log(k[1] / k[0]))
         weight[[0, -1]] *= 0.5
+        # by trapezoids in ln k: S(omega) d(omega) = S(omega) d(omega)/d(ln k) d(ln k)
         variance = weight * np.gradient(omega, np.log(k)) * k**2 * spectrum(omega)
         theta = (np.arange(_SPREADING_NODES) + 0.5) * 2.0 * math.pi / _SPREADING_NODES - math.pi
         sampled = np.unique(np.linspace(0, len(k) - 1, _SPREADING_WAVENUMBERS).astype(int))
@@ -81,6 +84,7 @@ class SlopeSpectrum(NamedTuple):
     @property
     def along_and_across(self) -> Variances:
         """Slope variances along and across the wind."""
+        # cos^2 = (1 + cos 2 theta) / 2
         along = 0.5 * float(np.sum(self.variance * (1.0 + self.harmonics[2])))
         return along, float(np.sum(self.variance)) - along
 
@@ -125,6 +129,7 @@ class SlopeSpectrum(NamedTuple):
         bessel = _bessel_functions(distance, self.k)
         for n in range(_HARMONICS + 1):
             turn = quadrature if n % 2 else in_phase
+            # k_x^2, k_y^2 and k_x k_y hold cos and sin of 2 theta, which shift the order by 2
             lower, upper = self.harmonics[abs(n - 2)], self.harmonics[n + 2]
             shares = np.stack([self.harmonics[n], 0.5 * (lower + upper), 0.5 * (lower - upper)])
             if not turn.any() or np.abs(shares).max() < _NEGLIGIBLE:
@@ -200,6 +205,7 @@ def _bessel_functions(distance: Floats, k: Floats) -> Callable[[int], Floats]:
         if n < 2:
             return (j0, j1)[n](z)
         half = 0.5 * z
+        # upward recurrence J_n = 2 (n - 1) / z J_(n-1) - J_(n-2), stable where z > n
         values = (n - 1) / half * value(n - 1) - value(n - 2)
         near = z < 0.5
         q = half[near] ** 2
@@ -267,7 +273,7 @@ def spectral_moment(
 
 @check_call
 def hs(spectrum: Spectrum, omega_min: float = 0.0, omega_max: float | None = None) -> float:
-    """Return the significant wave height Hs = 4 sqrt(m_0) [m] of a spectrum, or of a band of it.
+    """Return the significant wave height Hs = 4 sqrt(m_0) [m] of a spectrum, or within a band.
 
     Examples
     --------
@@ -615,6 +621,7 @@ def _quadrature(
     Range("omega_max", omega_min, unit="rad/s").check(top)
     # Every spectrum has underflowed to zero below a twentieth of its peak.
     low = max(omega_min, min(_LOWEST * peak, 0.5 * top))
+    # a set, since a limit may be the peak, where the enhancement has its kink
     joints = np.log(sorted({low, min(max(low, peak), top), top}))
     nodes, weights = gauss_legendre(_NODES)
     panels = [

@@ -180,6 +180,7 @@ class Surface(Family, ABC, frozen=True):
         x_axis, y_axis = map(lines.axis, center)
         reach = self._reach(spacing)
         if reach is not None:
+            # points of a choppy sea come in from labels beyond the square
             x_axis, y_axis = map(lines.widened(reach).axis, center)
         self._require_modest(x_axis, y_axis)
         vertices, normals = self.sheet(x_axis, y_axis, time)
@@ -339,6 +340,7 @@ class WaveSurface(Surface, frozen=True):
 
     def _grid(self, x_axis: Floats, y_axis: Floats) -> WaveGrid:
         """Return the sums of these waves on a tensor grid, planned on first use."""
+        # bytes, since arrays are no keys of a cache
         arrays = self.components.kx, self.components.ky, x_axis, y_axis
         return self._grids(*(array.tobytes() for array in arrays))
 
@@ -377,6 +379,7 @@ class WaveSurface(Surface, frozen=True):
     ) -> tuple[Floats, Floats, Floats]:
         """Return z [m], dz/dx and dz/dy on a tensor grid; see `Surface.grid`."""
         if self.choppy:
+            # fixed points have labels that lie on no tensor grid: the sums are taken point by point
             at = self._at(*np.meshgrid(*grid_lines(x_axis, y_axis), indexing="ij"), time)
             return at.z, *at.slopes
         weights = elevation_and_slopes(self.components, TIME.check(time))

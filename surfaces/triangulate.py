@@ -116,6 +116,7 @@ def _graded(fine_extent: float, extent: float, spacing: float, coarse_spacing: f
     reach = np.cumsum(outer)
     needed = int(np.searchsorted(reach, rest * (1.0 - 1e-12))) + 1
     half = np.concatenate([inner, fine_extent + reach[:needed] * (rest / reach[needed - 1])])
+    # exactly, so that meshes of one extent have the same bounds
     half[-1] = extent
     half.flags.writeable = False  # shared by the meshes of a series
     return half
@@ -395,6 +396,7 @@ def _area_vectors(vertices: Floats, faces: NDArray[np.int64]) -> Floats:
 def _outline(n: int, faces: NDArray[np.int64], cross: Floats, overhangs: bool) -> NDArray[np.int64]:
     """Return the directed boundary edges, shape (e, 2), of one open piece under air."""
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    # a directed edge as one number, for sorting
     forward, backward = edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0]
     # by sorting: numpy's hash tables take ten times as long for such keys
     undirected = np.sort(np.minimum(forward, backward))
@@ -434,6 +436,8 @@ def _refuse_many_pieces(n: int, edges: NDArray[np.int64], outline: NDArray[np.in
         raise unfit(f"{pieces} separate pieces or sheets", "one")
     if len(np.unique(outline[:, 0])) < len(outline):
         raise unfit("pieces joined at a single vertex only", "one surface")
+    # Loops of the outline: its components less the vertices
+    # inside, each of which counts as one, and less the outer loop.
     holes = _component_count(n, outline) - (n - len(outline)) - 1
     if holes:
         raise unfit(f"{holes} holes inside the outline", "none")
@@ -461,6 +465,7 @@ def _refuse_folds(vertices: Floats, outline: NDArray[np.int64], overhangs: bool)
     longest = np.linalg.norm(end - start, axis=1).max()
     tree = cKDTree(0.5 * (start + end))
     i, j = tree.query_pairs(longest * (1.0 + 1e-9), output_type="ndarray").T
+    # neighbours share a vertex
     apart = (outline[i, 0] != outline[j, 1]) & (outline[i, 1] != outline[j, 0])
     i, j = i[apart], j[apart]
     least = _COVERAGE_TOLERANCE * longest**2 if overhangs else 0.0
@@ -485,6 +490,7 @@ def _segments_meet(p: Floats, q: Floats, r: Floats, s: Floats, least: float) -> 
         return np.where(np.abs(twice) <= least, 0.0, np.sign(twice))
 
     first, second = side(p, q, r) * side(p, q, s), side(r, s, p) * side(r, s, q)
+    # products of signs: -1 for the two sides of a line, 0 for a touch
     straddle = np.maximum(first, second) < (0.0 if least > 0.0 else 0.5)
     boxes = (np.maximum(p, q) >= np.minimum(r, s)) & (np.maximum(r, s) >= np.minimum(p, q))
     return straddle & boxes.all(axis=1)

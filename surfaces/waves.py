@@ -113,6 +113,8 @@ def wavenumber(omega: ArrayLike, depth: float | None = None, capillary: bool = F
     target = omega[moving] ** 2
     k = gravity_wave[moving]
     if capillary:
+        # The roots of gravity alone and of tension alone both lie above the root: from there
+        # Newton's method falls on a convex function.
         k = np.minimum(k, np.cbrt(target / KINEMATIC_TENSION))
     if depth is not None:
         k = k / np.sqrt(np.tanh(k * depth))
@@ -190,6 +192,7 @@ def wavenumber_in_current(
             problem = Described(f"{current} m/s")
             allowed = "a current that the wave of {:g} rad/s towards {:g} deg can pass"
             raise Refused("current", problem, allowed.format(*wave))
+        # a wave of frequency 0 stays at wavenumber 0
         return np.where(k > 0.0, (sigma + k * along - omega) / rate, 0.0)
 
     return _newton(k, step)
@@ -425,6 +428,8 @@ class WaveGrid:
         sums = np.empty((len(weights), *map(len, self._axes)))
         paired = len(weights) // 2 * 2
         if paired:
+            # A real sum is half the transform of the waves and, with conjugate weights, of their
+            # mirror images: one complex transform holds two, as its real and imaginary part.
             even, odd = 0.5 * turned[:paired:2], 0.5j * turned[1:paired:2]
             pairs = np.concatenate([even + odd, even.conj() - odd.conj()], axis=1)
             folded = self._transformed(pairs)
@@ -462,6 +467,7 @@ class WaveGrid:
     def _plan(self, transforms: int, sources: int) -> Any:
         import finufft
 
+        # one thread, so that the digits do not depend on their number
         options = {"n_trans": transforms, "eps": self._error, "isign": -1, "nthreads": 1}
         plan = finufft.Plan(
             1, tuple(lines.number for lines in self._lines), upsampfac=_UPSAMPLING, **options
@@ -477,6 +483,7 @@ class WaveGrid:
         block = max(1, _BLOCK // max(len(x), len(y)))
         for start in range(0, len(kx), block):
             part = slice(start, start + block)
+            # the phase factor is a product of one factor for each axis
             left = np.exp(-1j * x[:, None] * kx[part])
             right = np.exp(-1j * ky[part, None] * y)
             parts = np.concatenate([right.real, -right.imag])
@@ -496,7 +503,7 @@ class WaveGrid:
 
 
 def _step(axis: Floats) -> float | None:
-    """Return the distance of equally spaced lines, None of others."""
+    """Return the distance of equally spaced lines, or None."""
     n = len(axis)
     step = float(axis[-1] - axis[0]) / max(1, n - 1)
     even = axis[n // 2] + step * (np.arange(n) - n // 2)
@@ -530,6 +537,7 @@ class _Lines(NamedTuple):
         span = float(axis[-1] - axis[0]) or 1.0
         step = min(math.pi / (_DENSER * max(k, 1e-300)), span)
         half = math.ceil(0.5 * span / step) + width
+        # too many for a transform, as its cost says: weights would only take memory
         if half > _MOST_CELLS:
             return cls(middle, step, 2 * half + 1, width)
         at = (axis - middle) / step
@@ -548,6 +556,7 @@ class _Lines(NamedTuple):
         """Return phi^(k h), 1 without interpolation."""
         if not self.width:
             return np.ones_like(k)
+        # the transform of the Kaiser-Bessel kernel
         s = np.sqrt(self.shape(self.width) ** 2 - (0.5 * self.width * self.step * k) ** 2)
         return self.width * np.sinh(s) / s
 

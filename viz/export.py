@@ -64,6 +64,7 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
     32
     """
     assert isinstance(source, TriangleMesh)
+    # a copy, since VTK shares the memory of arrays and scenes move points
     data = pv.PolyData.from_regular_faces(source.vertices.copy(), source.faces.astype(int))
     nx, ny, nz = source.vertex_normals.T
     data.point_data["elevation"] = source.vertices[:, 2]
@@ -92,10 +93,12 @@ def _(source: PhotonPaths) -> pv.PolyData:
 def _(source: CoverageMap) -> pv.ImageData:
     step = source.x[1] - source.x[0] if len(source.x) > 1 else 1.0
     data = pv.ImageData(
+        # values belong to cells, of which there is one fewer than lines along each axis
         dimensions=(len(source.x) + 1, len(source.y) + 1, 1),
         spacing=(step, step, 1.0),
         origin=(source.x[0] - step / 2.0, source.y[0] - step / 2.0, _height(source)),
     )
+    # VTK counts along x first
     data.cell_data["gain"] = source.gain.ravel(order="F")
     data.cell_data["gain_stderr"] = source.gain_stderr.ravel(order="F")
     return data
@@ -113,7 +116,7 @@ def _height(source: CoverageMap) -> float:
 
 
 def require_suffix(path: str | Path, suffixes: Iterable[str], field: str = "path") -> Path:
-    """Return the path of a file; refuse it without one of some suffixes."""
+    """Return the path, checking its suffix."""
     path = Path(path)
     if path.suffix not in suffixes:
         *others, last = suffixes
@@ -152,6 +155,7 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
     """
     data = to_pyvista(source)
     allowed = _SUFFIXES[type(data)]
+    # paths are lines, for which .ply and .stl have no place
     path = require_suffix(path, allowed[:2] if isinstance(source, PhotonPaths) else allowed)
     if path.suffix == ".vtu":
         data = data.cast_to_unstructured_grid()
@@ -231,6 +235,7 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
     with atomic(path) as temporary:
         for image in options:
             image.save(temporary, optimize=True)
+            # smaller palettes are made only as long as the file is too large
             if temporary.stat().st_size <= largest:
                 break
     return path
@@ -265,6 +270,7 @@ _EVEN = 6
 def surface_sampler(mesh: TriangleMesh) -> Callable[[ArrayLike], NDArray[np.float64]]:
     """Return a function of places (n, 2) [m]: the elevation [m] of the facets, 0 outside."""
     flat = to_pyvista(mesh)
+    # sampled from above: places have no height
     flat.points = np.asarray(flat.points) * (1.0, 1.0, 0.0)
 
     def elevation(places: ArrayLike) -> NDArray[np.float64]:
@@ -305,7 +311,9 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
     path = require_suffix(path, (".html", ".htm"))
     page = _exported(plotter)
     head = Template(_HEAD).substitute(title=html.escape(title), ink=CHALK)
+    # by a function, since a title may hold what `re` takes for a group
     page = re.sub(r"<title>.*?</title>", lambda _: head, page, count=1)
+    # a page on its own must not load icons from the network
     page = re.sub(r"https://kitware\.github\.io/vtk-js/icon/[^`\"']*", "data:,", page)
     body = _about(plotter, title)
     page = page.replace("<body>", f"<body>\n{body}", 1).replace("</body>", f"{_LIGHTS}</body>")

@@ -46,7 +46,7 @@ _NAMED = 12  # most curves that are named; of more, every second, third ... is
 
 
 def axes(ax: Axes | None) -> Axes:
-    """Return the given axes, or the axes of a new figure."""
+    """Return `ax`, or the axes of a new figure."""
     if ax is not None:
         return ax
     import matplotlib.pyplot as plt
@@ -90,6 +90,7 @@ def finished(ax: Axes, x: str = "", y: str = "", *, legend: bool = True, **setti
     named = len(ax.get_legend_handles_labels()[1])
     if legend and named:
         old = ax.get_legend()
+        # a legend that is drawn anew has lost its title
         title = old.get_title().get_text() if old else None
         beside: Any = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
         ax.legend(title=title, **(beside if named > _BESIDE else {}))
@@ -101,6 +102,7 @@ def wrapped(label: str) -> str:
     shown = re.sub(r"\\\w+|[${}^_\\]", "", label)
     if len(shown) <= _LONGEST:
         return label
+    # a character at which no line is broken holds units and symbols together
     whole = re.sub(r"\[.*\]|\$[^$]*\$", lambda part: part[0].replace(" ", "\0"), label)
     return "\n".join(textwrap.wrap(whole, round(0.6 * len(label)))).replace("\0", " ")
 
@@ -129,7 +131,7 @@ def dataset(variables: dict[str, Any], **coords: Any) -> xr.Dataset:
 
 
 def variable(data: xr.Dataset, name: str, dims: tuple[Hashable, ...] = ()) -> xr.DataArray:
-    """Return a variable of numbers, of some dimensions or of any one or two."""
+    """Return a numeric variable with the given dimensions (default: 1-D or 2-D)."""
     variable = data.get(name)
     if variable is None or (variable.dims != dims if dims else variable.ndim not in (1, 2)):
         allowed = f"a variable over {dims}" if dims else "a variable of one or two dimensions"
@@ -193,6 +195,7 @@ def lines(
     ax, drawn = axes(ax), list(curves(data, quantity))
     every = math.ceil(len(drawn) / _NAMED)
     if every > 1:
+        # more curves than the palette has colours: shades in their order
         ax.set_prop_cycle(color=colormaps["viridis"](np.linspace(0.0, 0.95, len(drawn))))
     styled = zip(drawn, itertools.cycle(styles), itertools.cycle(colors or (None,)), strict=False)
     for i, ((name, values, low, high), style, color) in enumerate(styled):
@@ -217,6 +220,7 @@ def band(ax: Axes, line: Line2D, low: Any, high: Any) -> None:
         steps = line.get_drawstyle().partition("steps-")[2] or None
         ax.fill_between(x, low, high, step=steps, color=color, alpha=0.25, lw=0)  # type: ignore[arg-type]
     elif np.isfinite(low).any():
+        # matplotlib refuses negative bars, which a value outside of its limits would have
         around = np.maximum([y - low, high - y], 0.0)
         ax.errorbar(x, y, around, fmt="none", ecolor=color, capsize=3, lw=1.0)
 
@@ -267,6 +271,7 @@ def bars(
 
 def heat_map(ax: Axes, x: Any, y: Any, values: Any, label: str, **options: Any) -> Any:
     """Draw values (x, y) in colours over equal axes [m], with a colour bar if that has a label."""
+    # matplotlib takes lines along y first
     image = ax.pcolormesh(x, y, values.T, shading="nearest", rasterized=True, **options)
     if label:
         ax.figure.colorbar(image, ax=ax, label=label)

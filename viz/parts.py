@@ -117,6 +117,7 @@ def _add_water(
     light: str,
 ) -> None:
     """Draw a surface in the colours seen by the camera, renewed by `look`."""
+    # the colours are those of light already: no lamp of the scene may shade them
     plain: Any = {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "lighting": False}
     if shaded.grid is not None:
         u, v = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in shaded.grid), indexing="ij")
@@ -135,6 +136,7 @@ def _add_water(
         if shaded.grid is None:
             data.point_data["tint"] = np.rint(colors * to_rgb(light)).astype(np.uint8)
             return
+        # an image begins with its top line, where the second coordinate is 1
         texture = pv.Texture(np.ascontiguousarray(colors.transpose(1, 0, 2)[::-1]))
         texture.interpolate, texture.mipmap = True, True
         actor.texture = texture
@@ -198,6 +200,7 @@ def add_bubbles(
     # water darkens with depth, as light from above decays
     dark = 1.0 - np.exp(-3.0 * np.clip(block.points[:, 2:] / bottom, 0.0, 1.0))
     shallow, deep = (np.array(to_rgb(c)) for c in DEEP_COLORS)
+    # facets that face the camera are the near sides
     side: Any = (
         {"name": "near water", "culling": "back"} if near else {"name": "water", "culling": "front"}
     )
@@ -208,7 +211,7 @@ def add_bubbles(
 
 
 def _add_points(scene: ScenePlotter, mesh: TriangleMesh, bubbles: BubblePopulation) -> None:
-    """Draw random bubbles, as many per depth as they scatter, in three sizes."""
+    """Draw bubbles with density proportional to their scattering, in three sizes."""
     stage, rng = scene.stage, np.random.default_rng(1)
     depth = np.linspace(0.0, -stage.bottom, 2001)
     b = bubbles.b(depth)  # the trapezoidal rule: scipy.integrate takes seconds to import
@@ -216,12 +219,14 @@ def _add_points(scene: ScenePlotter, mesh: TriangleMesh, bubbles: BubblePopulati
     n = int(min(_BUBBLES_SHOWN * through[-1] / _THICK, 2.0 * _BUBBLES_SHOWN))
     x, y = (c + stage.half * rng.uniform(-1.0, 1.0, n) for c in stage.center)
     z = surface_sampler(mesh)(np.column_stack([x, y]))
+    # depths by the inverse of the cumulated scattering: as many bubbles as they scatter
     z -= np.interp(rng.uniform(0.0, through[-1], n), through, depth)
     inside = z > stage.bottom
     points = np.column_stack([x, y, z])[inside]
     pixel = scene.window_size[0] / 1600.0
     for i, (size, alpha) in enumerate(((2.0, 0.3), (3.0, 0.5), (5.0, 0.7))):
         look: Any = {"render_points_as_spheres": True, "opacity": alpha, "lighting": False}
+        # the largest are a quarter as many
         subset = points[i::3] if i < 2 else points[2::12]
         if len(subset):
             scene.add_mesh(pv.PolyData(subset), color=BUBBLE_COLOR, point_size=size * pixel, **look)
@@ -239,9 +244,11 @@ def outline(mesh: TriangleMesh) -> np.ndarray:
     edge = facets.extract_feature_edges(
         boundary_edges=True, feature_edges=False, manifold_edges=False, non_manifold_edges=False
     )
+    # in one piece: strips end at a thousand points by default
     loop = edge.strip(join=True, max_length=edge.n_points + 1)
     ring = np.asarray(loop["vertex"])[loop.lines[1 : loop.lines[0] + 1]]
     x, y = mesh.vertices[ring, :2].T
+    # the sign of the area by the shoelace formula
     clockwise = float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) < 0.0
     return ring[::-1] if clockwise else ring
 
@@ -282,7 +289,7 @@ def words_of(item: Source | Aperture) -> list[str]:
 
 
 def _add_sky(scene: ScenePlotter, source: Any, labels: bool) -> None:
-    """Draw the square of the sea lit by a sun or sky, with the direction of the light."""
+    """Draw the square of the sea under a sun or sky, with the direction of the light."""
     stage, w = scene.stage, source.half_width
     along, target = np.array(source.axis), np.array(source.center)
     square = pv.Plane(center=target, i_size=2.0 * w, j_size=2.0 * w).extract_feature_edges()
@@ -326,7 +333,7 @@ def add_receiver(
 
 
 def _label(scene: ScenePlotter, place: Vector, shift: float, text: str) -> None:
-    """Write a text beside a place [m], at a distance relative to the size of the stage."""
+    """Write a text next to a place [m], at a distance relative to the size of the stage."""
     beside = np.array(place) + np.array([shift * scene.stage.size, 0.0, 0.0])
     add_labels(scene, [beside], [text], align="left")
 
@@ -351,6 +358,7 @@ def _add_cone(
     row = np.arange(len(rim) - 1)  # a triangle between the apex and each side of the rim
     faces = np.column_stack([np.full_like(row, 3), np.zeros_like(row), row + 1, row + 2])
     cone = pv.PolyData(np.vstack([apex, rim]), faces=faces.ravel())
+    # lifted a little, or it would flicker with the surface
     ring = pv.lines_from_points(rim + 2e-3 * stage.size * Z).tube(radius=0.0014 * stage.size)
     for part, opacity in ((cone, fill), (ring, 0.9)):
         shown = part.clip_box(stage.bounds, invert=False)
@@ -388,6 +396,7 @@ def cone_rim(
     around = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1) * math.sin(half)
     rays = np.column_stack([around, np.full(97, math.cos(half))]) @ rotation_from_z(axis).T
     elevation, towards = surface_sampler(mesh), -math.copysign(1.0, apex[2])
+    # level rays and those that turn away end at the longest length
     climb = np.maximum(towards * rays[:, 2], 1e-3)
     rim, z = np.empty_like(rays), np.zeros(97)
     for _ in range(6):  # a fixed point: the ray is as high as the sea below it
@@ -442,5 +451,6 @@ def _unit_quadcopter() -> pv.PolyData:
 def rotation_from_z(normal: Vector) -> np.ndarray:
     """Return a rotation (3, 3) that turns +z to a unit vector, about a horizontal axis."""
     if normal[2] < -1.0 + 1e-12:
+        # straight down any horizontal axis will do: the x axis
         return np.diag([1.0, -1.0, -1.0])
     return Rotation.align_vectors([normal], [Z])[0].as_matrix()

@@ -88,6 +88,7 @@ def plot_bubble_profile(
     most = float(data[quantity].max())
     for name, values, _, _ in curves(data, quantity):
         ax.plot(values, z, label=name)
+    # depth points down
     ends: Any = {"xlim": (_LEAST_BUBBLES * most, 2.0 * most), "ylim": (z.max(), z.min())}
     return finished(ax, quantity, "depth", xscale="log", **ends)
 
@@ -115,6 +116,7 @@ def plot_water(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     ax = axes(ax)
     for name, style in zip("abc", ("-", "--", ":"), strict=True):
         lines(ax, data, name, (style,), label=f"{FIELDS[name].long_name} ${name}$")
+    # the name alone, without the publications
     text = str(data.attrs["source"]).partition(" (")[0]
     note(ax, f"{text}; n = {float(data.n[0]):.4f} to {float(data.n[-1]):.4f}")
     return finished(ax, yscale="log", ylabel="coefficient [m$^{-1}$]")
@@ -216,6 +218,7 @@ def plot_sweep(
     name = str(shown[quantity].dims[-1])
     words = shown[name].to_numpy() if shown[name].dtype.kind not in "iuf" else None
     if words is not None:
+        # words stand at whole numbers, in their order
         shown = shown.assign_coords({name: np.arange(len(words))})
     ax = plot_curves(positive(shown, quantity) if log else shown, quantity, style="o-", ax=ax)
     if words is not None:
@@ -239,6 +242,7 @@ def _over_parameters(data: xr.Dataset, quantity: str) -> tuple[xr.Dataset, list[
     selected = selected[[name for name in data.data_vars if str(name).startswith(quantity)]]
     n = selected.sizes.get("realization", 0)
     if n > 1:
+        # standard error of the mean of independent realizations
         scatter = selected[quantity].std("realization", ddof=1) / np.sqrt(n)
         selected = selected[[quantity]].mean("realization").assign({f"{quantity}_stderr": scatter})
     elif n == 1 and selected[quantity].ndim > 1:
@@ -248,6 +252,7 @@ def _over_parameters(data: xr.Dataset, quantity: str) -> tuple[xr.Dataset, list[
     def use(name: str) -> tuple[bool, bool]:
         return selected.sizes[name] > 1, selected[name].dtype.kind in "iuf"
 
+    # of equals `max` takes the first: reversed, the last parameter
     last = max(reversed(dims), key=use)
     others = [name for name in dims if name != last and selected.sizes[name] > 1]
     selected = selected.squeeze([n for n in dims if n not in (last, *others)], drop=True)
@@ -358,5 +363,6 @@ def positive(data: xr.Dataset, quantity: str) -> xr.Dataset:
     """Return a dataset for a logarithmic axis: nan for 0; a lower limit of 0 is below the axis."""
     values = variable(data, quantity)
     shown = data.assign({quantity: values.where(values > 0.0)})
+    # a band may reach beyond the axis, but 0 has no logarithm
     low = f"{quantity}_low"
     return shown.assign({low: data[low].clip(min=1e-300)}) if low in data else shown

@@ -55,6 +55,7 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     gains = np.column_stack([direct, result.gain_order])
     most, names = float(gains.max()), [f"receiver {i}" for i in range(len(gains))]
     last = max(np.flatnonzero((gains > _SHOWN * most).any(axis=0)), default=0)
+    # a logarithmic axis has no place for 0
     quantities = {"gain": np.where(gains > 0.0, gains, np.nan)}
     data = marks.dataset(quantities, receiver=names, order=range(gains.shape[1]))
     shown = data if len(gains) > 1 else data.isel(receiver=0)
@@ -200,9 +201,11 @@ def plot_gain_pdf(
     edges, density, stderr = fading.gain_pdf(*gain, bins=bins)
     ax = marks.axes(ax)
     ax.stairs(density, edges, fill=True, color=PALETTE["sky"], alpha=0.45)
+    # errors stand at the middle of the bins
     middle = 0.5 * (edges[1:] + edges[:-1])
     ax.errorbar(middle, density, 2.0 * stderr, fmt="none", ecolor=INK, lw=0.9)
     x = np.linspace(edges[0], edges[-1], 400)
+    # bins may begin at 0, where the laws have no density
     x = x[x > 0.0]
     for name, fit in laws.items():
         ax.plot(x, fit.law.pdf(x), label=f"{name}, index {fit.scintillation_index:.3g}")
@@ -346,6 +349,7 @@ def plot_coverage(
         ax = marks.axes(None)
         ax.figure.set(figwidth=5.3)  # as a square and its colour bar are
     label, shown = axis_label("gain"), gain
+    # contours of a noisy map would be islands of single cells
     smooth = gaussian_filter(gain, 1.0, mode="nearest")
     limits: Any = {}
     if decibel and gain.max() > 0.0:
@@ -354,6 +358,7 @@ def plot_coverage(
         limits = {"vmin": max(top - _COVERED, float(np.nanmin(shown))), "vmax": top}
     marks.heat_map(ax, x, y, shown, label, **limits)
     if min(gain.shape) > 2 and smooth.max() > smooth.min():
+        # cells without light lie below all contours
         below = 10.0 * np.log10(np.maximum(smooth / smooth.max(), 1e-12))
         look: Any = {"colors": "white", "linewidths": 1.0, "linestyles": "-"}
         lines = ax.contour(x, y, below.T, [-20.0, -10.0, -6.0, -3.0], **look)
@@ -403,6 +408,8 @@ def plot_impulse_response(
         edges, h, error = marks.scaled("delay", response.edges)[0], response.h, response.h_stderr
         known = (error <= _LARGEST_ERROR * h) & (h > 0.0)
         later = np.arange(len(h)) > np.argmax(h)
+        # up to the first noisy bin behind the peak:
+        # beyond it single photons make bins of any height
         known &= np.cumsum(later & ~known) == 0
         shown = np.where(known, np.maximum(h, floor), np.nan)
         spread = f"rms delay spread {1e9 * response.rms_delay_spread:.3g} ns"
@@ -497,5 +504,6 @@ def _cover(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:
     there, back = np.broadcast_to(x, low.shape), np.broadcast_to(x[::-1], low.shape)
     around = np.stack([np.hstack([there, back]), np.hstack([low, high[:, ::-1]])], axis=-1)
     closed = np.concatenate([around, around[:, :1]], axis=1)
+    # one path, since translucent bands that overlap would add up to darker tones
     outline = Path.make_compound_path(*(Path(loop, closed=True) for loop in closed))
     return PathPatch(outline, color=color, alpha=0.22, lw=0)

@@ -81,6 +81,7 @@ def plot_convergence(study: studies.ConvergenceStudy, *, ax: Axes | None = None)
     for k, kind in enumerate(study.normals):
         fit, percent = study.fits[kind], 100.0 / study.gain[k, -1]
         target = fit.gain.value if study.reference is None else study.anchor[k]
+        # a logarithmic axis has no place for 0
         scatter = np.where(study.scatter[k] > 0.0, study.scatter[k], np.nan)
         law = np.abs(fit.coefficient * study.step**fit.order.value)
         errors_percent = percent * np.array([np.abs(study.gain[k] - target), law, scatter])
@@ -115,6 +116,7 @@ def plot_fading_convergence(study: studies.FadingConvergence, *, ax: Axes | None
     indices = np.array([study.with_tilts, study.band_alone, study.measured])
     errors = np.array([0.0 * indices[0], 0.0 * indices[1], study.measured_stderr])
     names = ["closed form, random slopes beyond", "closed form, nothing beyond", "measured"]
+    # without simulations there are closed forms alone
     n = 3 if np.isfinite(study.measured).any() else 2
     quantities = {"scintillation_index": indices[:n]}
     quantities |= {"scintillation_index_stderr": errors} if n == 3 else {}
@@ -128,6 +130,7 @@ def _over_steps(ax: Axes, values: Floats, **settings: Any) -> Axes:
     """Return finished axes over the steps of a study, logarithmic, each step named."""
     ax.set_xscale("log")
     ax.set_xticks(values, [f"{value:g}" for value in values])
+    # each step is named; minor ticks of decades would only fall between the names
     ax.minorticks_off()
     return marks.finished(ax, **settings)
 
@@ -164,6 +167,7 @@ def plot_tornado(
     data = marks.dataset(
         values, name=[name.removesuffix(" 1") for name in names], side=["lower", "higher"]
     )
+    # `bars` takes the groups first
     ax = marks.bars(ax, data.transpose(), "change", across=True, beside=False)
     ax.tick_params(axis="y", labelsize=8)
     ax.axvline(0.0, **_LINE)

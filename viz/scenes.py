@@ -200,6 +200,7 @@ def scene(
                 add_paths(plotter, drawn, color=style.path_color)
         if crossing is not None and style.footprint:
             add_footprint(plotter, shown, crossing)
+        # texts of the receiver stand beyond the map
         aside = 0.0 if coverage is None else float(1.1 * coverage.x[-1])
         parts.add_receiver(plotter, link, shown, labels=style.labels, aside=aside)
         if style.uav:
@@ -226,7 +227,7 @@ def _map_of(
     time: float,
     seed: int,
 ) -> CoverageMap | None:
-    """Return the map, or one of a number of photons in 40 by 40 cells of a half-width [m]."""
+    """Return the map, or compute it from a number of photons in 40 by 40 cells."""
     if not isinstance(coverage, int):
         return coverage
     if link is None:
@@ -266,6 +267,7 @@ def longest_left_out(surface: MeshSource | TriangleMesh) -> float | None:
 
 def texels_for(window_size: tuple[int, int]) -> int:
     """Return the points of the colours of the water along a side, by the width of the window."""
+    # a power of two, for fast transforms
     return int(np.clip(2 ** round(math.log2(max(window_size[0], 1) / 1.5)), 64, 1024))
 
 
@@ -345,6 +347,7 @@ def add_paths(
     scene.shown["received" if paths.received.all() else "paths"] = paths
     width = scene.window_size[0] / 1600.0
     landed = ~paths.received & (paths.final == Vertex.LANDED)
+    # drawn in reversed order, so that received light lies on top
     fates = (paths.received, landed, ~paths.received & ~landed)  # in the order of the colours
     for (name, shade), indices in reversed([*zip(FATE_COLORS.items(), fates, strict=True)]):
         chosen = select_paths(paths, indices)
@@ -354,6 +357,7 @@ def add_paths(
         rays, seen = _rays(scene, chosen)
         if not seen:
             continue
+        # by the root of their number few rays are seen and many do not fill the picture
         strength = (_RECEIVED if received else _SEEN) / math.sqrt(seen)
         alpha = min(strength, 0.8) * rays["fade"] * (1.0 if received else rays["weight"])
         thick: Any = {"line_width": (1.6 if received else 1.0) * width}
@@ -391,6 +395,7 @@ def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
     start, end = paths.vertex[row, step], paths.vertex[row, step + 1]
     low, high = stage.ends
     length = np.linalg.norm(end - start, axis=1)
+    # pieces whose box misses the stage are left out before they are cut
     near = (np.maximum(start, end) > low).all(axis=1) & (np.minimum(start, end) < high).all(axis=1)
     start, end, length, row, step = (a[near] for a in (start, end, length, row, step))
     last = (step == paths.length[row] - 2) & ~paths.received[row]
@@ -398,14 +403,17 @@ def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
     shown = np.minimum(length, longest)
     end = start + (shown / np.maximum(length, 1e-12))[:, None] * (end - start)
     n = np.ceil(shown / stage.size * _PIECES).astype(int) + 1
+    # 0 to 1 along each ray, for all rays at once
     share = (np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)) / np.repeat(n - 1, n).clip(1)
     points = np.repeat(start, n, axis=0) + share[:, None] * np.repeat(end - start, n, axis=0)
     pieces = np.column_stack([np.arange(n.sum())[:-1], np.arange(n.sum())[1:]])
+    # distance to the nearest side of the stage
     inside = np.minimum(points - low, high - points).min(axis=1)
     ahead = np.where(np.repeat(last, n), (1.0 - share) * np.repeat(length, n), np.inf)
     fade = np.clip(np.minimum(inside, ahead) / (_SOFT * stage.size), 0.0, 1.0)
     first = np.zeros(n.sum(), bool)
     first[np.cumsum(n) - n] = True
+    # no line from the end of a ray to the start of the next one
     drawn = ~first[pieces[:, 1]] & (fade[pieces] > 0.0).any(axis=1)
     rays = pv.PolyData(points, lines=np.insert(pieces[drawn], 0, 2, axis=1).ravel())
     before, after = (np.repeat(paths.weight[row, step + i], n) for i in (0, 1))
@@ -490,6 +498,7 @@ def _footprint(mesh: TriangleMesh, crossings: np.ndarray, blur: float) -> pv.Str
     x, y = np.meshgrid(*(0.5 * (e[1:] + e[:-1]) for e in edges), indexing="ij")
     z = surface_sampler(mesh)(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
     patch = pv.StructuredGrid(x, y, z)
+    # a decade below the colours, where the logarithm ends
     floor = 10.0 ** (-0.1 * FOOTPRINT_RANGE_DB - 1.0)
     level = 10.0 * np.log10(np.maximum(density / density.max(), floor))
     patch.point_data["footprint"] = level.ravel(order="F")

@@ -69,7 +69,7 @@ def save_movie(
     progress: Callable[[int], None] | None = None,
     **shown: Unpack[Shown],
 ) -> Path:
-    """Write a movie of a moving sea, with the gain so far drawn beside it.
+    """Write a movie of a moving sea, with the gain up to each frame drawn next to it.
 
     Parameters
     ----------
@@ -111,6 +111,7 @@ def save_movie(
     if len(at) < 2:
         raise Refused("times", at.tolist(), "two times or more")
     options = writer_options(path, natural_rate(at) if frame_rate is None else frame_rate, quality)
+    # the waves that the gain of `time_series` has
     surface = resolve_band(link, surface, fading=True)
     seed = shown.get("seed", 1)
     gain = gain or time_series(link, surface, at, photons=photons, seed=seed)
@@ -118,6 +119,7 @@ def save_movie(
         raise Refused("gain", Described("at other times"), "a series at the times of the frames")
     heights = surface.mesh(float(at[0]), extent=20.0, spacing=1.0).vertices[:, 2]
     style = shown.get("style", SceneStyle())
+    # of the first frame, with room for higher crests of later ones: one scale for all
     limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
     shown["style"] = style.replace(color_limit=limit, off_screen=True, window_size=_SCENE_SIZE)
 
@@ -127,6 +129,7 @@ def save_movie(
             for time in map(float, at):
                 plotter = scene(link, surface, time=time, plotter=plotter, **shown)
                 yield np.asarray(plotter.screenshot(return_img=True))
+        # the window of a movie that fails is closed, too
         finally:
             if plotter is not None:
                 plotter.close()
@@ -182,6 +185,7 @@ def save_light(
     step = extent / _CELLS if step is None else step
     pattern_ends(link, surface, extent, step)  # refuses what has no pattern
     lines, slope = _crossed(link, surface, extent, float(at[0]))
+    # a flat sea has no slopes to scale by
     steepest = _STEEPEST * float(slope.std()) or 0.1
     around = [float(x) + np.array([-extent, extent]) for x in link.only_receiver.position]
     maps = (
@@ -194,6 +198,8 @@ def save_light(
         nonlocal mean
         for time in map(float, at):
             gain = light_pattern(link, surface, extent, step, time=time).gain
+            # that of the first frame for all: else each would
+            # be scaled to its own and caustics would pulse
             mean = mean or float(gain.mean())
             slope = _crossed(link, surface, extent, time)[1]
             titles = "sea that the light crosses", f"light {height:g} m above it, t = {time:.2f} s"
@@ -208,6 +214,7 @@ def _crossed(
     """Return ends [m] and slopes of the patch of sea crossed by the light of a map."""
     source, above = link.transmitters[0], link.only_receiver
     depth = getattr(source, "depth", 1.0)
+    # paraxial: a metre of air counts as n metres of water
     share = depth / (depth + link.water.n / link.n_air * above.height)
     centers = zip(source.position, above.position, strict=True)
     ends: Any = [s + share * (c + np.array([-extent, extent]) - s) for s, c in centers]
@@ -287,7 +294,9 @@ def writer_options(
     if not frame_rate > 0.0:
         raise Refused("frame_rate", frame_rate, "> 0 frames per second")
     if path.suffix == ".gif":
+        # imageio takes milliseconds for a .gif
         return {"duration": 1000.0 / frame_rate, "loop": 0}
+    # x264 counts from 0, without loss, to 51, the worst
     crf = ["-crf", str(round(51 - 5.1 * quality)), "-preset", "slow"]
     return {"fps": frame_rate, "quality": None, "output_params": crf}
 
@@ -321,6 +330,7 @@ def _pixels(figure: Figure) -> NDArray[np.uint8]:
     """Return the pixels (height, width, 3) of a figure."""
     canvas: Any = figure.canvas
     canvas.draw()
+    # a copy, since the next frame is drawn into the same buffer
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
@@ -330,7 +340,7 @@ _TEXTS = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "yti
 def _beside_gain(
     pictures: Iterable[NDArray[np.uint8]], gain: GainSeries
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield frames: the pictures of the scene on the left, the gain up to their times beside."""
+    """Yield frames: pictures of the scene on the left, the gain up to their times on the right."""
     figure, times, gains = _figure(SIZE, 100), gain.coordinate, gain.gains[:, 0]
     with mpl.rc_context(RC | dict.fromkeys(_TEXTS, CHALK)):
         figure.set_layout_engine("none")
@@ -383,7 +393,7 @@ def _save_maps(
     options: dict[str, Any],
     progress: Callable[[int], None] | None,
 ) -> Path:
-    """Write maps beside each other: the first frame as a .png, or all as a movie."""
+    """Write maps side by side: the first frame as a .png, or all as a movie."""
     figure = _figure(LIGHT_SIZE, 80)
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
     images = []
@@ -577,4 +587,5 @@ def has_display() -> bool:
         window: Any = plotter.render_window
         kind = window.GetClassName()
         plotter.close()
+    # VTK falls back to such windows where no display answers
     return "EGL" not in kind and "OSOpenGL" not in kind

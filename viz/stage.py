@@ -152,6 +152,7 @@ class ScenePlotter(pv.Plotter):
         low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
         above = pv.Light(position=(-0.5, -0.4, 1.0), light_type="scene light", intensity=0.45)
         for lamp in (low_sun, above, pv.Light(light_type="headlight", intensity=0.35)):
+            # parallel light, as from far away
             lamp.positional = False
             self.add_light(lamp)
         look(self)
@@ -166,6 +167,7 @@ class ScenePlotter(pv.Plotter):
     @property
     def frame(self) -> np.ndarray:
         """Unit vectors to the right, up and towards the camera, as rows."""
+        # VTK's direction is that of the view, away from the camera
         towards = -np.array(self.camera.direction)
         right = np.cross(Z, towards)
         right /= max(np.linalg.norm(right), 1e-12)
@@ -220,6 +222,7 @@ class ScenePlotter(pv.Plotter):
         bar = super().add_scalar_bar(*args, **options)
         if bar is None:  # pyvista warns that it has no place for more
             return bar
+        # as all texts, in a font that has degrees and Greek letters
         for text in (bar.GetTitleTextProperty(), bar.GetLabelTextProperty()):
             text.SetFontFamily(FROM_FILE)
             text.SetFontFile(FONT_FILE)
@@ -253,19 +256,21 @@ def look(
             spans.append((seen.max() - seen.min()) / (high - low))
             shift = 0.5 * (seen.max() + seen.min()) - 0.5 * (low + high) * spans[-1]
             focus = focus + shift * distance * math.tan(half_angle) * scale * axis
+        # the stage fills the tighter of both directions
         distance *= max(spans)
     scene.camera.position = tuple(focus + distance * towards)
     scene.camera.focal_point = tuple(focus)
     scene.camera.up = tuple(Z)
     scene.camera.view_angle = VIEW_ANGLE_DEG
     scene.reset_camera_clipping_range()
+    # reflections depend on the place of the camera
     if scene.shade is not None:
         scene.shade()
     return scene
 
 
 def add_scale(scene: ScenePlotter) -> ScenePlotter:
-    """Draw a ruler of z beside the stage and a bar of round length in front of it.
+    """Draw a ruler of z next to the stage and a bar of round length in front of it.
 
     The ruler stands as far from the camera as the middle of the stage: there a lamp and the mark
     of its depth are level in the picture. A stage as flat as a wide sea has no ruler.
@@ -381,6 +386,7 @@ def round_range(low: float, high: float) -> tuple[float, float]:
     >>> round_range(-0.63, 0.56)
     (-0.7, 0.7)
     """
+    # the finest step of one digit of which two span both values
     finest = math.floor(math.log10(max(high - low, 1e-6))) - 1
     for power, digit in itertools.product(range(finest, finest + 3), range(1, 10)):
         step = digit * 10.0**power

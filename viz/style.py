@@ -101,6 +101,7 @@ def axis_label(name: str) -> str:
     require_word(name, FIELDS, "name")
     field = FIELDS[name]
     label = f"{field.long_name} ${field.symbol}$"
+    # powers of units in TeX: m-1 has a raised -1
     raised = re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", field.units)
     units = "°" if field.units == "degree" else raised
     return label if units == "1" else f"{label} [{units}]"
@@ -162,6 +163,7 @@ def water_map() -> ListedColormap:
         np.interp(at, np.arange(len(hue)), row) for row in (lightness, chroma, hue)
     )
     lab = np.stack([lightness_at, c * np.cos(np.radians(h)), c * np.sin(np.radians(h))], axis=1)
+    # OKLab has the cube roots of the responses of the cones (Ottosson 2020)
     linear = np.clip((lab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0.0, 1.0)
     return ListedColormap(to_srgb(linear), name="water")
 
@@ -184,4 +186,5 @@ _TO_RGB = np.array(
 
 def to_srgb(linear: Any) -> Any:
     """Return linear light, 0..1, as sRGB."""
+    # linear near black, where a power would have no finite slope
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)

@@ -107,6 +107,7 @@ class SeaLight:
         """
         nm, water, pure_b = self.wavelength_nm, self.water, sea_water_scattering(RGB_NM)
         more_b = max(water.b - float(sea_water_scattering(self._nm)), 0.0)
+        # molecules scatter half of their light backwards
         back = 0.5 * pure_b + water.phase.backscatter_fraction * more_b * nm / RGB_NM
         return np.asarray(0.33 * back / (self.absorption * math.pi * water.n**2))
 
@@ -174,17 +175,22 @@ def short_waves(
     rest = (variances[0] * (1.0 - share), variances[1] * (1.0 - share))
     band = (k >= least) & (k <= finest)
     angle = np.arctan2(k_y, k_x) - math.radians(direction_deg)
+    # a density 1 + lean cos(2 theta) has 1/2 +- lean / 4 of the slope variance along and across
     lean = np.clip(2.0 * (variances[0] - variances[1]) / max(total, 1e-12), -1.0, 1.0)
     downwind = band & (np.cos(angle) > 0.0)
     if not downwind.any() or total <= 0.0:
         return Roughened(np.zeros((n, n, 2), np.float32), variances)
     k = np.maximum(k, 1e-6)
+    # k^-4 over the area of wavenumbers: k^2 k^-4 k dk is equal for every octave
     power = np.where(downwind, (1.0 + lean * np.cos(2.0 * angle)) / k**4, 0.0)
+    # the real part of waves of half a plane has half of their variance
     power *= 2.0 * share * total / (power * k**2).sum()
     rng = np.random.default_rng(seed)
     draw = rng.standard_normal((2, n, n), dtype=np.float32)
+    # omega^2 = g k + T k^3
     phase = np.sqrt(9.81 * k + 7.4e-5 * k**3) * np.float32(time)
     wave = np.sqrt(0.5 * power) * (draw[0] + 1j * draw[1]) * np.exp(-1j * phase)
+    # slopes are i k times the elevation; ifft2 divides by n^2
     wave = (1j * n * n * wave).astype(np.complex64)
     slopes = [fft.ifft2(k_axis * wave).real for k_axis in (k_x, k_y)]
     return Roughened(np.stack(slopes, axis=-1).astype(np.float32), rest)
@@ -223,6 +229,7 @@ def foam_cover(streaks: Floats, heights: Floats, share: float) -> Floats:
     if share <= 0.0:
         return np.zeros_like(streaks)
     score = streaks + 0.7 * (heights - heights.mean()) / max(float(heights.std()), 1e-6)
+    # the share of points above it is that of the foam
     edge = np.quantile(score, max(1.0 - share, 0.0))
     return np.asarray(np.clip(0.5 + (score - edge) / 0.9, 0.0, 1.0))
 
@@ -383,6 +390,7 @@ def left_out(mesh: TriangleMesh, longest: float | None) -> tuple[tuple[float, fl
     five edges at least, and by default.
     """
     edge = float(np.ptp(mesh.vertices[mesh.faces[0]], axis=0)[:2].max())
+    # between vertices a wave of five edges has lost a quarter of its slope variance
     least = 0.4 * math.pi / max(edge, 1e-6)
     least = min(2.0 * math.pi / longest, least) if longest else least
     return (0.0, 0.0) if mesh.unresolved is None else mesh.unresolved.vertex, least
@@ -390,6 +398,7 @@ def left_out(mesh: TriangleMesh, longest: float | None) -> tuple[tuple[float, fl
 
 def grid_shape(mesh: TriangleMesh) -> tuple[int, int] | None:
     """Return the numbers of vertices along x and y of a triangulated grid, None for others."""
+    # the first facet is (0, ny, ny + 1): its second corner lies on the next line
     ny = int(mesh.faces[0, 1])
     nx, left = divmod(len(mesh.vertices), max(ny, 1))
     if left or nx < 2 or ny < 2 or len(mesh.faces) != 2 * (nx - 1) * (ny - 1):
@@ -402,6 +411,7 @@ def refined(values: Floats, n: int) -> Floats:
     """Return values (nx, ny, 3) at n by n points over the same range, linear between them."""
     for axis in (0, 1):
         at = np.linspace(0.0, values.shape[axis] - 1.0, n)
+        # the last point lies at the end of the last interval
         first = np.minimum(at.astype(int), values.shape[axis] - 2)
         share = (at - first).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
         low, high = values.take(first, axis), values.take(first + 1, axis)

@@ -70,7 +70,7 @@ def filter_shift_nm(
 
 @check_call
 def with_background(ook: OokLink, background: Background, scale: float = 1.0) -> OokLink:
-    """Return a transmission with the counts of a background added to its own.
+    """Add the counts of a background to those of a transmission.
 
     Parameters
     ----------
@@ -145,15 +145,20 @@ def widest_filter_nm(ook: OokLink, background: Background, power: float, ber: Er
         return math.nan
     if ook.filter_share == 0.0:
         return 0.0
+    # a free window would be searched anew at every trial width
     fixed = ook.replace(window=ook.averaging_window) if ook.averaging_window else ook
+    # `power` is behind the present filter; a trial passes another share of what comes in
     incident, widest = power / ook.filter_share, 2.0 * background.wavelength_nm
 
     def excess(log_width: float) -> float:
         width = min(math.exp(log_width), widest)
         trial = fixed.replace("optics.filter_width_nm", width)
         error = float(with_background(trial, background).ber(incident * trial.filter_share))
+        # nearly straight over the logarithm of the width; the bound keeps an underflow to 0 finite
         return math.log(max(error, 1e-300) / ber)
 
+    # without spectra the error rate rises with the width and one bracket will do; with them it may
+    # fall and rise again, so that steps look for the widest root
     ends = math.log(widest), math.log(_NARROWEST)
     proportional = not (ook.spectral or isinstance(ook.sipm.pde, Curve))
     steps = ends if proportional else np.arange(*ends, math.log(0.9)).tolist()

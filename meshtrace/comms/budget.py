@@ -165,6 +165,7 @@ def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
     power = link.received_power(gain)
     if power.size <= 2 * _TABLE_POINTS:
         return link.ber(power)
+    # darker gains have a rate of 0.5 to 1e-4: nodes for them would be wasted
     floor = link.required_power(0.4999)
     high = float(power.max())
     if high <= floor:
@@ -174,6 +175,7 @@ def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
     if nodes[0] == nodes[-1]:
         return np.full(power.shape, float(link.ber(high)))
     log_ber = np.log(np.maximum(link.ber(np.exp(nodes)), 1e-300))
+    # monotone between the nodes, as the error rate is: a plain spline could overshoot
     table = PchipInterpolator(nodes, log_ber)
     ber = np.exp(table(np.clip(np.log(clipped), nodes[0], nodes[-1])))
     return np.where(power < floor, 0.5, ber)
@@ -248,10 +250,12 @@ def bootstrapped_mean(
     mean = float(ber.mean())
     if mean == 0.0:
         return Estimate(mean, 0.0, 0.0)
+    # replicates of whole realizations, since error rates span decades and no normal law holds
     rng = np.random.default_rng(seed)
     # scipy.stats.bootstrap refuses a single value and a single replicate
     means = [ber[rng.integers(0, ber.size, ber.size)].mean() for _ in range(resamples)]
     limits = np.quantile(means, [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence])
+    # stretched in the logarithm, so that the lower limit stays above 0
     low, high = mean * (limits / mean) ** math.sqrt(ber.size / n_effective)
     return Estimate(mean, float(min(low, mean)), float(max(high, mean)))
 
@@ -289,6 +293,7 @@ def outage(
         Probability with its Wilson interval.
     """
     g = faded_gains(gain, h_alpha)
+    # an eye that no gain opens asks for an infinite gain, which is no threshold
     threshold = min(required_gain(link, ber), float(np.finfo(float).max))
     return fading.outage(
         g, threshold, relative_to="absolute", n_effective=n_effective, confidence=confidence
@@ -336,6 +341,7 @@ def depth_at(depth: ArrayLike, value: ArrayLike, limit: Positive) -> float:
         raise Refused("value", value, positive)
     curve = PchipInterpolator(d, np.log(v) - math.log(limit))
     crossings = curve.roots(discontinuity=False, extrapolate=False)
+    # scipy marks a piece that lies on the limit throughout by a nan after its start
     crossings = crossings[np.isfinite(crossings)]
     if crossings.size == 0:
         between = f"as found between {d[0]:g} m and {d[-1]:g} m"

@@ -97,6 +97,7 @@ def capacity(
     soft = np.array([_soft(link, float(a), float(b)) for a, b in pairs])
     # full counts bound every decision; Gaussian models break that below a count or so in a one
     hard = np.minimum(hard_information(ber_of_gains(link, g)), soft)
+    # no interpolation: a rate that one of the realizations does carry
     carried = float(np.quantile(hard, outage, method="lower"))
     rate = link.bit_rate
     return Capacity(rate * float(hard.mean()), rate * float(soft.mean()), rate * carried)
@@ -114,12 +115,14 @@ def _soft(link: OokLink, n0: float, n1: float) -> float:
 
 @functools.lru_cache(maxsize=64)
 def _interference(link: OokLink) -> tuple[float, Floats, Floats]:
-    """Return the share of a bit's light in its slot, and the law of the light of other bits."""
+    """Return the share of a bit's light in its slot, and the states of the interfering light."""
     shares = link.filters.slot_shares(link.bit_time, link.memory)
+    # decision feedback knows the earlier bits, so that their light is no interference
     shares = np.where(link.equalized(link.memory), 0.0, shares)
     others = shares[1:]
     bits = np.array(np.unravel_index(np.arange(2**others.size), (2,) * others.size)).T
     pattern_counts = np.asarray(bits @ others)
+    # 2^(memory - 1) patterns would need as many laws: patterns of nearly the same light share one
     bins = np.minimum(
         (_STATES * pattern_counts / max(pattern_counts.max(), 1e-300)).astype(int), _STATES - 1
     )
@@ -171,6 +174,7 @@ def wyner_capacity(
     """
     peak, dark, share = peak_rate, dark_rate, mean_share
     s = min(dark / peak, 1e300)
+    # without dark counts the capacity is A q ln(1 / q), largest at q = 1 / e
     if s < 1e-300:
         q = min(share, math.exp(-1.0))
         nats = -q * math.log(q)

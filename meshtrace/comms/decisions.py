@@ -138,6 +138,7 @@ def gaussian_decision(m0: ArrayLike, m1: ArrayLike, v0: _Variance, v1: _Variance
     if np.any(m1 < m0):
         raise Refused("m1", Described("below m0"), "m1 >= m0")
     d, log_ratio = m1 - m0, np.log(v1 / v0)
+    # the quadratic of equal densities, solved without its division by v1 - v0 (Notes)
     root = np.sqrt(v0 * v1 * (d * d + (v1 - v0) * log_ratio))
     above = d * v0 + root
     safe = np.where(above > 0.0, above, 1.0)  # equal laws: any threshold errs half of the time
@@ -202,6 +203,7 @@ def generalized_poisson_logpmf(
     from scipy.special import gammaln, xlogy
 
     k = non_negative("k", k)
+    # at k = 0 the law is exp(-N), which its general form gives as 0 / 0 where N = 0
     rate = primaries + k * branching
     grown = xlogy(1.0, primaries) + xlogy(k - 1.0, np.where(rate > 0.0, rate, 1.0))
     return np.where(k == 0.0, -primaries, grown - rate - gammaln(k + 1.0))
@@ -209,12 +211,15 @@ def generalized_poisson_logpmf(
 
 def _distance(n0: float, n1: float, branching: float) -> float:
     """Return the distance of the means of huge counts, in standard deviations."""
+    # mean N / (1 - lam), variance N / (1 - lam)^3
     return (n1 - n0) * math.sqrt((1.0 - branching) / n1) if n1 > 0.0 else 0.0
 
 
 def _decision_laws(n0: float, n1: float, branching: float) -> tuple[Floats, Floats, Floats]:
     """Return the counts that matter and their log probabilities in a zero and in a one."""
     share = 1.0 - branching
+    # Normal tails hold less than 1e-32 beyond 12 deviations; 40
+    # more counts cover the skewed tail of laws of few counts.
     low, high = (math.sqrt(n / share**3) for n in (n0, n1))
     first = max(math.floor(n0 / share - 12.0 * low), 0)
     k = np.arange(first, math.ceil(n1 / share + 12.0 * high + 40.0), dtype=float)
@@ -259,6 +264,7 @@ def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float)
 def _count_decision(n0: float, n1: float, branching: float) -> tuple[float, float]:
     if (n1 - n0) ** 2 * (1.0 - branching) > 1e4 * n1:  # underflows, without a sum over huge counts
         return 0.0, 0.5 * (n0 + n1) / (1.0 - branching)
+    # the test above leaves means so close that both laws have one variance
     if n0 > _NORMAL:
         from scipy.special import ndtr
 
@@ -303,15 +309,19 @@ def soft_information(n0: float, n1: float, branching: float) -> float:
 def _information(log_law: Floats) -> float:
     """Return the mutual information of bits and counts by the laws of a zero and a one (2, k)."""
     log_mean = np.logaddexp(*log_law) - math.log(2.0)
+    # p ln p goes to 0 with p: the bound keeps it from becoming 0 times infinity
     terms = np.exp(log_law) * np.maximum(log_law - log_mean, -1e3)
     return float(np.clip(0.5 * terms.sum() / math.log(2.0), 0.0, 1.0))
 
 
 def _normal_information(means: Floats, log_chance: Floats, branching: float) -> float:
-    """Return it for normal counts of some means (2, states) with probabilities of the states."""
+    """Return the mutual information for normal counts, by means (2, states) and their chances."""
     from scipy.special import logsumexp
 
+    # I = 1 - E log2(1 + p_other(x) / p_sent(x)), by
+    # Gauss-Hermite nodes around the mean of each state
     nodes, weights = np.polynomial.hermite_e.hermegauss(32)
+    # counts times (1 - lam): mean N, variance N / (1 - lam)
     std = np.sqrt(np.maximum(means, 1.0) / (1.0 - branching))
     at = means[..., None] + std[..., None] * nodes
     z = (at[..., None, None] - means) / std  # of each law (2, states) at each node
@@ -365,6 +375,7 @@ def mixed_information(
         return _normal_information(means, log_chance, branching)
     share = 1.0 - branching
     most = float(means.max()) / share
+    # as in `_decision_laws`, up from 0: the states of zeros may be dark
     k = np.arange(math.ceil(most + 12.0 * math.sqrt(most) / share + 40.0), dtype=float)
     laws = [[generalized_poisson_logpmf(k, float(n), branching) for n in row] for row in means]
     return _information(logsumexp(np.array(laws) + log_chance[:, None], axis=1))
@@ -425,11 +436,15 @@ def compound_poisson_decision(
         raise Refused("removed", removed, "a number for each bit, one or more")
     share = 1.0 - branching
     top = low + (high - low) * float(filters.mean_step(bit_time * removed.size))
+    # Campbell's theorem: variance r F int g^2
     spread = math.sqrt(top * filters.noise_energy / share)
     below = 8.0 * thermal_std + float(removed.sum())
+    # The FFT is periodic, and what lies beyond an end comes back at the other: room for 12
+    # deviations of shot noise, 30 avalanches at their peak and 8 deviations of thermal noise.
     reach = top + 12.0 * spread + 30.0 * share * filters.peak + 8.0 * thermal_std
     step = (reach + below) / _POINTS
     most = share * filters.peak / step  # of a count, in steps
+    # the peak of a single avalanche, the largest amplitude, becomes a whole number of steps
     step *= most / max(math.floor(most), min(most, 1.0))
     frequency = 2.0 * math.pi * np.fft.rfftfreq(_POINTS, step)
     borel = _borel(branching)
@@ -442,9 +457,12 @@ def compound_poisson_decision(
         above = counts_until(old) - counts_until(young)
         counts[1 : above.size + 1] = above - np.append(above[1:], 0.0)
         spectrum = np.fft.fft(counts)
+        # m avalanches of one count have m times its
+        # amplitude: its spectrum at m times the frequency
         branched = sum(p * spectrum[(m * _INDEX) % _POINTS] for m, p in enumerate(borel, 1))
         return np.asarray(branched - counts.sum())
 
+    # shifted up by a whole number of steps, so that samples below 0 lie on the lattice
     cf_zero = np.exp(
         exponent(lambda age: low * age)
         - 0.5 * (thermal_std * frequency) ** 2
@@ -457,8 +475,10 @@ def compound_poisson_decision(
 
     ahead = min(filters.bits_ahead(bit_time), removed.size - 1)
     for ago in (*range(1, removed.size - ahead), *range(-ahead, 0)):
+        # independent bits, each a one half of the time
         cf_zero = cf_zero * 0.5 * (1.0 + bit(ago))
     cf_one = cf_zero * bit(0)
+    # each tail is summed from its end, never as 1 - cdf, which would cancel
     missed = np.concatenate(([0.0], np.cumsum(np.fft.irfft(cf_one, _POINTS))))
     false = np.concatenate((np.cumsum(np.fft.irfft(cf_zero, _POINTS)[::-1])[::-1], [0.0]))
     index = int(np.argmin(missed + false))  # the lowest lattice point above the threshold
@@ -473,6 +493,7 @@ def _borel(branching: float) -> Floats:
     m = np.arange(1, 400)
     if branching == 0.0:
         return np.ones(1)
+    # Borel: P(m) = exp(-lam m) (lam m)^(m-1) / m!
     p = np.exp(-branching * m + (m - 1) * np.log(branching * m) - gammaln(m + 1))
     probable = p[p > 1e-16]
     return np.asarray(probable / probable.sum())

@@ -267,6 +267,7 @@ class SiPM(Model, frozen=True):
         Refused
             If the bandwidth is not positive.
         """
+        # the positive root of (PDE n_ph)^2 = 2 F B (PDE n_ph + DCR)
         fb = self.excess_noise_factor * noise_bandwidth
         root = 1.0 + math.sqrt(1.0 + 2.0 * self.dark_count_rate / fb)
         return photon_energy(wavelength) * fb / self._pde(wavelength) * root
@@ -299,6 +300,7 @@ class Tia(Model, frozen=True):
         gain : float
             Charge per count G [electrons].
         """
+        # Johnson noise, one-sided
         current = 4.0 * _BOLTZMANN * self.temperature / self.resistance
         return current / (gain * _ELEMENTARY_CHARGE) ** 2
 
@@ -364,6 +366,7 @@ class LedDriver(Model, frozen=True):
             (x0, x1), same shape and unit.
         """
         x = np.asarray(value, dtype=float)
+        # zeros and ones are equally likely: x = (x0 + x1) / 2 with x0 = xi x1
         high = x if self.power_is_peak else 2.0 * x / (1.0 + self.extinction_ratio)
         return self.extinction_ratio * high, high
 
@@ -478,6 +481,8 @@ class OpticalFrontEnd(Model, frozen=True):
         if not self.etendue_limited:
             return 1.0
         index = self.concentrator_index / self.medium_index
+        # the most etendue a detector accepts, from a
+        # hemisphere in its medium (Winston et al., chapter 2)
         limit = math.pi * detector_area * index**2
         return min(1.0, limit / self._acceptance)
 

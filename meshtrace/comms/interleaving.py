@@ -58,8 +58,10 @@ def mean_below(
     at = (sample - low) / step
     left = np.minimum(at.astype(np.int64), _GRID - 2)
     share = at - left
+    # shared linearly by the two nodes next to it, a value keeps its mean
     mass = np.bincount(left, 1.0 - share, _GRID) + np.bincount(left + 1, share, _GRID)
     length = n * (_GRID - 1) + 1
+    # padded, so that the periodic convolution does not wrap around
     summed = np.fft.irfft(np.fft.rfft(mass / sample.size, 2 * length) ** n, 2 * length)[:length]
     below = np.concatenate([[0.0], np.cumsum(summed)])
     # a node stands for the half step on either side of it
@@ -169,6 +171,7 @@ def fade_margin_db(
     low, high = -_WIDEST_DB, _WIDEST_DB
     if missed(high):
         raise Refused("outage", outage, f"attainable with {_WIDEST_DB:g} dB of margin")
+    # bisection, since the outage of a finite sample may fall in steps
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if missed(middle) else (low, middle)

@@ -142,6 +142,7 @@ class OokLink(Model, frozen=True):
 
     @pydantic.model_validator(mode="after")
     def _consistent(self) -> Self:
+        # 1 / R_b is rounded: a window of one bit may come out a last bit longer
         if self.window is not None and self.window > self.bit_time * (1.0 + 1e-12):
             raise Refused("window", self.window, f"0 <= window <= {self.bit_time} s")
         if self.saturation_noise == "renewal" and self.receiver.exact_counts:
@@ -320,6 +321,7 @@ class OokLink(Model, frozen=True):
         if not self.spectral:
             return self.sipm.count_rate(power, self.led.wavelength)
         passed = signal_passed(self)
+        # the power is behind the filter, whose share must not count twice
         efficiency = passed.counted / passed.share if passed.share > 0.0 else 0.0
         power = np.asarray(power, dtype=float)
         return efficiency * power / photon_energy(self.led.wavelength)
@@ -334,6 +336,8 @@ class OokLink(Model, frozen=True):
             return float(self.sipm.count_rate(power, 1e-9 * nm))
         day = background.provenance.get("daylight")
         irradiance = Daylight.model_validate(day).spectrum if day else np.ones_like
+        # `background_power` takes the light as flat over the filter; `background_counted` does the
+        # filter over the spectrum, and the flat one is divided out
         per_nm = power / (optics.equivalent_width_nm * optics.peak_transmission)
         return per_nm * background_counted(self, nm, irradiance) / photon_energy(1e-9 * nm)
 
@@ -363,6 +367,7 @@ class OokLink(Model, frozen=True):
         low, high = self.levels(power)
         if not self.renewal_noise:
             return low, high
+        # the renewal process is that of primaries: their rate before saturation
         fano_zero, fano_one = (self.sipm.fano_factor(rate) for rate in self._rates(power))
         return low * fano_zero, high * fano_one
 
@@ -379,6 +384,7 @@ class OokLink(Model, frozen=True):
         signal = self.count_rate(non_negative("power", power, _MOST_POWER))
         dark = self.sipm.dark_count_rate + self.background_rate
         low, high = self.led.levels(signal)
+        # these counts do not follow the bits, so that the extinction ratio is not theirs
         return low + dark, high + dark
 
     def patterns(self) -> NDArray[np.bool_]:
@@ -386,6 +392,7 @@ class OokLink(Model, frozen=True):
         filters = self.filters
         ahead = min(filters.bits_ahead(self.bit_time), self.memory - 1)
         earlier = filters.mean_cursors(self.bit_time, self.memory)[: self.memory - ahead]
+        # every further bit doubles the patterns: bits whose tail has died out are left away
         last = np.flatnonzero(earlier > _NEGLIGIBLE_CURSOR).max(initial=0)
         count = 1 + int(last) + ahead
         return np.array(np.unravel_index(np.arange(2**count), (2,) * count)).T.astype(bool)
@@ -502,6 +509,7 @@ class OokLink(Model, frozen=True):
         low = self.required_power(ber)
         if not self.saturation or self.sipm.recovery_time == 0.0 or math.isinf(low):
             return math.inf
+        # from just above the root below, which is found to its last digits only
         return _crossing(lambda p: math.log(ber / max(float(self.ber(p)), 1e-300)), 1.001 * low)
 
     def eye(
@@ -545,6 +553,7 @@ def _required_power(link: OokLink, ber: float) -> float:
     per_watt = float(link.count_rate(1.0))
     if per_watt == 0.0:
         return math.inf
+    # 1e-9 counts in a bit: no light to speak of
     start = 1e-9 * link.bit_rate / per_watt
     likely = start * 4.0**11  # on the same steps: hundredths of a count in a bit rarely suffice
 
@@ -566,6 +575,7 @@ def _crossing(excess: Callable[[float], float], start: float) -> float:
     """
     from scipy.optimize import brentq
 
+    # Small steps: saturated cells close the eye again, and a wide bracket could hold both roots.
     for low in start * 4.0 ** np.arange(45):
         if 4.0 * low > _MOST_POWER:
             break

@@ -71,6 +71,7 @@ class PulseFilters:
         a, w = 1.0 / self.tau_sipm, self.window
         if w == 0.0:
             return self._step(t, [], [(a, a)])
+        # g(u) = (1 - exp(-a u)) / w inside the window, a decay from its value at w behind it
         return self._step(t, [(1.0 / w, 0.0), (-1.0 / w, a)], [(-math.expm1(-a * w) / w, a)])
 
     def shot_step(self, t: ArrayLike) -> Floats:
@@ -99,6 +100,7 @@ class PulseFilters:
     def ages_above(self, level: Annotated[Floats, Field(gt=0.0)]) -> tuple[Floats, Floats]:
         """Return the first and last age [s] of a response above 0 < `level` <= peak [s-1]."""
         with np.errstate(divide="ignore"):  # level = peak of a window much longer than the pole
+            # g rises up to the end of the window and decays from there: one age on each flank
             young = -self.tau_sipm * np.log1p(-self.window * level)
         return np.minimum(young, self.window), self.window + self.tau_sipm * np.log(
             self.peak / level
@@ -212,6 +214,7 @@ class PulseFilters:
         if self.tau_led == 0.0:
             return m * exprel(-a * m)
         b = 1.0 / self.tau_led
+        # int exp(-a u - b (t - u)) du, written so that no exponent is positive and a = b is regular
         lag = np.exp(-b * (t - m) - min(a, b) * m) * m * exprel(-abs(b - a) * m)
         return m * exprel(-a * m) - lag
 

@@ -42,6 +42,7 @@ class CountedBits(decisions.ReceiverModel):
         n0, n1 = (level * link.bit_time for level in link.levels(power))
         branching = link.sipm.branching
         ber, count = decisions.generalized_poisson_decision(n0, n1, branching)
+        # half a count below the lowest one that is read as a one, in primaries per second
         return decisions.Decision(ber, (count - 0.5) * (1.0 - branching) * link.bit_rate)
 
 
@@ -76,6 +77,7 @@ class PatternNoise(SampledPulses):
 
     def _noise(self, link: OokLink, pulses: _Pulses) -> tuple[Floats, float]:
         """Return the shares of the bits in the mean, and a fixed bandwidth [Hz]."""
+        # pi / 2 f_c is the noise bandwidth of a first-order pole
         return pulses.mean, min(0.5 * link.bit_rate, 0.5 * math.pi * link.sipm.bandwidth)
 
 
@@ -101,6 +103,7 @@ class CompoundPoisson(AveragedPulses):
     def decide(self, link: OokLink, power: decisions.Powers) -> decisions.Decision:
         """Decide between compound Poisson variables, between normal ones where counts are many."""
         decision = super().decide(link, power)
+        # g has unit area, so that 1 / peak is about the duration of a response
         many = link.levels(power)[1] > _MANY * link.filters.peak
         for i in np.flatnonzero(~many):
             decision.ber[i], decision.threshold[i] = self._decide_at(link, float(power[i]))
@@ -109,6 +112,7 @@ class CompoundPoisson(AveragedPulses):
     def _decide_at(self, link: OokLink, power: float) -> tuple[float, float]:
         low, high = (float(level) for level in link.levels(power))
         filters, pulses = link.filters, _pulses(link, 1.0)
+        # what the equaliser takes off the sample for each bit that was a one
         removed = (high - low) * (pulses.mean - pulses.heard)
         thermal = link.tia.thermal_noise(link.sipm.gain)
         thermal_std = math.sqrt(0.5 * thermal * filters.noise_energy)

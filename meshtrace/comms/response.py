@@ -67,6 +67,7 @@ class ChannelResponse(Model, frozen=True):
             shares = Described(f"{len(self.share)} of sum {sum(self.share):g}")
             raise Refused("share", shares, f"{len(self.delay)} shares that add up to 1")
         if self.clock is None:
+            # of two equal halves the first, in spite of rounding
             middle = int(np.searchsorted(np.cumsum(self.share), 0.5 - 1e-9))
             object.__setattr__(self, "clock", self.delay[middle])
         return self
@@ -125,6 +126,7 @@ class ChannelResponse(Model, frozen=True):
             delay=nodes[nonzero].tolist(),
             share=(share[nonzero] / share[nonzero].sum()).tolist(),
             angle_deg=tuple(arrivals),
+            # the median of the arrivals: that of the few pulses would jump from one to the next
             clock=float(np.interp(0.5 * end[-1], end, t[order])),
         )
 
@@ -139,6 +141,7 @@ def _nodes(t: Floats, w: Floats, pulses: int) -> Floats:
     spread = spread_of(t, w)
     if spread == 0.0 or pulses == 1:
         return np.array([float(w @ t) / float(w.sum())])
+    # linear near 0, where most of the light is, logarithmic in the tail
     scale = np.linspace(0.0, np.log1p(_FINENESS * t.max() / spread), pulses)
     return np.expm1(scale) * spread / _FINENESS
 
@@ -155,6 +158,7 @@ def _angles(angle: Floats, weight: Floats) -> list[float]:
     if not weight[known].sum() >= 0.5 * weight.sum():
         return []
     order = np.argsort(angle[known])
+    # mean squared sines, in which the shift of a filter is linear to first order
     square, sorted_weight = np.sin(angle[known][order]) ** 2, weight[known][order]
     end = np.append(0.0, np.cumsum(sorted_weight))
     moment = np.interp(

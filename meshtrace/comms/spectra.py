@@ -154,6 +154,7 @@ class Passed(NamedTuple):
 
 def _view(fov_deg: float) -> Floats:
     """Return squared sines of incidence, with equal shares of light that fills a field of view."""
+    # projected solid angle, and with it the light of a uniform scene, is proportional to sin^2
     edge = math.sin(math.radians(0.5 * fov_deg)) ** 2
     return edge * (np.arange(_RAYS) + 0.5) / _RAYS
 
@@ -189,6 +190,7 @@ def signal_passed(ook: Transmission) -> Passed:
     angles = _view(ook.optics.fov_deg)
     if ook.response is not None and ook.response.angle_deg:
         angles = np.sin(np.radians(ook.response.angle_deg)) ** 2
+    # photons per energy grow with the wavelength
     counted = density * ook.sipm.pde_at(at) * at / nm
     return Passed(*(_through(ook.optics, nm, at, w, angles) for w in (density, counted)))
 
@@ -203,6 +205,7 @@ def lit_band(ook: Transmission) -> tuple[float, float]:
     if led.spectrum is not None:
         low, *_, high = led.spectrum.wavelength_nm
     first, last = ook.optics.band(nm)
+    # slanted light passes at shorter wavelengths
     first *= float(_factors(_view(ook.optics.fov_deg), ook.optics.filter_index).min())
     return max(low, min(first, nm)), min(high, max(last, nm))
 
@@ -229,6 +232,7 @@ def background_counted(
     angles = _view(optics.fov_deg)
     low, high = optics.band(1e9 * ook.led.wavelength)
     low *= float(_factors(angles, optics.filter_index).min())
+    # the edges of a band lie inside the nodes
     beyond = 0.01 * (high - low)
     at = np.linspace(max(low - beyond, 1e-3), high + beyond, _NODES)
     allowed = "a function of wavelengths (n,) [nm] that returns a number for each"
@@ -257,6 +261,7 @@ def _through(optics: Any, signal_nm: float, at: Floats, weight: Floats, sin2: Fl
     factors = _factors(sin2, optics.filter_index)[:, None]
     transmission = optics.filter_transmission
     if isinstance(transmission, Curve):
+        # light under theta meets the transmission of lambda / f(theta) at normal incidence
         return float((transmission.at(at / factors) @ weight).mean())
     low, high = optics.band(signal_nm)
     if len(at) == 1:

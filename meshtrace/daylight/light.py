@@ -45,7 +45,7 @@ PATTERNS = (*(f"cie-{i}" for i in range(1, 16)), "harrison-coombes", *_ALIASES)
 
 @check_call
 def sky(pattern: str, diffuse: float, sun_zenith_deg: float, sun_azimuth_deg: float) -> Sky:
-    """Return a sky whose horizontal irradiance is given, for the kernels and for `sky_radiance`.
+    """Return a sky scaled to a horizontal irradiance, for the kernels and for `sky_radiance`.
 
     Parameters
     ----------
@@ -74,9 +74,11 @@ def sky(pattern: str, diffuse: float, sun_zenith_deg: float, sun_azimuth_deg: fl
     HydroLight.
     """
     require_word(pattern, PATTERNS, "pattern")
+    # a key of the cache: directions of one sun differ in their last digits
     zenith = round(float(sun_zenith_deg), 9)
     scale = diffuse / _irradiance(pattern, zenith)
     bare, sun = _bare_sky(pattern, zenith), unit_vector(sun_zenith_deg, sun_azimuth_deg)
+    # the radiance is linear in p and a
     return bare._replace(sun=Vec3(*sun), p=scale * bare.p, a=scale * bare.a)
 
 
@@ -98,6 +100,7 @@ def sky_radiance(sky: Sky, directions: Annotated[Floats, Shape("... 3")]) -> Flo
     """
     cos_z = np.maximum(directions[..., 2], LEAST_COS)
     cos_chi = np.clip(directions @ np.array(sky.sun), -1.0, 1.0)
+    # ISO 15469: gradation by the zenith angle, indicatrix by the angle chi to the sun
     gradation = sky.p + sky.a * np.exp(sky.b / cos_z)
     glow = sky.f + sky.c * np.exp(sky.d * np.arccos(cos_chi)) + sky.e * cos_chi**2
     return np.asarray(gradation * glow)
@@ -112,6 +115,7 @@ def hemisphere(sun_zenith_deg: float) -> tuple[Floats, Floats]:
     """
     x, w = gauss_legendre(_NODES)
     x, w = 0.5 * (x + 1.0), 0.5 * w
+    # x -> x^2 crowds the nodes at the end 0 of a panel
     crowded, weight = x * x, 2.0 * x * w
     sun = math.radians(sun_zenith_deg)
     zenith = np.concatenate([sun * (1.0 - crowded), sun + (0.5 * math.pi - sun) * crowded])
@@ -139,6 +143,7 @@ def _bare_sky(pattern: str, sun_zenith_deg: float) -> Sky:
     gradation, indicatrix = _TYPES[int(_ALIASES.get(pattern, pattern)[4:]) - 1]
     a, b = _GRADATION[gradation]
     c, d, e = _INDICATRIX[indicatrix]
+    # the standard's 1 + c (exp(d chi) - exp(d pi / 2)), its constant taken together
     return Sky(sun, 1.0, a, b, 1.0 - c * math.exp(0.5 * math.pi * d), c, d, e)
 
 
@@ -245,6 +250,7 @@ def _clear_spectra(
     air_mass = pvlib.atmosphere.get_relative_airmass(sun_zenith_deg, model="kastenyoung1989")
     spectrum = pvlib.spectrum.spectrl2(
         apparent_zenith=sun_zenith_deg,
+        # on a horizontal plane the angle of incidence is the zenith angle
         aoi=sun_zenith_deg,
         surface_tilt=0.0,
         ground_albedo=ground_albedo,
@@ -450,7 +456,7 @@ class Daylight(Model, frozen=True):
         return sky(self.pattern, self.diffuse, self.sun_zenith_deg, self.sun_azimuth_deg)
 
     def spectrum(self, wavelength_nm: Annotated[Floats, Shape("n")]) -> Floats:
-        """Return the horizontal irradiance at wavelengths (n,) [nm] over that at the own one.
+        """Return the horizontal irradiance at wavelengths (n,) [nm] relative to `wavelength_nm`.
 
         Parameters
         ----------
@@ -620,6 +626,7 @@ class Daylight(Model, frozen=True):
 
         def by_moon(checked: Self) -> Irradiance:
             sun = default_irradiance(checked.sun_zenith_deg, checked.wavelength_nm)
+            # the sky scatters moonlight as it scatters sunlight
             share = MOON_OVER_SUN * moon_phase_factor(phase_deg)
             return Irradiance(share * sun.direct, share * sun.diffuse)
 
@@ -652,6 +659,7 @@ class Daylight(Model, frozen=True):
         """Return the light of a model, whose recipe are the options that differ from defaults."""
         _require_absent(fields, ("direct", "diffuse", "recipe"))
         fields = {**MODELS[model].fields, **fields}
+        # the model gets checked fields; the irradiances of 1 only hold their place
         irradiances = irradiance(cls(direct=1.0, diffuse=1.0, **fields))._asdict()
         known = defaults_of(model)
         recipe = {name: value for name, value in options.items() if value != known[name]}
@@ -685,6 +693,7 @@ class Daylight(Model, frozen=True):
         }
         table = {**fields, **self.recipe}
         model = lights.get(self.light)
+        # irradiances that were set by hand follow from no model
         if model is None or light_of(model, self.wavelength_nm, table) != self:
             reason = Described(f"irradiances at {self.wavelength_nm:g} nm")
             raise Refused("day", reason, f"a model of {', '.join(lights)}, for other wavelengths")
@@ -727,12 +736,13 @@ def light_of(model: str, wavelength_nm: float, table: Mapping[str, Any]) -> Any:
         _require_absent(table, SUN, "without time, which gives the sun")
         return Daylight.at(**{"latitude": None, "longitude": None, **table})
     if model == "moon":
+        # link files place the moon by the keys of the sun
         table = {key.removeprefix("sun_"): value for key, value in table.items()}
     return _maker(model)(**table)
 
 
 def _maker(model: str) -> Callable[..., Daylight]:
-    """Return the function of a model that has its own irradiances."""
+    """Return the constructor of a model that computes irradiances."""
     maker: Callable[..., Daylight] = getattr(Daylight, {"clear": "clear_sky"}.get(model, model))
     return maker
 
@@ -765,6 +775,7 @@ def moon_phase_factor(phase_deg: Annotated[float, Field(ge=-180.0, le=180.0)]) -
     >>> round(moon_phase_factor(90.0), 4)
     0.091
     """
+    # Krisciunas and Schaefer (1991)
     alpha = abs(phase_deg)
     return float(10.0 ** (-0.4 * (0.026 * alpha + 4e-9 * alpha**4)))
 

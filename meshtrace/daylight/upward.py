@@ -42,11 +42,12 @@ def slopes_of(normals: Floats) -> Floats:
 
 
 def slopes_to(wanted: Floats, normals: Floats) -> Floats:
-    """Return the differences (..., 2) between the slopes of required and given normals.
+    """Return the differences (..., 2) between the slopes of required and actual normals.
 
     Normals are of any length; 1e6 where the required one does not point upwards.
     """
     up = wanted[..., 2:]
+    # no slope of a sea reaches 1e6: its density there is 0
     slopes = np.where(up > 1e-6, -wanted[..., :2] / np.maximum(up, 1e-6), 1e6)
     return np.asarray(slopes - slopes_of(normals))
 
@@ -66,6 +67,7 @@ class Reflection(NamedTuple):
         length = np.sqrt(np.einsum("...i,...i", normal, normal))
         cos_i = np.clip(np.einsum("...i,...i", view, normal) / length, 0.0, 1.0)
         rho = np.array([fresnel_reflectance(cos_i, 1.0, n) for n in self.n])
+        # Jacobian of slopes to directions of reflected light (Cox and Munk 1954)
         return rho / (4.0 * (normal[..., 2] / length) ** 4)
 
 
@@ -142,6 +144,7 @@ def by_slopes(
     wanted = law.normal(view)
     density = slope_density(slopes_to(wanted, normal), roughness)
     facing = np.einsum("...i,...i", view, facet_normal)
+    # cos(b_g) / (v . n_g) of `connected_glint`: slopes count by area seen from above
     area = np.where(facing > 0.0, np.abs(facet_normal[..., 2]) / np.maximum(facing, 1e-12), 0.0)
     return law.strength(view, wanted) * (density * area)
 
@@ -282,8 +285,10 @@ def _beams(day: Daylight, n: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
     even = day.replace(diffuse=1.0)
     flux = sky_radiance(even.sky, towards) * np.repeat(weight, _AZIMUTHS)
     towards = np.concatenate([towards, [day.sun]])
+    # over the sum of its own nodes, which is the irradiance of 1 without an error of quadrature
     flux = np.append(flux / flux.sum(), day.sun[2])
     flux = flux * (1.0 - fresnel_reflectance(np.clip(towards[:, 2], 0.0, 1.0), 1.0, n))
+    # Snell's law: the index divides the horizontal components
     travel = -towards / n
     travel[:, 2] = -np.sqrt(1.0 - travel[:, 0] ** 2 - travel[:, 1] ** 2)
     return travel, flux / -travel[:, 2], np.arange(len(flux)) // _AZIMUTHS
@@ -297,6 +302,7 @@ def _common_functions(phases: Sequence[PhaseFunction]) -> tuple[Floats, Floats]:
     theta = np.linspace(0.0, math.pi, _ANGLES)
     wide = theta > _LEAST_ANGLE
     tables = np.array([phase.pdf(theta[wide]) for phase in phases])
+    # over the first one, by which the bound of the error counts
     mix, functions = common_functions(tables / tables[0], _EXACT)
     source = np.zeros((_ANGLES, len(functions)))
     source[wide] = (functions * tables[0]).T
@@ -325,6 +331,7 @@ def _over_depth(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats,
     if np.ptp(k) == 0.0 and not np.ptp(b, axis=1).any():  # in closed form
         tau = _EXTINCTION * (k[0] * depth[-1])
         last = np.exp(-tau)
+        # int_0^D exp(-m k z) dz = D exprel(-m k D)
         integral = b[:, :1] * depth[-1] * exprel(-tau)
     else:
         steps = np.diff(depth)
@@ -347,6 +354,7 @@ def _profile(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats, Fl
         deepest = max(deepest, 3.0 * water.layers[-1][0])
     if water.bottom_depth is not None:
         deepest = min(deepest, water.bottom_depth)
+    # dense near the surface, where light is strong and bubbles are
     depth = np.concatenate([surface, np.geomspace(1e-4 * deepest, deepest, _DEPTHS)])
     a, b = water.profile(depth)
     scatterers = [b]

@@ -67,6 +67,7 @@ def checked_step(time: ArrayLike, n: int) -> float:
     if not np.isfinite(t).all():
         raise Refused("time", Described("not all finite"), "finite times [s]")
     step = (t[-1] - t[0]) / (n - 1)
+    # times in files are rounded: a millionth of the step, or the last digits of large times
     if not step > 0.0 or np.abs(np.diff(t) - step).max() > 1e-6 * step + 1e-12 * np.abs(t).max():
         raise Refused(
             "time", Described("not equally spaced and increasing"), "a constant step > 0 s"
@@ -133,6 +134,7 @@ def remove_noise(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Float
     log_gain = np.log(g[seen])
     if not noise.any() or log_gain.size < 2 or np.ptp(log_gain) == 0.0:
         return g.copy()
+    # to first order the noise adds (s / g)^2 to the variance of ln g
     share = 1.0 - np.mean(noise[seen] / g[seen] ** 2) / log_gain.var(ddof=1)
     if share <= 0.0:
         return np.where(seen, g[seen].mean(), 0.0)
@@ -170,7 +172,7 @@ def block_means(columns: Iterable[Floats], block: int, resamples: int, seed: int
 def block_interval(
     value: float, replicates: Floats, n_blocks: float, confidence: float
 ) -> Estimate:
-    """Return the interval of a positive quantity from its replicates over moving blocks.
+    """Return the interval of a positive quantity by its replicates over moving blocks.
 
     The central 68 % of the replicates, in the logarithm, stretched to `confidence` with Student's
     t: few blocks make plain percentiles too narrow (85 % instead of 95 % with 25 blocks).
@@ -183,6 +185,7 @@ def block_interval(
     if not 0.0 < middle < math.inf:
         return Estimate(value, 0.0, math.inf)
     freedom = max(n_blocks - 1.0, 1.0)
+    # blocks drawn with replacement have a variance low by (n - 1) / n
     stretch = special.stdtrit(freedom, 0.5 + 0.5 * confidence) * math.sqrt(1.0 + 1.0 / freedom)
     with np.errstate(over="ignore"):
         low, high = value * (np.array([low, high]) / middle) ** stretch
@@ -256,6 +259,7 @@ def scintillation_index(
     noise = noise / g.mean() ** 2
     g = g / g.mean()
     value = float(_scintillation(g, noise))
+    # the bootstrap of equal gains is degenerate
     if np.ptp(g) == 0.0:
         return Estimate(value, value, value)
     if block == 1:
@@ -275,7 +279,10 @@ def scintillation_index(
         ).confidence_interval
         return Estimate(value, float(interval.low), float(interval.high))
     mean, square = block_means((g, g**2), block, resamples, seed)
+    # n - 1 in place of n, as in the value itself
     raw = (square / mean**2 - 1.0) * g.size / (g.size - 1.0)
+    # The interval is that of the raw index, which is positive: less the noise it may be negative,
+    # which the logarithm of `block_interval` does not take.
     seen = block_interval(float(_scintillation(g, 0.0 * g)), raw, g.size / block, confidence)
     return Estimate(value, seen.low - float(noise.mean()), seen.high - float(noise.mean()))
 
@@ -455,6 +462,7 @@ def gain_cdf(
     g = np.sort(remove_noise(gain, gain_stderr))
     n = check_effective(n_effective, g.size)
     probability = np.arange(1, g.size + 1) / g.size
+    # inequality of Dvoretzky, Kiefer and Wolfowitz with Massart's constant
     half = math.sqrt(math.log(2.0 / (1.0 - confidence)) / (2.0 * n))
     return Distribution(
         g, probability, np.maximum(probability - half, 0.0), np.minimum(probability + half, 1.0)
@@ -559,6 +567,7 @@ def fit_lognormal(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Dist
     g = _fit_sample(gain, gain_stderr)
     log_gain = np.log(g)
     mu, sigma = float(log_gain.mean()), float(log_gain.std())
+    # of the gain, not of its logarithm (hence mu), so that the AIC compares laws
     log_likelihood = -g.size * (mu + math.log(sigma) + 0.5 * math.log(2.0 * math.pi) + 0.5)
     return DistributionFit("lognormal", {"mu": mu, "sigma": sigma}, g.size, 2, log_likelihood)
 
@@ -693,6 +702,7 @@ def _fit_sample(gain: ArrayLike, gain_stderr: ArrayLike | None) -> Floats:
     if not g.all():
         zeros = g.size - np.count_nonzero(g)
         raise Refused("gain", Described(f"{zeros} of {g.size} are 0"), "gains > 0 for a fit")
+    # rounding remains where `remove_noise` took the whole spread away
     if np.ptp(g) <= 1e-12 * g.max():
         reason = Described("no variance above the Monte Carlo noise")
         raise Refused("gain", reason, "gains that vary")

@@ -132,6 +132,7 @@ def gamma_gamma_likelihood(gain: Floats, n_effective: float | None = None) -> Li
     return Likelihood(
         *_shapes(best.x[1], best.x[2]),
         mean=float(gain.mean()) * math.exp(best.x[0] * math.sqrt(math.log(second))),
+        # the density of the gain is that of h over the mean gain
         log_likelihood=-float(best.fun) * log_h.size - gain.size * math.log(gain.mean()),
         known=known,
         balance=float(best.x[2]),
@@ -172,12 +173,14 @@ def probability_in_log(std_log: float) -> Callable[[Floats], Floats]:
     is fitted; a lognormal law lies up to 0.6 dB above them.
     """
     s = min(max(std_log, 1e-4), 4.0)
+    # shapes whose variance of ln h, 203 and 2e-10, lies beyond both limits of s
     bounds = math.log(0.1), math.log(1e10)
     log_shape = optimize.brentq(lambda u: 2.0 * special.polygamma(1, math.exp(u)) - s**2, *bounds)
     shape = math.exp(log_shape)
     z = np.linspace(-40.0, 12.0, 2048)
     center = 2.0 * float(special.digamma(shape) - log_shape)
     logs = np.log(np.maximum(_probability(np.exp(center + s * z), shape, shape), 1e-300))
+    # linear in the logarithm, since P spans hundreds of decades
     return lambda at: np.exp(np.interp(at, z, logs))
 
 
@@ -189,9 +192,11 @@ def _density(h: Floats, alpha: float, beta: float) -> Floats:
 
 def _probability(h: Floats, alpha: float, beta: float) -> Floats:
     shapes = np.array([alpha, beta])
+    # mean and deviation of ln h, by the digamma and trigamma functions of both factors
     center = float(np.sum(special.digamma(shapes) - np.log(shapes)))
     width = math.sqrt(float(np.sum(special.polygamma(1, shapes))))
     t = center + width * np.linspace(-40.0, 12.0, 2048)
+    # over t = ln h, in which the density is h f(h)
     integral = interpolate.CubicSpline(t, np.exp(_log_pdf(t, alpha, beta) + t)).antiderivative()
     with np.errstate(divide="ignore"):
         log_h = np.log(np.maximum(h, 0.0))
@@ -217,6 +222,7 @@ def _log_kv(order: float, x: Floats) -> Floats:
         z = x[lost] / order
         root = np.hypot(1.0, z)
         p = 1.0 / root
+        # DLMF 10.41.4, with the first two of its polynomials
         u1 = (3.0 * p - 5.0 * p**3) / 24.0
         u2 = (81.0 * p**2 - 462.0 * p**4 + 385.0 * p**6) / 1152.0
         series = 1.0 - u1 / order + u2 / order**2
@@ -227,6 +233,7 @@ def _log_kv(order: float, x: Floats) -> Floats:
 
 def _moment_balance(second: float, third: float) -> float:
     """Return 4 alpha beta / (alpha + beta)^2 from the moments of h, kept inside the family."""
+    # E h^2 = 1 + s + p and E h^3 / E h^2 = 1 + 2 s + 4 p, s = 1/alpha + 1/beta, p = 1/(alpha beta)
     product = 0.5 * (third / second + 1.0) - second
     total = second - 1.0 - product
     return float(np.clip(4.0 * product / total**2, 0.05, 0.95)) if total > 0.0 else 0.95
@@ -237,6 +244,7 @@ def _shapes(log_si: float, balance: float) -> tuple[float, float]:
     root = math.sqrt(max(0.0, 1.0 - balance))
     inverse = (1.0 - root) / (1.0 + root)
     si = math.exp(log_si)
+    # the positive root of SI = (1 + r) / beta + r / beta^2, r = beta / alpha
     beta = (1.0 + inverse + math.sqrt((1.0 + inverse) ** 2 + 4.0 * si * inverse)) / (2.0 * si)
     return beta / inverse, beta
 

@@ -76,6 +76,7 @@ def autocorrelation(
         reason = Described(f"variance {x.var():.3g} of gain / mean")
         raise Refused("gain", reason, f"more than that of the Monte Carlo noise, {share:.3g}")
     rho = _autocovariance(x)[: max_lag + 1] / variance
+    # The noise is part of C_0 alone, which is larger than the variance of the fading.
     rho[0] = 1.0
     return rho
 
@@ -124,6 +125,7 @@ def effective_samples(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> 
     beyond = np.flatnonzero(np.arange(1, rho.size + 1) >= 5.0 * squares)
     window = beyond[0] if beyond.size else rho.size - 1
     inflation = max(1.0 + 2.0 * float(rho[: window + 1].sum()), float(squares[window]))
+    # a series that is correlated throughout still is one sample
     return float(np.size(gain) / min(inflation, np.size(gain)))
 
 
@@ -178,6 +180,7 @@ def block_length(gain: ArrayLike) -> int:
 def _politis_white(x: Floats) -> float:
     n = x.size
     x = x - x.mean()
+    # each lag over n, not over its pairs, which keeps the estimate positive semidefinite
     covariance = _autocovariance(x) * np.arange(n, 0, -1) / n
     if not covariance[0] > 0.0:
         return 1.0
@@ -187,6 +190,7 @@ def _politis_white(x: Floats) -> float:
     spectrum = covariance[0] + 2.0 * tapered.sum()
     if spectrum == 0.0:
         return float(n)
+    # 2 G^2 / D of `block_length`, with both signs of the lag in G and D
     return float((1.5 * (2.0 * np.sum(k * tapered) / spectrum) ** 2 * n) ** (1.0 / 3.0))
 
 
@@ -198,7 +202,9 @@ def flat_top(rho: Floats) -> Floats:
     n = rho.size
     run = max(5, math.ceil(math.sqrt(math.log10(n))))
     last = min(n - 1, math.ceil(math.sqrt(n)) + run)
+    # Politis and White: lags within this bound are insignificant if `run` of them follow each other
     bound = 2.0 * math.sqrt(math.log10(n) / n)
+    # lags beyond the last count as insignificant, so that a window is always found
     quiet = np.append(np.abs(rho[1 : last + 1]) < bound, np.ones(run, dtype=bool))
     window = int(np.argmax(np.lib.stride_tricks.sliding_window_view(quiet, run).all(axis=1)))
     m = min(2 * max(window, 1), last)
@@ -208,6 +214,7 @@ def flat_top(rho: Floats) -> Floats:
 def _autocovariance(x: Floats) -> Floats:
     """Return the autocovariance at lags 0..n-1, each lag divided by its number of pairs."""
     n = x.size
+    # padded to twice the length, so that the lags do not wrap around
     spectrum = np.fft.rfft(x - x.mean(), 2 * n)
     return np.fft.irfft(np.abs(spectrum) ** 2)[:n] / np.arange(n, 0, -1)
 
@@ -276,6 +283,7 @@ def coherence_time(
     crossing = float(_first_crossing(rho[:, None])[0])
     if math.isinf(crossing):
         return Estimate(math.inf, (rho.size - 1) * step, math.inf)
+    # room for replicates that cross later than the record
     lags = min(rho.size, 4 * math.ceil(crossing) + 2)
     block = series_block(block, g)
     # A replicate without variance beside the noise never falls below 1/e.
@@ -389,6 +397,7 @@ def level_crossing_rate(
     block = series_block(block, g)
     if count < _FEWEST_CROSSINGS:
         tail = 0.5 - 0.5 * confidence
+        # Garwood's limits of a Poisson mean
         low = float(special.gammaincinv(count, tail)) if count else 0.0
         high = float(special.gammainccinv(count + 1.0, tail))
         return Estimate(count / duration, low / duration, high / duration)
@@ -445,6 +454,7 @@ def mean_fade_duration(
 
     g, step, under = _record(time, gain, threshold, relative_to)
     fall = (~under[:-1] & under[1:]).astype(np.float64)
+    # by trapezoids: a sample next to a crossing stands for half a step on this side
     below = 0.5 * under[:-1] + 0.5 * under[1:]
     count = float(fall.sum())
     block = series_block(block, g)
@@ -453,6 +463,7 @@ def mean_fade_duration(
     value = float(below.sum()) * step / count
     if count < _FEWEST_CROSSINGS:
         tail = 0.5 - 0.5 * confidence
+        # n exponential durations add up to a gamma variable of shape n
         most, least = special.gammaincinv(count, tail), special.gammainccinv(count, tail)
         return Estimate(value, float(count * value / least), float(count * value / most))
     low, falls = block_means((below, fall), min(block, fall.size), resamples, seed)
@@ -491,6 +502,7 @@ def fade_durations(
     _, step, under = _record(time, gain, threshold, relative_to)
     change = np.diff(under.astype(np.int8))
     falls, rises = np.flatnonzero(change > 0), np.flatnonzero(change < 0)
+    # a rise before the first fall ends a fade that began before the record
     rises = rises[rises > falls[0]] if falls.size else falls
     return np.asarray(step * (rises - falls[: rises.size]), dtype=np.float64)
 

@@ -226,6 +226,7 @@ def _slopes_seen(
     slope = math.sqrt(max(spectrum.along_and_across) + max(missing))
     receiver = link.receivers[0]
     away = receiver.height if hasattr(receiver, "height") else receiver.depth
+    # the footprint: three standard deviations of the slope times the lever, and the aperture
     edge = (3.0 * lever.beta * slope + lever.aperture) / away
     if math.tan(math.radians(min(receiver.fov_deg, 179.0)) / 2.0) < edge:
         least = 2.0 * math.degrees(math.atan(edge))
@@ -248,6 +249,7 @@ def _covariance(
     variance = np.array(spectrum.along_and_across)
     scale = math.sqrt(lever.beta**2 * (variance.max() + max(missing)) + lever.aperture**2)
     low = 1e-4 * min(scale, lever.aperture)
+    # both densities have vanished beyond 25 of their widths
     distance = spectrum.distances(low, 25.0 * scale, _DISTANCES)
     nodes, weights = gauss_legendre(_AZIMUTHS)
     # the sea is symmetric about the wind; at a lag it has a forward direction
@@ -259,6 +261,8 @@ def _covariance(
     weight = np.tile(weights, repeat) * 0.25 * math.pi * 2.0 * math.pi / span
     covariance = spectrum.covariance(distance, azimuth, lags)
     still = 2.0 * (variance + np.array(missing))
+    # D = 2 (C(0) - C(R)); slopes beyond the band are independent
+    # at two crossings, so that they are part of C(0) alone
     spread = [still[0] - 2.0 * covariance[0], still[1] - 2.0 * covariance[1], -2.0 * covariance[2]]
     x = distance[:, None] * np.cos(azimuth)
     y = distance[:, None] * np.sin(azimuth)
@@ -294,14 +298,17 @@ def _disk_mixture() -> tuple[Floats, Floats]:
     Least squares over 0 < r < 2, with the integral 1 and the second moment 1/2 of each axis.
     """
     r = np.linspace(0.0, 2.0, 401)
+    # common area of two unit disks at the distance r, over the product of their areas
     disk = 2.0 / math.pi**2 * (np.arccos(r / 2.0) - r / 2.0 * np.sqrt(1.0 - r**2 / 4.0))
     v = _DISK_WIDTHS
     basis = np.exp(-0.5 * r[:, None] ** 2 / v) / (2.0 * math.pi * v)
     weight = r[:, None] + 0.05  # area elements, without losing the centre
     gram = basis.T @ (weight * basis)
     constraint = np.stack([np.ones_like(v), v])
+    # Lagrange's equations of least squares with two constraints
     system = np.block([[gram, constraint.T], [constraint, np.zeros((2, 2))]])
     right = np.concatenate([basis.T @ (weight[:, 0] * disk), [1.0, 0.5]])
+    # Gaussians of neighbouring widths are nearly dependent: no plain solution of the system
     return np.linalg.lstsq(system, right, rcond=1e-12)[0][: len(v)], v
 
 
@@ -442,6 +449,7 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
             allowed = 'others, or Elfouhaily\'s spectrum with spreading and mss = "elfouhaily"'
             raise Refused("waves", reason, allowed)
         high = min(high * _STEP, highest)
+    # the first guess may be more than enough: go down until a band is too small
     low = high / _STEP
     while resolved(low):
         low, high = low / _STEP, low
@@ -586,6 +594,7 @@ _bands: dict[tuple[Any, ...], float] = {}
 def _cached_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     """Return `fading_band`, searched once for the same geometry and sea."""
     lever, receiver = paraxial_lever(link), link.receivers[0]
+    # the seed moves the crests and leaves the spectrum
     config = {key: value for key, value in surface.to_config().items() if key != "seed"}
     place = receiver.fov_deg, abs(receiver.center[2])
     key = (lever, *place, within, json.dumps(config, sort_keys=True))

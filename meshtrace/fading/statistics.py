@@ -174,6 +174,7 @@ class FadingStatistics(Stored):
         if fits:
             names = list(dict.fromkeys(name for fit in fits for name in fit.parameters))
             known = {test.model: test for test in self.goodness}
+            # laws without a test have nan in its columns
             none = GoodnessOfFit("lognormal", math.nan, math.nan, 0)
             tests = [known.get(fit.model, none) for fit in fits]
             values = [[fit.parameters.get(name, math.nan) for name in names] for fit in fits]
@@ -280,6 +281,7 @@ def fading_statistics(
     g, variance = checked(gain, gain_stderr)
     stderr = np.sqrt(variance) if variance.any() else None
     noise, spread = float(variance.mean()), float(g.var(ddof=1))
+    # the variance over n, as in `autocorrelation`, which refuses gains without fading
     fades = bool(np.ptp(g) > 0.0 and spread * (g.size - 1) / g.size > noise)
     levels = tuple(require_array(thresholds, "thresholds", "numbers > 0").ravel().tolist())
     block = 1 if time is None else block_length(g)
@@ -292,10 +294,12 @@ def fading_statistics(
     fits, goodness, fit_notes = _all_fits(sample, n_effective, test_resamples, seed)
     outages = []
     for level in levels:
+        # gains without their noise, as `outage` counts them
         below = (sample < level_of(sample, level, relative_to)).astype(np.float64)
         trials: Any = {"n_effective": _trials(below, n_effective), "confidence": confidence}
         outages.append(outage(sample, level, relative_to=relative_to, **trials))
     index = scintillation_index(g, stderr, **boot)
+    # fading is correlated along a series, independent errors are not
     mean_variance = max(spread - noise, 0.0) / n_effective + noise / g.size
     return FadingStatistics(
         n=g.size,
@@ -360,6 +364,7 @@ def _all_fits(
         return (), (), ["no variance above the Monte Carlo noise: no law fitted"]
     fits = (fit_lognormal(sample), fit_gamma_gamma(sample, n_effective=n_effective))
     notes = [f"{fit.model}: {fit.note}" for fit in fits if fit.note]
+    # about independent gains, as the test assumes
     apart = sample[:: math.ceil(sample.size / n_effective)]
     if resamples == 0:
         return fits, (), notes
@@ -380,6 +385,7 @@ def _notes(
             "the gains scatter less than independent errors of the stated size would: give the "
             "error common to all gains (common random numbers) as common_stderr"
         )
+    # `remove_noise` expands the logarithm, which relative errors above 0.3 do not allow
     blurred = np.count_nonzero(variance > (0.3 * g) ** 2)
     if blurred:
         yield f"{blurred} gains have an error above 30 %: deep fades are blurred by noise"
@@ -393,8 +399,10 @@ def _notes(
         )
     if math.isnan(coherence):
         yield f"the coherence time needs gains that vary, at {_FEWEST_STEPS} times or more"
+    # shorter times are an interpolation within the first step
     if coherence < fields["lag"][1]:
         yield "the coherence time is below one time step: use shorter steps"
+    # a difference of two gains has the errors of both
     noise, steps = 2.0 * float(variance.mean()), float(np.mean(np.diff(g) ** 2))
     if noise and noise > 0.1 * steps:
         yield (

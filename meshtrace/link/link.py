@@ -308,12 +308,14 @@ class Link(Model, frozen=True):
             getattr(item, "half_width", getattr(item, "radius", 0.0)) for _, item in self.items()
         ]
         unit = _power_of_two((max(levels) - min(levels)) / _TYPICAL)
+        # a power of two, by which a division is exact
         return max(unit, min(1.0, _power_of_two(max(widths) / _TYPICAL))) if unit else 1.0
 
     @property
     def origin(self) -> tuple[float, float]:
         """Origin (x, y) of the local coordinates [m]: (0, 0) unless the link lies far from it."""
         centers = [item.center for _, item in self.items()]
+        # fsum: the same digits in any order of the parts
         x, y = (math.fsum(c[i] for c in centers) / len(centers) for i in (0, 1))
         levels = [0.0, *(c[2] for c in centers)]
         size = max(levels) - min(levels)
@@ -344,7 +346,9 @@ class Link(Model, frozen=True):
         n = self.water.n / self.n_air
         beta = (n - 1.0) * height * depth / (depth + n * height)
         center, aside, far = self._middle(aside * scale)
+        # crossings of slopes up to 2.5, see Notes
         fine = max(2.5 * beta + radius + aside, scale)
+        # a ray from the lamp to ten depths aside is 84 degrees off the vertical
         reach = 10.0 * depth if low else 50.0
         if self.water.a > 0.0:
             clear = 6.0 / self.water.a  # sqrt((depth + clear)^2 - depth^2), which may not overflow
@@ -371,6 +375,7 @@ class Link(Model, frozen=True):
         low, high = np.full(2, math.inf), np.full(2, -math.inf)
         beside = 0.05 * min(_SMALL * self.unit, 1.0)
         for place, lever, seen in self.crossings():
+            # Gaussian slopes exceed 4.5 standard deviations at 7 in a million places
             reach = 4.5 * lever * slope + seen + beside
             low, high = np.minimum(low, place - reach), np.maximum(high, place + reach)
         middle = 0.5 * (low + high)
@@ -390,7 +395,9 @@ class Link(Model, frozen=True):
             for r in self.receivers:
                 low_end, high_end = (r, t) if isinstance(t, AirLamp) else (t, r)
                 depth, height = getattr(low_end, "depth", 1.0), getattr(high_end, "height", 1.0)
+                # paraxial: a metre of air counts as n metres of water
                 share = depth / (depth + n * height)  # of the way to the upper end, in the water
+                # tangent of the straight line between both ends
                 aside = math.dist(t.position, r.position) / (depth + height)
                 lever = (n - 1.0) * height * share * (1.0 + 2.0 * aside**2) ** 1.5
                 seen = r.radius * (share if r is high_end else 1.0 - share)
@@ -419,7 +426,8 @@ def _power_of_two(size: float) -> float:
 
 
 def _moved(kind: type[Any], end: Any, place: Any) -> Any:
-    """Return an end of a kind with the fields of one end, at the place and axis of another."""
+    """Return an end of `kind` with the fields of `end`, at the position and axis of `place`."""
+    # what was not set takes the default of the new kind
     fields = {name: getattr(end, name) for name in end.model_fields_set if name not in _PLACED}
     level = "depth" if hasattr(place, "depth") else "height"
     angles = zip(_axis(kind), _axis(type(place)), strict=True)
@@ -439,6 +447,7 @@ def _crossing(low: Position, high: Position, depth: float, height: float, n: flo
     distance = math.dist(a, b)
     least, most = 0.0, 1.0
     for _ in range(40):  # n sin(angle in water) - sin(angle in air) grows with the share
+        # bisection, since Snell's law is monotone: 2^-40 of the distance, without a start to choose
         share = 0.5 * (least + most)
         x, y = share * distance, (1.0 - share) * distance
         if n * x * math.hypot(y, height) < y * math.hypot(x, depth):

@@ -54,7 +54,9 @@ class Whitecaps(Model, frozen=True):
         else:
             cover = 1.2e-5 * u**3.3
             if u > 9.0:
+                # 0.225 gives 1.04 at 9 m/s and nearly continues the curve, 0.255 gives 1.31 (E12)
                 cover *= (0.255 if self.model == "paper_0255" else 0.225) * u - 0.99
+        # the fits exceed the whole surface within the range of wind speeds
         return max(1.0 - cover, 0.0)
 
 

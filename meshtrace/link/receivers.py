@@ -82,6 +82,8 @@ class Receiver(Aperture, frozen=True):
     @property
     def axis(self) -> tuple[float, float, float]:
         """Direction of light at normal incidence: opposite to the line of sight."""
+        # the line of sight (x, y, -z) leans from nadir;
+        # light at normal incidence travels against it
         x, y, z = unit_vector(self.tilt_deg, self.tilt_azimuth_deg)
         return (-x, -y, z)
 
@@ -143,6 +145,8 @@ class WaterReceiver(Aperture, frozen=True):
     @property
     def axis(self) -> tuple[float, float, float]:
         """Direction of light at normal incidence: opposite to the line of sight."""
+        # the line of sight (x, y, z) leans from the zenith;
+        # light at normal incidence travels against it
         x, y, z = unit_vector(self.tilt_deg, self.tilt_azimuth_deg)
         return -x, -y, -z
 

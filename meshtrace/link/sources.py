@@ -39,6 +39,7 @@ class Placed(Model, frozen=True):
     @property
     def center(self) -> tuple[float, float, float]:
         """Centre of the part, at its height, its depth or still water [m]."""
+        # 0.0 - 0.0 in place of a negative zero
         return (*self.position, getattr(self, "height", 0.0 - getattr(self, "depth", 0.0)))
 
 
@@ -76,7 +77,7 @@ class Source(
 
     @property
     def size(self) -> float:
-        """Radius of the emitting disk, or half-width of the lit square [m]; 0 for a point."""
+        """Radius of the emitting disk or half-width of the illuminated square [m], else 0."""
         return 0.0
 
     @property
@@ -100,6 +101,7 @@ class _Lambertian(Model, frozen=True):
     @property
     def order(self) -> float:
         """Order m of I ~ cos^m(theta)."""
+        # cos^m at the half-angle is 1/2
         return -math.log(2.0) / math.log(math.cos(math.radians(self.half_angle_deg)))
 
 
@@ -251,6 +253,7 @@ class AirLamp(Source, frozen=True):
     @property
     def axis(self) -> tuple[float, float, float]:
         """Unit vector of the emission."""
+        # the tilt is counted from straight down
         x, y, z = unit_vector(self.tilt_deg, self.tilt_azimuth_deg)
         return x, y, -z
 
@@ -334,7 +337,7 @@ class AirSource(Source, frozen=True):
 
     @property
     def size(self) -> float:
-        """Half-width of the lit square [m]."""
+        """Half-width of the illuminated square [m]."""
         return self.half_width
 
 
@@ -365,6 +368,7 @@ class Sun(AirSource, frozen=True):
     @property
     def axis(self) -> tuple[float, float, float]:
         """Unit vector of the direction of travel."""
+        # the azimuth is that of the travel, which leads down
         x, y, z = unit_vector(self.zenith_deg, self.azimuth_deg)
         return x, y, -z
 

@@ -283,11 +283,13 @@ class HallNovarini(BubblePopulation, frozen=True):
         /(kappa-p-1). kappa grows without bound, so only ratios >= 1 are raised to -kappa.
         """
         r_ref, kappa = _r_ref(depth), _kappa(depth)
+        # r_ref may lie outside of [r_min, r_max]: one of the two branches is then empty
         split = np.clip(r_ref, self.r_min, self.r_max) / r_ref
         if power == 3:
             small = np.log(split * r_ref / self.r_min)
         else:
             small = ((self.r_min / r_ref) ** (power - 3) - split ** (power - 3)) / (3 - power)
+        # kappa >= 4.37 keeps it negative for all powers up to 3
         tail = power + 1.0 - kappa
         ends = np.maximum(split, 1.0), np.maximum(self.r_max / r_ref, 1.0)
         large = (ends[0] ** tail - ends[1] ** tail) / -tail
@@ -319,6 +321,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         radius = require_range(r, 0.0, math.inf, "r", "()", "finite r > 0 m")
         ratio = radius / _r_ref(z)
         present = (radius >= self.r_min) & (radius <= self.r_max)
+        # small radii to the power -kappa would overflow at depth
         shape = np.where(ratio <= 1.0, ratio**-4.0, np.maximum(ratio, 1.0) ** -_kappa(z))
         return np.where(present, self._density(z) * shape, 0.0)[()]
 
@@ -428,9 +431,11 @@ class HallNovarini(BubblePopulation, frozen=True):
         1.9e-05
         """
         z = self._checked(depth)
+        # the weight G r^2 goes as r^-2, then as r^(2 - kappa), and `Segments` holds powers p - 1
         r_ref, p = float(_r_ref(z)), np.array([-1.0, 3.0 - float(_kappa(z))])
         edges = np.clip([self.r_min, r_ref, self.r_max], self.r_min, self.r_max)
         if edges[1] == self.r_max:  # far below the surface no bubble is larger than r_ref
+            # a single branch remains
             edges, p = edges[:-1], p[:1]
         area = Segments.from_densities(edges[:-1], edges[1:], p, (edges[1:] / r_ref) ** (p - 1.0))
         return area.quantile((np.arange(count) + 0.5) / count)
@@ -523,6 +528,7 @@ def compute_bubble_phase(
 
 @lru_cache(maxsize=16)
 def _bubble_phase(n_water: float, wavelength_nm: float, r_min: float, r_max: float) -> MieTable:
+    # the constants of the model, too: tables made with others keep their name and are left behind
     inputs = {
         "n_water": n_water, "wavelength_nm": wavelength_nm, "r_min": r_min, "r_max": r_max,
         "r_ref": R_REF, "kappa": KAPPA, "sizes": SIZES, "rotations": ROTATIONS,

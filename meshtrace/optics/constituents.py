@@ -159,14 +159,18 @@ class Constituents(WaterSpectrum, frozen=True):
         t, s = np.asarray(self.temperature_c), np.asarray(self.salinity)
         molecules, v = float(pure_water.zhang_hu_he(w, t, s)), _exponent(chlorophyll)
         if bbp is None:
+            # Loisel and Morel (1998), with the exponent of Morel and Maritorena (2001)
             particles = 0.416 * chlorophyll**0.766 * (w / 550.0) ** v
         else:
+            # backscattering over its share is scattering, at the wavelength of the instrument
             particles = bbp / _backscatter_ratio(chlorophyll, 700.0) * (w / 700.0) ** v
+        # Morel and Gentili (2009), carried from 412 nm, where they fitted it, to 440 nm
         cdom = _DISSOLVED * chlorophyll**0.63 if self.cdom is None else self.cdom
         nodes, *laws = pure_water.read_table("particle_absorption.csv").T
         factor, power = (pure_water.interpolate(w, nodes, law) for law in laws)
         a = pure_water.pure_water_absorption(w) + factor * chlorophyll**power
         a = a + cdom * np.exp(-self.cdom_slope * (w - 440.0))
+        # Babin and others (2003b); scattering below by Babin and others (2003a)
         a = a + 0.041 * self.minerals * np.exp(-0.0123 * (w - 443.0))
         b = molecules + particles + 0.5 * self.minerals
         ratio = float(_backscatter_ratio(chlorophyll[0], float(w)))
@@ -188,6 +192,7 @@ class Constituents(WaterSpectrum, frozen=True):
 
 def _exponent(chlorophyll: Floats) -> Floats:
     """Return v, the spectral exponent of scattering by particles (eq. 14): 0 above 2 mg m-3."""
+    # at 0.02 mg m-3 the exponent is at its limit of -1
     v = 0.5 * (np.log10(np.maximum(chlorophyll, 0.02)) - 0.3)
     return np.where(np.asarray(chlorophyll) < 2.0, v, 0.0)
 
@@ -245,6 +250,7 @@ def fournier_forand_of(
     from scipy.optimize import brentq
 
     def phase_of(mu: float) -> FournierForand:
+        # rounded inside the search, so that the root is that of the function returned
         return FournierForand(n=round(1.01 + 0.1542 * (mu - 3.0), 6), mu=round(mu, 6))
 
     mu = brentq(

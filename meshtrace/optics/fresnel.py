@@ -114,6 +114,7 @@ def polarised_reflectances(
     cos_i = np.asarray(cos_i)
     sin2_t = (n1 / n2) ** 2 * (1.0 - cos_i**2)
     total = sin2_t >= 1.0
+    # 1 keeps the quotients finite where there is no refracted light
     cos_t = np.sqrt(np.where(total, 1.0, 1.0 - sin2_t))
     r_s = (n1 * cos_i - n2 * cos_t) / (n1 * cos_i + n2 * cos_t)
     r_p = (n2 * cos_i - n1 * cos_t) / (n2 * cos_i + n1 * cos_t)
@@ -231,6 +232,7 @@ def hemispheric_reflectance(n1: Index, n2: Index) -> float:
     (0.06593, 0.47195)
     """
     if n1 > n2:
+        # reciprocity, see Notes
         return 1.0 - (1.0 - hemispheric_reflectance(n2, n1)) * (n2 / n1) ** 2
     x, weight = gauss_legendre(64)
     cos_i = (x + 1.0) / 2.0

@@ -75,6 +75,7 @@ class Segments(NamedTuple):
 
     def quantile(self, u: Floats) -> Floats:
         """Return s up to which the shares u of the light are scattered."""
+        # rounding may leave u above the last sum, where pieces without mass would be found
         top, last = np.cumsum(self.mass), np.flatnonzero(self.mass)[-1]
         i = np.minimum(np.searchsorted(top, u, side="right"), last)
         above = np.clip((top[i] - u) / self.mass[i], 0.0, 1.0) * self._integral[i]
@@ -108,6 +109,7 @@ def power_law_segments(s: Floats, value: Floats) -> Segments:
         rise = Described(f"{value[0]:g}, {value[1]:g}, ... rise towards 0 as {law}")
         raise Refused("value", rise, "less steeply than theta^-2, else it has no integral")
     s_lo, s_hi = np.concatenate([[0.0], s]), np.concatenate([s, [1.0]])
+    # the law of the last pair, carried on to s = 1
     at_hi = np.concatenate([value, value[-1:] * s[-1] ** -slope[-1]])
     keep = s_lo < s_hi
     return Segments.from_densities(s_lo[keep], s_hi[keep], p[keep], at_hi[keep])
@@ -116,6 +118,7 @@ def power_law_segments(s: Floats, value: Floats) -> Segments:
 def _invert(function: Callable[[Floats], Floats], u: Floats) -> Floats:
     """Solve function(y) = u on [0, 1] by bisection, for a function that grows from 0 to 1."""
     low, high = np.zeros_like(u), np.ones_like(u)
+    # 2^-60 is below the spacing of doubles near 1
     for _ in range(60):
         y = 0.5 * (low + high)
         below = function(y) < u
@@ -308,6 +311,7 @@ def _tables(phase: PhaseFunction) -> PhaseTables:
         error_s = np.abs(phase._cdf_s(0.5 * (s[:-1] + s[1:])) - middle)
         error_y = np.abs(phase._cdf_s((0.5 * (y[:-1] + y[1:])) ** exponent) - middle)
         coarse = (error_s > _QUANTILE_TOLERANCE) & (error_y < error_s)
+        # y serves the forward peak alone: the first half of the light at most
         better = np.flatnonzero(coarse[: intervals // 2])
         k = int(better[-1]) + 1 if better.size else 0
         worst = max(error_y[:k].max(initial=0.0), error_s[k:].max(initial=0.0))
@@ -488,6 +492,7 @@ class HistogramPhase(BuiltInPhase, frozen=True, populate_by_name=True):
 
     def _segments(self) -> Segments:
         s = np.sin(0.5 * np.array(self.theta_edges)) ** 2
+        # the last edge may be pi less its rounding
         s[-1] = 1.0
         mass = np.diff(self.cdf_edges)
         return Segments(s[:-1], s[1:], np.ones_like(mass), mass / mass.sum())
@@ -562,9 +567,11 @@ class FournierForand(ClosedPhase, frozen=True):
             w = delta**-v
             bracket = w * v * e + 1.0 - w + (delta * (w - 1.0) - w * v * e) / s
             bracket = np.array(bracket / e**2)
+            # 0 / 0 at delta = 1: its series there
             near = np.abs(e) < 1e-2
             bracket[near] = w[near] * _ff_series(v, e[near], s[near])
         cos_theta = 1.0 - 2.0 * s
+        # the derivative of K / 8 cos sin^2
         last = self._last / (2.0 * np.pi) * (3.0 * cos_theta**2 - 1.0)
         return np.where(s == 0.0, np.inf, bracket / (4.0 * np.pi) + last)
 
@@ -572,8 +579,10 @@ class FournierForand(ClosedPhase, frozen=True):
         with np.errstate(divide="ignore", invalid="ignore"):
             delta = self._delta(s)
             w = delta**-self._v
+            # F over one denominator, which does not cancel towards s = 0 as 1 - (1 - s) ratio does
             small = (w * (1.0 - s) - delta + s) / (1.0 - delta)
             log = np.log(delta)
+            # (1 - delta^-v) / (1 - delta), regular at delta = 1
             ratio = np.where(log == 0.0, -self._v, np.expm1(-self._v * log) / np.expm1(log))
         first = np.where(delta < 0.5, small, 1.0 - (1.0 - s) * ratio)
         return first + self._last * (1.0 - 2.0 * s) * 4.0 * s * (1.0 - s)
@@ -587,10 +596,12 @@ class FournierForand(ClosedPhase, frozen=True):
         y = (edges[:-1, None] + width * (x + 1.0) / 2.0).ravel()
         s = y**exponent
         weight = (width * weight / 2.0).ravel()
+        # the mean of s is int (1 - F) ds, with ds = exponent s / y dy
         return float(np.sum(weight * (1.0 - self._cdf_s(s)) * exponent * s / y))
 
     @property
     def _exponent(self) -> float:
+        # towards 0 the CDF goes as delta^-v, v < 0
         return -1.0 / self._v
 
 
@@ -728,4 +739,5 @@ class MixturePhase(ClosedPhase, frozen=True):
 
     @property
     def _exponent(self) -> float:
+        # towards 0 the component with the strongest forward peak leads
         return max(c._exponent for c in self.components)

@@ -142,20 +142,25 @@ def zhang_hu_he(
     check_range("temperature_c", t, 0.0, 30.0, "degrees Celsius")
     check_range("salinity", s, 0.0, 40.0, "g/kg")
     inverse = 1e6 / w**2  # [um-2]
+    # Ciddor (1996): `sea_water_index` is relative to air, Zhang, Hu and He need the index to vacuum
     air = 1.0 + (5792105.0 / (238.0185 - inverse) + 167917.0 / (57.362 - inverse)) * 1e-8
     n = sea_water_index(w, t, s) * air
+    # the derivative of `sea_water_index` by S
     by_salt = (1.779e-4 - 1.05e-6 * t + 1.6e-8 * t**2 + 0.01155 / w) * air
+    # rho d(n^2)/d(rho) of Proutiere and others (1992)
     by_density = (n**2 - 1.0) * (1.0 + 2.0 / 3.0 * (n**2 + 2.0) * ((n - 1.0 / n) / 3.0) ** 2)
     density = 0.5 * _BOLTZMANN * (t + 273.15) / _bulk_modulus(t, s) * by_density**2
     salt = 2.0 * n**2 * s * _WATER_MOLE * by_salt**2 / (_density(t, s) * _AVOGADRO)
     factor = 8.0 * np.pi / 3.0 * (2.0 + DEPOLARISATION) / (1.0 + DEPOLARISATION)
     factor *= (6.0 + 6.0 * DEPOLARISATION) / (6.0 - 7.0 * DEPOLARISATION)
+    # water is less active the more salt it has: the slope is negative
     return factor * np.pi**2 / (w * 1e-9) ** 4 * (density - salt / _activity_slope(t, s))
 
 
 DEPOLARISATION = 0.039
 """Depolarisation ratio of `zhang_hu_he`, Farinato and Rowell (1976)."""
 
+# as in betasw_ZHH2009.m
 _BOLTZMANN, _AVOGADRO, _WATER_MOLE = 1.3806503e-23, 6.0221417930e23, 18e-3
 
 
@@ -259,7 +264,7 @@ def check_range(name: str, value: ArrayLike, low: float, high: float, unit: str)
 
 @lru_cache(maxsize=8)
 def read_table(file: str, dtype: type = float) -> NDArray[Any]:
-    """Return the rows of a table of the package."""
+    """Read a table that comes with the package."""
     text = (resources.files("meshtrace.optics") / "data" / file).read_text(encoding="utf-8")
     data_lines = (line for line in text.splitlines() if not line.startswith("#"))
     return np.loadtxt(data_lines, delimiter=",", dtype=dtype)

@@ -110,6 +110,7 @@ class WaterType(WaterSpectrum, frozen=True):
         """Shortest and longest wavelength of the tables [nm]."""
         family, _, name = self.type.partition("-")
         if family == "petzold":
+            # nothing was measured beyond the response of the instruments
             half = 0.5 * _PETZOLD_WIDTH_NM
             return PETZOLD_NM - half, PETZOLD_NM + half
         nodes = (
@@ -123,6 +124,7 @@ class WaterType(WaterSpectrum, frozen=True):
         family, _, name = self.type.partition("-")
         if family == "petzold":
             return Petzold.model_validate({"water": name})
+        # the Jerlov types have no measured phase function: that of the average particle
         return Rayleigh.sea_water() if family == "pure" else FournierForand()
 
     def properties(self, wavelength_nm: float) -> dict[str, Any]:
@@ -145,7 +147,7 @@ TABLE_COLUMNS = (
 
 
 class SpectralTable(WaterSpectrum, frozen=True):
-    """Spectrum given by a table of measured a and b.
+    """Spectrum of measured a and b, linear between the wavelengths of a table.
 
     Parameters
     ----------
@@ -182,12 +184,14 @@ class SpectralTable(WaterSpectrum, frozen=True):
             value = [s.values for s in read_columns(value, TABLE_COLUMNS, "table").values()]
             value = np.column_stack(value)
         table = np.atleast_2d(require_array(value, "", allowed))
+        # without depths the water is uniform
         if table.ndim == 2 and table.shape[1] == 3:
             table = np.column_stack([np.zeros(len(table)), table])
         good = np.isfinite(table) & (table >= 0.0)
         if table.ndim != 2 or table.shape[1] != 4 or not table.size or not good.all():
             raise Refused("", value, allowed)
         depths, wavelengths = np.unique(table[:, 0]), np.unique(table[:, 1])
+        # every depth has every wavelength, and once
         different = len(np.unique(table[:, :2], axis=0))
         if not different == len(table) == len(depths) * len(wavelengths):
             count = Described(f"{len(table)} rows")
@@ -210,6 +214,7 @@ class SpectralTable(WaterSpectrum, frozen=True):
         """Return a and b [m-1], or their layers, at a wavelength in vacuum [nm]."""
         table = np.array(self.table)
         depth = np.unique(table[:, 0])
+        # sorted by depth, then wavelength: a block of wavelengths for each depth
         blocks = table.reshape(len(depth), -1, 4).transpose(0, 2, 1)
         a, b = (
             np.array([interpolate(wavelength_nm, at, values[i]) for _, at, *values in blocks])

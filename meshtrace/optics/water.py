@@ -94,7 +94,7 @@ class Water(Model, frozen=True):
 
     @pydantic.model_validator(mode="after")
     def _of_spectrum(self) -> Self:
-        """Take the values that are not given from the spectrum; keep in mind which are given."""
+        """Take values that were not set from the spectrum; remember which were set."""
         if self.spectrum is None or self.wavelength_nm is None:
             if self.spectrum is not None:
                 raise Refused("wavelength_nm", MISSING, "the wavelength beside the spectrum [nm]")
@@ -103,10 +103,13 @@ class Water(Model, frozen=True):
             return self
         fields_set = self.model_fields_set
         for name, value in _derived(self.spectrum, self.wavelength_nm).items():
+            # values that agree with the spectrum follow from it, as in a file that has both
             if name not in fields_set or _same(getattr(self, name), value):
                 object.__setattr__(self, name, value)
                 fields_set.discard(name)
         if fields_set & {"a", "b", "layers"}:
+            # with other coefficients the spectrum no longer
+            # says what the water is at other wavelengths
             fields_set |= {"a", "b", "layers", "n", "phase"}
             object.__setattr__(self, "spectrum", None)
             object.__setattr__(self, "wavelength_nm", None)
@@ -122,6 +125,7 @@ class Water(Model, frozen=True):
             raise Refused("layers", layers.min(), "finite numbers >= 0")
         if depth[0] != 0.0 or np.any(np.diff(depth) <= 0.0):
             raise Refused("layers", Described(f"depths {depth}"), "increasing from 0")
+        # a and b of layered water are those at the surface
         if (self.a, self.b) != self.layers[0][1:]:
             first = f"{self.layers[0][1]} and {self.layers[0][2]}"
             allowed = f"with layers: nothing, or those of the first node, {first}"
@@ -139,7 +143,7 @@ class Water(Model, frozen=True):
         return self.b / self.c if self.c > 0.0 else 0.0
 
     def profile(self, depth: ArrayLike) -> tuple[Floats, Floats]:
-        """Return a and b at given depths.
+        """Return a and b at depths.
 
         Parameters
         ----------
@@ -263,6 +267,7 @@ class Water(Model, frozen=True):
         spectrum, used = self.spectrum, wavelength_nm or self.wavelength_nm
         values = f"a {self.a:.4g}, b {self.b:.4g} m-1{f' at {used:g} nm' if used else ''}{surface}"
         if spectrum is None:
+            # waters of Petzold are told by their values, which are the defaults, too
             names = (name for name, known in PETZOLD.items() if known == (self.a, self.b))
             spectrum = next((WaterType(type=f"petzold-{name}") for name in names), None)
         elif self.wavelength_nm != used:

@@ -104,11 +104,13 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
     whole = {name: _whole(frame, name, file) for name in _FIELDS}
     a, b, c = whole.values()
     if a is not None and c is not None and b is None:
+        # noise of both instruments can make c less than a
         b = (_at(c, a.columns) - a).clip(lower=0.0)
     if a is None or b is None:
         labels = Described(", ".join(cells.labels))
         raise Refused(str(file), labels, "fields a or agp, and b, bp, c or cgp, with wavelengths")
     b = _at(b, a.columns)
+    # first wavelengths without values of both are left out, then depths with gaps
     wavelengths = a.columns[a.notna().any() & b.notna().any()]
     full = a.index[(a[wavelengths].notna() & b[wavelengths].notna()).all(axis=1)]
     samples = [(z, w, a.at[z, w], b.at[z, w]) for z in full for w in wavelengths]
@@ -130,6 +132,7 @@ def _fields_of_seabass(file: Path, text: str) -> tuple[Cells, dict[str, Floats]]
     if not end:
         raise Refused(str(file), Described("no /end_header"), "a SeaBASS file")
     _require_fields(file, fields)
+    # the line at which the body begins, for errors
     first = len(re.findall(r"\r\n|\r|\n", head)) + 2
     body = "".join(re.split(r"\r\n|\r|\n", body, maxsplit=1)[1:])
     cells = cells_of_text(body, str(file), _DELIMITERS[delimiter], 0, first)
@@ -228,6 +231,7 @@ def _whole(frame: Any, name: str, file: Path) -> Any:
         if table.shape[1] and pure:
             w = np.asarray(table.columns, np.float64)
             water = {"a": pure_water_absorption, "b": zhang_hu_he}
+            # attenuation lacks both the absorption and the scattering of pure water
             parts = water.values() if name == "c" else (water[name],)
             table = table + sum(part(w) for part in parts)
         if table.shape[1]:
@@ -236,7 +240,7 @@ def _whole(frame: Any, name: str, file: Path) -> Any:
 
 
 def _at(table: Any, wavelengths: Any) -> Any:
-    """Return a table at other wavelengths, linear between its own, missing outside."""
+    """Interpolate a table linearly to other wavelengths; missing outside."""
     table_nm = np.asarray(table.columns, np.float64)
     new = np.asarray(wavelengths, np.float64)
     values = [np.interp(new, table_nm, row, left=np.nan, right=np.nan) for row in table.to_numpy()]
@@ -273,6 +277,7 @@ def _read_argo(file: Path) -> Constituents:
 
 def _good(data: Any, name: str, profile: int) -> Floats:
     """Return good values of a variable of a profile in the unit of Argo, nan for all others."""
+    # adjusted values are calibrated; raw ones stand in where a profile has none
     for variable in (f"{name}_ADJUSTED", name):
         if variable not in data:
             continue
@@ -314,6 +319,7 @@ def _over_depth(
     if not good.any():
         return None
     depth, first = np.unique(np.maximum(pressure[good], 0.0), return_index=True)
+    # the highest level stands for the water above it
     depth[0] = 0.0
     profile = np.column_stack([depth, np.maximum(values[good][first], 0.0)])
     return tuple(map(tuple, profile.tolist()))

@@ -81,7 +81,7 @@ class Uav(Model, frozen=True):
         return self.drag_coefficient * self.air_density * self.area / (2.0 * self.mass * GRAVITY)
 
     def tilt(self, wind: ArrayLike) -> Tilt:
-        """Return the tilt of the receiver in a given wind, alpha = arctan(K V^2), down-wind.
+        """Return the tilt of the receiver in a wind, alpha = arctan(K V^2), down-wind.
 
         Parameters
         ----------
@@ -124,7 +124,7 @@ class Uav(Model, frozen=True):
     def tilt_law(
         self, wind: Dryden, law: Literal["exact", "gamma"] = "exact"
     ) -> ExactTiltLaw | GammaTiltLaw:
-        """Return the law of the tilt angle in a given wind.
+        """Return the law of the tilt angle in a wind.
 
         Parameters
         ----------
@@ -144,13 +144,16 @@ class Uav(Model, frozen=True):
         Refused
             If the tilt does not vary (gimbal or calm), or `law` is not one of the two names.
         """
+        # a constant tilt has no density
         if self.gimbal or not np.all(wind.std > 0.0):
             raise Refused("tilt_law", Described("constant tilt"), "no gimbal, a wind with gusts")
         mean_wind, std = wind.mean_wind, wind.std
         if law == "exact":
+            # gusts across the wind have the deviation of those along it
             speed, along, _, up = map(float, (mean_wind[0], *std))
             return ExactTiltLaw(self.tilt_coefficient, speed, along, up)
         mean, variance = squared_wind_moments(mean_wind, std)
+        # a Gamma law has the mean k b and the variance k b^2
         return GammaTiltLaw(self.tilt_coefficient, mean**2 / variance, variance / mean)
 
     def tilt_factors(self, wind: Dryden, fov: float) -> TiltFactors:

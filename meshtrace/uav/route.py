@@ -75,11 +75,14 @@ class Route(Model, frozen=True):
         """
         wanted = require_finite(times, "times", "times (n,) [s]")
         first, last = self.times[0], self.times[-1]
+        # beyond the waypoints an interpolation would
+        # hold the ends, as if the receiver hovered there
         outside = (wanted < first) | (wanted > last)
         if outside.any():
             raise Refused("times", float(wanted[outside][0]), f"{first:g} <= times <= {last:g}")
         columns = np.transpose(self.positions)
         position = np.stack([np.interp(wanted, self.times, c) for c in columns], axis=-1)
+        # the height of the link's receiver holds along the route
         if self.heights is None:
             return Place(position, np.full(len(wanted), height))
         return Place(position, np.interp(wanted, self.times, self.heights))

@@ -99,6 +99,7 @@ class TiltFactors(NamedTuple):
         level = np.asarray(h, dtype=float)
         if self.law is None:
             return (self.h < level[..., None]) @ self.weight
+        # more tilt is a lower factor, and beyond the field of view it is 0, below every level > 0
         tilt = np.minimum(np.arccos(np.clip(level, 0.0, 1.0)), _half_angle(self.fov))
         return np.where(level >= 1.0, 1.0, _tilt_table(self.law)(tilt))
 
@@ -136,6 +137,7 @@ def _tilt_table(law: TiltLaw) -> Callable[[Floats], Floats]:
 
     low, high = (math.atan(law.tilt_coefficient * v2) for v2 in law._bulk())
     tilt = np.linspace(low, high, _TABLE)
+    # the logarithm, since tails span many decades; monotone, as a distribution function is
     table = PchipInterpolator(tilt, np.log(np.maximum(law.sf(tilt), 1e-300)))
     return lambda angle: np.exp(table(np.clip(angle, low, high)))
 
@@ -152,7 +154,7 @@ class TiltLaw(abc.ABC):
 
     @abc.abstractmethod
     def _squared_wind(self, v2: ArrayLike, function: Literal["pdf", "cdf", "sf"]) -> Floats:
-        """Return one of the functions of V^2, with full relative precision in both tails."""
+        """Return the density or a distribution function of V^2, precise in both tails."""
 
     def squared_wind_pdf(self, v2: _Square) -> Floats:
         """Return the density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
@@ -183,6 +185,7 @@ class TiltLaw(abc.ABC):
         """
         v2 = self._v2(tilt)
         k = self.tilt_coefficient
+        # sec^2(alpha) = 1 + tan^2(alpha) = 1 + (K V^2)^2
         return self.squared_wind_pdf(v2) * (1.0 + (k * v2) ** 2) / k
 
     def cdf(self, tilt: _Angle) -> Floats:
@@ -248,6 +251,7 @@ class TiltLaw(abc.ABC):
     def h_cdf(self, h: ArrayLike, fov: float = math.pi) -> Floats:
         """Return P(h_alpha <= h) for h in [0, 1), with the mass at 0 from the field of view."""
         h = np.asarray(h, dtype=float)
+        # a tilt beyond the field of view has h = 0, whatever its angle: the law ends there
         tilt = np.minimum(np.arccos(np.clip(h, 1e-12, 1.0)), min(_half_angle(fov), 1.5707963267))
         return np.where(h < 0.0, 0.0, np.where(h >= 1.0, 1.0, self.sf(tilt)))
 
@@ -403,6 +407,7 @@ class ExactTiltLaw(TiltLaw):
         return part
 
     def _bulk(self) -> tuple[float, float]:
+        # nine deviations of a normal law leave 1e-19 on a side
         reach = 9.0 * max(self.std_horizontal, self.std_vertical)
         return max(self.mean_speed - reach, 0.0) ** 2, (self.mean_speed + 1.2 * reach) ** 2
 
@@ -445,6 +450,7 @@ def compare_laws(
     ks = float(np.max(np.abs(exact.cdf(fine) - approximation.cdf(fine))))
     tilt, weight = exact._quadrature()
     positive = weight > 0.0
+    # KL = int f ln(f / g)
     ratio = exact.pdf(tilt[positive]) / approximation.pdf(tilt[positive])
     kl = float(weight[positive] @ np.log(ratio))
     grid = np.linspace(exact.ppf(1e-5), exact.ppf(1.0 - 1e-5), points)

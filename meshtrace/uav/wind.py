@@ -21,7 +21,7 @@ WindPreset = Literal["physical", "paper"]
 
 
 class LogProfile(Model, frozen=True):
-    """Neutral logarithmic wind profile over a surface of given roughness.
+    """Neutral logarithmic wind profile over a rough surface.
 
     U(z) = U10 ln(z / z0) / ln(10 / z0)
 
@@ -145,6 +145,7 @@ class Dryden(Model, frozen=True):
         """Turbulence intensities sigma_u, sigma_v, sigma_w of the specification (3,) [m s-1]."""
         derived = self.wind_speed * self.profile.ratio(HEIGHT_20FT)
         w20 = derived if self.w20 is None else self.w20
+        # MIL-F-8785C, section 3.7, in which heights are feet
         horizontal = 0.1 * w20 * self._bracket**-0.4
         return np.array([horizontal, horizontal, 0.1 * w20])
 
@@ -268,9 +269,11 @@ def _states(q: float, noise: Floats) -> Floats:
     # free of the cancellation that P - A P A^T suffers for short steps.
     q11, q12, q22 = np.array([0.5, 0.25, 0.25]) * gammainc([1, 2, 3], 2.0 * q)
     drive_1, drive_2 = drive(q11, q12, q22, noise)
+    # the record starts in the stationary state: the covariance of an infinite step
     (drive_1[0],), (drive_2[0],) = drive(0.5, 0.25, 0.25, noise[:, :1])
     decay = math.exp(-q)
     x1 = lfilter([1.0], [1.0, -decay], drive_1)
+    # the transition matrix is exp(-q) [[1, 0], [q, 1]]; infinity times 0 would be nan
     coupling = q * decay if math.isfinite(q) else 0.0
     drive_2[1:] += coupling * x1[:-1]
     return np.stack([x1, lfilter([1.0], [1.0, -decay], drive_2)])
