@@ -76,7 +76,7 @@ def with_background(ook: OokLink, background: Background, scale: float = 1.0) ->
     ----------
     ook : OokLink
         Transmission; optics, filter and SiPM as behind the aperture of the background.
-    found : Background
+    background : Background
         Background light.
     scale : float
         Factor on it, >= 0.
@@ -121,7 +121,7 @@ def widest_filter_nm(ook: OokLink, background: Background, power: float, ber: Er
     ----------
     ook : OokLink
         Transmission without the background.
-    found : Background
+    background : Background
         Background light; its counts grow with the width of the filter.
     power : float
         Optical power of the signal on the SiPM [W].
