@@ -48,6 +48,7 @@ WITHOUT = (  # nan: no flash, no fade, no depth that crosses the rate, no range 
     "IrradianceSeries.flashes", "fading.mean_fade_duration", "DepthSweep.range_at_ber",
     "LinkPerformance.range_at_ber", "LinkPerformance.at",
 )  # fmt: skip
+USERS = ("validation.validate(progress = class)",)  # int("still water"): an error of the user's
 LACKING = ("surfaces.from_gauge", "optics.mie.cached_table")  # need more than plain arguments
 SAMPLE = 1  # values of a parameter in the quick walk
 LONGEST = 2.0  # [s], after which a call counts as accepted
@@ -191,6 +192,8 @@ def verdict(name, parameter, value_name):
     except Exception as error:
         return f"{type(error).__name__}: {error!s:.200}"
     allowed = kinds_of(parameter.annotation)
+    if "Infinite" in str(parameter.annotation) and value_name.strip("-s") == "inf":
+        allowed = None
     if allowed is not None and not allowed & set(VALUES[value_name][1]):
         return f"accepted, for {parameter.annotation}"
     return "" if name in WITHOUT or is_finite(answer) else f"nan: {answer!r:.100}"
@@ -200,9 +203,12 @@ def failures(name, chosen):
     found = []
     for parameter in parameters(name):
         for value_name in chosen(parameter):
-            wrong = verdict(name, parameter, value_name)
-            if wrong:
-                found.append(f"{name}({parameter.name} = {value_name}): {wrong}")
+            wrong, case = (
+                verdict(name, parameter, value_name),
+                f"{name}({parameter.name} = {value_name})",
+            )
+            if wrong and case not in USERS:
+                found.append(f"{case}: {wrong}")
     return found
 
 
@@ -227,6 +233,9 @@ def test_some_wrong_objects_are_refused(name):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings(  # the alarm may ring while a reference is dropped
+    "ignore::pytest.PytestUnraisableExceptionWarning"
+)
 @pytest.mark.parametrize("name", names())
 def test_all_wrong_objects_are_refused(name):
     assert not failures(name, lambda parameter: list(VALUES))
