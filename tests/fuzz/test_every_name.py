@@ -192,7 +192,7 @@ def verdict(name, parameter, value_name):
     except Exception as error:
         return f"{type(error).__name__}: {error!s:.200}"
     allowed = kinds_of(parameter.annotation)
-    if "Infinite" in str(parameter.annotation) and value_name.strip("-s") == "inf":
+    if "Infinite" in str(parameter.annotation) and value_name.removesuffix("s").endswith("inf"):
         allowed = None
     if allowed is not None and not allowed & set(VALUES[value_name][1]):
         return f"accepted, for {parameter.annotation}"
