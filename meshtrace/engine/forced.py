@@ -127,6 +127,7 @@ class ForcedDetection:
             [drawing for drawing in drawings if drawing.request.source == s]
             for s in range(len(self.arrays.emitters))
         ]
+        # needed where slopes are too narrow for an integral, or where facets bring no light
         self._unscattered: list[Drawing] = []  # drawn on demand
 
     def at_index(self, n: float, share: float) -> ForcedDetection:
@@ -137,6 +138,7 @@ class ForcedDetection:
         joined, chains = self.plan.joined, list[Request]()
         for drawings in self.scattered_sets:
             requests = [drawing.request for drawing in drawings]
+            # allotment gives an order few chains where pilots saw little light
             least = _UNLIT * max((request.per_shift for request in requests), default=0)
             for request in requests:
                 if request.per_shift > least:
@@ -156,6 +158,7 @@ class ForcedDetection:
     @property
     def serves_neighbours(self) -> bool:
         """Whether its chains alone, of point sources, make the gain: `FrozenForced` keeps them."""
+        # joined photons are followed under one surface; chains are drawn without it
         chained = set(self.method) == {"chains"} and not any(self.arrays.sizes)
         return chained and self.plan.joined is None
 
@@ -283,6 +286,7 @@ class ForcedDetection:
         suffice; else (1, 1, wavelengths). With the relative error of its quadrature over the
         surface.
         """
+        # light of a point source is an integral without noise: all shifts share one value
         if self.arrays.sizes[s] == 0.0:
             return aimed.direct_light(s, r)[None, None], aimed.relative_error(s, r)
         if aimed.sampled:

@@ -103,11 +103,13 @@ class AimedChains:
         rough, self._mesh_slopes = self.surface.roughness, mean_square_slope(self.surface)
         self.rough = rough.along > 0.0 or rough.across > 0.0
         # the slope between two directions is known where refraction is physical
+        # the half-vector between two directions fixes the slope that refracts one into the other
         physical = link.interface.snell, link.interface.direction
         wide = min(rough.along, rough.across) > _NARROWEST * math.sqrt(self._mesh_slopes)
         self.blurred = physical == (Snell.PHYSICAL, Direction.VECTOR) and wide
         self.facets = np.empty(len(mesh.faces), FACET)
         facet_summary(self.surface, self.facets)
+        # kernels of unscattered light expect the source below the surface
         self._mirrored = _upside_down(self.surface) if link.down else None
         self._serve(link)
         self.nodes: dict[tuple[int, int], Nodes] = {}  # quadratures of the apertures
@@ -147,6 +149,7 @@ class AimedChains:
     def spread(self) -> Roughness:
         """Proposal distribution of the slopes, wider than the sea's to bound the weights."""
         rough, mesh = self.surface.roughness, self._mesh_slopes
+        # variances of independent slopes add: those of the mesh and the random ones
         along, across = (_SPREAD * math.hypot(s, math.sqrt(mesh)) for s in rough[:2])
         return rough._replace(along=along, across=across)
 
@@ -256,7 +259,7 @@ class AimedChains:
     def _tinted_scores(
         self, source: int, chains: ChainSet, n: int, arrivals: NDArray[np.void]
     ) -> Floats:
-        """Return the scores (wavelengths, n) of chains with some arrivals."""
+        """Return the scores (wavelengths, n) of chains from their arrivals."""
         score, own = np.zeros((self.wavelengths, n)), arrivals.copy()
         own["chain"] %= len(chains.audit)
         tints = self.chain_tints(source, chains, own, self.tinting.tints)
@@ -315,7 +318,7 @@ class AimedChains:
         facets: NDArray[np.int64] | None = None,
         coarser: bool = False,
     ) -> Floats:
-        """Return the unscattered gain through each facet, or through some, without noise.
+        """Return the unscattered gain of each facet, or of `facets`; deterministic.
 
         From the centre of the source, or from the point `at`. Random slopes are left out where
         unscattered light is `sampled`. A facet that source or receiver cannot see brings nothing:
