@@ -140,7 +140,7 @@ class UnresolvedSlopes(NamedTuple):
 
 
 def _array(value: Any, name: str, shape: str, least: int, dtype: Any = float) -> NDArray[Any]:
-    """Return rows of three numbers as an array."""
+    """Return triples of numbers as an array."""
     array = require_array(value, f"mesh.{name}", f"an array {shape}", dtype)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) < least:
         raise Refused(f"mesh.{name}", Described(f"shape {array.shape}"), shape)

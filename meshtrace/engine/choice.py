@@ -69,7 +69,7 @@ class Pilot(NamedTuple):
         return cls(chains, mean, spread)
 
     def of(self, receivers: NDArray[np.bool_]) -> Pilot:
-        """Return the pilot of some receivers."""
+        """Select receivers by a mask."""
         return Pilot(*(array[receivers] for array in self))
 
     def joined(self, power: Floats) -> Pilot:
@@ -101,7 +101,6 @@ def pilot_statistics(
 
     Of shape (wavelengths, 4, targets); targets that few chains reach get more of them.
     """
-    # rows: number, mean, standard deviation and hits, the last to decide on further pilots
     found = [np.zeros((over.wavelengths, 4, len(targets))) for over in surfaces]
     few = [list(range(len(targets))) for _ in surfaces]
     for step in range(_PILOT_STEPS):
@@ -150,7 +149,7 @@ def allotment(
     of the number of scatterings instead: an order that its pilot missed keeps a share.
     """
     order = np.arange(1, found.mean.shape[1] + 1)
-    # minimum of sum sigma_K^2 / n_K at a given time: n_K ~ sigma_K / cost_K^(1/2) (Neyman)
+    # sum_K sigma_K^2 / n_K is smallest in a given time for n_K ~ sigma_K / cost_K^(1/2)
     cost = 1.0 + 0.3 * order
     light = np.maximum(gain, 1e-300)[:, None]
     # sorted, so that rounding does not depend on the order of the receivers
@@ -171,7 +170,7 @@ class ScatteredPilot(NamedTuple):
     stderr: Floats
 
     def of(self, receivers: NDArray[np.bool_]) -> ScatteredPilot:
-        """Return the pilot of some receivers."""
+        """Select receivers by a mask."""
         return ScatteredPilot(*(row[receivers] for row in self))
 
     @classmethod
@@ -428,7 +427,7 @@ def _rays(source: Any) -> Floats:
     s = np.sqrt(np.maximum(1.0 - c * c, 0.0))
     e1, e2 = (np.array(e) for e in across(tuple(axis.tolist())))
     rays = c[:, None] * axis + (s * np.cos(f))[:, None] * e1 + (s * np.sin(f))[:, None] * e2
-    # grazing rays are longer than light survives, and their place is far away
+    # the way of a grazing ray is a hundred depths and more
     return rays[rays[:, 2] > 0.01]
 
 

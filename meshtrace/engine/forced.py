@@ -330,7 +330,7 @@ class ForcedDetection:
         return ForcedDetection.following(planner, planner.plan(self.photons, planner.compare()))
 
     def _tables(self, aimed: AimedChains) -> list[list[ArrivalTally]]:
-        """Return the rows of unscattered light and chains at each wavelength."""
+        """Return the arrivals of unscattered light and of chains at each wavelength."""
         tinting, links = self.planner.shared.tinting, self.planner.shared.links
         tables = [list[ArrivalTally]() for _ in links]
         for e, t in self.arrays.pairs:

@@ -1,4 +1,4 @@
-"""Gains: sums of rows of light by part, receiver and group.
+"""Gains: sums of arriving light by part, receiver and group.
 
 A row is light that one sample, a chain or a photon, brings to one receiver. Samples come in 32
 independent groups, whose scatter gives standard errors; a sample may bring light several times.
@@ -154,7 +154,7 @@ class Gains:
 
     def samples_of(self, part: int) -> list[ScatteredSamples]:
         """Return the samples of a part of each receiver."""
-        # Kish's effective sample size (sum w)^2 / sum w^2; the bound avoids 0 / 0 in the dark
+        # (sum w)^2 / sum w^2, the number of equal samples of this variance; no 0 / 0 in the dark
         effective = self.parts[part] ** 2 / np.maximum(self.square[part], 1e-300)
         names = {"joined": "joined photons", "analog": "analog photons"}
         if part == SCATTERED:

@@ -210,7 +210,7 @@ def _mesh_file(table: Table, sampling: Mapping[str, Any], folder: Path) -> MeshF
 
 
 def _mesh_sequence(table: Table, folder: Path) -> Any:
-    """Return the meshes in time of a folder or a pattern, beside the link file if relative."""
+    """Return the meshes in time of a folder or a pattern, relative to the link file."""
     from meshtrace.surfaces import MeshSequence
 
     source = table.pop("meshes")

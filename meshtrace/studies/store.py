@@ -299,7 +299,7 @@ def _difference(there: Any, here: Any, path: str = "") -> str:
 
 @contextmanager
 def locked(store: Path) -> Iterator[None]:
-    """Hold the lock of a store, a file beside it that names its owner.
+    """Hold the lock file of a store, which records the owning process.
 
     The operating system frees the lock of a process that ended in any way; the file of one that
     died on this host is taken over. Nothing waits for a lock.

@@ -374,7 +374,7 @@ class AimedChains:
 
     @cached_property
     def _blocks(self) -> microfacets.Blocks:
-        """The facets in blocks of some `_IN_BLOCK`, in one for few pairs of ends."""
+        """The facets in blocks of about `_IN_BLOCK`, in one for few pairs of ends."""
         n = len(self.facets)
         if len(self.link.emitters) * len(self.link.targets) <= _FEW_PAIRS:
             return _one_block(np.arange(n))

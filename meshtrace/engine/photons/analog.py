@@ -132,7 +132,7 @@ class PhotonSums:
 
     @property
     def all_arrivals(self) -> NDArray[np.void]:
-        """The rows of light that are kept, as one array."""
+        """The recorded arrivals, as one array."""
         return np.concatenate([np.zeros(0, ARRIVAL), *self.arrivals])
 
     def map_mean(self) -> tuple[Floats, Floats]:

@@ -342,7 +342,7 @@ class JoinedPhotons:
         depth = (
             max(-item.center[2] for _, item in self.link.items()) / arrays.frame_of(self.link).unit
         )
-        # photons start in proportion to exp(-kappa depth): over that of the first base
+        # importance exp(-kappa depth) at the start, over the first base's: see `Tinting.mixed`
         importance = np.exp((kappa[0] - kappa) * depth)
 
         def follow(span: tuple[int, int]) -> tuple[Gains, NDArray[np.void], Floats]:

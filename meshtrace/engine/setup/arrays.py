@@ -232,7 +232,7 @@ def with_raster(medium: Medium, intersector: Intersector) -> Medium:
         return origins, np.broadcast_to((0.0, 0.0, way), origins.shape)
 
     def heights(hits: Hits, start: Floats | float, way: float, beside: Floats | float) -> Floats:
-        """Return the heights of the first crossings, `beside` without one."""
+        """Return the heights of the first crossings, `beside` where a ray misses."""
         distance = hits.distance.reshape(nodes, nodes)
         return np.where(np.isfinite(distance), start + way * distance, beside)
 
