@@ -162,6 +162,7 @@ def _named(word: Any) -> type[Family]:
     if isinstance(word, str) and ":" in word:
         raise Refused("spectrum", word, refused.allowed, refused.hint)
     seas = (kind for kind in Surface.registered if kind != "spectral")
+    # "gauge" is a word of files alone
     words = list(dict.fromkeys([*seas, "gauge", *Spectrum.registered]))
     raise Refused("spectrum", word, ", ".join(words), did_you_mean(word, words))
 
@@ -266,6 +267,7 @@ def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
     if kind == "spectral":
         config["spectrum"] = unshared(config["spectrum"], wind_speed=wind_speed)
         return config
+    # the wind of the file's other tables need not be written twice
     if _follows_wind(type(surface)):
         config = unshared(config, wind_speed=wind_speed)
     return {"spectrum": kind, **config}
