@@ -356,6 +356,7 @@ class ForcedDetection:
         elif not aimed.sampled and (gains := aimed.direct_gains(e, t)).any():
             yield parts.direct_light(aimed, e, t, gains, tints)
         else:
+            # facets show no light, but chains with random slopes may
             sets = [self.unscattered()[e], *sets]
         for drawing in sets:
             for block in drawing.blocks():
@@ -380,5 +381,6 @@ def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
     planner = Planner(link, **case.how, sea=TypicalSea.of([mesh]))
     few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
     whole = few.at_wavelengths(planner.flat())[0].gain
+    # the same chains over both: their noise cancels in the difference
     cut = whole - few.at_wavelengths(flat_mesh(low, high))[0].gain
     return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)

@@ -169,6 +169,7 @@ class Planner:
             link = self._link_to(arriving_at)
             arriving = ArrivingPhotons(link, number, self.seed, self.normals, self.threads)
         joined, joined_to, reflects = self._plan_joined(photons, comparison)
+        # without photons nothing has measured light reflected first
         reflects = reflects and bool(joined_to or arriving_at)
         return Plan(photons, method, chains, joined, joined_to, arriving, arriving_at, reflects)
 

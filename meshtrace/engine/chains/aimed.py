@@ -422,6 +422,7 @@ class AimedChains:
         """
         n, target, source = scene.medium.n_water / scene.medium.n_air, scene.target, scene.emitter
         height = target.center[2] + self._waves
+        # bounds hold from the deepest trough to the highest crest
         depth = max(-source.position[2] - self._waves, 0.1)
         aside = math.dist(target.center[:2], source.position[:2]) + target.radius
         flattest = aside / math.hypot(aside, max(target.center[2] - self._waves, 1e-6))
@@ -439,7 +440,9 @@ def _upside_down(s: MeshArrays) -> tuple[MeshArrays, NDArray[np.void]]:
     """Return a surface upside down, with facets in the same order, and their summary."""
     flip = np.array([1.0, 1.0, -1.0])
     series = s.roughness.series
+    # odd moments of the slopes change their sign with z
     odd = series._replace(a=-series.a, aaa=-series.aaa, acc=-series.acc)
+    # mirroring turns the sense of the corners: normals point to the air again
     faces = np.ascontiguousarray(s.faces[:, ::-1])
     faces.flags.writeable = False  # as those of every mesh: kernels are compiled for one kind
     surface = s._replace(

@@ -380,6 +380,7 @@ def angle_table(phase: PhaseFunction) -> AngleTable:
     cells = math.ceil((math.log(math.pi) - log_first) * _CELLS_PER_LOG)
     per_log = cells / (math.log(math.pi) - log_first)
     edge = np.exp(log_first + np.arange(cells + 1) / per_log)
+    # not pi less rounding: every angle has a cell
     edge[-1] = math.pi
     node, weight = gauss_legendre(4)
     half = 0.5 * np.diff(edge)[:, None]
@@ -410,6 +411,7 @@ def grid_arrays(mesh: TriangleMesh) -> Grid:
     lines = x[:, 0].copy(), y[0].copy()
     if (x != lines[0][:, None]).any() or (y != lines[1]).any():
         return NO_GRID
+    # bins are searched along rising lines
     if any((np.diff(line) <= 0.0).any() for line in lines):  # a grid that was turned
         return NO_GRID
     along_x, along_y = (_axis(line) for line in lines)
