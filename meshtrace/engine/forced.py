@@ -356,7 +356,7 @@ class ForcedDetection:
         elif not aimed.sampled and (gains := aimed.direct_gains(e, t)).any():
             yield parts.direct_light(aimed, e, t, gains, tints)
         else:
-            # facets show no light, but chains with random slopes may
+            # sampled, or dark through facets: chains without scatterings may bring light
             sets = [self.unscattered()[e], *sets]
         for drawing in sets:
             for block in drawing.blocks():
