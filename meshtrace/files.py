@@ -49,6 +49,7 @@ def atomic(path: str | Path, mode: int = 0o666) -> Iterator[Path]:
     """
     if not isinstance(path, str | Path) or "\0" in str(path):
         raise Refused("path", path, "the path of a file")
+    # a link stays one: the file behind it is replaced
     target = Path(os.path.realpath(path))
     _remove_left(target.parent)
     temporary = target.with_name(f"{_prefix()}{os.getpid()}-{secrets.token_hex(6)}{target.suffix}")
@@ -58,8 +59,10 @@ def atomic(path: str | Path, mode: int = 0o666) -> Iterator[Path]:
         mode = stat.S_IMODE((target if target.exists() else temporary).stat().st_mode)
         yield temporary
         temporary.chmod(mode)
+        # contents before the name, or a crash could leave the new name with an empty file
         _synchronize(temporary)
         os.replace(temporary, target)
+        # the new name is an entry of the folder
         _synchronize(target.parent)
     except OSError as error:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
@@ -124,6 +127,7 @@ def make_private(folder: Path) -> None:
     """Create a folder and its missing parents, which their owner alone can enter."""
     if not folder.parent.exists():
         make_private(folder.parent)
+    # the mode of `mkdir` does not hold for parents: each is made here in turn
     folder.mkdir(0o700, exist_ok=True)
 
 

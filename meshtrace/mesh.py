@@ -140,7 +140,7 @@ class UnresolvedSlopes(NamedTuple):
 
 
 def _array(value: Any, name: str, shape: str, least: int, dtype: Any = float) -> NDArray[Any]:
-    """Return rows of three numbers as an array."""
+    """Return triples of numbers as an array."""
     array = require_array(value, f"mesh.{name}", f"an array {shape}", dtype)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) < least:
         raise Refused(f"mesh.{name}", Described(f"shape {array.shape}"), shape)
@@ -196,14 +196,17 @@ def vertex_normals(
     faces = _array(faces, "faces", "(m, 3), m >= 1", 1, np.int64)
     require_range(faces, 0, len(vertices) - 1, "faces")
     facets, corner = _Facets.of(vertices, faces), vertices[faces]
+    # the normal of a facet without area is nan, and its weight is 0
     cross = np.where(facets.areas > 0.0, facets.normals.T * facets.areas, 0.0).T
     normals = np.zeros_like(vertices)
     for i in range(3):
         share = cross
         if weights == "angle":
             u, v = corner[:, (i + 1) % 3] - corner[:, i], corner[:, (i + 2) % 3] - corner[:, i]
+            # |u x v| is twice the area: tan = |u x v| / (u . v), exact near 0 and pi, too
             angle = np.arctan2(facets.areas, np.einsum("ij,ij->i", u, v))
             share = cross * (angle / np.where(facets.areas > 0.0, facets.areas, 1.0))[:, None]
+        # unbuffered: a corner belongs to several facets
         np.add.at(normals, faces[:, i], share)
     length = np.linalg.norm(normals, axis=1)
     normals[length == 0.0] = (0.0, 0.0, 1.0)
@@ -263,6 +266,7 @@ class TriangleMesh:
         if self.overhangs and not np.isfinite(up).all():
             flat = Described(f"{np.count_nonzero(~np.isfinite(up))} facets without area")
             raise Refused("mesh.faces", flat, "facets with an area")
+        # written so that nan, of a facet without area, is refused, too
         if not self.overhangs and not up.min() > 0.0:
             down = Described(f"{np.count_nonzero(~(up > 0.0))} facets do not face up")
             allowed = "counter-clockwise facets of a height field (normal_z > 0)"

@@ -199,6 +199,7 @@ def ordered_map(
     >>> list(ordered_map(abs, [-1, 2, -3], threads=2))
     [1, 2, 3]
     """
+    # the caller's thread: no pool to start, and errors keep their plain traceback
     if threads == 1:
         return map(function if _recorded is None else _timed(function, _recorded), jobs)
     return _in_threads(function, jobs, threads, ahead)
@@ -237,6 +238,7 @@ def _in_threads(
             while pending:
                 yield pending.popleft().result()
         finally:
+            # the consumer has stopped or failed: what has not begun is not wanted
             for future in pending:
                 future.cancel()
 

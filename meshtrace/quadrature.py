@@ -28,5 +28,6 @@ def gauss_legendre(points: int) -> tuple[NDArray[np.float64], NDArray[np.float64
     """
     found = np.polynomial.legendre.leggauss(points)
     for array in found:
+        # callers share the cached arrays
         array.flags.writeable = False
     return found

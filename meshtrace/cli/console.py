@@ -123,7 +123,7 @@ def compiling_ahead(scenario: Scenario) -> Iterator[None]:
 
 
 def compile_ahead(toml: str, *modules: str) -> None:
-    """Compile for a link file, whose parts may be classes of some modules."""
+    """Compile the kernels that a link file needs; import the modules of its classes first."""
     from meshtrace.engine.chains.aimed import compile_evaluation
     from meshtrace.models import import_modules
     from meshtrace.scenario import Scenario

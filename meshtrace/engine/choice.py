@@ -69,7 +69,7 @@ class Pilot(NamedTuple):
         return cls(chains, mean, spread)
 
     def of(self, receivers: NDArray[np.bool_]) -> Pilot:
-        """Return the pilot of some receivers."""
+        """Select receivers by a mask."""
         return Pilot(*(array[receivers] for array in self))
 
     def joined(self, power: Floats) -> Pilot:
@@ -104,6 +104,7 @@ def pilot_statistics(
     found = [np.zeros((over.wavelengths, 4, len(targets))) for over in surfaces]
     few = [list(range(len(targets))) for _ in surfaces]
     for step in range(_PILOT_STEPS):
+        # a later pilot replaces the earlier one: joining both would favour those that saw light
         per_shift = request.per_shift * _PILOT_GROWTH**step
         wanted = request._replace(per_shift=per_shift, key=(*request.key, 2 + step))
         chains = drawer.draw(wanted, [targets[i] for i in sorted(set().union(*few))])
@@ -148,6 +149,7 @@ def allotment(
     of the number of scatterings instead: an order that its pilot missed keeps a share.
     """
     order = np.arange(1, found.mean.shape[1] + 1)
+    # sum_K sigma_K^2 / n_K is smallest in a given time for n_K ~ sigma_K / cost_K^(1/2)
     cost = 1.0 + 0.3 * order
     light = np.maximum(gain, 1e-300)[:, None]
     # sorted, so that rounding does not depend on the order of the receivers
@@ -168,7 +170,7 @@ class ScatteredPilot(NamedTuple):
     stderr: Floats
 
     def of(self, receivers: NDArray[np.bool_]) -> ScatteredPilot:
-        """Return the pilot of some receivers."""
+        """Select receivers by a mask."""
         return ScatteredPilot(*(row[receivers] for row in self))
 
     @classmethod
@@ -187,6 +189,7 @@ def chain_pilot(pilots: list[Pilot], link: ForcedLink) -> ScatteredPilot:
     mean = link.by_receiver(np.array([p.mean.sum(axis=1) for p in pilots]))
     spread = link.by_receiver(np.array([p.spread.sum(axis=1) for p in pilots]))
     noise = [(p.spread**2 / np.maximum(p.chains, 1)).sum(axis=1) for p in pilots]
+    # variances of independent sources add, with squared shares of the power
     square = link._replace(power=link.power**2).by_receiver(np.array(noise))
     return ScatteredPilot(mean, spread**2, np.sqrt(square))
 
@@ -216,11 +219,13 @@ def choose(chains: ScatteredPilot, photons: ScatteredPilot, expected: float = 0.
     With many scatterings `expected` on the way few photons bring much of the light: twice the
     light counts there only beyond two of their standard errors.
     """
+    # chains that miss light show no variance for it: only the other estimator can tell
     missed = photons.mean - chains.mean > _DOUBT * np.hypot(photons.stderr, chains.stderr)
     certain = 2.0 * photons.stderr if expected >= TURBID else 0.0
     missed |= (chains.mean < _HALF * photons.mean) & (photons.mean - chains.mean > certain)
     slower = chains.variance * chain_cost(expected) > photons.variance
     few = chains.mean < _SURE * chains.stderr
+    # relative errors compared crosswise: a mean may be 0
     surer = photons.stderr * chains.mean < chains.stderr * photons.mean
     better = (photons.mean > 0.0) & (missed | slower | (few & surer) | (chains.mean <= 0.0))
     return ["joined" if b else "chains" for b in better]
@@ -250,6 +255,7 @@ def prefer_analog(pilot: ScatteredPilot, largest: float, chosen: Sequence[Method
        doi:10.1080/00029890.2000.12005203.
     """
     sure = np.maximum(pilot.mean - pilot.stderr, 0.0)  # a heavy sample raises the mean
+    # both sides times the mean, which may be 0: analog has the variance mean (w - mean) at most
     analog = np.maximum(largest - sure, 0.0) * pilot.mean**2
     better = _ANALOG_COST * _TAIL * pilot.variance * sure > analog
     return ["analog" if b else m for b, m in zip(better, chosen, strict=True)]
@@ -370,13 +376,16 @@ def returned_gain(link: Link) -> Floats:
     water, back = link.water, link.water.phase.backscatter_fraction
     rows = [(0.0, water.a, water.b)] if water.layers is None else list(water.layers)
     x = max(back * b / max(a + back * b, 1e-12) for _, a, b in rows)
+    # (1 - (1 - x^2)^(1/2)) / x without cancellation at small x (Kubelka and Munk, see above)
     albedo = x / (1.0 + math.sqrt(1.0 - x * x))
     down = link.direction == "down"
+    # radiance over n^2 is conserved across the surface
     scale = (water.n / link.n_air) ** 2 if down else 1.0
     total = sum(t.power_mw for t in link.transmitters)
     nodes, weights = gauss_legendre(64)
     mu = 0.5 * (nodes + 1.0)  # of diffuse light from below: reflectance 0.47 at n = 1.33
     diffuse_reflectance = float((weights * mu * fresnel_reflectance(mu, water.n, link.n_air)).sum())
+    # geometric series of reflections between water and surface
     out = albedo * (1.0 - diffuse_reflectance) / (1.0 - albedo * diffuse_reflectance)
     for (i, end), source in product(enumerate(receivers), link.transmitters):
         low_end: Any = end if down else source
@@ -409,13 +418,16 @@ def _rays(source: Any) -> Floats:
         axis = -axis
         cosine = np.sqrt(1.0 - u * math.sin(math.radians(source.fov_deg) / 2.0) ** 2)
     elif source.spread_deg < 90.0:
+        # a Lambertian source falls to half at its half-angle: cos^m = 1/2
         order = -math.log(2.0) / math.log(math.cos(math.radians(source.spread_deg)))
+        # inverse of the cumulative distribution of (m + 1) cos^m
         cosine = u ** (1.0 / (order + 1.0))
     azimuth = 2.0 * math.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
     c, f = (v.ravel() for v in np.meshgrid(cosine, azimuth, indexing="ij"))
     s = np.sqrt(np.maximum(1.0 - c * c, 0.0))
     e1, e2 = (np.array(e) for e in across(tuple(axis.tolist())))
     rays = c[:, None] * axis + (s * np.cos(f))[:, None] * e1 + (s * np.sin(f))[:, None] * e2
+    # the way of a grazing ray is a hundred depths and more
     return rays[rays[:, 2] > 0.01]
 
 

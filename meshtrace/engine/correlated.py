@@ -57,6 +57,7 @@ class _Group(NamedTuple):
     def at_wavelengths(self, mesh: TriangleMesh, record: bool) -> list[Gains]:
         if not self.ends:
             return self.detection.at_wavelengths(mesh, record=record)
+        # the mesh is prepared once: the three waters differ in their index alone
         aimed = self.detection.planner.aim_over(mesh)
         gains = self.detection.at_wavelengths(mesh, aimed, record)
         low, high = (end.at_wavelengths(mesh, aimed) for end in self.ends)
@@ -97,6 +98,7 @@ class SpectralDetection:
         waiting = list(range(len(self.links)))
         while waiting:
             base, common = photon_paths(self.links, waiting, chains=True)
+            # the middle index halves the longest way of the linear correction
             first, alike = common.middle(), [self.links[i] for i in common.rows]
             ratios = [found[i] / (found[base] or 1.0) for i in common.rows]
             shared = None if common.tinting is None else Common(common.tinting, alike, ratios)
@@ -108,6 +110,7 @@ class SpectralDetection:
                 for link in common.bases
                 if len(common.bases) > 1
             ]
+            # from the middle index: shares run from -1/2 to 1/2
             self._groups.append(_Group(common.rows, detection, ends, common.shares - 0.5))
             waiting = [i for i in waiting if i not in common.rows]
 
@@ -164,6 +167,7 @@ def analog_sums(
             found[row] = run_analog(links[row], intersector, options, **of)
             continue
         several = [links[common.rows[i]] for i in tinting.bases] or [common.bases[0]]
+        # disjoint ids: the strata are independent, so that their variances add
         runs = [(base, end) for base in range(len(several)) for end in range(ends)]
         cuts = [first + k * photons // len(runs) for k in range(len(runs) + 1)]
         numbers = np.diff(cuts).reshape(len(several), ends)
@@ -176,6 +180,7 @@ def analog_sums(
                 tinting=tinting, **how,
             )  # fmt: skip
             of_end = int(numbers[:, end].sum())
+            # linear in the index between the two ends, as the gains of chains are
             part = common.shares if end else 1.0 - common.shares
             scale = part * photons / of_end if ends > 1 else np.ones(len(common.rows))
             shares = numbers[:, end] / numbers[:, end].sum()

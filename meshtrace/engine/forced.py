@@ -127,6 +127,7 @@ class ForcedDetection:
             [drawing for drawing in drawings if drawing.request.source == s]
             for s in range(len(self.arrays.emitters))
         ]
+        # needed where slopes are too narrow for an integral, or where facets bring no light
         self._unscattered: list[Drawing] = []  # drawn on demand
 
     def at_index(self, n: float, share: float) -> ForcedDetection:
@@ -137,6 +138,7 @@ class ForcedDetection:
         joined, chains = self.plan.joined, list[Request]()
         for drawings in self.scattered_sets:
             requests = [drawing.request for drawing in drawings]
+            # allotment gives an order few chains where pilots saw little light
             least = _UNLIT * max((request.per_shift for request in requests), default=0)
             for request in requests:
                 if request.per_shift > least:
@@ -156,6 +158,7 @@ class ForcedDetection:
     @property
     def serves_neighbours(self) -> bool:
         """Whether its chains alone, of point sources, make the gain: `FrozenForced` keeps them."""
+        # joined photons are followed under one surface; chains are drawn without it
         chained = set(self.method) == {"chains"} and not any(self.arrays.sizes)
         return chained and self.plan.joined is None
 
@@ -283,6 +286,7 @@ class ForcedDetection:
         suffice; else (1, 1, wavelengths). With the relative error of its quadrature over the
         surface.
         """
+        # light of a point source is an integral without noise: all shifts share one value
         if self.arrays.sizes[s] == 0.0:
             return aimed.direct_light(s, r)[None, None], aimed.relative_error(s, r)
         if aimed.sampled:
@@ -326,7 +330,7 @@ class ForcedDetection:
         return ForcedDetection.following(planner, planner.plan(self.photons, planner.compare()))
 
     def _tables(self, aimed: AimedChains) -> list[list[ArrivalTally]]:
-        """Return the rows of unscattered light and chains at each wavelength."""
+        """Return the arrivals of unscattered light and of chains at each wavelength."""
         tinting, links = self.planner.shared.tinting, self.planner.shared.links
         tables = [list[ArrivalTally]() for _ in links]
         for e, t in self.arrays.pairs:
@@ -352,6 +356,7 @@ class ForcedDetection:
         elif not aimed.sampled and (gains := aimed.direct_gains(e, t)).any():
             yield parts.direct_light(aimed, e, t, gains, tints)
         else:
+            # sampled, or dark through facets: chains without scatterings may bring light
             sets = [self.unscattered()[e], *sets]
         for drawing in sets:
             for block in drawing.blocks():
@@ -376,5 +381,6 @@ def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
     planner = Planner(link, **case.how, sea=TypicalSea.of([mesh]))
     few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
     whole = few.at_wavelengths(planner.flat())[0].gain
+    # the same chains over both: their noise cancels in the difference
     cut = whole - few.at_wavelengths(flat_mesh(low, high))[0].gain
     return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)

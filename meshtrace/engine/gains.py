@@ -1,4 +1,4 @@
-"""Gains: sums of rows of light by part, receiver and group.
+"""Gains: sums of arriving light by part, receiver and group.
 
 A row is light that one sample, a chain or a photon, brings to one receiver. Samples come in 32
 independent groups, whose scatter gives standard errors; a sample may bring light several times.
@@ -82,7 +82,7 @@ class Gains:
         )
 
     def add(self, other: Gains, receivers: Sequence[int]) -> Gains:
-        """Add the sums over other samples to some of the receivers, which may repeat."""
+        """Add the sums over other samples to the given receivers, which may repeat."""
         last: Any = (..., np.array(receivers, np.intp))
         np.add.at(self.groups, (*last, slice(None)), other.groups)
         np.add.at(self.all_orders, (*last, slice(None)), other.all_orders)
@@ -144,6 +144,7 @@ class Gains:
     @property
     def stderr(self) -> Floats:
         """Standard error of the gain of each receiver."""
+        # the quadrature and the scatter of the groups err independently
         return np.hypot(error_of_groups(self.shifts, axis=-1), self.quadrature)
 
     @property
@@ -153,6 +154,7 @@ class Gains:
 
     def samples_of(self, part: int) -> list[ScatteredSamples]:
         """Return the samples of a part of each receiver."""
+        # (sum w)^2 / sum w^2, the number of equal samples of this variance; no 0 / 0 in the dark
         effective = self.parts[part] ** 2 / np.maximum(self.square[part], 1e-300)
         names = {"joined": "joined photons", "analog": "analog photons"}
         if part == SCATTERED:
@@ -201,10 +203,12 @@ class Gains:
         group = part * SHIFTS + arrivals["photon"] % SHIFTS
         # what a photon brings to a receiver is one score, in however many rows it comes
         sample = part * photons + (arrivals["photon"] - first)
+        # a count for every (part, receiver, photon) would be mostly zeros
         if size * photons > _SPARSE * len(arrivals):
             cells, sample = np.unique(sample, return_inverse=True)
         else:
             cells = np.arange(size * photons)
+        # orders count scatterings of light that the surface does not reflect first
         once = arrivals["part"] != REFLECTED
         order = np.minimum(arrivals["order"], n_orders - 1)  # the last holds all beyond
         order = (arrivals["receiver"] * n_orders + order)[once]

@@ -63,6 +63,7 @@ def with_mesh_errors(
     direct, unscattered = relative
     result = results[first]
     gain = result.gains
+    # analog results do not part unscattered light: that of the integral stands in
     ballistic = np.minimum(unscattered, gain)
     if result.gain_ballistic is not None:
         ballistic = np.atleast_1d(result.gain_ballistic)
@@ -72,6 +73,7 @@ def with_mesh_errors(
     error = direct * (ballistic + scattered * np.maximum(gain - ballistic, 0.0))
     if np.isnan(error).all():
         return results
+    # the relative error is that of the mesh, common to the wavelengths
     errors = [error / np.maximum(gain, 1e-300) * one.gains for one in results]
     errors[first] = error
     return [
@@ -114,6 +116,7 @@ def relative_mesh_error(
     A receiver without unscattered light is lit by an isotropic source where its axis points to.
     """
     receivers = len(link.receivers)
+    # a plane is the same at any spacing
     if float(np.ptp(mesh.vertex_normals, axis=0).max()) < _PLANE:
         return np.zeros(receivers), np.zeros(receivers)
     sheet = _sheet(mesh)
@@ -144,9 +147,12 @@ def _compare(
     coarse = []
     # sums without blur may agree by chance
     enough = (_BLURRED if blurred else -1.0), _LITTLE, -1.0, math.inf
+    # of every second line there are four grids; further ones cost time, and are asked only while
+    # the change is large enough to matter
     for (i, j), little in zip(_STARTS, enough, strict=True):
         second = _Sheet(sheet.points[i::2, j::2], sheet.normals[i::2, j::2])
         coarse.append(light(arrays, second)[0])
+        # light that only the coarse meshes see counts too
         scale = np.maximum(fine, np.mean(coarse, axis=0))
         change = np.sqrt(np.mean(np.square(np.array(coarse) - fine), axis=0)) / _DIVISOR
         relative = np.divide(change, scale, out=np.full_like(scale, np.nan), where=scale > 0.0)

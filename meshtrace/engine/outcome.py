@@ -59,6 +59,7 @@ class FewSamplesWarning(UserWarning):
 
 def _warn(text: str, category: type[Warning] = DomainWarning) -> None:
     """Warn at the line that calls the package."""
+    # the user's line, not one of this package, is to be changed
     level, frame = 2, sys._getframe(1)
     while frame.f_back is not None and frame.f_globals["__name__"].startswith("meshtrace"):
         level, frame = level + 1, frame.f_back
@@ -143,6 +144,7 @@ def _bound_of_few(result: GainResult) -> Floats:
     rare = np.full(len(result.gains), np.nan)
     for r, row, light in _samples(result):
         if _is_few(row):
+            # rule of three: 3 / n bounds at 95 % the rate of an event that n trials do not show
             rare[r] = np.nan_to_num(rare[r]) + 3.0 * light / math.sqrt(max(row.effective, 1.0))
     return result.gains + 2.0 * result.stderrs + rare
 
@@ -161,9 +163,11 @@ def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Floats:
         return np.full(len(gain), np.nan)
     most = largest_weight(case.link, float(mesh.bounds[0, 2]))
     bound = np.full(len(gain), sys.float_info.min)
+    # light attenuated below the smallest float cannot be bounded by tracing
     if most > sys.float_info.min:
         n = max(case.run.photons, _BOUND_PHOTONS)
         intersector = EmbreeIntersector(mesh, case.threads)
+        # weights below a thousandth of the largest hardly move the bound
         options = Analog(roulette=1e-3 * most)
         sums = run_analog(case.link, intersector, options, photons=n, **case.how)
         error = standard_error(sums.score, sums.score_squared, n)
@@ -312,6 +316,7 @@ def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> Plane
         flux, photons = sums.radiance.value(), np.full(SHIFTS, sums.photons // SHIFTS)
         photons[: sums.photons % SHIFTS] += 1
         error = np.full(flux.shape[1:], np.nan)
+        # a group of a single photon shows no scatter
         if sums.photons >= 2 * SHIFTS:
             groups = flux / photons[:, None, None, None]
             error = error_of_groups(groups)

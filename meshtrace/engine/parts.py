@@ -22,7 +22,7 @@ ChainJob = tuple[list[int], Block]
 
 
 def chain_jobs(pairs: list[tuple[int, int]], sets: list[list[Drawing]]) -> list[ChainJob]:
-    """Return the jobs of the chains of each source, aimed at the targets of some pairs."""
+    """Return the jobs that aim the chains of each source at the targets of `pairs`."""
     jobs = []
     for e, row in enumerate(sets):
         targets = [t for f, t in pairs if f == e]
@@ -60,6 +60,8 @@ class Light(NamedTuple):
             angle=self.angle,
             group=self.shift,
             sample=self.sample,
+            # parts are unscattered (0) and scattered (1); chains bring none that is reflected
+            # first
             part=np.minimum(self.order, 1),
             order=self.order,
         )
@@ -70,7 +72,7 @@ class Light(NamedTuple):
 
 
 def merged(pieces: list[Light]) -> Light:
-    """Concatenate rows of light."""
+    """Concatenate `Light` records."""
     return Light(*map(np.concatenate, zip(*pieces, strict=True)))
 
 
@@ -85,6 +87,7 @@ def direct_light(
 ) -> Light:
     """Return unscattered light by facet, from the centre or a point `at` of a source."""
     link, unit = aimed.link, aimed.link.frame.unit
+    # few facets of a sea send light to one receiver
     nonzero = np.flatnonzero(gains)
     crossing = aimed.centroids[nonzero]
     source = link.emitters[emitter]
@@ -130,6 +133,7 @@ def chain_light(
         air=unit * arrivals["air"],
         angle=angle,
         lamp=lamp,
+        # chains of a request are stored shift by shift, equally many of each
         shift=(first + chain) // (n // SHIFTS),
         sample=first + chain,
         tint=aimed.chain_tints(emitter, chains, arrivals, tints),

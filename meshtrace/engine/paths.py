@@ -125,6 +125,7 @@ def _split(recorder: Recorder) -> PhotonPaths:
         codes = recorder.what[i, :n]
         starts = [0, *np.flatnonzero(codes == Vertex.BRANCH)]
         for a, b in zip(starts, [*starts[1:], n], strict=True):
+            # a photon that has left the water is not followed beyond its landing
             left = np.flatnonzero((codes[a:b] == Vertex.RECEIVED) | (codes[a:b] == Vertex.LANDED))
             end = a + left[0] + 1 if len(left) else b
             if end - a > 1:
@@ -160,6 +161,7 @@ def received_paths(
             weight = power * found["weight"] / len(some.audit)
             if not weight.sum() > 0.0:
                 continue
+            # in proportion to weight, so that every drawn path stands for the same light
             kept = rng.choice(len(found), min(n, len(found)), p=weight / weight.sum())
             ends = arrays.emitters[e], arrays.targets[t]
             paths += [_placed(some.chains, found[k], *ends) for k in kept]
@@ -172,6 +174,7 @@ def received_paths(
     out = _empty(max(len(paths[i]) for i in chosen), np.arange(n, dtype=np.int64))
     for k, i in enumerate(chosen):
         m = len(paths[i])
+        # light that goes down is followed backwards: its vertices are turned round
         out.vertex[k, :m] = arrays.frame.metres(paths[i][:: -1 if arrays.down else 1])
         out.weight[k, :m] = total / n
         out.what[k, :m] = Vertex.SCATTER

@@ -169,6 +169,7 @@ class Planner:
             link = self._link_to(arriving_at)
             arriving = ArrivingPhotons(link, number, self.seed, self.normals, self.threads)
         joined, joined_to, reflects = self._plan_joined(photons, comparison)
+        # without photons nothing has measured light reflected first
         reflects = reflects and bool(joined_to or arriving_at)
         return Plan(photons, method, chains, joined, joined_to, arriving, arriving_at, reflects)
 
@@ -258,7 +259,7 @@ class Planner:
     def _by_receiver(
         self, piloted: NDArray[np.bool_], method: list[Method], default: Method
     ) -> list[Method]:
-        """Return the estimators of all receivers from those of some with pilots."""
+        """Return the estimators of all receivers from those with pilots."""
         chosen = dict(zip(self._piloted[piloted].tolist(), method, strict=True))
         return [chosen.get(r, default) for r in self._first.tolist()]
 
@@ -408,7 +409,7 @@ class Planner:
     def _joined(
         self, photons: int, receivers: Sequence[int], crossings: Sequence[int] = ()
     ) -> JoinedPhotons:
-        """Return joined photons to some receivers, scored from a crossing of each on, or from 1."""
+        """Return joined photons to `receivers`, scored from the given crossing on (default: 1)."""
         link, first = (
             self._link_to(receivers),
             [crossings[r] if crossings else 1 for r in receivers],
@@ -416,7 +417,7 @@ class Planner:
         return JoinedPhotons(link, photons, self.seed, self.normals, self.threads, first=first)
 
     def _link_to(self, receivers: Iterable[int]) -> Link:
-        """Return the link to some of its receivers."""
+        """Return the link reduced to `receivers`."""
         ends_of = tuple(self.link.receivers[r] for r in receivers)
         return self.link.model_copy(update={"receiver": ends_of})
 

@@ -24,11 +24,13 @@ def standard_error(total: Any, squares: Any, n: int) -> Any:
     if n < 2:
         return np.full_like(np.asarray(total, float), math.nan)
     mean = np.asarray(total) / n
+    # rounding may turn the variance of equal scores negative
     return np.sqrt(np.maximum(np.asarray(squares) / n - mean**2, 0.0) / (n - 1))
 
 
 def error_of_groups(samples: Floats, axis: int = 0) -> Floats:
     """Return the standard error of the mean of independent samples, along an axis."""
+    # ddof = 1: the mean is that of the same samples
     return np.asarray(samples.std(axis=axis, ddof=1) / math.sqrt(samples.shape[axis]))
 
 
@@ -52,6 +54,7 @@ def merged_mean(
     """Return mean and standard error of all photons; a run of one photon has no error."""
     total = int(n.sum())
     mean = np.asarray(sum(k / total * m for m, k in zip(means, n, strict=True)))
+    # s^2 (k - 1) + m^2 is the mean square of a run: those of runs add by their photons
     square = sum(
         k / total * (m * m + (0.0 if k < 2 else s * s * (k - 1)))
         for m, s, k in zip(means, errors, n, strict=True)
@@ -84,7 +87,7 @@ _CELLS = "map_axis_x map_axis_y"
 
 
 class Tally(WithArrays):
-    """Arrays of a run beside its gains; subclasses are dataclasses of them."""
+    """Arrays of a run in addition to its gains; subclasses are dataclasses of them."""
 
     def __repr__(self) -> str:
         shapes = (f"{name} {array.shape}" for name, (_, array, _) in self.to_variables().items())
@@ -175,6 +178,7 @@ class ArrivalTally(Tally):
     def with_gains(self, gains: Floats) -> ArrivalTally:
         """Return the arrivals with weights that add up to the gain of each receiver."""
         known = np.bincount(self.receiver, self.weight, len(gains))
+        # a receiver without arrivals has nothing to scale
         factor = np.divide(gains, known, out=np.ones(len(gains)), where=known > 0.0)
         return replace(self, weight=factor[self.receiver] * self.weight)
 

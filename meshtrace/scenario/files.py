@@ -64,6 +64,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     """Return the tables of a text."""
     for line in text.splitlines():
         key = line.partition("=")[0]
+        # tables nest by dots: a long key of a stranger's file would nest too deep
         if key.count(".") > _MOST_DOTS and not {",", "#"} & set(key):
             raise Refused("", key, f"keys of at most {_MOST_DOTS} dots")
     try:
@@ -96,6 +97,7 @@ def parse_setting(setting: str) -> tuple[str, Any]:
     try:
         return key.strip(), parse_toml(f"value = {value}")["value"]
     except Refused:
+        # a shell removes the quotes of a word
         return key.strip(), value.strip()
 
 
@@ -118,6 +120,7 @@ def with_notes(text: str, parts: Mapping[str, Iterable[Any]]) -> str:
                 models = [getattr(m, name) for m in models if hasattr(m, name)]
         key = line.partition(" = ")[0]
         notes = [type(m).notes() for m in models if isinstance(m, Model)]
+        # the first model with such a field: tables may describe several
         note = next((n[key] for n in notes if key in n), "")
         lines.append(f"{line}  # {note}" if note and not line.startswith((" ", "[")) else line)
     return "\n".join(lines) + "\n"

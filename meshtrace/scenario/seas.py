@@ -162,6 +162,7 @@ def _named(word: Any) -> type[Family]:
     if isinstance(word, str) and ":" in word:
         raise Refused("spectrum", word, refused.allowed, refused.hint)
     seas = (kind for kind in Surface.registered if kind != "spectral")
+    # "gauge" is a word of files alone
     words = list(dict.fromkeys([*seas, "gauge", *Spectrum.registered]))
     raise Refused("spectrum", word, ", ".join(words), did_you_mean(word, words))
 
@@ -210,7 +211,7 @@ def _mesh_file(table: Table, sampling: Mapping[str, Any], folder: Path) -> MeshF
 
 
 def _mesh_sequence(table: Table, folder: Path) -> Any:
-    """Return the meshes in time of a folder or a pattern, beside the link file if relative."""
+    """Return the meshes in time of a folder or a pattern, relative to the link file."""
     from meshtrace.surfaces import MeshSequence
 
     source = table.pop("meshes")
@@ -266,6 +267,7 @@ def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
     if kind == "spectral":
         config["spectrum"] = unshared(config["spectrum"], wind_speed=wind_speed)
         return config
+    # the wind of the file's other tables need not be written twice
     if _follows_wind(type(surface)):
         config = unshared(config, wind_speed=wind_speed)
     return {"spectrum": kind, **config}

@@ -221,6 +221,7 @@ class Campaign(NamedTuple):
         sea, time = self.surface, self.meshing.time
         if not isinstance(sea, SeededSurface):
             raise Refused("surface", Described(type(sea).__name__), "a sea with random phases")
+        # seeds of their own, so that a realization does not depend on how many there are
         seeds = np.array([realization_seed(self.run.seed, i) for i in range(n)], np.int64)
         return Steps("realization", seeds, lambda i: (sea.with_seed(int(seeds[i])), time))
 
@@ -240,6 +241,7 @@ class Campaign(NamedTuple):
                 "transmitter": tuple(source for one in links for source in one.transmitters),
                 "receiver": tuple(receiver for one in links for receiver in one.receivers),
             }
+            # light reaches farthest there
             joint = min(links, key=lambda link: link.water.a).replace(**ends)
         estimator = self.run.estimator
         reach = max(
@@ -271,7 +273,7 @@ class Campaign(NamedTuple):
         shape: ShapeOf,
         work: str = "seas",
     ) -> Iterator[Floats]:
-        """Yield the numbers of each step in order: kept ones, and others as they are computed.
+        """Yield the numbers of each step in order, from the store where available.
 
         A work of minutes is announced.
 
@@ -296,11 +298,13 @@ class Campaign(NamedTuple):
             If numbers in the store have another shape.
         """
         with self.store.loop(name, {**self.identity(), **identity}) as stored:
+            # all stored shapes are checked before any new work starts
             waiting = [step for step in steps if step not in stored]
             for step in steps:
                 if step in stored:
                     self.store.require_shape(stored[step].numbers, shape(step))
             computed = self._computed(setup, waiting) if waiting else iter(())
+            # a cluster finishes steps in any order; they are handed on in order
             ready: dict[Any, Floats] = {}
             with closing(paced(computed, len(waiting), f"{len(waiting):,} {work}")) as results:
                 for step in steps:
@@ -320,11 +324,13 @@ class Campaign(NamedTuple):
     def _computed(self, setup: Setup, steps: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         """Yield the number of each step and its numbers, on a cluster as they finish."""
         if self.cluster is None:
+            # setup and step both hold BLAS to one thread: digits do not depend on the cores
             yield from enumerate(ordered_map(held(held(setup)()), steps, self.threads))
             return
         with closing(self.cluster.map(setup, steps)) as results:
             for i, numbers in results:
                 if isinstance(numbers, Exception):
+                    # workers send exceptions back as values
                     raise numbers
                 yield i, numbers
 

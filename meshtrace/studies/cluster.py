@@ -170,12 +170,14 @@ class Cluster:
                 numbers.update(zip((future.key for future in futures), jobs, strict=True))
                 completed.update(futures)
 
+            # some jobs ahead, so that no worker waits for the connection
             submit(ahead)
             for future, result in _finished(client, completed, self.timeout, ended):
                 if future.cancelled():  # by a scheduler that went away
                     break
                 i = numbers.pop(future.key)
                 yield i, result[1] if future.status == "error" else _checked(result)
+                # frees the result in the memory of the worker
                 future.release()
                 submit(1)
             if numbers and not ended.is_set():
@@ -235,6 +237,7 @@ def _evaluated(setup: Setup, waiting: deque[tuple[int, Any]]) -> Iterator[tuple[
         try:
             yield i, evaluate(job)
         except Exception as error:
+            # as a worker of a cluster returns it
             yield i, error
 
 
@@ -257,6 +260,7 @@ def _finished(
             employed = answered = time.monotonic()
             continue
         time.sleep(_POLL)
+        # asked only while nothing is ready: a finished task is a sign of life
         has_workers, now = _has_workers(client), time.monotonic()
         if has_workers is not None:
             answered = now

@@ -101,6 +101,7 @@ def time_series(
     )
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
     flight = flight and flight.checked()
+    # one time of a mesh contradicts many
     if campaign.meshing.time != 0.0:
         raise Refused("sea.time", campaign.meshing.time, "0 with times")
     steps = in_flight(campaign, at, flight, route)

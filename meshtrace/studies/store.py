@@ -126,6 +126,7 @@ class Store:
             return
         # other code may give other digits
         code = {"meshtrace": version("meshtrace"), "kernels": sources().hex()}
+        # as it will be read back: tuples become lists
         here = json.loads(json.dumps({**identity, **code, "study": self._study}))
         digest = digest_of(here, name)
         with self._held():
@@ -221,6 +222,7 @@ class Store:
             what = f"{damaged} damaged line{'s' * (damaged > 1)}"
             warnings.warn(f"{self.path}: {what}, the items are computed again", stacklevel=2)
         if len(sound) < len(lines):
+            # lines that were read before are sound
             before = self.path.read_bytes()[: self._end]
             with atomic(self.path) as temporary:
                 temporary.write_bytes(before + b"".join(sound))
@@ -288,6 +290,7 @@ def _unusable(path: Path, text: str) -> Refused:
 def _difference(there: Any, here: Any, path: str = "") -> str:
     """Return the first difference of two trees of plain data as text, empty if none."""
     if isinstance(there, dict) and isinstance(here, dict):
+        # the same text on every run, whatever the order of the keys
         for key in sorted({*there, *here}):
             inner = f"{path}.{key}" if path else key
             text = _difference(there.get(key), here.get(key), inner)
@@ -299,7 +302,7 @@ def _difference(there: Any, here: Any, path: str = "") -> str:
 
 @contextmanager
 def locked(store: Path) -> Iterator[None]:
-    """Hold the lock of a store, a file beside it that names its owner.
+    """Hold the lock file of a store, which records the owning process.
 
     The operating system frees the lock of a process that ended in any way; the file of one that
     died on this host is taken over. Nothing waits for a lock.
@@ -340,6 +343,8 @@ def _held(path: Path) -> IO[bytes]:
             owner = _owner(file)
             if free and not _lives_elsewhere(owner):
                 with suppress(FileNotFoundError):
+                    # the file may have been removed between opening and locking: such a lock binds
+                    # nobody
                     if os.path.samestat(os.fstat(handle), path.stat()):
                         stack.pop_all()
                         return file
@@ -369,6 +374,7 @@ def _lives_elsewhere(owner: dict[str, Any]) -> bool:
     if owner.get("host") != socket.gethostname():
         return True
     try:
+        # numbers of processes are used again
         began = psutil.Process(int(owner["pid"])).create_time()
     except (psutil.Error, KeyError, ValueError, TypeError):
         return False

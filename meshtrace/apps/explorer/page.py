@@ -250,7 +250,7 @@ class Page:
         self._drawn.set()
 
     def compare(self) -> None:
-        """Keep the present state as A, beside which further states are shown, or end that."""
+        """Toggle the comparison with the present state as A."""
         self._keep(self._kept is None)
 
     def swap(self) -> None:

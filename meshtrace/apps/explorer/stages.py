@@ -169,7 +169,7 @@ def gains(state: State, check: Check) -> Iterator[Signal]:
 
 
 def _noted(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
-    """Return the result of some work and the texts of its warnings."""
+    """Run a function; return its result and the texts of its warnings."""
     with _WARNINGS, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         result = work()
@@ -212,7 +212,7 @@ def _tilt_notes(state: State) -> tuple[str, ...]:
 
 
 def unless_refused(work: Callable[[], Found]) -> Found | None:
-    """Return the result of some work; None if it is refused."""
+    """Run a function; return its result, or None if it is refused."""
     try:
         return work()
     except Refused:

@@ -1,4 +1,4 @@
-"""Measurements beside computed values with their bands: data, the loop over them, the table.
+"""Measurements compared with computed values and their bands: data, the loop over them, the table.
 
 An experiment is a folder in `data`: `experiment.toml` has its texts, its source and the inputs
 that the source does not report, with their ranges; `data.csv` has the printed numbers. Its

@@ -103,11 +103,13 @@ class AimedChains:
         rough, self._mesh_slopes = self.surface.roughness, mean_square_slope(self.surface)
         self.rough = rough.along > 0.0 or rough.across > 0.0
         # the slope between two directions is known where refraction is physical
+        # the half-vector between two directions fixes the slope that refracts one into the other
         physical = link.interface.snell, link.interface.direction
         wide = min(rough.along, rough.across) > _NARROWEST * math.sqrt(self._mesh_slopes)
         self.blurred = physical == (Snell.PHYSICAL, Direction.VECTOR) and wide
         self.facets = np.empty(len(mesh.faces), FACET)
         facet_summary(self.surface, self.facets)
+        # kernels of unscattered light expect the source below the surface
         self._mirrored = _upside_down(self.surface) if link.down else None
         self._serve(link)
         self.nodes: dict[tuple[int, int], Nodes] = {}  # quadratures of the apertures
@@ -147,6 +149,7 @@ class AimedChains:
     def spread(self) -> Roughness:
         """Proposal distribution of the slopes, wider than the sea's to bound the weights."""
         rough, mesh = self.surface.roughness, self._mesh_slopes
+        # variances of independent slopes add: those of the mesh and the random ones
         along, across = (_SPREAD * math.hypot(s, math.sqrt(mesh)) for s in rough[:2])
         return rough._replace(along=along, across=across)
 
@@ -256,7 +259,7 @@ class AimedChains:
     def _tinted_scores(
         self, source: int, chains: ChainSet, n: int, arrivals: NDArray[np.void]
     ) -> Floats:
-        """Return the scores (wavelengths, n) of chains with some arrivals."""
+        """Return the scores (wavelengths, n) of chains from their arrivals."""
         score, own = np.zeros((self.wavelengths, n)), arrivals.copy()
         own["chain"] %= len(chains.audit)
         tints = self.chain_tints(source, chains, own, self.tinting.tints)
@@ -315,7 +318,7 @@ class AimedChains:
         facets: NDArray[np.int64] | None = None,
         coarser: bool = False,
     ) -> Floats:
-        """Return the unscattered gain through each facet, or through some, without noise.
+        """Return the unscattered gain of each facet, or of `facets`; deterministic.
 
         From the centre of the source, or from the point `at`. Random slopes are left out where
         unscattered light is `sampled`. A facet that source or receiver cannot see brings nothing:
@@ -371,7 +374,7 @@ class AimedChains:
 
     @cached_property
     def _blocks(self) -> microfacets.Blocks:
-        """The facets in blocks of some `_IN_BLOCK`, in one for few pairs of ends."""
+        """The facets in blocks of about `_IN_BLOCK`, in one for few pairs of ends."""
         n = len(self.facets)
         if len(self.link.emitters) * len(self.link.targets) <= _FEW_PAIRS:
             return _one_block(np.arange(n))
@@ -419,6 +422,7 @@ class AimedChains:
         """
         n, target, source = scene.medium.n_water / scene.medium.n_air, scene.target, scene.emitter
         height = target.center[2] + self._waves
+        # bounds hold from the deepest trough to the highest crest
         depth = max(-source.position[2] - self._waves, 0.1)
         aside = math.dist(target.center[:2], source.position[:2]) + target.radius
         flattest = aside / math.hypot(aside, max(target.center[2] - self._waves, 1e-6))
@@ -436,7 +440,9 @@ def _upside_down(s: MeshArrays) -> tuple[MeshArrays, NDArray[np.void]]:
     """Return a surface upside down, with facets in the same order, and their summary."""
     flip = np.array([1.0, 1.0, -1.0])
     series = s.roughness.series
+    # odd moments of the slopes change their sign with z
     odd = series._replace(a=-series.a, aaa=-series.aaa, acc=-series.acc)
+    # mirroring turns the sense of the corners: normals point to the air again
     faces = np.ascontiguousarray(s.faces[:, ::-1])
     faces.flags.writeable = False  # as those of every mesh: kernels are compiled for one kind
     surface = s._replace(

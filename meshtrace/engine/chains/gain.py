@@ -261,7 +261,7 @@ def flat_contributions(chains, flat, scene, score):
 
 @entry
 def blurred_contributions(chains, flat, places, near, spread, scene, out):
-    """Write the contribution of each chain to the aperture at each of some places.
+    """Write the contribution of each chain to the aperture at each of the given places.
 
     Returns the number of arrivals; their chains, and the rows of the scores, count the chains to
     the first place, to the second, and so on.

@@ -179,6 +179,7 @@ class ChainDrawer:
         most = 1.2 * max(expected.expected, b * expected.distance + float(medium.bubble_path[-1]))
         if b == 0.0 and medium.bubble_path[-1] == 0.0:
             return 0
+        # orders end at _MAX_ORDER: denser water would lose light without a sign
         if 1.0 - poisson_law(1.2 * expected.expected).sum() > _MOST_LEFT_OUT:
             raise Refused(
                 "water",
@@ -211,6 +212,7 @@ class ChainDrawer:
         """
         drawings = [Drawing(request, None) for request in requests]
         receivers = len(self._first())
+        # many chains are drawn again from their keys, block by block, rather than kept
         if sum(self._bytes(request, receivers) for request in requests) > _KEPT_BYTES:
             return drawings
         rows = [(drawing, self.empty(drawing.request)) for drawing in drawings]
@@ -236,7 +238,7 @@ class ChainDrawer:
         return list(dict.fromkeys(self.link.stands_for.tolist()))
 
     def _bytes(self, request: Request, receivers: int) -> int:
-        """Return the size of the chains of a request with their crossings to some receivers."""
+        """Return the memory [bytes] that a request needs for a number of receivers."""
         row = 25 * request.order + 112 + receivers * CROSSINGS * FLAT.itemsize
         return request.number * row
 
@@ -247,7 +249,7 @@ class ChainDrawer:
         return self._room(request, request.number, receivers if few else ())
 
     def _room(self, request: Request, n: int, receivers: Collection[int]) -> ChainSet:
-        """Return room for n chains and their crossings to some receivers."""
+        """Allocate arrays for n chains and their crossings to `receivers`."""
         order = request.order
         chains = Chains(
             vertex=np.empty((n, order, 3)),
@@ -272,6 +274,7 @@ class ChainDrawer:
         u = shifted(points[first : first + len(found.audit)], shifts[rows])
         found.audit[:] = u[:, -2]
         law = self.nominals[source]
+        # one-sample balance heuristic: one coordinate picks the component, all densities weigh
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
         kernel.make_chains(found.chains, law, self.link.medium, u, component)
         self.place_points(found.chains)
@@ -320,6 +323,7 @@ def levels(link: ForcedLink, crest: float) -> tuple[float, float]:
 def poisson_law(mean: float) -> Floats:
     """Return the probabilities of 0, 1, ... scatterings up to the highest order."""
     order = np.arange(_MAX_ORDER + 1)
+    # through logarithms: mean^k and k! overflow long before their ratio
     return np.exp(order * math.log(mean) - mean - np.cumsum(np.log(np.maximum(order, 1))))
 
 
@@ -349,6 +353,7 @@ def sobol_points(width: int, count: int, rng: np.random.Generator) -> Floats:
     place = 2 ** np.arange(_BITS, dtype=np.uint32)
     shift = rng.integers(2, size=(width, _BITS), dtype=np.uint32) @ place
     lower = np.tril(rng.integers(2, size=(width, _BITS, _BITS), dtype=np.uint32))
+    # a unit diagonal makes the matrix invertible over the bits: strata are kept
     lower[:, range(_BITS), range(_BITS)] = 1
     doublings = math.ceil(math.log2(max(count, 2)))
     scrambled = (lower @ _directions(doublings)[:width]) & 1
@@ -385,6 +390,7 @@ _kept_points = lru_cache(maxsize=64)(shifted_points)
 def shifted(points: Floats, shifts: Floats) -> Floats:
     """Return the points of each shift in turn, inside of the unit cube."""
     u = (points[None] + shifts) % 1.0
+    # logarithms of 0 and 1 - 1 would be infinite
     return np.clip(u.reshape(-1, u.shape[-1]), 1e-12, 1.0 - 1e-12)
 
 
@@ -409,6 +415,7 @@ def nominal(
     depth = crest - emitter.position[2]
     n = medium.n_water / medium.n_air
     x, y, _ = emitter.position
+    # share of the horizontal way in the water, by Snell's law for small angles
     offset = min(
         depth / (depth + n * t.center[2]) * math.hypot(t.center[0] - x, t.center[1] - y)
         for t in targets
@@ -430,6 +437,7 @@ def nominal(
     total = np.maximum(b + b_bub, 1e-12)
     step = distance / (nodes - 1)
     cumulative = integral(total, step)
+    # clear water needs some rate, or free paths would have no scale
     c = max(medium.a + float(b.mean()), 1e-3 / distance)
     uniform = not medium.layered and medium.depth_mode == DepthMode.NONE
     turbid = float(np.mean(np.asarray(ratios) * cumulative[-1] >= TURBID))

@@ -233,7 +233,7 @@ def _flat_stretch(m, scene):
 
 @entry
 def image_gain(scene, facets, stretch, lever, bend, stack, gain):
-    """Write the unscattered gain of each of some facets.
+    """Write the unscattered gain of the given facets.
 
     Array twin: quadrature over the aperture with the analytic sinusoid.
     The image of a part of a facet is taken for a triangle: its gain is the light in its solid

@@ -61,6 +61,7 @@ class FixedPointSum:
     def add(self, units: NDArray[np.int64]) -> None:
         """Add an array; the order of additions does not matter."""
         self.array[1] += units
+        # carry whole numbers, so that the lower part cannot overflow
         self.array[0] += self.array[1] >> 44
         self.array[1] &= (1 << 44) - 1
 
@@ -125,12 +126,13 @@ class PhotonSums:
         """
         whole = reduce(add, strata)
         within = sum(one.score**2 / max(one.photons, 1) for one in strata)
+        # subtract the squares of the strata's means, add that of the common mean
         square = whole.score_squared - within + whole.score**2 / max(whole.photons, 1)
         return replace(whole, score_squared=square)
 
     @property
     def all_arrivals(self) -> NDArray[np.void]:
-        """The rows of light that are kept, as one array."""
+        """The recorded arrivals, as one array."""
         return np.concatenate([np.zeros(0, ARRIVAL), *self.arrivals])
 
     def map_mean(self) -> tuple[Floats, Floats]:
@@ -286,6 +288,7 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
             map_factors=factors_of(len(none.grid.scale)),
             **{name: np.zeros_like(getattr(none, name)) for name in _SUMS},
         )
+        # every thread has tallies and a photon of its own; the surface is shared
         with setup.intersector.function() as bvh:
             photon = np.zeros(1, kernel.PHOTON)
             world = setup.world._replace(first=first, tallies=tallies, bvh=bvh, photon=photon)
@@ -294,6 +297,7 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
             tallies.arrivals["water"] *= setup.frame.unit
             tallies.arrivals["air"] *= setup.frame.unit
             return last - first, tallies
+        # the kernel counts on beyond a full buffer: the second pass has room for all
         room = int(tallies.n_arrivals[0])
 
 
@@ -328,6 +332,7 @@ def setup_of(
         roulette = 1e-3
         if sources.in_water.all() and link.planes is None:
             depth = frame.unit * max(-z for z in sources.position[:, 2])
+            # half of exp(-a depth): light that goes straight up never meets the roulette
             roulette = 0.5 * math.exp(-min(link.water.a * depth, 600.0))
     medium = frame.medium(arrays.medium_arrays(link, frame.unit * crest))
     world = kernel.World(
@@ -363,7 +368,7 @@ def new_recorder(photons: int, vertices: int) -> kernel.Recorder:
 
 
 def _no_tallies(link: Link, frame: arrays.Frame, cells: MapGrid) -> Tallies:
-    """Return tallies of no photons, with a map of some cells."""
+    """Return empty tallies with the given map."""
     planes, shape = link.planes, (cells.n, cells.n, len(cells.scale))
     depths = np.array(planes.depths if planes else ())
     bins = (planes.n_cosines, planes.n_azimuths) if planes else (0, 1)

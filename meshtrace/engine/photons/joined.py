@@ -168,7 +168,7 @@ class JoinedPhotons:
         return found
 
     def at_index(self, n: float, photons: int) -> JoinedPhotons:
-        """Return some photons with the same random numbers in water of another index."""
+        """Return `photons` photons with the same random numbers in water of another index."""
         found = copy(self)
         found.link, found.photons = self.link.replace("water.n", n), photons
         return found
@@ -224,6 +224,7 @@ class JoinedPhotons:
         link, start = self.link, run.start
         surface = arrays.surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
         is_level = surface.low[2] == surface.high[2] and surface.max_slope == 0.0
+        # smooth waves focus: crossings are then solved for, all of them
         is_smooth = not is_level and max(surface.roughness[:2]) == 0.0
         crest = frame.unit * float(surface.high[2])
         medium = arrays.with_raster(frame.medium(ends.expected_water(link, crest)), intersector)
@@ -260,6 +261,8 @@ class JoinedPhotons:
         if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
             often = max(1.0, _FREQUENT / (b * depth)) if b > 0.0 else 1.0
         window = Window(False, a + turned, 0.0, 0.0, _CLEAR_HIGHEST, 0.0)
+        # diffusion theory: D = 1 / (3 (a + b (1 - g))), decay (a / D)^(1/2), and an extrapolated
+        # boundary beyond the surface, where the fluence would vanish
         if turned * depth > _TURBID:
             diffusion, length = 1.0 / (3.0 * (a + turned)), 1.0 / (a + turned)
             window = Window(
@@ -277,8 +280,11 @@ class JoinedPhotons:
         for row, target, part in zip(rows, run.targets, run.share, strict=True):
             _fill(row, target, part, 1.0 / max(a + b, 1e-300))
             if not target.is_lamp and rough > 0.0:
+                # the wider an aperture against the blur by slopes, the more of its points slopes
+                # draw
                 sloped = target.area / (target.area + blur * target.center.z**2)
                 row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
+        # ceiling division: evenly spaced, at most _GUIDES
         guides = rows[:: -(-len(rows) // _GUIDES)].copy()
         still = rough == 0.0
         decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
@@ -336,6 +342,7 @@ class JoinedPhotons:
         depth = (
             max(-item.center[2] for _, item in self.link.items()) / arrays.frame_of(self.link).unit
         )
+        # importance exp(-kappa depth) at the start, over the first base's: see `Tinting.mixed`
         importance = np.exp((kappa[0] - kappa) * depth)
 
         def follow(span: tuple[int, int]) -> tuple[Gains, NDArray[np.void], Floats]:

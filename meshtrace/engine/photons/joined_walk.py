@@ -241,7 +241,7 @@ def _start(q, photon, world):
 
 @outlined
 def _facet_ahead(q, world):
-    """Return (facet, distance) of the surface ahead of a photon; facet -1 beside the mesh."""
+    """Return (facet, distance) of the surface ahead of a photon; facet -1 off the mesh."""
     p, d, facet = place(q), heading(q), facet_ahead(q, YES, ZERO, world)
     if facet < 0 or dot(d, row(world.surface.face_normals, facet)) <= 0.0:
         return np.int64(-1), math.inf

@@ -189,7 +189,7 @@ def goal_on(target, u, v):
 
 @inlined
 def facet_below(x, y, world):
-    """Return the facet over (x, y), -1 beside the mesh."""
+    """Return the facet over (x, y), -1 off the mesh."""
     if len(world.grid.x.line) > 0:
         return facet_over(world.grid, x, y)
     return locate(world.joins.locator, world.surface, x, y)
@@ -268,7 +268,7 @@ def widths_of(still, joins):
 
 @inlined
 def beside(still, r, u, joins):
-    """Return (x, y) beside a flat-sea crossing: r of these deviations in the direction 2 pi u."""
+    """Offset a flat-sea crossing by r standard deviations at azimuth 2 pi u."""
     widths = widths_of(still, joins)
     c, s = on_circle(u)
     a, b = r * c * widths.x, r * s * widths.y

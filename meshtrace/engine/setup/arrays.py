@@ -184,6 +184,7 @@ def source_arrays(link: Link, top: float, frame: Frame = IDENTITY) -> Sources:
             position[i] = t.position[0] + back * axis[i, 0], t.position[1] + back * axis[i, 1], top
     in_water = np.array([isinstance(t, WaterSource) for t in rows], bool)
     power = np.array([t.power_mw for t in rows])
+    # photons choose their source by inversion of the cumulative power
     share = np.cumsum(power) / power.sum()
     place = frame.points(position)
     return Sources(kind, place, axis, spread, size / frame.unit, in_water, share)
@@ -231,7 +232,7 @@ def with_raster(medium: Medium, intersector: Intersector) -> Medium:
         return origins, np.broadcast_to((0.0, 0.0, way), origins.shape)
 
     def heights(hits: Hits, start: Floats | float, way: float, beside: Floats | float) -> Floats:
-        """Return the heights of the first crossings, `beside` without one."""
+        """Return the heights of the first crossings, `beside` where a ray misses."""
         distance = hits.distance.reshape(nodes, nodes)
         return np.where(np.isfinite(distance), start + way * distance, beside)
 
@@ -241,6 +242,7 @@ def with_raster(medium: Medium, intersector: Intersector) -> Medium:
     medium = medium._replace(raster_x=x0, raster_y=y0, raster_step=step, raster=top)
     if intersector.mesh.single_valued:
         return medium
+    # an overhang has three crossings on a vertical: the jet is told from the sea below it
     start = low[2] - 1.0
     lowest = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, top)
     start = lowest + 1e-4  # to the underside of the jet, if there is one
@@ -263,6 +265,7 @@ def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
         mode = _code(DepthMode, bubbles.depth)
         step = bubbles.e_folding / 64.0
         if mode == DepthMode.MEAN_LEVEL:
+            # whole steps above the mean level, so that this level is a node
             start = -math.ceil(max(crest, 0.0) / step) * step
         nodes = start + step * np.arange(math.ceil((12.0 * bubbles.e_folding - start) / step) + 1)
         b_bub = bubbles.b(nodes)
@@ -311,6 +314,7 @@ def integral(values: Floats, step: float) -> Floats:
 
 def mean_water(water: Water, depth: float) -> tuple[float, float]:
     """Return the means of absorption and scattering from the surface to a depth [m-1]."""
+    # constant water needs one node
     a, b = water.profile(np.linspace(0.0, depth, 1 if water.layers is None else 257))
     return float(np.mean(a)), float(np.mean(b))
 
@@ -318,6 +322,7 @@ def mean_water(water: Water, depth: float) -> tuple[float, float]:
 def mean_square_slope(surface: interface.MeshArrays) -> float:
     """Return the mean square slope of a mesh, of one component."""
     n = surface.vertex_normals
+    # slopes are -n_x / n_z and -n_y / n_z; half of the sum is that of one component
     return float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
 
 
@@ -375,6 +380,7 @@ def angle_table(phase: PhaseFunction) -> AngleTable:
     cells = math.ceil((math.log(math.pi) - log_first) * _CELLS_PER_LOG)
     per_log = cells / (math.log(math.pi) - log_first)
     edge = np.exp(log_first + np.arange(cells + 1) / per_log)
+    # not pi less rounding: every angle has a cell
     edge[-1] = math.pi
     node, weight = gauss_legendre(4)
     half = 0.5 * np.diff(edge)[:, None]
@@ -405,6 +411,7 @@ def grid_arrays(mesh: TriangleMesh) -> Grid:
     lines = x[:, 0].copy(), y[0].copy()
     if (x != lines[0][:, None]).any() or (y != lines[1]).any():
         return NO_GRID
+    # bins are searched along rising lines
     if any((np.diff(line) <= 0.0).any() for line in lines):  # a grid that was turned
         return NO_GRID
     along_x, along_y = (_axis(line) for line in lines)

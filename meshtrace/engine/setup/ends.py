@@ -213,6 +213,7 @@ def _lit_radius(depth: float, a: float) -> float:
     distance of the crossing from the source.
     """
     fall = -math.log(_NEGLIGIBLE)
+    # without absorption 1 / D^2 alone falls to the limit at the upper end
     low, high = depth, depth * math.exp(0.5 * fall)
     for _ in range(60):
         way = 0.5 * (low + high)
@@ -284,13 +285,16 @@ def emitter_of(end: Source | Aperture, frame: arrays.Frame = arrays.IDENTITY) ->
     if isinstance(end, Aperture):
         axis, radius = Vec3(*(-x for x in end.axis)), end.radius / frame.unit
         half = math.radians(end.fov_deg) / 2.0
+        # projected solid angle of the cone of view: int cos dOmega = pi sin^2(half)
         view = math.pi * math.sin(half) ** 2
         power, kind = math.pi * radius**2 * view, int(SourceKind.APERTURE)
         return Emitter(position, axis, kind, half, 1.0 / view, power, radius, *disk)
     kind, spread = arrays.pattern_of(end)
     if kind == SourceKind.LED:
+        # I(w) = (m + 1) / (2 pi) cos^m(theta), of unit power
         norm = (spread + 1.0) / (2.0 * math.pi)
     elif kind == SourceKind.GAUSSIAN_BEAM:
+        # exp(-2 theta^2 / spread^2), of unit power for small angles
         norm = 2.0 / (math.pi * spread**2)
     elif kind == SourceKind.TOP_HAT_BEAM:
         norm = 1.0 / (2.0 * math.pi * (1.0 - math.cos(spread)))
@@ -319,6 +323,7 @@ def _placed(end: Source | Aperture, frame: arrays.Frame) -> Vec3:
 @lru_cache
 def across(axis: tuple[float, float, float]) -> tuple[Vec3, Vec3]:
     """Return two unit vectors across an axis, which receivers have in common."""
+    # from an axis that is far from parallel, whose cross product keeps its digits
     e1 = np.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (1.0, 0.0, 0.0))
     e1 /= np.linalg.norm(e1)
     return Vec3(*e1.tolist()), Vec3(*np.cross(axis, e1).tolist())
@@ -341,6 +346,7 @@ def lamp_target(lamp: AirLamp, link: Link, frame: arrays.Frame = arrays.IDENTITY
         axis=Vec3(0.0, 0.0, 1.0),
         e1=Vec3(1.0, 0.0, 0.0),
         e2=Vec3(0.0, 1.0, 0.0),
+        # radiance over n^2 is conserved (basic radiance), where an aperture has its area
         area=(link.water.n / link.n_air) ** 2,
         radius=0.0,
         cos_half_fov=max(math.cos(lit), 0.0),

@@ -199,6 +199,7 @@ def _resolving(
     if single:
         tilts = math.sqrt(min(random)) if link.physics.unresolved == "tilt" else 0.0
         curvature, change = _curvature(surface, center, half, time)
+        # two facets a cell: the spacing at which the patch takes all the facets allowed
         finest = 2.0 * half * math.sqrt(2.0 / _MOST_FINER)
         spacing = min(spacing, max(_accurate(link, curvature, change, tilts), finest))
     if spacing == f.spacing:
@@ -224,6 +225,7 @@ def _slopes_by_wave(surface: SurfaceModel) -> tuple[Floats, Floats]:
         return np.zeros(1), np.array([_SLOPES_UNKNOWN])
     waves = surface.components
     k2 = np.square(waves.kx) + np.square(waves.ky)
+    # variance of the slope of a wave, a^2 k^2 / 2
     return k2, 0.5 * np.square(waves.amplitude) * k2
 
 
@@ -271,6 +273,7 @@ def _accurate(link: Link, curvature: float, change: float, tilts: float) -> floa
         focus = lever / math.hypot(1.0, lever * curvature)
         q = _MESH_ERROR / max(0.35 * focus * change, 1e-300)
         wide = 8.0 * math.hypot(seen, lever * tilts)
+        # the equation of the notes solved for h, a quadratic in h^2
         fine = min(fine, math.sqrt(0.5 * q * (q + math.hypot(q, wide))))
     return fine
 
@@ -283,6 +286,7 @@ def _require_size(f: Footprint, meshing: Meshing) -> None:
     else:
         coarse = max(f.coarse_spacing, fine)
         cells = (min(f.fine_extent / fine, _MOST_CELLS), min(f.extent / coarse, _MOST_CELLS))
+        # estimated, not made: the mesh itself may not fit into memory
         facets = 8.0 * (cells[0] ** 2 + cells[1] ** 2)
     if facets > _MOST_FACETS:
         size = Described(f"{facets / 1e6:.3g} million facets, some {facets * 250e-9:.2g} GB")

@@ -53,6 +53,7 @@ class Tinting(NamedTuple):
             return np.ones((len(self.shares), len(sums)))
         found = np.zeros((len(self.shares), len(sums)))
         for i in range(0, len(sums), _CACHED):
+            # blocks small enough for the cache
             part, rows = found[:, i : i + _CACHED], np.array(sums[i : i + _CACHED].T, order="C")
             for share, row in zip(self.shares.T, rows, strict=False):
                 part += share[:, None] * row
@@ -74,6 +75,7 @@ class Tinting(NamedTuple):
         drawn = self._replace(shares=rows).factors(sums)
         if importance is not None:
             drawn /= importance[:, None]
+        # weights are over the base that drew the path, whose own factor is one
         own = self._replace(shares=self.shares - self.shares[self.bases[base]])
         found: Floats = own.factors(sums)
         found *= drawn[base] / np.maximum(np.einsum("i,ij->j", parts, drawn), 1e-300)
@@ -95,7 +97,7 @@ class Tinting(NamedTuple):
 
 
 class Common(NamedTuple):
-    """Links at several wavelengths whose light the paths of a base bring."""
+    """Links at several wavelengths, evaluated on the paths of one base link."""
 
     tinting: Tinting
     links: Sequence[Link]
@@ -171,6 +173,7 @@ def _bubbles(base: Link, links: Sequence[Link], angle: Floats) -> tuple[Floats, 
     depth = np.linspace(0.0, 4.0 * first.e_folding, 9)
     b = np.array([one.b(depth) for one in populations])
     share = b[:, :1] / b[:1, :1]
+    # paths are shared only where populations differ by a factor at every depth
     if not np.allclose(b, share * b[:1], rtol=1e-6):
         none = np.ones((len(links) + 1, 1))
         none[0] = 0.0  # other shapes: no path of the base is one of another
@@ -185,6 +188,7 @@ def _logs(rows: Floats) -> Floats | None:
     if ((base == 0.0) & (others > 0.0)).any():
         return None
     ratio = np.divide(others, base, out=np.ones_like(others), where=base > 0.0)
+    # a finite floor: infinite logarithms times a coefficient of 0 are nan
     return np.log(np.maximum(ratio, math.exp(_NONE)))
 
 
@@ -238,6 +242,7 @@ def _in_turn(links: Sequence[Link]) -> list[int]:
     Numbers of scatterings of neighbours, of about the Poisson law, overlap.
     """
     depth = max(-item.center[2] for _, item in links[0].items())
+    # 2 N^(1/2) of a Poisson number N has a standard deviation of about 1 at any mean
     root = np.array([2.0 * math.sqrt(scattering(link)[0] * depth) for link in links])
     apart = float(root.max() - root.min())
     number = 1 + min(math.ceil(apart / _APART - 0.1), _MOST_BASES - 1)
