@@ -440,3 +440,21 @@ def test_forged_results_are_refused(change, tmp_path):
     write_dataset(change(data), tmp_path / "forged.nc")
     with pytest.raises(Refused, match=r"forged.nc: "):
         load(tmp_path / "forged.nc")
+
+
+@pytest.mark.parametrize("kind", ["coverage", "fading"])
+def test_forged_results_with_other_dimensions_are_refused(kind, tmp_path):
+    """Once read, and an IndexError in their summary."""
+    if kind == "coverage":
+        axis = np.arange(3.0)
+        result = mt.CoverageMap(axis, axis, np.ones((3, 3)), 0.1 * np.ones((3, 3)))
+        data = result.to_dataset()
+        data = data.assign(gain_stderr=data["gain_stderr"].isel(y=0, drop=True))
+    else:
+        gain = 1.0 + 0.1 * np.random.default_rng(3).random(50)
+        series = mt.GainSeries("realization", np.arange(50), gain, 0.01 * gain, gain, 1e-3)
+        data = series.fading().to_dataset().drop_vars("outage_high")
+    path = tmp_path / "forged.nc"
+    write_dataset(data, path)
+    with pytest.raises(Refused, match="of dimensions|no variable outage_high beside outage"):
+        load(path)
