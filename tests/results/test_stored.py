@@ -456,5 +456,5 @@ def test_forged_results_with_other_dimensions_are_refused(kind, tmp_path):
         data = series.fading().to_dataset().drop_vars("outage_high")
     path = tmp_path / "forged.nc"
     write_dataset(data, path)
-    with pytest.raises(Refused, match="of dimensions|no variable outage_high beside outage"):
+    with pytest.raises(Refused, match=r"of dimensions|no variable outage_high beside outage"):
         load(path)

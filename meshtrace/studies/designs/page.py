@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 from meshtrace.errors import require_word
 from meshtrace.models import Floats
@@ -17,7 +17,6 @@ from meshtrace.tables import text_table
 
 NIGHT, DAY = "night", "day"
 LIGHTS = (NIGHT, DAY)
-LightName = Literal["night", "day"]
 _WIDTH = 100  # of the sentences of a page
 _NAMES = {
     "radius": "lens of radius",
@@ -186,17 +185,19 @@ class Design(Stored):
     kind: ClassVar[str] = "design"
     title: ClassVar[str] = "meshtrace design"
 
-    def at(self, light: LightName) -> Figures:
+    def at(self, light: str) -> Figures:
         """Return the figures by "night" or by "day"."""
+        require_word(light, LIGHTS, "light")
         return self.figures[LIGHTS.index(light)]
 
-    def choice(self, key: str, light: LightName = DAY) -> BestValue:
+    def choice(self, key: str, light: str = DAY) -> BestValue:
         """Return the best value of a key, alone."""
+        require_word(light, LIGHTS, "light")
         by_key = {choice.key: choice for choice in self.choices if choice.light == light}
         require_word(key, by_key, "key")
         return by_key[key]
 
-    def closes(self, light: LightName) -> bool:
+    def closes(self, light: str) -> bool:
         """Return whether the reserve under a light is at least 0 dB."""
         return self.at(light).reserve >= 0.0
 
@@ -266,10 +267,11 @@ class Design(Stored):
             texts.append(f"By {light} any one of these changes would close it: {changes}.")
         return " ".join(texts)
 
-    def reserve_together(self, light: LightName) -> float:
+    def reserve_together(self, light: str) -> float:
         """Return the reserve with the best lens, field of view and filter [dB]; nan for none."""
+        reserve = self.at(light).reserve
         gained = [one.gained for one in self.together if one.light == light]
-        return self.at(light).reserve + gained[0] if gained else math.nan
+        return reserve + gained[0] if gained else math.nan
 
     def summary(self) -> str:
         """Return the page as text for a terminal."""
