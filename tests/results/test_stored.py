@@ -1,5 +1,6 @@
 """Files of results, damaged and whole; texts of all kinds."""
 
+import json
 import os
 import subprocess
 import sys
@@ -458,3 +459,14 @@ def test_forged_results_with_other_dimensions_are_refused(kind, tmp_path):
     write_dataset(data, path)
     with pytest.raises(Refused, match=r"of dimensions|no variable outage_high beside outage"):
         load(path)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("share", ["none", None, 2.0, []])
+def test_a_forged_share_of_tilts_is_refused(share, results, tmp_path):
+    """Once read, and a ValueError in the summary."""
+    data = results["performance"].to_dataset()
+    provenance = {**json.loads(data.attrs["provenance"]), "tilt_outage": share}
+    write_dataset(data.assign_attrs(provenance=json.dumps(provenance)), tmp_path / "forged.nc")
+    with pytest.raises(Refused, match="tilt_outage"):
+        load(tmp_path / "forged.nc")
