@@ -125,6 +125,9 @@ class Inside(NamedTuple):
 
 Ranged = Annotated[float, Inside()]
 RangedArray = Annotated[ArrayLike, Inside()]
+Number = Annotated[float, Infinite(missing=True)]
+"""A number whose range the function checks."""
+
 Directions = Annotated[NDArray[np.float64], Shape("... 3"), Unit()]
 """Unit vectors."""
 
@@ -310,13 +313,14 @@ class _Limits(NamedTuple):
         """Return what is allowed: own words, the range, or else those of the type."""
         return self.words or range_text(self.bounds, self.name) or words
 
-    def refused(self, number: float, words: str) -> Refused:
+    def refused(self, value: Any, words: str) -> Refused:
         """Return the refusal of a number that does not hold."""
+        number = float(value)
         if math.isfinite(number) and abs(number) > LARGEST:
             words = f"at most {LARGEST:g} in magnitude"
         elif self._is_positive and 0.0 < number < SMALLEST:
             words = f"at least {SMALLEST:g}"
-        return Refused("", number, words)
+        return Refused("", value, words)
 
     @property
     def _is_positive(self) -> bool:
@@ -419,7 +423,7 @@ def _float(value: Any, limits: _Limits) -> float:
     allowed = limits.allowed("a number" if limits.infinite else "a finite number")
     number = require_real(value, "", allowed)
     if not limits.hold(number):
-        raise limits.refused(number, allowed)
+        raise limits.refused(value, allowed)
     return number
 
 
