@@ -125,6 +125,9 @@ class Inside(NamedTuple):
 
 Ranged = Annotated[float, Inside()]
 RangedArray = Annotated[ArrayLike, Inside()]
+Number = Annotated[float, Infinite(missing=True)]
+"""A number whose range the function checks."""
+
 Directions = Annotated[NDArray[np.float64], Shape("... 3"), Unit()]
 """Unit vectors."""
 
@@ -310,8 +313,9 @@ class _Limits(NamedTuple):
         """Return what is allowed: own words, the range, or else those of the type."""
         return self.words or range_text(self.bounds, self.name) or words
 
-    def refused(self, number: float, words: str, value: Any) -> Refused:
-        """Return the refusal of a number that does not hold, with the value as it was given."""
+    def refused(self, value: Any, words: str) -> Refused:
+        """Return the refusal of a number that does not hold."""
+        number = float(value)
         if math.isfinite(number) and abs(number) > LARGEST:
             words = f"at most {LARGEST:g} in magnitude"
         elif self._is_positive and 0.0 < number < SMALLEST:
@@ -419,7 +423,7 @@ def _float(value: Any, limits: _Limits) -> float:
     allowed = limits.allowed("a number" if limits.infinite else "a finite number")
     number = require_real(value, "", allowed)
     if not limits.hold(number):
-        raise limits.refused(number, allowed, value)
+        raise limits.refused(value, allowed)
     return number
 
 
@@ -466,7 +470,7 @@ def _array(value: Any, limits: _Limits, dtype: Any = np.float64) -> NDArray[Any]
     if not good.all():
         at = np.argwhere(~good)[0]
         worst = array[tuple(at)]
-        raise limits.refused(worst, allowed, worst).inside(*(at.tolist() if array.size > 1 else ()))
+        raise limits.refused(worst, allowed).inside(*(at.tolist() if array.size > 1 else ()))
     if limits.unit and np.any(np.abs(np.linalg.norm(array, axis=-1) - 1.0) > 1e-3):
         raise Refused("", array, "unit vectors (..., 3)")
     return array.astype(dtype, copy=False)

@@ -132,6 +132,9 @@ class Rows(NamedTuple):
 
         names = [name for _, name in self._names()]
         if names[-1] not in data.variables:
+            own = [name for name in names if name not in self.dims.split()]
+            if any(name in data.variables for name in own):
+                raise ValueError(f"no variable {names[-1]} beside {own[0]}")
             return []
         columns = xr.broadcast(*(data[name] for name in names))
         flat = (one.transpose(*self.dims.split()).values.ravel().tolist() for one in columns)
@@ -166,8 +169,8 @@ def _row(kind: Any, values: Iterator[Any]) -> Any:
 
 def _check_array(array: xr.DataArray, dims: list[str], hint: Any) -> None:
     """Refuse an array of other dimensions than a result writes, or of text for numbers."""
-    # values with fewer dimensions have the first ones; a number has none
-    few = array.ndim or not dims
+    # values of one receiver lack that dimension; a number has none
+    few = (array.ndim or not dims) and set(dims[array.ndim :]) <= {"receiver"}
     # a link may have no receivers, and light no scatterings
     is_empty = any(n == 0 for name, n in array.sizes.items() if name not in ("receiver", "order"))
     if not few or list(array.dims) != dims[: array.ndim] or is_empty:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from meshtrace.checks import check_call
+from meshtrace.checks import Number, check_call
 from meshtrace.errors import Described, Refused, require_array, require_between, require_range
 from meshtrace.models import Floats
 from meshtrace.optics import pure_water
@@ -146,7 +146,7 @@ class Constituents(WaterSpectrum, frozen=True):
         """Shortest and longest wavelength, of the index and of absorption by particles [nm]."""
         return 400.0, 700.0
 
-    def properties(self, wavelength_nm: float) -> dict[str, Any]:
+    def properties(self, wavelength_nm: Number) -> dict[str, Any]:
         """Return n, the phase function, and a and b [m-1] or their layers.
 
         Parameters

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, field_validator
 
-from meshtrace.checks import RangedArray, check_call
+from meshtrace.checks import Number, RangedArray, check_call
 from meshtrace.errors import Described, Refused, did_you_mean, require_array, require_range
 from meshtrace.models import Family, Floats, NumberRows
 from meshtrace.optics.phase import FournierForand, Petzold, PhaseFunction, Rayleigh
@@ -59,7 +59,7 @@ class WaterSpectrum(Family, frozen=True, default="type", closed=_CLOSED):
         """Shortest and longest wavelength of the spectrum [nm]."""
 
     @abstractmethod
-    def properties(self, wavelength_nm: float) -> dict[str, Any]:
+    def properties(self, wavelength_nm: Number) -> dict[str, Any]:
         """Return fields of `Water` at a wavelength in vacuum [nm].
 
         Returns
@@ -127,7 +127,7 @@ class WaterType(WaterSpectrum, frozen=True):
         # the Jerlov types have no measured phase function: that of the average particle
         return Rayleigh.sea_water() if family == "pure" else FournierForand()
 
-    def properties(self, wavelength_nm: float) -> dict[str, Any]:
+    def properties(self, wavelength_nm: Number) -> dict[str, Any]:
         """Return a and b [m-1] at a wavelength in vacuum [nm], and the phase function."""
         a, b = coefficients(self.type, wavelength_nm)
         return {"a": float(a), "b": float(b), "phase": self.phase}
@@ -210,7 +210,7 @@ class SpectralTable(WaterSpectrum, frozen=True):
         wavelengths = [row[1] for row in self.table]
         return min(wavelengths), max(wavelengths)
 
-    def properties(self, wavelength_nm: float) -> dict[str, Any]:
+    def properties(self, wavelength_nm: Number) -> dict[str, Any]:
         """Return a and b [m-1], or their layers, at a wavelength in vacuum [nm]."""
         table = np.array(self.table)
         depth = np.unique(table[:, 0])

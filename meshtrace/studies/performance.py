@@ -305,6 +305,7 @@ class LinkPerformance(Stored):
             None if one is None else ChannelResponse.model_validate(one)
             for one in provenance["responses"]
         )
+        require_between(provenance.get("tilt_outage", 0.0), 0.0, 1.0, "tilt_outage", "[]")
         given = {"ooks": ooks, "responses": responses, "fades": ()}
         return super()._restored(data, provenance, **given)
 

@@ -230,6 +230,7 @@ OTHER = {
     "irradiance_series": {"photons": 1000},
     "apps.TransformedGaussian.fit": {"threshold": None},
     "fading.scintillation_index": {"block": 1}, "fading.BandFading.warning": {"down": False},
+    "uav.tilt_outage_note": {"wind": " at 13 m/s"},
     "fading.coherence_time": {"time": TIMES}, "fading.fade_durations": {"time": TIMES},
     "fading.fading_statistics": {"time": TIMES, "resamples": 99},
     "fading.level_crossing_rate": {"time": TIMES}, "fading.mean_fade_duration": {"time": TIMES},

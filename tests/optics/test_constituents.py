@@ -252,12 +252,8 @@ def test_constituents_out_of_range_are_refused(given, message):
 
 
 def test_wavelengths_outside_the_tables_are_refused():
-    for wavelength, allowed in (
-        (399.0, "400 <="),
-        (701.0, "400 <="),
-        (math.nan, "a finite number"),
-    ):
-        with pytest.raises(Refused, match=f"^wavelength_nm: .* allowed: {allowed}"):
+    for wavelength in (399.0, 701.0, math.nan):
+        with pytest.raises(Refused, match=r"^wavelength_nm: .* allowed: 400 <="):
             Constituents(chlorophyll=0.3).properties(wavelength)
 
 

@@ -1,5 +1,6 @@
 """Files of results, damaged and whole; texts of all kinds."""
 
+import json
 import os
 import subprocess
 import sys
@@ -439,4 +440,33 @@ def test_forged_results_are_refused(change, tmp_path):
     load(tmp_path / "sound.nc").summary()
     write_dataset(change(data), tmp_path / "forged.nc")
     with pytest.raises(Refused, match=r"forged.nc: "):
+        load(tmp_path / "forged.nc")
+
+
+@pytest.mark.parametrize("kind", ["coverage", "fading"])
+def test_forged_results_with_other_dimensions_are_refused(kind, tmp_path):
+    """Once read, and an IndexError in their summary."""
+    if kind == "coverage":
+        axis = np.arange(3.0)
+        result = mt.CoverageMap(axis, axis, np.ones((3, 3)), 0.1 * np.ones((3, 3)))
+        data = result.to_dataset()
+        data = data.assign(gain_stderr=data["gain_stderr"].isel(y=0, drop=True))
+    else:
+        gain = 1.0 + 0.1 * np.random.default_rng(3).random(50)
+        series = mt.GainSeries("realization", np.arange(50), gain, 0.01 * gain, gain, 1e-3)
+        data = series.fading().to_dataset().drop_vars("outage_high")
+    path = tmp_path / "forged.nc"
+    write_dataset(data, path)
+    with pytest.raises(Refused, match=r"of dimensions|no variable outage_high beside outage"):
+        load(path)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("share", ["none", None, 2.0, []])
+def test_a_forged_share_of_tilts_is_refused(share, results, tmp_path):
+    """Once read, and a ValueError in the summary."""
+    data = results["performance"].to_dataset()
+    provenance = {**json.loads(data.attrs["provenance"]), "tilt_outage": share}
+    write_dataset(data.assign_attrs(provenance=json.dumps(provenance)), tmp_path / "forged.nc")
+    with pytest.raises(Refused, match="tilt_outage"):
         load(tmp_path / "forged.nc")

@@ -187,17 +187,19 @@ class Design(Stored):
     kind: ClassVar[str] = "design"
     title: ClassVar[str] = "meshtrace design"
 
-    def at(self, light: LightName) -> Figures:
+    def at(self, light: str) -> Figures:
         """Return the figures by "night" or by "day"."""
+        require_word(light, LIGHTS, "light")
         return self.figures[LIGHTS.index(light)]
 
-    def choice(self, key: str, light: LightName = DAY) -> BestValue:
+    def choice(self, key: str, light: str = DAY) -> BestValue:
         """Return the best value of a key, alone."""
+        require_word(light, LIGHTS, "light")
         by_key = {choice.key: choice for choice in self.choices if choice.light == light}
         require_word(key, by_key, "key")
         return by_key[key]
 
-    def closes(self, light: LightName) -> bool:
+    def closes(self, light: str) -> bool:
         """Return whether the reserve under a light is at least 0 dB."""
         return self.at(light).reserve >= 0.0
 
@@ -268,7 +270,7 @@ class Design(Stored):
             texts.append(f"By {period} any one of these changes would close it: {changes}.")
         return " ".join(texts)
 
-    def reserve_together(self, light: LightName) -> float:
+    def reserve_together(self, light: str) -> float:
         """Return the reserve with the best lens, field of view and filter [dB]; nan for none."""
         gained = [value.gained for value in self.together if value.light == light]
         return self.at(light).reserve + gained[0] if gained else math.nan
