@@ -316,14 +316,17 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 120 else f"{text[:117]}..."
 
 
+_PLAIN = frozenset((float, int, str, bool))
+"""Types of values without a unit."""
+
+
 def _has_unit(value: Any) -> bool:
     """Return whether a value, or one in a list or its rows, has a unit."""
-    if type(value) in (float, int, str, bool):
-        return False
     if isinstance(value, list | tuple):
         rows = (row if isinstance(row, list | tuple) else (row,) for row in value)
-        return any(unit_of(item) for row in rows for item in row)
-    return bool(unit_of(value))
+        # long tables are plain numbers: their type is told faster than the lack of a unit
+        return any(type(item) not in _PLAIN and unit_of(item) for row in rows for item in row)
+    return type(value) not in _PLAIN and bool(unit_of(value))
 
 
 def _converted(value: Any, name: str, units: list[str]) -> Any:

@@ -238,10 +238,8 @@ class QuasiSingle:
         travel, power, ring = _beams(days[0], n)
         slant = -travel[np.unique(ring, return_index=True)[1], 2]
         illumination = np.empty((len(slant), len(days)))
-        illumination[:-1], illumination[-1] = (
-            [day.diffuse for day in days],
-            [day.direct for day in days],
-        )
+        illumination[:-1] = [day.diffuse for day in days]
+        illumination[-1] = [day.direct for day in days]
         below = list(zip(waters, bubbles, strict=True))
         scatterers = [_scatterers(*layers) for layers in below]
         place: dict[PhaseFunction, int] = {}

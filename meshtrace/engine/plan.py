@@ -410,10 +410,8 @@ class Planner:
         self, photons: int, receivers: Sequence[int], crossings: Sequence[int] = ()
     ) -> JoinedPhotons:
         """Return joined photons to `receivers`, scored from the given crossing on (default: 1)."""
-        link, first = (
-            self._link_to(receivers),
-            [crossings[r] if crossings else 1 for r in receivers],
-        )
+        link = self._link_to(receivers)
+        first = [crossings[r] if crossings else 1 for r in receivers]
         return JoinedPhotons(link, photons, self.seed, self.normals, self.threads, first=first)
 
     def _link_to(self, receivers: Iterable[int]) -> Link:
