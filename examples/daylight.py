@@ -9,6 +9,8 @@ day = mt.Daylight(direct=1.108, diffuse=0.236, sun_zenith_deg=60.0)  # W m-2 nm-
 print(mt.background(link, sea, day))
 
 receiver = mt.OokLink().replace("optics.filter_width_nm", 0.5)
-found = mt.link_performance(link, sea, ook=receiver, daylight=day, realizations=2, photons=256)
-print(found)
-print(f"mean gain {found.at().gain.value:.3e}")
+performance = mt.link_performance(
+    link, sea, ook=receiver, daylight=day, realizations=2, photons=256
+)
+print(performance)
+print(f"mean gain {performance.at().gain.value:.3e}")

@@ -1,16 +1,13 @@
-"""Measure the scintillation index by wind and band limit and write it into fading.md."""
+"""Measure the scintillation index by wind and band limit and write the table of fading.md."""
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
-from places import DOCS
+from places import write_table
 
 import meshtrace as mt
 from meshtrace.surfaces import Band, JonswapSea
 
-PAGE = DOCS / "fading.md"
 # wind [m s-1], highest frequency [rad s-1] (None: the paper's band), what lies beyond the band,
 # spacing [m], realizations
 CASES = [
@@ -80,6 +77,4 @@ def table() -> str:
 
 
 if __name__ == "__main__":
-    page = PAGE.read_text()
-    block = f"<!-- table -->\n{table()}\n<!-- end -->"
-    PAGE.write_text(re.sub(r"<!-- table -->.*<!-- end -->", lambda _: block, page, flags=re.S))
+    write_table("fading", table())

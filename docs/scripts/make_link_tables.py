@@ -1,16 +1,15 @@
-"""Compute the ranges, gains and tilt losses of the link and write them into paper.md.
+"""Compute the ranges, gains and tilt losses of the link and write the tables of paper.md.
 
 Names of blocks as arguments recompute those alone.
 """
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Iterator
 
 import numpy as np
-from places import DOCS
+from places import write_table
 
 import meshtrace as mt
 from meshtrace.comms.budget import required_gain
@@ -18,7 +17,6 @@ from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea
 from meshtrace.uav import h_alpha
 
-PAGE = DOCS / "paper.md"
 RATES = (1e6, 5e6, 1e7)
 DEPTHS = tuple(range(25, 65, 5))
 PRINTED = {0.0: ("-", "43", "36"), 5.0: ("-", "39", "31"), 13.0: ("47", "36.5", "28.5")}
@@ -139,7 +137,4 @@ if __name__ == "__main__":
         for row in make():
             print(row, flush=True)
             rows.append(row)
-        name, text = make.__name__, "\n".join(rows)
-        page = PAGE.read_text()
-        block = f"<!-- {name} -->\n{text}\n<!-- end -->"
-        PAGE.write_text(re.sub(f"<!-- {name} -->.*?<!-- end -->", block, page, flags=re.DOTALL))
+        write_table(f"link_{make.__name__}", "\n".join(rows))

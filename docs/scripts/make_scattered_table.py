@@ -1,25 +1,23 @@
 """Measure the fading of unscattered, scattered and all light over resolved seas, for fading.md.
 
-`python docs/scripts/make_scattered_table.py [realizations] [series]` replaces the
+`python docs/scripts/make_scattered_table.py [realizations] [series]` writes the
 table of fading.md.
 """
 
 from __future__ import annotations
 
 import math
-import re
 import sys
 
 import numpy as np
 from numpy.typing import NDArray
-from places import DOCS
+from places import write_table
 from scipy import stats
 
 import meshtrace as mt
 from meshtrace import fading
 from meshtrace.surfaces import Band, Elfouhaily, SpectralSea
 
-PAGE = DOCS / "fading.md"
 # wind [m s-1], first and last frequency, their distance [rad s-1]
 SEAS = [
     (3.0, 1.2, 28.0, 0.35),
@@ -117,9 +115,4 @@ def table(realizations: int, series: int) -> str:
 
 if __name__ == "__main__":
     sizes = [int(n) for n in sys.argv[1:]] or [600, 24]
-    block = f"<!-- scattered -->\n{table(*sizes)}\n<!-- end of scattered -->"
-    page = PAGE.read_text()
-    page = re.sub(
-        r"<!-- scattered -->.*<!-- end of scattered -->", lambda _: block, page, flags=re.S
-    )
-    PAGE.write_text(page)
+    write_table("scattered", table(*sizes))

@@ -1,13 +1,12 @@
-"""Measure the effect of skewed and peaked slopes on gain and glint, and write it into slopes.md."""
+"""Measure the effect of skewed and peaked slopes on gain and glint, for slopes.md."""
 
 from __future__ import annotations
 
 import math
-import re
 
 import numpy as np
 from numpy.typing import NDArray
-from places import DOCS
+from places import write_table
 
 import meshtrace as mt
 from meshtrace.mesh import UnresolvedSlopes
@@ -15,7 +14,6 @@ from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.surfaces.gram_charlier import GramCharlier
 from meshtrace.surfaces.statistics import cox_munk
 
-PAGE = DOCS / "slopes.md"
 WINDS = 5.0, 10.0
 LAWS = {
     "cox-munk": GramCharlier.cox_munk,
@@ -134,13 +132,9 @@ def of_glint() -> list[str]:
 
 
 def main() -> None:
-    """Write the tables into the page."""
-    tables = {"gains": "\n".join(of_gains()), "glint": "\n".join(of_glint())}
-    text = PAGE.read_text(encoding="utf-8")
-    for mark, table in tables.items():
-        pattern = rf"(?<=<!-- {mark} -->\n).*?(?=<!-- end of {mark} -->)"
-        text = re.sub(pattern, lambda _, t=table: f"{t}\n", text, flags=re.S)
-    PAGE.write_text(text, encoding="utf-8")
+    """Write the tables."""
+    write_table("skewness_gains", "\n".join(of_gains()))
+    write_table("skewness_glint", "\n".join(of_glint()))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Measure the dependence of the mean gain on band and spacing, and write it into slopes.md.
+"""Measure the dependence of the mean gain on band and spacing, for slopes.md.
 
 The mean over seas of light that crosses once knows heights and slopes at one point only. Both are
 Gaussian and independent there, so a flat mesh whose slopes are all random, averaged over its
@@ -7,19 +7,17 @@ height, gives that mean without any sea.
 
 from __future__ import annotations
 
-import re
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from places import DOCS
+from places import write_table
 
 import meshtrace as mt
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.surfaces.statistics import components_hs, cox_munk
 
-PAGE = DOCS / "slopes.md"
 BATCHES = 16
 """Sets of seas, each with chains of its own: their scatter is the standard error."""
 CHAINS = 1024
@@ -111,10 +109,7 @@ def rows(study: Study) -> list[str]:
 def main() -> None:
     """Write the tables."""
     text = "\n".join([*rows(STUDIES[0]), "", *rows(STUDIES[1])])
-    page = PAGE.read_text(encoding="utf-8")
-    block = f"<!-- table -->\n{text}\n<!-- end -->"
-    page = re.sub(r"<!-- table -->.*<!-- end -->", lambda _: block, page, flags=re.DOTALL)
-    PAGE.write_text(page, encoding="utf-8")
+    write_table("slopes", text)
 
 
 if __name__ == "__main__":

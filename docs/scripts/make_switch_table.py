@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 
 import numpy as np
-from places import DOCS
+from places import write_table
 
 import meshtrace as mt
 from meshtrace.surfaces import JonswapSea
 
-PAGE = DOCS / "paper.md"
 WIND = 13.0
 
 
@@ -114,6 +112,4 @@ def table(photons: int = 40_000_000, chains: int = 200_000) -> str:
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore", mt.DomainWarning)
-    page = PAGE.read_text()
-    block = f"<!-- switches -->\n{table()}\n<!-- end -->"
-    PAGE.write_text(re.sub(r"<!-- switches -->.*?<!-- end -->", lambda _: block, page, flags=re.S))
+    write_table("switch", table())

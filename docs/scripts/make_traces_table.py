@@ -7,12 +7,11 @@ time, most of it for the records; a stopped run goes on there.
 from __future__ import annotations
 
 import math
-import re
 import sys
 from pathlib import Path
 
 import numpy as np
-from places import DOCS
+from places import write_table
 
 import meshtrace as mt
 from meshtrace import apps, fading
@@ -21,7 +20,6 @@ from meshtrace.comms.budget import ber_of_gains
 from meshtrace.comms.capacity import hard_information
 from meshtrace.surfaces import sea_in_wind
 
-PAGE = DOCS / "traces.md"
 FITTED, HELD_OUT = (21,), (22,)  # seeds of the seas of records
 MINUTES, STEP, SAMPLES, RATE, MARGIN_DB = 60.0, 0.05, 400_000, 0.8, 3.0
 DEPTHS = (0.05, 0.2, 0.5, 1.0)
@@ -148,12 +146,8 @@ def closed_forms(folder: Path) -> list[str]:
 def main(folder: Path) -> None:
     """Write the tables."""
     folder.mkdir(parents=True, exist_ok=True)
-    page = PAGE.read_text(encoding="utf-8")
-    for name, rows in (("closed", closed_forms(folder)), ("table", held_out(folder))):
-        block = f"<!-- {name} -->\n" + "\n".join(rows) + f"\n<!-- end {name} -->"
-        pattern = f"<!-- {name} -->.*<!-- end {name} -->"
-        page = re.sub(pattern, lambda _, block=block: block, page, flags=re.DOTALL)
-    PAGE.write_text(page, encoding="utf-8")
+    write_table("traces_closed_forms", "\n".join(closed_forms(folder)))
+    write_table("traces_models", "\n".join(held_out(folder)))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import re
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -21,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from estimator_links import LINKS, Case, mesh_of
-from places import DOCS, GENERATED
+from places import GENERATED, write_table
 
 import meshtrace as mt
 from meshtrace.engine.choice import chain_pilot
@@ -31,7 +30,6 @@ from meshtrace.errors import Refused
 from meshtrace.stored import SHIFTS
 
 KEPT = GENERATED / "estimators.json"
-PAGE = DOCS / "estimators.md"
 KILL = mt.Physics(reflected="kill")
 UNSCATTERED_CHAINS, WIDE_SEEDS, ANALOG_SHARE = 16_384, 8, 32
 LEAST, MOST = 256, 2**20
@@ -440,14 +438,11 @@ TABLES = {
 }
 
 
-def write_page() -> None:
-    """Replace the tables of the page."""
-    found, page = load(), PAGE.read_text("utf-8")
+def write_tables() -> None:
+    """Write the tables of the page."""
+    measured = load()
     for name, made in TABLES.items():
-        block = f"<!-- {name} -->\n{made(found)}\n<!-- end of {name} -->"
-        pattern = f"<!-- {name} -->.*<!-- end of {name} -->"
-        page = re.sub(pattern, lambda _, block=block: block, page, flags=re.S)
-    PAGE.write_text(page, "utf-8")
+        write_table(f"estimators_{name}", made(measured))
 
 
 def load() -> dict[str, dict[str, Any]]:
@@ -501,7 +496,7 @@ def main() -> None:
             found.setdefault(name, {})[estimator] = done.result()
             save(found)
             print(f"{name}: {estimator}: {json.dumps(done.result())}", flush=True)
-    write_page()
+    write_tables()
 
 
 if __name__ == "__main__":

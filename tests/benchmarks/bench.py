@@ -7,6 +7,9 @@ Photons and rays per second, figure of merit, cost of a new sea and of whole ans
 threads and processes. Times are CPU seconds of one thread, which other load on the machine hardly
 changes, but for the scaling and the first run: wall time depends on the load, and on two sides of a
 ratio not alike. Engine and reference take turns; the best round of each counts.
+
+In all measurements `link` and `sea` are the link and a sea over it (a random one where phases
+change), and `rtol` is the relative standard error to reach.
 """
 
 from __future__ import annotations
@@ -103,8 +106,11 @@ def best_of(
     return best
 
 
-def timed(work: Callable[[], Result]) -> tuple[Result, float]:
-    """Return the result of a work, and its CPU seconds."""
+def timed(
+    work: Callable[[], Result], warm_up: Callable[[], Any] = lambda: None
+) -> tuple[Result, float]:
+    """Return the result of a work and its CPU seconds, after a smaller one that compiles."""
+    warm_up()
     start = process_time()
     result = work()
     return result, process_time() - start
@@ -157,8 +163,6 @@ def analog_rate(
 
     Parameters
     ----------
-    link : Link
-        The link.
     mesh : TriangleMesh
         The surface.
     photons : int
@@ -266,16 +270,8 @@ def figure_of_merit(
 def new_sea(link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5) -> dict[str, Any]:
     """Return the CPU time of one thread for one gain at a relative tolerance over a new sea.
 
-    Triangulation, chains, aiming and, where paths must be checked, the BVH are included.
-
-    Parameters
-    ----------
-    link : Link
-        The link.
-    sea : SurfaceModel with seed
-        A random sea; every round takes other phases.
-    rtol : float
-        Relative standard error.
+    Triangulation, chains, aiming and, where paths must be checked, the BVH are included; every
+    round takes other phases.
 
     Returns
     -------
@@ -320,12 +316,6 @@ def resolved_sea(
 
     Parameters
     ----------
-    link : Link
-        The link.
-    sea : SurfaceModel with seed
-        A random sea of many waves.
-    rtol : float
-        Relative standard error of a gain.
     rounds : int
         New seas of which the median counts.
     realizations : int
@@ -359,10 +349,6 @@ def realization(link: Link, sea: Any, chains: int = 608, realizations: int = 64)
 
     Parameters
     ----------
-    link : Link
-        The link.
-    sea : SurfaceModel with seed
-        A random sea.
     chains : int
         Chains, common to all realizations.
     realizations : int
@@ -378,12 +364,11 @@ def realization(link: Link, sea: Any, chains: int = 608, realizations: int = 64)
     -----
     The search for the band that fading needs, made once for a link and a wind, is not included.
     """
-    options: Any = {"photons": chains, "threads": 1}
-    ensemble(link, 2, sea, **options)  # compiles, too
-    found, seconds = timed(lambda: ensemble(link, realizations, sea, **options))
+    run: Any = partial(ensemble, link, surface=sea, photons=chains, threads=1)
+    series, seconds = timed(lambda: run(realizations), lambda: run(2))
     return {
         "cpu_seconds": seconds / realizations,
-        "rtol": float(np.sqrt(np.mean((found.gain_stderr / found.gain) ** 2))),
+        "rtol": float(np.sqrt(np.mean((series.gain_stderr / series.gain) ** 2))),
         "chains": chains,
         "realizations": realizations,
     }
@@ -391,15 +376,6 @@ def realization(link: Link, sea: Any, chains: int = 608, realizations: int = 64)
 
 def background_light(link: Link, sea: Any, rtol: float = 0.03) -> dict[str, Any]:
     """Return the cost of the background light over one sea at a tolerance, on one thread.
-
-    Parameters
-    ----------
-    link : Link
-        The link, with one receiver.
-    sea : SurfaceModel
-        The sea.
-    rtol : float
-        Relative standard error.
 
     Returns
     -------
@@ -424,10 +400,6 @@ def coverage_cost(
 
     Parameters
     ----------
-    link : Link
-        The link.
-    sea : SurfaceModel
-        The sea.
     extent, step, rtol : float
         As in `coverage_map`.
 
@@ -437,15 +409,14 @@ def coverage_cost(
         `cells`, `photons`, `cpu_seconds` on one thread, `rtol` reached (largest, of cells above
         1 % of the highest gain), `rtol_of_all` (of darker ones, too).
     """
-    options: Any = {"rtol": rtol, "threads": 1}
-    coverage_map(link, sea, 2.0 * step, step, **options)  # compiles
-    found, seconds = timed(lambda: coverage_map(link, sea, extent, step, **options))
+    run: Any = partial(coverage_map, link, sea, step=step, rtol=rtol, threads=1)
+    cover, seconds = timed(lambda: run(extent=extent), lambda: run(extent=2.0 * step))
     return {
-        "cells": found.gain.size,
-        "photons": found.provenance["run"]["photons"],
+        "cells": cover.gain.size,
+        "photons": cover.provenance["run"]["photons"],
         "cpu_seconds": seconds,
-        "rtol": float(relative_errors(found.gain, found.gain_stderr).max()),
-        "rtol_of_all": float((found.gain_stderr / found.gain).max()),
+        "rtol": float(relative_errors(cover.gain, cover.gain_stderr).max()),
+        "rtol_of_all": float((cover.gain_stderr / cover.gain).max()),
     }
 
 
@@ -494,8 +465,6 @@ def thread_scaling(
 
     Parameters
     ----------
-    link : Link
-        The link.
     mesh, near : TriangleMesh
         The surface for analog transport, and the part of it that forced detection needs.
     photons, chains : int

@@ -55,18 +55,6 @@ def test_every_package_has_an_init_with_a_docstring():
         assert ast.get_docstring(ast.parse((folder / "__init__.py").read_text())), folder
 
 
-def test_data_files_are_packaged():
-    config = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    found = {
-        path
-        for package, patterns in config["package-data"].items()
-        for pattern in patterns
-        for path in (ROOT / package.replace(".", "/")).glob(pattern)
-    }
-    code = (".py", ".nbi", ".nbc", ".pyc")
-    assert {path for path in files() if path.suffix not in code} == found
-
-
 def installed_by(extra):
     """Return the distributions that `pip install meshtrace[extra]` installs, by lower-case name."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import runpy
 import shutil
 import subprocess
 import sys
@@ -11,7 +10,6 @@ import tarfile
 import tomllib
 import zipfile
 from pathlib import Path
-from types import SimpleNamespace
 
 import jinja2
 import pytest
@@ -62,12 +60,17 @@ def test_links_lead_to_files_and_headings(page):
         assert not heading or heading in {title.lower().replace(" ", "-") for title in titles}, link
 
 
-def test_the_long_description_links_to_the_files_of_its_release(monkeypatch):
-    given = {}
-    monkeypatch.setitem(sys.modules, "setuptools", SimpleNamespace(setup=given.update))
-    monkeypatch.chdir(ROOT)
-    runpy.run_path("setup.py")
-    description = given["long_description"]
+def long_description():
+    """Return the README with the substitutions of the build hook."""
+    config = tomllib.loads(text("pyproject.toml"))["tool"]["hatch"]["metadata"]["hooks"]
+    description = text("README.md")
+    for line in config["fancy-pypi-readme"]["substitutions"]:
+        description = re.sub(line["pattern"], line["replacement"], description)
+    return description.replace("$HFPR_VERSION", PROJECT["version"])
+
+
+def test_the_long_description_links_to_the_files_of_its_release():
+    description = long_description()
     assert not LINK.search(description)
     start = rf"{PROJECT['urls']['Repository']}/(blob|raw)/v{PROJECT['version']}/"
     links = re.findall(rf"(!?)\[[^\]]*\]\({start}([^)]+)\)", description)
@@ -212,6 +215,19 @@ def repository_files():
     return {name for name in names if not written.search(name)}
 
 
+@pytest.mark.process
+@pytest.mark.skipif(not shutil.which("git"), reason="git reads .gitignore")
+def test_no_file_of_the_repository_is_ignored(tmp_path):
+    """Distributions leave out what .gitignore names, data files of the package included."""
+    linked = ("meshtrace/surfaces/", "meshtrace/viz/")  # git does not look behind links
+    names = sorted(name for name in repository_files() if not name.startswith(linked))
+    subprocess.run(["git", "init", "--quiet", tmp_path], check=True)
+    git = ["git", f"--git-dir={tmp_path / '.git'}", f"--work-tree={ROOT}"]
+    check = [*git, "check-ignore", "--no-index", "--stdin"]
+    done = subprocess.run(check, input="\n".join(names), capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 1, done.stdout + done.stderr  # 1: none of them
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("uv"), reason="uv builds")
 def test_distributions_are_complete(tmp_path):
@@ -220,10 +236,11 @@ def test_distributions_are_complete(tmp_path):
     (sdist,), (wheel,) = tmp_path.glob("*.tar.gz"), tmp_path.glob("*.whl")
     with tarfile.open(sdist) as packed:
         names = {m.name.partition("/")[2] for m in packed.getmembers() if not m.isdir()}
-    made = {name for name in names if name.startswith("meshtrace.egg-info/")}
-    assert names - made - {"PKG-INFO", "setup.cfg"} == repository_files()
+    assert names - {"PKG-INFO"} == repository_files()
     assert sdist.stat().st_size < 15e6
     with zipfile.ZipFile(wheel) as packed:
+        (metadata,) = [name for name in packed.namelist() if name.endswith("METADATA")]
+        assert long_description() in packed.read(metadata).decode()
         names = {name for name in packed.namelist() if ".dist-info/" not in name}
     assert names == {name for name in repository_files() if name.startswith("meshtrace/")}
     assert any(name.startswith("meshtrace/surfaces/") for name in names)
