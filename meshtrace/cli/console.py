@@ -1,16 +1,15 @@
-"""Option groups, output files, progress and warnings of all commands."""
+"""Output files, progress and warnings of all commands."""
 
 from __future__ import annotations
 
 import math
 import subprocess
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -165,73 +164,6 @@ def finite(value: Any) -> Any:
     return float(value) if math.isfinite(value) else None
 
 
-_LINK = "Link file; default: the link of the paper."
-LinkFile = Annotated[Path | None, typer.Argument(metavar="[LINK.TOML]", help=_LINK)]
-
-_KEYS = {"wind": "wind_speed", "seed": "run.seed", "threads": "run.threads"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Changes:
-    """Options that change a link file.
-
-    Parameters
-    ----------
-    set_ : KEY=VALUE
-        Replace a value of the link file, such as transmitter.depth=20; repeatable.
-    trust
-        Run the modules that the link file names, as in module:Class.
-    """
-
-    set_: list[str] | None = None
-    trust: bool = False
-
-    def scenario(self, link: Path | None, more: Mapping[str, Any] | None = None) -> Scenario:
-        """Return the scenario of a link file with these changes and further ones by key."""
-        from meshtrace.scenario import Scenario, parse_setting
-
-        own = {key: getattr(self, name, None) for name, key in _KEYS.items()}
-        given = (f"{k}={v}" for k, v in {**own, **(more or {})}.items() if v is not None)
-        changes = dict(parse_setting(setting) for setting in (*(self.set_ or []), *given))
-        if link is None:
-            return Scenario.from_toml("", changes=changes, trust=self.trust)
-        return Scenario.load(link, changes, trust=self.trust)
-
-
-@dataclass(frozen=True, kw_only=True)
-class WindChanges(Changes):
-    """Options that change a link file and its wind.
-
-    Parameters
-    ----------
-    wind : U
-        Wind speed at 10 m [m/s].
-    """
-
-    wind: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunChanges(Changes):
-    """Options that change a link file and its run.
-
-    Parameters
-    ----------
-    seed : N
-        Seed of the random numbers.
-    threads : N
-        Number of threads; default: all cores.
-    """
-
-    seed: str | None = None
-    threads: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class AllChanges(RunChanges, WindChanges):
-    """Options that change a link file, its wind and its run."""
-
-
 def check_output(output: Path | None, *inputs: Path | None, option: str = "--output") -> None:
     """Check before the work that an optional output file can be written.
 
@@ -272,7 +204,15 @@ def check_plot(path: Path | None, *inputs: Path | None, option: str = "--plot") 
         raise Refused(option, str(path), f"a file .{', .'.join(sorted(kinds))}")
 
 
-def draw(result: Any, path: Path | None) -> None:
+def save(result: Stored, path: Path | None, quiet: bool = False) -> None:
+    """Write a result to a file, if one is given, after the text on the console."""
+    if path is not None:
+        result.save(path)
+        if not quiet:
+            typer.echo(f"\nwritten to {path}")
+
+
+def draw(result: Any, path: Path | None, quiet: bool = False) -> None:
     """Write the plot of a result, if a file is given."""
     if path is None:
         return
@@ -288,83 +228,5 @@ def draw(result: Any, path: Path | None) -> None:
     with atomic(path) as temporary:
         plt.savefig(temporary)
     plt.close()
-    typer.echo(f"\nwritten to {path}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class FileOptions:
-    """File of a result.
-
-    Parameters
-    ----------
-    output
-        Write the result as netCDF.
-    """
-
-    output: Path | None = None
-
-    def check(self, *inputs: Path | None) -> None:
-        """Check before the work that the files can be written."""
-        check_output(self.output, *inputs)
-
-    def save(self, result: Stored, quiet: bool = False) -> None:
-        """Write a result to the file, after the text on the console."""
-        if self.output is not None:
-            result.save(self.output)
-            if not quiet:
-                typer.echo(f"\nwritten to {self.output}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PrintOptions(FileOptions):
-    """File of a result, and the format on the console.
-
-    Parameters
-    ----------
-    json_
-        Print the result as JSON, without progress bar.
-    """
-
-    json_: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlotOptions(FileOptions):
-    """File and picture of a result.
-
-    Parameters
-    ----------
-    plot : A.PNG
-        Draw the result.
-    """
-
-    plot: Path | None = None
-
-    def check(self, *inputs: Path | None) -> None:
-        """Check before the work that both can be written."""
-        super().check(*inputs)
-        check_plot(self.plot, *inputs, self.output)
-
-    def write(self, result: Stored) -> None:
-        """Print a result and write it."""
-        typer.echo(result.summary())
-        self.save(result)
-        draw(result, self.plot)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ResultOptions(AllChanges, PlotOptions):
-    """Options that change a link file, and files of a result."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LinkOptions(ResultOptions):
-    """Link file, options that change it, and files of a result."""
-
-    link: LinkFile = None
-
-    def opened(self) -> Scenario:
-        """Return the scenario, once it is clear that the files can be written."""
-        scenario = self.scenario(self.link)
-        self.check(self.link)
-        return scenario
+    if not quiet:
+        typer.echo(f"\nwritten to {path}")

@@ -1,0 +1,205 @@
+"""Options that several commands share, and the parsers of their texts."""
+
+import math
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import meshtrace as mt
+from meshtrace.cli import console
+from meshtrace.errors import Refused
+
+
+def parse_numbers(text: str) -> list[float]:
+    """Parse a list "1,2,3" or a range "start:stop:step", its end included."""
+    wrong = Refused("", text, "numbers as in 1,2,3, or start:stop:step")
+    try:
+        if ":" not in text:
+            values = [float(word) for word in text.split(",")]
+        else:
+            start, stop, step = (float(word) for word in text.split(":"))
+            # rounding of the quotient must not lose the end: 0:0.3:0.1 has four numbers
+            count = math.floor((stop - start) / step + 1e-9) + 1
+            if not (step > 0.0 and 1 <= count <= 10**7):
+                raise wrong
+            values = [start + step * i for i in range(count)]
+    except (ValueError, ZeroDivisionError, OverflowError) as error:
+        raise wrong from error
+    if not all(math.isfinite(value) for value in values):
+        raise wrong
+    return values
+
+
+def parse_integer(text: str) -> int:
+    """Parse an integer, which may be in scientific notation, such as 1e6."""
+    with suppress(ValueError):
+        return int(text)
+    with suppress(ValueError):
+        if float(text).is_integer():
+            return int(float(text))
+    raise Refused("", text, "an integer")
+
+
+def parse_workers(text: str) -> int | str:
+    """Parse a number of processes, or the address or file of a scheduler."""
+    return int(text) if text.lstrip("-").isdecimal() else text
+
+
+def parse_pair(text: str) -> tuple[float, float]:
+    """Parse two numbers "1,2"."""
+    values = parse_numbers(text)
+    if len(values) != 2:
+        raise Refused("", text, "two numbers, as in 1,2")
+    return values[0], values[1]
+
+
+def parse_bounds(text: str) -> tuple[str, tuple[float, float]]:
+    """Parse a key of a link file and its bounds "key=low,high"."""
+    key, _, limits = text.partition("=")
+    try:
+        return key, parse_pair(limits)
+    except Refused as error:
+        raise Refused("", text, "KEY=LOW,HIGH, as in receiver.fov_deg=6,90") from error
+
+
+def parse_words(text: str) -> list[str]:
+    """Parse words "vertex,facet", which the study checks."""
+    return text.split(",")
+
+
+def value(
+    metavar: str,
+    text: str,
+    *names: str,
+    parser: Callable[[str], Any] | None = None,
+    low: float | None = None,
+    high: float | None = None,
+) -> Any:
+    """Describe an option by its help; without names it has that of its parameter."""
+    return typer.Option(*names, metavar=metavar, help=text, parser=parser, min=low, max=high)
+
+
+def flag(name: str, text: str) -> Any:
+    """Describe an option without a value."""
+    return typer.Option(name, help=text)
+
+
+def count(text: str, *names: str) -> Any:
+    """Describe an option that takes an integer."""
+    return value("N", text, *names, parser=parse_integer)
+
+
+def numbers(text: str, *names: str, metavar: str = "LIST") -> Any:
+    """Describe an option that takes a list or a range of numbers."""
+    return value(metavar, f"{text}; as 1,2,3 or start:stop:step.", *names, parser=parse_numbers)
+
+
+def seas(text: str) -> Any:
+    """Describe the option of the number of seas."""
+    return count(text, "--realizations", "-n")
+
+
+_LINK = "Link file; default: the link of the paper."
+_SET = "Replace a value of the link file, such as transmitter.depth=20; repeatable."
+_TRUST = "Run the modules that the link file names, as in module:Class."
+_STORE = "File that keeps finished steps: a second call with the same arguments resumes the first."
+_WORKERS = "Processes in place of threads, or the address or file of a running dask scheduler."
+
+_BOUNDS = "Bounds of a value to choose, by its key in a link file; repeatable."
+
+LinkFile = Annotated[Path | None, typer.Argument(metavar="[LINK.TOML]", help=_LINK)]
+Output = Annotated[Path | None, typer.Option("--output", "-o", help="Write the result as netCDF.")]
+Json = Annotated[bool, flag("--json", "Print the result as JSON, without progress bar.")]
+Set = Annotated[list[str] | None, value("KEY=VALUE", _SET, "--set")]
+Trust = Annotated[bool, flag("--trust", _TRUST)]
+Chains = Annotated[int, count("Chains, common to all surfaces.", "--photons")]
+Bounds = Annotated[list[Any] | None, value("KEY=LOW,HIGH", _BOUNDS, "--over", parser=parse_bounds)]
+Wavelengths = Annotated[
+    Any, numbers("Wavelengths in vacuum [nm], in place of that of the sources", "--wavelengths")
+]
+ErrorLimit = Annotated[
+    float, value("BER", "Largest bit error rate of a working link, before decoding.")
+]
+BitRate = Annotated[
+    float | None, value("R", "Bit rate R_b [bit s-1], by default that of the transmission.")
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Changes:
+    """Options that change a link file."""
+
+    # texts: the link file's own checks parse and refuse them, by their keys
+    set_: Set = None
+    trust: Trust = False
+    wind: Annotated[str | None, value("U", "Wind speed at 10 m [m/s].")] = None
+    seed: Annotated[str | None, value("N", "Seed of the random numbers.")] = None
+    threads: Annotated[str | None, value("N", "Number of threads; default: all cores.")] = None
+
+    def scenario(
+        self, link: Path | None, further: Mapping[str, Any] | None = None
+    ) -> "mt.Scenario":
+        """Return the scenario of a link file with these changes and further ones by key."""
+        from meshtrace.scenario import parse_setting
+
+        values = {"wind_speed": self.wind, "run.seed": self.seed, "run.threads": self.threads}
+        values |= further or {}
+        settings = [f"{key}={value}" for key, value in values.items() if value is not None]
+        changes = dict(parse_setting(setting) for setting in (*(self.set_ or []), *settings))
+        if link is None:
+            return mt.Scenario.from_toml("", changes=changes, trust=self.trust)
+        return mt.Scenario.load(link, changes, trust=self.trust)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyOptions(Changes):
+    """Options of a study of links: changes of the link files, run and files of the result."""
+
+    store: Annotated[Path | None, value("PATH", _STORE)] = None
+    workers: Annotated[Any, value("N", _WORKERS, parser=parse_workers)] = None
+    output: Output = None
+    plot: Annotated[Path | None, value("A.PNG", "Draw the result.")] = None
+
+    def check(self, *links: Path | None) -> None:
+        """Refuse output files that could not be written, before the work."""
+        console.check_output(self.output, *links)
+        console.check_plot(self.plot, *links, self.output)
+
+    def run(
+        self,
+        study: Callable[..., Any],
+        subject: Any,
+        steps: int | None,
+        doing: str = "over the seas",
+        kernels: str = "forced",
+        **arguments: Any,
+    ) -> None:
+        """Run a study behind a progress bar of so many steps, print its result and write it."""
+        with console.progress(steps, steps == 0, doing, kernels) as (_, advance):
+            result = study(
+                subject, store=self.store, workers=self.workers, progress=advance, **arguments
+            )
+        typer.echo(result.summary())
+        self.write(result)
+
+    def write(self, result: Any, quiet: bool = False) -> None:
+        """Write the result to the files that are given."""
+        console.save(result, self.output, quiet)
+        console.draw(result, self.plot, quiet)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkOptions(StudyOptions):
+    """Link file, and the options of a study of it."""
+
+    link: LinkFile = None
+
+    def opened(self) -> "mt.Scenario":
+        """Return the scenario, once it is clear that the files can be written."""
+        scenario = self.scenario(self.link)
+        self.check(self.link)
+        return scenario
