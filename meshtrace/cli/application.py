@@ -26,7 +26,9 @@ class _Commands(TyperGroup):
         standalone = settings.get("standalone_mode", True)
         try:
             with console.warnings_as_lines():
+                # in its own standalone mode typer would print failures in its words and exit
                 code = super().main(*args, **settings | {"standalone_mode": False}) or 0
+            # a full disk shows here: at the end of Python it would be too late to say so
             if sys.stdout is not None:
                 sys.stdout.flush()
         except typer.Abort:
@@ -46,9 +48,9 @@ class _Commands(TyperGroup):
     def format_commands(self, context: Any, formatter: Any) -> None:
         """Write the whole first sentence of each command: typer would cut it at 45 letters."""
         commands = sorted(self.commands.items())
-        rows = [(name, item.get_short_help_str(limit=1000)) for name, item in commands]
+        listing = [(name, item.get_short_help_str(limit=1000)) for name, item in commands]
         with formatter.section("Commands"):
-            formatter.write_dl(rows)
+            formatter.write_dl(listing)
 
 
 class _Command(TyperCommand):
@@ -58,22 +60,24 @@ class _Command(TyperCommand):
         try:
             return super().invoke(context)
         except Refused as error:
-            option = next((p for p in self.params if error.field in _fields(p)), None)
+            # times[3] is of --times
+            field = error.field.partition("[")[0]
+            option = next((p for p in self.params if field in _fields(p)), None)
+            # a field of a link file may have the name of an option
             if error.source or option is None:
                 raise
+            # None is how typer passes an option that is not given
             value = MISSING if error.value is None else error.value
             raise Refused(_longest_name(option), value, error.allowed, error.hint) from error
 
 
-def _longest_name(option: Any) -> str:
-    return str(max(option.opts, key=len))
+def _longest_name(parameter: Any) -> str:
+    return str(max(parameter.opts, key=len))
 
 
-def _fields(parameter: Any) -> set[str]:
-    """Return the names under which a study may refuse the value of an option."""
-    if parameter.param_type_name != "option":
-        return set()
-    return {parameter.name.rstrip("_"), _longest_name(parameter)[2:].replace("-", "_")}
+def _fields(parameter: Any) -> tuple[str, str]:
+    """Return the names by which a study may refuse a value: of the parameter, and of its option."""
+    return parameter.name.rstrip("_"), _longest_name(parameter)[2:].replace("-", "_")
 
 
 app = typer.Typer(
@@ -84,15 +88,20 @@ app = typer.Typer(
 )
 
 
-def command(help_text: str, name: str | None = None) -> Callable[[Callable[..., None]], Any]:
-    """Register a function as a command.
+def command(name: str | None = None) -> Callable[[Callable[..., None]], Any]:
+    """Register a function as a command, whose help is its docstring.
 
-    The help is a literal, since `python -OO` drops docstrings. A parameter annotated by a
-    dataclass stands for an option for each of its fields: typer has no groups of options.
+    A parameter annotated by a dataclass stands for an option for each field: typer has no groups.
     """
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
-        app.command(name, cls=_Command, help=help_text)(_with_groups(function))
+        text = function.__doc__
+        # python -OO drops docstrings: they are read from the source then
+        if text is None:
+            from meshtrace.fields import docstring
+
+            text = docstring(function)
+        app.command(name, cls=_Command, help=text)(_with_groups(function))
         return function
 
     return register
@@ -111,6 +120,7 @@ def _with_groups(function: Callable[..., None]) -> Callable[..., None]:
             del parameters[name]
             fields = dict(inspect.signature(group).parameters)
             groups[name] = group, [field for field in fields if field not in parameters]
+            # commands declare an option that means something else to them themselves: ber --wind
             parameters |= fields | parameters
 
     def call(**values: Any) -> None:
@@ -127,7 +137,8 @@ def _with_groups(function: Callable[..., None]) -> Callable[..., None]:
 
 def _message(error: Exception) -> str | None:
     """Return the message for the user, None for an internal error."""
-    if hasattr(error, "format_message"):  # typer's error for invalid arguments
+    # typer exports no class that all its errors for invalid arguments share
+    if hasattr(error, "format_message"):
         return _refusal(error) or str(error.format_message())
     if isinstance(error, Refused):
         return str(error)
@@ -150,7 +161,8 @@ def _refusal(error: Any) -> str:
     if not isinstance(cause, pydantic.ValidationError):
         return ""
     first = cause.errors(include_url=False)[0]
-    refused = first.get("ctx", {}).get("error")  # by a parser of options.py
+    # typer lets pydantic call the parsers of options.py, which wraps what they raise
+    refused = first.get("ctx", {}).get("error")
     allowed = refused.allowed if isinstance(refused, Refused) else allowed_by(first)
     return str(Refused(_longest_name(error.param), first["input"], allowed))
 
@@ -168,10 +180,8 @@ def _print_version(wanted: bool) -> None:
 )
 def _options(
     context: typer.Context,
-    version: Annotated[
-        bool,
-        typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version."),
-    ] = False,
-) -> None:
+    version: Annotated[bool, typer.Option(
+        "--version", callback=_print_version, is_eager=True, help="Show the version.")] = False,
+) -> None:  # fmt: skip
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())

@@ -7,7 +7,7 @@ import subprocess
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from itertools import count
+from itertools import chain, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,25 +20,25 @@ if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
     from meshtrace.stored import Stored
 
+Callbacks = tuple[Callable[[str], None], Callable[[int], None]]
 COMPILING = "compiling kernels (first run only)"
 
 
 @contextmanager
 def progress(
-    total: int | None, quiet: bool, doing: str, *estimators: str
-) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
+    total: int | None, doing: str = "over the seas", *, kernels: str = "forced", quiet: bool = False
+) -> Iterator[Callbacks]:
     """Yield two callbacks: set the status text, and advance the progress bar.
 
-    Warnings become lines of stderr. The status says so if kernels of `estimators` will compile.
+    Warnings become lines of stderr. The status says so if kernels of these estimators will compile.
     """
     from rich import progress as rich
     from rich.console import Console
 
-    console = Console(stderr=True)
-    text, share = rich.TextColumn("{task.description}"), rich.TaskProgressColumn()
-    columns = (text, rich.BarColumn(), share, rich.TimeRemainingColumn())
+    # standard output is for results, which other programs may read
+    console, quiet = Console(stderr=True), quiet or total == 0
     shown = console.is_terminal and not quiet
-    with rich.Progress(*columns, console=console, transient=True, disable=not shown) as bar:
+    with rich.Progress(console=console, transient=True, disable=not shown) as bar:
         task = bar.add_task("building the sea", total=None)
 
         def say(status: str) -> None:
@@ -46,22 +46,22 @@ def progress(
             if not (shown or quiet):
                 typer.echo(status, err=True)
 
-        if not all(kernels_are_compiled(name) for name in estimators):
+        if not all(map(kernels_are_compiled, kernels.split())):
             say(COMPILING)
         yield say, lambda done: bar.update(task, description=doing, total=total, advance=done)
 
 
 @contextmanager
 def named_steps(
-    total: int, quiet: bool, doing: str, *estimators: str
+    total: int, doing: str, *, kernels: str, quiet: bool
 ) -> Iterator[Callable[[str], None]]:
     """Yield a callback that takes the name of each step as it begins; see `progress`."""
-    with progress(total, quiet, doing, *estimators) as (say, advance):
-        begun = count()
+    with progress(total, doing, kernels=kernels, quiet=quiet) as (say, advance):
+        # the first step ends no other one
+        ended = chain([0], repeat(1))
 
         def step(name: str) -> None:
-            if next(begun):
-                advance(1)
+            advance(next(ended))
             say(name)
 
         yield step
@@ -76,10 +76,8 @@ def kernels_are_compiled(estimator: str) -> bool:
     from meshtrace.engine.photons import flight
     from meshtrace.kernels import jit
 
-    slowest = {
-        "forced": (gain.contributions, gain.blurred_contributions),
-        "analog": (flight.follow,),
-    }
+    of_chains = (gain.contributions, gain.blurred_contributions)
+    slowest = {"forced": of_chains, "analog": (flight.follow,)}
     return any(jit.is_compiled(kernel) for kernel in slowest[estimator])
 
 
@@ -104,20 +102,16 @@ def compiling_ahead(scenario: Scenario) -> Iterator[None]:
         with suppress(OSError):
             text = scenario.to_toml()
             start = python_start("-c", _AHEAD, text, *modules_of(text))
-            process = subprocess.Popen(
-                start.args,
-                env=start.env,
-                stdin=silent,
-                stdout=silent,
-                stderr=silent,
-                start_new_session=True,  # Ctrl-C is for the first process, which ends this one
-            )
+            # a session of its own: Ctrl-C is for the first process, which ends this one
+            process = subprocess.Popen(start.args, env=start.env, stdin=silent, stdout=silent,
+                                       stderr=silent, start_new_session=True)  # fmt: skip
     try:
         yield
     finally:
         if process is not None:
             process.kill()
-            with suppress(subprocess.TimeoutExpired):  # one that a dead file system holds
+            # a dead file system may hold it
+            with suppress(subprocess.TimeoutExpired):
                 process.wait(_LAST_WAIT)
 
 
@@ -138,6 +132,7 @@ def warnings_as_lines() -> Iterator[None]:
     told: set[str] = set()
 
     def tell(message: Warning | str, *_: Any) -> None:
+        # a loop over many seas would repeat its warnings
         line = one_line(message)
         if line not in told:
             told.add(line)
@@ -173,6 +168,7 @@ def check_output(output: Path | None, *inputs: Path | None, option: str = "--out
         return
     named = (file for link in inputs if link is not None for file in _named_files(link))
     require_writable(output, [*inputs, *named], option)
+    # no result is TOML: the name of a link file is a slip, which would replace it
     if output.suffix.lower() == ".toml":
         raise Refused(option, str(output), "a path not ending in .toml")
 
@@ -188,7 +184,8 @@ def _named_files(link: Path) -> Iterator[Path]:
             for item in part.values() if isinstance(part, dict) else part:
                 yield from texts(item)
 
-    with suppress(Refused):  # no link file
+    # a link file that cannot be read is refused later, by its own reader
+    with suppress(Refused):
         yield from (link.parent / text for text in texts(parse_toml(read_text(link))))
 
 
@@ -225,6 +222,7 @@ def draw(result: Any, path: Path | None, quiet: bool = False) -> None:
         from meshtrace.viz import plot, use_style
     use_style()
     plot(result)
+    # an interrupted command leaves the picture of before, not half of a new one
     with atomic(path) as temporary:
         plt.savefig(temporary)
     plt.close()

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,26 +16,24 @@ from meshtrace.errors import Refused
 
 def parse_numbers(text: str) -> list[float]:
     """Parse a list "1,2,3" or a range "start:stop:step", its end included."""
-    wrong = Refused("", text, "numbers as in 1,2,3, or start:stop:step")
     try:
         if ":" not in text:
             values = [float(word) for word in text.split(",")]
         else:
             start, stop, step = (float(word) for word in text.split(":"))
             # rounding of the quotient must not lose the end: 0:0.3:0.1 has four numbers
-            count = math.floor((stop - start) / step + 1e-9) + 1
-            if not (step > 0.0 and 1 <= count <= 10**7):
-                raise wrong
-            values = [start + step * i for i in range(count)]
-    except (ValueError, ZeroDivisionError, OverflowError) as error:
-        raise wrong from error
-    if not all(math.isfinite(value) for value in values):
-        raise wrong
+            n = math.floor((stop - start) / step + 1e-9) + 1
+            values = [start + step * i for i in range(n)] if step > 0.0 and n <= 10**7 else []
+    except (ValueError, ZeroDivisionError, OverflowError):
+        values = []
+    if not values or not all(map(math.isfinite, values)):
+        raise Refused("", text, "numbers as in 1,2,3, or start:stop:step")
     return values
 
 
 def parse_integer(text: str) -> int:
     """Parse an integer, which may be in scientific notation, such as 1e6."""
+    # first as it stands: a float has no more than 53 bits
     with suppress(ValueError):
         return int(text)
     with suppress(ValueError):
@@ -60,26 +58,15 @@ def parse_pair(text: str) -> tuple[float, float]:
 def parse_bounds(text: str) -> tuple[str, tuple[float, float]]:
     """Parse a key of a link file and its bounds "key=low,high"."""
     key, _, limits = text.partition("=")
-    try:
+    with suppress(Refused):
         return key, parse_pair(limits)
-    except Refused as error:
-        raise Refused("", text, "KEY=LOW,HIGH, as in receiver.fov_deg=6,90") from error
-
-
-def parse_words(text: str) -> list[str]:
-    """Parse words "vertex,facet", which the study checks."""
-    return text.split(",")
+    raise Refused("", text, "KEY=LOW,HIGH, as in receiver.fov_deg=6,90")
 
 
 def value(
-    metavar: str,
-    text: str,
-    *names: str,
-    parser: Callable[[str], Any] | None = None,
-    low: float | None = None,
-    high: float | None = None,
+    metavar: str, text: str, *names: str, parser: Any = None, low: Any = None, high: Any = None
 ) -> Any:
-    """Describe an option by its help; without names it has that of its parameter."""
+    """Describe an option: placeholder, help, names (that of its parameter), parser or bounds."""
     return typer.Option(*names, metavar=metavar, help=text, parser=parser, min=low, max=high)
 
 
@@ -93,9 +80,9 @@ def count(text: str, *names: str) -> Any:
     return value("N", text, *names, parser=parse_integer)
 
 
-def numbers(text: str, *names: str, metavar: str = "LIST") -> Any:
+def numbers(text: str, *names: str) -> Any:
     """Describe an option that takes a list or a range of numbers."""
-    return value(metavar, f"{text}; as 1,2,3 or start:stop:step.", *names, parser=parse_numbers)
+    return value("LIST", f"{text}; as 1,2,3 or start:stop:step.", *names, parser=parse_numbers)
 
 
 def seas(text: str) -> Any:
@@ -103,12 +90,16 @@ def seas(text: str) -> Any:
     return count(text, "--realizations", "-n")
 
 
+def without_none(**values: Any) -> dict[str, Any]:
+    """Return the options that the user has set."""
+    return {name: item for name, item in values.items() if item is not None}
+
+
 _LINK = "Link file; default: the link of the paper."
 _SET = "Replace a value of the link file, such as transmitter.depth=20; repeatable."
 _TRUST = "Run the modules that the link file names, as in module:Class."
 _STORE = "File that keeps finished steps: a second call with the same arguments resumes the first."
 _WORKERS = "Processes in place of threads, or the address or file of a running dask scheduler."
-
 _BOUNDS = "Bounds of a value to choose, by its key in a link file; repeatable."
 
 LinkFile = Annotated[Path | None, typer.Argument(metavar="[LINK.TOML]", help=_LINK)]
@@ -118,36 +109,29 @@ Set = Annotated[list[str] | None, value("KEY=VALUE", _SET, "--set")]
 Trust = Annotated[bool, flag("--trust", _TRUST)]
 Chains = Annotated[int, count("Chains, common to all surfaces.", "--photons")]
 Bounds = Annotated[list[Any] | None, value("KEY=LOW,HIGH", _BOUNDS, "--over", parser=parse_bounds)]
-Wavelengths = Annotated[
-    Any, numbers("Wavelengths in vacuum [nm], in place of that of the sources", "--wavelengths")
-]
-ErrorLimit = Annotated[
-    float, value("BER", "Largest bit error rate of a working link, before decoding.")
-]
-BitRate = Annotated[
-    float | None, value("R", "Bit rate R_b [bit s-1], by default that of the transmission.")
-]
+Wavelengths = Annotated[Any, numbers("Wavelengths in vacuum [nm], a result each", "--wavelengths")]
+ErrorLimit = Annotated[float, value("BER", "Largest bit error rate that works, before decoding.")]
+BitRate = Annotated[float | None, value("R", "Bit rate R_b [bit s-1]; default: that of the link.")]
+Bar = AbstractContextManager[console.Callbacks]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Changes:
     """Options that change a link file."""
 
-    # texts: the link file's own checks parse and refuse them, by their keys
+    # texts: the checks of link files parse them, and refuse them by their keys
     set_: Set = None
     trust: Trust = False
     wind: Annotated[str | None, value("U", "Wind speed at 10 m [m/s].")] = None
     seed: Annotated[str | None, value("N", "Seed of the random numbers.")] = None
     threads: Annotated[str | None, value("N", "Number of threads; default: all cores.")] = None
 
-    def scenario(
-        self, link: Path | None, further: Mapping[str, Any] | None = None
-    ) -> "mt.Scenario":
-        """Return the scenario of a link file with these changes and further ones by key."""
+    def scenario(self, link: Path | None, more: Mapping[str, Any] | None = None) -> "mt.Scenario":
+        """Return the scenario of a link file with these changes and more by key."""
         from meshtrace.scenario import parse_setting
 
         values = {"wind_speed": self.wind, "run.seed": self.seed, "run.threads": self.threads}
-        values |= further or {}
+        values |= more or {}
         settings = [f"{key}={value}" for key, value in values.items() if value is not None]
         changes = dict(parse_setting(setting) for setting in (*(self.set_ or []), *settings))
         if link is None:
@@ -157,8 +141,9 @@ class Changes:
 
 @dataclass(frozen=True, kw_only=True)
 class StudyOptions(Changes):
-    """Options of a study of links: changes of the link files, run and files of the result."""
+    """Options of a study of a link: file and its changes, run, and files of the result."""
 
+    link: LinkFile = None
     store: Annotated[Path | None, value("PATH", _STORE)] = None
     workers: Annotated[Any, value("N", _WORKERS, parser=parse_workers)] = None
     output: Output = None
@@ -169,37 +154,22 @@ class StudyOptions(Changes):
         console.check_output(self.output, *links)
         console.check_plot(self.plot, *links, self.output)
 
-    def run(
-        self,
-        study: Callable[..., Any],
-        subject: Any,
-        steps: int | None,
-        doing: str = "over the seas",
-        kernels: str = "forced",
-        **arguments: Any,
-    ) -> None:
-        """Run a study behind a progress bar of so many steps, print its result and write it."""
-        with console.progress(steps, steps == 0, doing, kernels) as (_, advance):
-            result = study(
-                subject, store=self.store, workers=self.workers, progress=advance, **arguments
-            )
-        typer.echo(result.summary())
-        self.write(result)
+    def compute(self, study: Callable[..., Any], subject: Any, bar: Bar) -> Any:
+        """Return the result of a study, behind a progress bar."""
+        # what is None here is that of the link file
+        with bar as (_, advance):
+            return study(subject, store=self.store, workers=self.workers, progress=advance)
 
     def write(self, result: Any, quiet: bool = False) -> None:
         """Write the result to the files that are given."""
         console.save(result, self.output, quiet)
         console.draw(result, self.plot, quiet)
 
-
-@dataclass(frozen=True, kw_only=True)
-class LinkOptions(StudyOptions):
-    """Link file, and the options of a study of it."""
-
-    link: LinkFile = None
-
-    def opened(self) -> "mt.Scenario":
-        """Return the scenario, once it is clear that the files can be written."""
+    def run(self, study: Callable[..., Any], bar: Bar) -> None:
+        """Run a study of the link, print its result and write it."""
+        # a wrong link or path is told before minutes of work
         scenario = self.scenario(self.link)
         self.check(self.link)
-        return scenario
+        result = self.compute(study, scenario, bar)
+        typer.echo(result.summary())
+        self.write(result)

@@ -17,14 +17,15 @@ from meshtrace.cli.application import command
 from meshtrace.cli.options import flag, numbers, value
 from meshtrace.errors import Described, Refused, require_word
 
+_ALL = "forced analog"
 
-@command("Simulate one link and print its channel gain.")
+
+@command()
 def run(
     changes: opt.Changes,
     link: opt.LinkFile = None,
     photons: Annotated[str | None, value("N", "Chains (forced) or photons (analog).")] = None,
-    rtol: Annotated[str | None, value("R",
-        "Target for the relative standard error, such as 0.01.")] = None,
+    rtol: Annotated[str | None, value("R", "Relative standard error to reach, e.g. 0.01.")] = None,
     estimator: Annotated[str | None, value("NAME", "forced or analog.")] = None,
     wavelengths: Annotated[Any, numbers("Wavelengths [nm] with common paths")] = None,
     output: opt.Output = None,
@@ -32,31 +33,28 @@ def run(
     verbose: Annotated[bool, typer.Option(
         "--verbose", "-v", help="Print samples and chains, too.")] = False,
 ) -> None:  # fmt: skip
-    # texts: the link file's own checks parse and refuse them, by their keys
+    """Simulate one link and print its channel gain."""
+    # texts, as those of Changes
     settings = {"run.photons": photons, "run.rtol": rtol, "run.estimator": estimator}
     scenario = changes.scenario(link, settings)
     console.check_output(output, link)
     result, wall_time = _simulate(scenario, json_, wavelengths)
     if json_:
-        data = (
-            _plain(result, wall_time)
-            if wavelengths is None
-            else {f"{nm:g}": _plain(gains, wall_time) for nm, gains in result}
-        )
+        plain = partial(_plain, wall_time=wall_time)
+        data = {f"{nm:g}": plain(gain) for nm, gain in result} if wavelengths else plain(result)
         typer.echo(json.dumps(data, allow_nan=False))
     else:
         typer.echo(result.summary() if wavelengths else result.summary(wall_time, verbose))
     console.save(result, output, quiet=json_)
 
 
-def _simulate(
-    scenario: "mt.Scenario", quiet: bool, wavelengths_nm: list[float] | None
-) -> tuple[Any, float]:
+def _simulate(scenario: "mt.Scenario", quiet: bool, wavelengths: Any) -> tuple[Any, float]:
     """Return the result of a scenario and its wall time [s], compiling beforehand if need be."""
     known = scenario.run.photons if scenario.run.rtol is None else None
-    with console.progress(known, quiet, "following photons") as (say, advance):
+    with console.progress(known, "following photons", kernels="", quiet=quiet) as (say, advance):
         if not console.kernels_are_compiled(scenario.run.estimator.kind):
-            scenario.mesh()  # reports a wrong link before the kernels compile
+            # a wrong link is told before the kernels compile
+            scenario.mesh()
             say(console.COMPILING)
             with warnings.catch_warnings(action="ignore"), console.compiling_ahead(scenario):
                 # in this thread: others end their compilation before Ctrl-C ends them
@@ -64,7 +62,7 @@ def _simulate(
                 short = scenario.run.model_copy(update=few)
                 scenario.model_copy(update={"run": short}).simulate()
         start = time.perf_counter()
-        result = scenario.simulate(advance, wavelengths_nm)
+        result = scenario.simulate(advance, wavelengths)
         return result, time.perf_counter() - start
 
 
@@ -76,8 +74,7 @@ _GAINS = (
 
 def _plain(result: "mt.GainResult", wall_time: float) -> dict[str, Any]:
     """Return a result as plain data for JSON, with null for non-finite values."""
-    return {
-        **{name: console.finite(getattr(result, name)) for name in _GAINS},
+    return {name: console.finite(getattr(result, name)) for name in _GAINS} | {
         "photons": result.photons,
         "photons_per_second": result.photons / wall_time,
         "wall_time": wall_time,
@@ -89,15 +86,16 @@ def _plain(result: "mt.GainResult", wall_time: float) -> dict[str, Any]:
     }
 
 
-@command("""Print a complete link file with a note on every key.
+@command()
+def new(changes: opt.Changes, link: opt.LinkFile = None) -> None:
+    """Print a complete link file with a note on every key.
 
     Redirect it to a file: meshtrace new > link.toml
-    """)
-def new(changes: opt.Changes, link: opt.LinkFile = None) -> None:
+    """
     typer.echo(changes.scenario(link).to_toml(notes=True), nl=False)
 
 
-@command("Explore a link in the browser: move its parts and see gain, rays, fading and coverage.")
+@command()
 def explore(
     changes: opt.Changes,
     link: opt.LinkFile = None,
@@ -106,28 +104,29 @@ def explore(
     port: Annotated[int, value("N", "Port; 0 for a free one.", low=0, high=65_535)] = 8080,
     browser: Annotated[bool, flag("--browser/--no-browser", "Open the page in a browser.")] = True,
 ) -> None:  # fmt: skip
+    """Explore a link in the browser: move its parts and see gain, rays, fading and coverage."""
     title = "the link of the paper" if link is None else link.name
     scenario = changes.scenario(link)
     mt.explore(scenario, host=host, port=port, open_browser=browser, title=title)
 
 
-@command("""Check the engine against closed forms, measurements, or a reference case.
-
-    Without a standard error, z is the deviation divided by the stated tolerance. The exit code is
-    1 if any |z| exceeds 4; measurements outside their bands do not change it.
-    """)
+@command()
 def validate(
     quick: Annotated[bool, flag(
         "--quick", "Use a twentieth of the photons; an eighth for measurements.")] = False,
-    suite: Annotated[str, value("NAME",
-        "Suite: closed-forms, or measured, published measurements (some minutes).",
-        )] = "closed-forms",
+    suite: Annotated[str, value("NAME", "closed-forms, or measured, published measurements (some "
+        "minutes).")] = "closed-forms",
     case: Annotated[str | None, value("NAME", "Run one reference case instead of the suite: w2a1; "
         "or one experiment of the suite measured.")] = None,
     output: Annotated[Path | None, value("FILE", "Write the table of measurements, as netCDF or, "
         "with the ending .csv, as text.", "--output", "-o")] = None,
     json_: opt.Json = False,
 ) -> None:  # fmt: skip
+    """Check the engine against closed forms, measurements, or a reference case.
+
+    Without a standard error, z is the deviation divided by the stated tolerance. The exit code is
+    1 if any |z| exceeds 4; measurements outside their bands do not change it.
+    """
     require_word(suite, ("closed-forms", "measured"), "--suite")
     if suite == "measured":
         _measured(quick, case, output, json_)
@@ -139,17 +138,16 @@ def validate(
 
     require_word(case or "w2a1", ("w2a1",), "--case")
     steps = len(validation.SUITE) if case is None else w2a1.STEPS
-    with console.named_steps(steps, json_, "checking", "forced", "analog") as step:
-        checks = (
-            validation.validate(quick, step) if case is None else tuple(w2a1.checks(quick, step))
-        )
+    with console.named_steps(steps, "checking", kernels=_ALL, quiet=json_) as step:
+        checks = tuple((validation.validate if case is None else w2a1.checks)(quick, step))
     limit, failed = validation.LIMIT, sum(not check.passed for check in checks)
     if json_:
-        rows = [console.finite(check.as_data()) for check in checks]
-        typer.echo(json.dumps({"limit": limit, "failed": failed, "checks": rows}, allow_nan=False))
+        entries = [console.finite(check.as_data()) for check in checks]
+        typer.echo(json.dumps({"limit": limit, "failed": failed, "checks": entries}, allow_nan=False))
     else:
+        table = validation.format_table(checks)
         typer.echo(
-            f"{validation.format_table(checks)}\n\n{len(checks)} checks, {failed} beyond |z| = {limit:g}. "
+            f"{table}\n\n{len(checks)} checks, {failed} beyond |z| = {limit:g}. "
             "z = (got - expected) / hypot(std. error, tolerance);\nchecks without a standard error "
             "are deterministic, and z is relative to the tolerance alone."
         )
@@ -168,24 +166,25 @@ def _measured(quick: bool, case: str | None, output: Path | None, json_: bool) -
     if case is not None:
         require_word(case, names, "--case")
         names = [case]
-    with console.named_steps(len(names), json_, "comparing", "analog") as step:
+    with console.named_steps(len(names), "comparing", kernels="analog", quiet=json_) as step:
         table = measured.run(names, quick=quick, progress=step)
     if json_:
-        rows = [dict(zip(measured.HEADINGS, row, strict=True)) for row in table.rows()]
-        typer.echo(json.dumps({"rows": rows}))
+        entries = [dict(zip(measured.HEADINGS, row, strict=True)) for row in table.rows()]
+        typer.echo(json.dumps({"rows": entries}))
     else:
         typer.echo(table.summary())
     if output is not None:
         table.save(output)
 
 
-@command("Draw a result file.", name="plot")
+@command("plot")
 def plot_command(
     file: Annotated[Path, typer.Argument(
         metavar="RESULT", help="Result of any command (.nc), or the store of a sweep.")],
     output: Annotated[Path | None, value(
         "A.PNG", "Picture; default: RESULT.png.", "--output", "-o")] = None,
 ) -> None:  # fmt: skip
+    """Draw a result file."""
     path = file.with_suffix(".png") if output is None else output
     console.check_plot(path, file, option="--output")
     console.draw(_content(file), path)
@@ -204,20 +203,23 @@ def _content(file: Path) -> object:
     return data if data.attrs.get("kind") == "sweep" else load(file)
 
 
-@command("Compile the kernels of both estimators and of coverage maps, for later runs.")
+@command()
 def warm() -> None:
+    """Compile the kernels of both estimators and of coverage maps; keep them for later runs."""
     from meshtrace.kernels.jit import folder
 
     start, sea = time.perf_counter(), mt.JonswapSea()
+    # each kind of link has kernels that the others do not call
     several = mt.Link(water=mt.Water(bottom_depth=20.0), receiver=(mt.Receiver(), mt.Receiver()))
     links = [mt.Link().mirrored(), mt.Link(physics=mt.Physics(unresolved="none")), several]
     runs: list[Callable[[], Any]] = [
-        opt.Changes().scenario(None).simulate,  # the mesh of `meshtrace run` is another kind
+        # `meshtrace run` meshes its sea in another way than simulate
+        opt.Changes().scenario(None).simulate,
         *(partial(mt.simulate, link, sea, photons=64) for link in links),
         partial(mt.simulate, mt.Link(), sea, "analog", photons=64),
         partial(mt.coverage_map, mt.Link(), sea, extent=1.0, step=0.5, rtol=0.5),
     ]
-    with console.progress(len(runs), False, console.COMPILING, "forced", "analog") as (_, advance):
+    with console.progress(len(runs), console.COMPILING, kernels=_ALL) as (_, advance):
         for run_once in runs:
             with warnings.catch_warnings(action="ignore"):
                 run_once()
@@ -225,53 +227,51 @@ def warm() -> None:
     typer.echo(f"kernels in {folder()}, {time.perf_counter() - start:.1f} s")
 
 
-@command("""Print absorption, scattering, attenuation and index of a water over the wavelength.
-
-    The water is that of a link file, or of the options, whose keys in a link file are in [water].
-    """)
+@command()
 def water(
     link: opt.LinkFile = None,
     type_: Annotated[str | None, value(
         "NAME", "Known water, such as coastal, jerlov-IB or pure-sea.", "--type")] = None,
     chlorophyll: Annotated[float | None, value("C", "Chlorophyll [mg m-3].")] = None,
-    cdom: Annotated[float | None, value(
-        "A", "Absorption of dissolved matter at 440 nm [m-1].")] = None,
+    cdom: Annotated[float | None, value("A", "Absorption of CDOM at 440 nm [m-1].")] = None,
     minerals: Annotated[float | None, value("M", "Mineral particles [g m-3].")] = None,
     temperature_c: Annotated[float | None, value("T", "Temperature [degree Celsius].")] = None,
     salinity: Annotated[float | None, value("S", "Salinity [g/kg].")] = None,
-    file: Annotated[Path | None, value(
-        "FILE", "SeaBASS file, BGC-Argo profile or text table.")] = None,
+    file: Annotated[Path | None, value("FILE", "SeaBASS file, BGC-Argo profile or table.")] = None,
     wavelengths: Annotated[Any, numbers("Wavelengths [nm], by default 400 to 700 nm")] = None,
     plot: Annotated[Path | None, value("A.PNG", "Draw the coefficients.")] = None,
     set_: opt.Set = None,
     trust: opt.Trust = False,
 ) -> None:  # fmt: skip
-    from meshtrace.optics.water import Water
+    """Print absorption, scattering, attenuation and index of a water over the wavelength.
+
+    The water is that of a link file, or of the options, whose keys in a link file are in [water].
+    """
     from meshtrace.scenario.parts import spectrum_of
     from meshtrace.tables import text_table
 
     console.check_plot(plot, link)
-    keys = {"type": type_, "chlorophyll": chlorophyll, "cdom": cdom, "minerals": minerals,
-            "temperature_c": temperature_c, "salinity": salinity}  # fmt: skip
-    own = {key: value for key, value in keys.items() if value is not None}
-    if own or file is not None:
+    keys = opt.without_none(type=type_, chlorophyll=chlorophyll, cdom=cdom, minerals=minerals,
+                            temperature_c=temperature_c, salinity=salinity)  # fmt: skip
+    if keys or file is not None:
         if link is not None or set_:
-            given = Described(f"{link or set_} beside options of a water")
-            raise Refused("link", given, "one of them")
-        spectrum = spectrum_of(own, None if file is None else str(file))
+            both = Described(f"{link or set_} beside options of a water")
+            raise Refused("link", both, "one of them")
+        spectrum = spectrum_of(keys, None if file is None else str(file))
+        # a water is made at some wavelength; its spectra do not depend on that
         low, high = spectrum.limits_nm
-        found = Water(spectrum=spectrum, wavelength_nm=min(max(low, 470.0), high))
+        sample = mt.Water(spectrum=spectrum, wavelength_nm=min(max(low, 470.0), high))
     else:
         lamp = opt.Changes(set_=set_, trust=trust).scenario(link).link
-        found = lamp.water
-        if found.spectrum is None and wavelengths is None and plot is None:
-            typer.echo(found.described(lamp.transmitters[0].wavelength_nm))
+        sample = lamp.water
+        if sample.spectrum is None and wavelengths is None and plot is None:
+            typer.echo(sample.described(lamp.transmitters[0].wavelength_nm))
             return
-    data = found.spectra(None if wavelengths is None else wavelengths)
+    data = sample.spectra(wavelengths)
     columns = [data[name].values for name in ("wavelength_nm", *"abcn")]
-    rows = [(f"{w:g}", *(f"{x:.4g}" for x in abc), f"{n:.4f}")
+    cells = [(f"{w:g}", *(f"{x:.4g}" for x in abc), f"{n:.4f}")
             for w, *abc, n in zip(*columns, strict=True)]  # fmt: skip
     headings = ("wavelength [nm]", "a [m-1]", "b [m-1]", "c [m-1]", "n")
-    where = ", at the surface" if found.layers else ""
-    typer.echo(f"{data.attrs['source']}{where}\n\n{text_table(rows, headings)}")
+    where = ", at the surface" if sample.layers else ""
+    typer.echo(f"{data.attrs['source']}{where}\n\n{text_table(cells, headings)}")
     console.draw(data, plot)

@@ -27,7 +27,7 @@ _MOST_PATHS, _MOST_FRAMES = 100_000, 10_000
 Inputs = dict[str, Any]  # arguments of a view
 
 
-@command("Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files.")
+@command()
 def view(
     changes: opt.Changes,
     file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Link (.toml), result (.nc) "
@@ -36,14 +36,11 @@ def view(
     html: Annotated[Path | None, value("A.HTML", "Write an interactive web page.")] = None,
     movie: Annotated[Path | None, value("A.MP4",
         "Write a movie (.mp4, .gif) of the sea and the gain.")] = None,
-    pattern: Annotated[Path | None, value("A.MP4",
-        "Write a picture (.png) or movie of the light pattern on the receiver's plane.",
-        "--light")] = None,
-    export: Annotated[Path | None, value("FOLDER",
-        "Write surface, paths and map as VTK files.")] = None,
-    paths: Annotated[int | None, value("N",
-        "Photon paths, in addition to received light [default: 500; movie: 0].",
-        low=0, high=_MOST_PATHS)] = None,
+    pattern: Annotated[Path | None, value("A.MP4", "Write a picture (.png) or movie of the light "
+        "pattern on the receiver's plane.", "--light")] = None,
+    export: Annotated[Path | None, value("FOLDER", "Write surface, paths and map as VTK.")] = None,
+    paths: Annotated[int | None, value("N", "Photon paths beside received light [default: 500; "
+        "movie: 0].", low=0, high=_MOST_PATHS)] = None,
     received: Annotated[int | None, value("N",
         "Paths of received light.", low=1, high=_MOST_PATHS)] = None,
     map_: Annotated[int | None, value("N",
@@ -60,26 +57,27 @@ def view(
     extent: Annotated[float | None, value("M", "Half-width of the sea shown [m].")] = None,
     spacing: Annotated[float | None, value("M", "Mesh spacing of the sea shown [m].")] = None,
 ) -> None:  # fmt: skip
-    if frame_rate is not None:  # a view without a movie does not check it
+    """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files."""
+    # a view without a movie does not check it
+    if frame_rate is not None:
         require_between(frame_rate, 0.0, math.inf, "--frame-rate", allowed="numbers > 0")
     with extra("viz", "viz"):
         from meshtrace.viz import SceneStyle
         from meshtrace.viz import view as show
     style = SceneStyle(color=color, path_color=path_color, edges=edges, extent=extent,
                        spacing=spacing)  # fmt: skip
-    inputs = _subject(file, changes)
-    chosen = {"coverage": map_, "time": time}
-    inputs |= {name: item for name, item in chosen.items() if item is not None}
+    inputs = _subject(file, changes) | opt.without_none(coverage=map_, time=time)
     scenario, gain = inputs.pop("scenario", None), inputs.get("gain")
     steps = len(gain.coordinate) if isinstance(gain, mt.GainSeries) else frames
     still = any((screenshot, html, export)) or not (movie or pattern)
-    kernels = () if inputs["link"] is None else ("forced",)
+    kernels = "" if inputs["link"] is None else "forced"
     with (
-        console.progress(steps, False, "drawing frames", *kernels) as (_, advance),
+        console.progress(steps, "drawing frames", kernels=kernels) as (_, advance),
         extra("viz", "viz"),
     ):
         if still and gain is None and scenario is not None:
-            with suppress(Refused):  # the picture has no gain then
+            # a link that cannot be simulated can be shown, without its gain
+            with suppress(Refused):
                 inputs["gain"] = scenario.simulate()
         written = show(
             **inputs, screenshot=screenshot, html=html, movie=movie, light=pattern, export=export,
@@ -118,28 +116,29 @@ def _of_scenario(scenario: "mt.Scenario") -> Inputs:
 
     still = isinstance(scenario.surface, MeshFile)
     surface = scenario.mesh() if still else scenario.case().surface
-    at = {"time": scenario.meshing.time, "daylight": scenario.daylight}
-    return {"link": scenario.link, "surface": surface, "scenario": scenario, **at}
+    return {"link": scenario.link, "surface": surface, "scenario": scenario,
+            "time": scenario.meshing.time, "daylight": scenario.daylight}  # fmt: skip
 
 
 def _of_result(file: Path) -> Inputs:
     """Return the inputs of a result file, with its map or its gain over time."""
     result = mt.results.load(file)
     origin: Any = result.provenance
-    if isinstance(origin, list) and origin:  # of several winds: the first
+    # results of several winds are shown in the first
+    if isinstance(origin, list) and origin:
         origin = origin[0]
     if not isinstance(origin, dict) or "link" not in origin:
         raise Refused(str(file), result.kind, "a result of a link over a sea")
     try:
         # the gain of `run` is that of link files: few chains are enough for each sea of a study
-        subject = {**_of_scenario(mt.Scenario.from_provenance(origin)), "scenario": None}
+        subject = _of_scenario(mt.Scenario.from_provenance(origin)) | {"scenario": None}
         if isinstance(result, mt.CoverageMap):
             times = require_finite(origin.get("times", MISSING), "times", "times [s]")
-            return {**subject, "coverage": result, "time": float(times.flat[0])}
+            return subject | {"coverage": result, "time": float(times.flat[0])}
     except Refused as error:
         raise error.of(str(file)) from None
     if isinstance(result, mt.GainResult):
-        return {**subject, "gain": result}
+        return subject | {"gain": result}
     if isinstance(result, mt.GainSeries) and result.along == "time":
-        return {**subject, "gain": result, "time": float(result.time[0])}
+        return subject | {"gain": result, "time": float(result.time[0])}
     return subject
