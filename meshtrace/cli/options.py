@@ -100,7 +100,8 @@ _SET = "Replace a value of the link file, such as transmitter.depth=20; repeatab
 _TRUST = "Run the modules that the link file names, as in module:Class."
 _STORE = "File that keeps finished steps: a second call with the same arguments resumes the first."
 _WORKERS = "Processes in place of threads, or the address or file of a running dask scheduler."
-_BOUNDS = "Bounds of a value to choose, by its key in a link file; repeatable."
+_BOUNDS = "Bounds of a value to choose by its key, such as receiver.fov_deg=6,90; repeatable."
+_WAVELENGTHS = "Wavelengths in vacuum [nm] in place of that of the sources, a result for each"
 
 LinkFile = Annotated[Path | None, typer.Argument(metavar="[LINK.TOML]", help=_LINK)]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="Write the result as netCDF.")]
@@ -109,8 +110,8 @@ Set = Annotated[list[str] | None, value("KEY=VALUE", _SET, "--set")]
 Trust = Annotated[bool, flag("--trust", _TRUST)]
 Chains = Annotated[int, count("Chains, common to all surfaces.", "--photons")]
 Bounds = Annotated[list[Any] | None, value("KEY=LOW,HIGH", _BOUNDS, "--over", parser=parse_bounds)]
-Wavelengths = Annotated[Any, numbers("Wavelengths in vacuum [nm], a result each", "--wavelengths")]
-ErrorLimit = Annotated[float, value("BER", "Largest bit error rate that works, before decoding.")]
+Wavelengths = Annotated[Any, numbers(_WAVELENGTHS, "--wavelengths")]
+ErrorLimit = Annotated[float, value("BER", "Largest bit error rate of a working link, uncoded.")]
 BitRate = Annotated[float | None, value("R", "Bit rate R_b [bit s-1]; default: that of the link.")]
 Bar = AbstractContextManager[console.Callbacks]
 
@@ -165,11 +166,12 @@ class StudyOptions(Changes):
         console.save(result, self.output, quiet)
         console.draw(result, self.plot, quiet)
 
-    def run(self, study: Callable[..., Any], bar: Bar) -> None:
-        """Run a study of the link, print its result and write it."""
-        # a wrong link or path is told before minutes of work
-        scenario = self.scenario(self.link)
-        self.check(self.link)
-        result = self.compute(study, scenario, bar)
+    def run(self, study: Callable[..., Any], bar: Bar, subject: Any = None) -> None:
+        """Run a study of the link, or of another subject, print its result and write it."""
+        if subject is None:
+            subject = self.scenario(self.link)
+            # a path is refused before minutes of work
+            self.check(self.link)
+        result = self.compute(study, subject, bar)
         typer.echo(result.summary())
         self.write(result)

@@ -57,15 +57,16 @@ def coverage(
     wavelengths_nm: opt.Wavelengths = None,
     extent: Annotated[float, value("M", "Half-width of the map [m].")] = 5,
     step: Annotated[float, value("M", "Edge of a cell [m].")] = 0.25,
-    times: Annotated[Any, numbers("Times [s] of the mean; default: that of the link file")] = None,
-    photons: Annotated[int, count("Photons for each time; the first guess of --rtol.")] = 4_000_000,
-    rtol: Annotated[float | None, value("R", "Relative standard error to reach in cells.")] = None,
+    times: Annotated[Any, numbers("Times [s] to average; default: that of the link file")] = None,
+    photons: Annotated[int, count("Photons for each time; with --rtol a first guess.")] = 4_000_000,
+    rtol: Annotated[float | None, value("R", "Relative standard error to reach in every cell by "
+        "more samples; unscattered light is exact where its image is known.")] = None,
 ) -> None:  # fmt: skip
     """Map the gain over the plane of the receiver."""
-    # to a tolerance nobody knows how many it takes
-    steps = photons if rtol is None else None
     study = partial(mt.coverage_map, photons=photons, rtol=rtol, extent=extent, step=step,
                     times=times, wavelengths_nm=wavelengths_nm)  # fmt: skip
+    # nobody knows how many photons a tolerance takes
+    steps = photons if rtol is None else None
     options.run(study, progress(steps, "mapping the gain", kernels="analog"))
 
 
@@ -88,9 +89,7 @@ def compare(
     options.check(*link)
     total = realizations * len(link)
     study = partial(mt.compare, realizations=realizations, photons=photons)
-    result = options.compute(study, scenarios, progress(total))
-    typer.echo(result.summary())
-    options.write(result)
+    options.run(study, progress(total), scenarios)
 
 
 _REFINED = {"spacings": "--spacings", "steps": "--time-steps", "omega_max": "--omega-max"}
@@ -110,7 +109,7 @@ def converge(
     photons: opt.Chains = 2048,
     placements: Annotated[int | None, count(
         "Meshes of each spacing, moved by parts of a cell against the sea; by default 34.")] = None,
-    realizations: Annotated[int | None, seas("Seas of each band: 16, none of fading.")] = None,
+    realizations: Annotated[int | None, seas("Seas of each band; default 16, of fading 0.")] = None,
     duration: Annotated[float | None, value("S", "Length of the series [s], a multiple of every "
         "step; by default eight of the longest.")] = None,
     tolerance: Annotated[float | None, value("R", "Relative error of one surface that the step has "
@@ -185,7 +184,7 @@ def design(
 
     Outage and error rate by night and by day, the best lens, field of view, filter, hover point,
     wavelength and bit rate with their flat ranges, the values at which the link just closes, and
-    the budget line by line.
+    the budget line by line. Best values have bounds, which --over replaces.
     """
     study = partial(mt.design, outage=outage, limit=limit, over=dict(bounds or ()) or None,
                     realizations=realizations, photons=photons)  # fmt: skip
@@ -196,7 +195,8 @@ def design(
 def optimize(
     options: opt.StudyOptions,
     bounds: opt.Bounds = None,
-    objective: Annotated[Any, value("WORD", "outage, gain, range, margin or capacity.")] = "outage",
+    objective: Annotated[Any, value("WORD",
+        "Quantity to improve: outage, gain, range, margin or capacity.")] = "outage",
     hover_std: Annotated[Any, value("X,Y", "Standard deviations of the end in the air along x and "
         "y [m].", "--hover", parser=opt.parse_pair)] = "0,0",
     realizations: Annotated[int, seas("Seas, each with 12 places; over a surface without random "
@@ -204,7 +204,7 @@ def optimize(
     quantile: Annotated[float, value("Q", 'Quantile of the gain for "outage".')] = 0.01,
     bit_rate: opt.BitRate = None,
     limit: opt.ErrorLimit = 1e-3,
-    method: Annotated[Any, value("WORD", "auto, bounded, cobyqa or global.")] = "auto",
+    method: Annotated[Any, value("WORD", "Search: auto, bounded, cobyqa or global.")] = "auto",
     photons: opt.Chains = 2048,
 ) -> None:  # fmt: skip
     """Search the best values of parameters over common seas, and check them on fresh ones."""
@@ -221,7 +221,8 @@ def sensitivity(
         '"water.a" or "receiver.position.0"; by default all continuous ones; repeatable.')] = None,
     quantity: Annotated[Any, value("WORD",
         "Quantity: gain, ber, outage, range, margin or capacity.", "--of")] = "gain",
-    realizations: Annotated[int, seas("Seas: 1 as it is, more with phases of their own.")] = 1,
+    realizations: Annotated[int, seas(
+        "Seas; 1 is the sea as it is, more have their own phases.")] = 1,
     bit_rate: opt.BitRate = None,
     limit: opt.ErrorLimit = 1e-3,
     step: Annotated[float | None, value("S", "Step of the differences, relative or in the unit of "
@@ -250,7 +251,8 @@ def irradiance(
     patch: Annotated[Any, value("X,Y", "Half-length of a square about the collector and edge of "
         "its cells [m]: the result has the irradiance that the collector would have there.",
         parser=opt.parse_pair)] = None,
-    photons: Annotated[int, count("Photons of each depth, and of the sky.")] = 100_000,
+    photons: Annotated[int, count(
+        "Photons of the scattered light of each depth, and of the sky.")] = 100_000,
 ) -> None:  # fmt: skip
     """Compute the irradiance under a moving sea by day, and print its fluctuation and flashes.
 

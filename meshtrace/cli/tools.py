@@ -114,7 +114,7 @@ def explore(
 def validate(
     quick: Annotated[bool, flag(
         "--quick", "Use a twentieth of the photons; an eighth for measurements.")] = False,
-    suite: Annotated[str, value("NAME", "closed-forms, or measured, published measurements (some "
+    suite: Annotated[str, value("NAME", "closed-forms, or measured: published measurements (some "
         "minutes).")] = "closed-forms",
     case: Annotated[str | None, value("NAME", "Run one reference case instead of the suite: w2a1; "
         "or one experiment of the suite measured.")] = None,
@@ -142,8 +142,8 @@ def validate(
         checks = tuple((validation.validate if case is None else w2a1.checks)(quick, step))
     limit, failed = validation.LIMIT, sum(not check.passed for check in checks)
     if json_:
-        entries = [console.finite(check.as_data()) for check in checks]
-        typer.echo(json.dumps({"limit": limit, "failed": failed, "checks": entries}, allow_nan=False))
+        plain = [console.finite(check.as_data()) for check in checks]
+        typer.echo(json.dumps({"limit": limit, "failed": failed, "checks": plain}, allow_nan=False))
     else:
         table = validation.format_table(checks)
         typer.echo(

@@ -38,7 +38,7 @@ def view(
         "Write a movie (.mp4, .gif) of the sea and the gain.")] = None,
     pattern: Annotated[Path | None, value("A.MP4", "Write a picture (.png) or movie of the light "
         "pattern on the receiver's plane.", "--light")] = None,
-    export: Annotated[Path | None, value("FOLDER", "Write surface, paths and map as VTK.")] = None,
+    export: Annotated[Path | None, value("FOLDER", "Write surface, paths and map for VTK.")] = None,
     paths: Annotated[int | None, value("N", "Photon paths beside received light [default: 500; "
         "movie: 0].", low=0, high=_MOST_PATHS)] = None,
     received: Annotated[int | None, value("N",
