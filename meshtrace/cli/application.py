@@ -92,6 +92,7 @@ def command(name: str | None = None) -> Callable[[Callable[..., None]], Any]:
     """Register a function as a command, whose help is its docstring.
 
     A parameter annotated by a dataclass stands for an option for each field: typer has no groups.
+    It must be the class itself: no `from __future__ import annotations` in files of commands.
     """
 
     def register(function: Callable[..., None]) -> Callable[..., None]:

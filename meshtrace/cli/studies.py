@@ -112,8 +112,8 @@ def converge(
     realizations: Annotated[int | None, seas("Seas of each band; default 16, of fading 0.")] = None,
     duration: Annotated[float | None, value("S", "Length of the series [s], a multiple of every "
         "step; by default eight of the longest.")] = None,
-    tolerance: Annotated[float | None, value("R", "Relative error of one surface that the step has "
-        "to reach; by default 0.001 of spacings, 0.03 of fading, else 0.01.")] = None,
+    tolerance: Annotated[float | None, value("R", "Relative error of one surface with the "
+        "recommended step; by default 0.001 of spacings, 0.03 of fading, else 0.01.")] = None,
     unresolved: Annotated[str | None, value("WORD",
         "Slopes of the waves that each mesh leaves out: tilt or none (default).")] = None,
     what: Annotated[str, value("WORD", "gain, or fading over the band of waves.")] = "gain",
