@@ -26,7 +26,7 @@ COMPILING = "compiling kernels (first run only)"
 
 @contextmanager
 def progress(
-    total: int | None, doing: str = "over the seas", *, kernels: str = "forced", quiet: bool = False
+    total: float | None, doing: str = "over the seas", kernels: str = "forced", quiet: bool = False
 ) -> Iterator[Callbacks]:
     """Yield two callbacks: set the status text, and advance the progress bar.
 
@@ -53,7 +53,7 @@ def progress(
 
 @contextmanager
 def named_steps(
-    total: int, doing: str, *, kernels: str, quiet: bool
+    total: int, doing: str, kernels: str, quiet: bool
 ) -> Iterator[Callable[[str], None]]:
     """Yield a callback that takes the name of each step as it begins; see `progress`."""
     with progress(total, doing, kernels=kernels, quiet=quiet) as (say, advance):

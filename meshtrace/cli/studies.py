@@ -2,6 +2,7 @@
 
 import inspect
 import json
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -128,11 +129,9 @@ def converge(
     """
     require_word(what, ("gain", "fading"), "--what")
     # the four studies have defaults of their own
-    chosen = opt.without_none(
-        spacings=spacings, steps=steps, omega_max=omega_max, normals=normals, duration=duration,
-        placements=placements, realizations=realizations, tolerance=tolerance,
-        unresolved=unresolved,
-    )  # fmt: skip
+    chosen = opt.without_none(spacings=spacings, steps=steps, omega_max=omega_max, normals=normals,
+                              placements=placements, realizations=realizations, duration=duration,
+                              tolerance=tolerance, unresolved=unresolved)  # fmt: skip
     study = _study_of(chosen, what)
     surfaces = _surfaces(_defaults(study) | chosen)
     options.run(partial(study, photons=photons, **chosen), progress(surfaces, "over the meshes"))
@@ -159,13 +158,13 @@ def _study_of(options: dict[str, Any], what: str) -> Any:
     return study
 
 
-def _surfaces(values: dict[str, Any]) -> int | None:
+def _surfaces(values: dict[str, Any]) -> float | None:
     """Return the number of surfaces of a study of convergence, the steps of its progress."""
     if "steps" in values:
         # steps that halve: all together are twice as many as the shortest ones
         steps = values["steps"]
         duration = values["duration"] or 8.0 * max(steps)
-        return round(2.0 * duration / min(steps) + 1.0) if min(steps) > 0.0 else None
+        return 2.0 * duration / min(steps) + 1.0 if min(steps) > 0.0 else None
     if "spacings" in values:
         return len(values["spacings"]) * int(values["placements"])
     return len(values["omega_max"]) * int(values["realizations"])
@@ -288,7 +287,11 @@ def traces(
         downlink = options.scenario(Path(down)).link
     study = partial(mt.channel_trace, down=downlink, hours=hours, rate=rate,
                     background_rate=background_rate, photons=photons)  # fmt: skip
-    options.run(study, progress(pieces_in(hours, rate), "frames"))
+    pieces = None
+    # the study refuses numbers without pieces, such as nan, by their option
+    with suppress(ValueError, OverflowError):
+        pieces = pieces_in(hours, rate)
+    options.run(study, progress(pieces, "frames"))
 
 
 @command()

@@ -66,10 +66,8 @@ def _simulate(scenario: "mt.Scenario", quiet: bool, wavelengths: Any) -> tuple[A
         return result, time.perf_counter() - start
 
 
-_GAINS = (
-    "gain", "gain_stderr", "gain_db", "gain_bound", "gain_ballistic", "gain_scattered",
-    "mesh_error",
-)  # fmt: skip
+_GAINS = ("gain", "gain_stderr", "gain_db", "gain_bound", "gain_ballistic", "gain_scattered",
+          "mesh_error")  # fmt: skip
 
 
 def _plain(result: "mt.GainResult", wall_time: float) -> dict[str, Any]:

@@ -134,6 +134,10 @@ def test_a_group_of_options_is_one_argument_of_a_function():
         ("coverage --step -1", "--step: -1.0, allowed: "),
         ("sensitivity --of x", "--of: 'x', allowed: gain, ber"),
         ("optimize", "--over: missing, allowed: "),
+        ("traces --hours nan", "--hours: nan, allowed: "),  # both once ended in a traceback
+        ("traces --hours 1e308 --rate 1e308", "--"),
+        ("converge --time-steps 1,0.5,0.25,0.125 --duration nan", "--duration: nan, allowed: "),
+        ("converge --time-steps 1,0.5,0.25,0.125 --duration inf", "--duration: inf, allowed: "),
         ("converge --normals x,vertex", "--normals: 'x', allowed: vertex, facet"),
         ("converge --omega-max 1,2 --placements 3", "--placements: 3, allowed: only with --spac"),
         ("converge --what fading --spacings 1,2", "--spacings: [1.0, 2.0], allowed: only with -"),
