@@ -59,6 +59,7 @@ def view(
 ) -> None:  # fmt: skip
     """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files."""
     # a view without a movie does not check it
+    # without a movie nobody else checks it
     if frame_rate is not None:
         require_between(frame_rate, 0.0, math.inf, "--frame-rate", allowed="numbers > 0")
     with extra("viz", "viz"):
@@ -97,7 +98,8 @@ def _subject(file: Path | None, changes: opt.Changes) -> Inputs:
         return _of_scenario(changes.scenario(file))
     assert file is not None
     first = changes.set_ and changes.set_[0]
-    changed = {"--set": first, "--wind": changes.wind, "--trust": changes.trust}
+    changed = {"--set": first, "--wind": changes.wind, "--trust": changes.trust,
+               "--threads": changes.threads}  # fmt: skip
     for name, setting in changed.items():
         if setting:
             raise Refused(name, setting, "with a link file")
