@@ -1,9 +1,9 @@
-"""The command line; `commands.py` has the table of the commands that run a study.
+"""The command line: commands that run a study are in `studies.py`, others in `tools.py`, `view.py`.
 
 Heavy imports happen inside the commands, so that --help is quick.
 """
 
-from meshtrace.cli import tools  # noqa: F401, the commands join the application
-from meshtrace.cli.commands import app
+from meshtrace.cli import studies, tools, view  # noqa: F401, the commands join the application
+from meshtrace.cli.application import app
 
 __all__ = ["app"]

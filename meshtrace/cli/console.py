@@ -1,16 +1,15 @@
-"""Option groups, output files, progress and warnings of all commands."""
+"""Output files, progress and warnings of all commands."""
 
 from __future__ import annotations
 
 import math
 import subprocess
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from itertools import count
+from itertools import chain, repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -21,25 +20,25 @@ if TYPE_CHECKING:
     from meshtrace.scenario import Scenario
     from meshtrace.stored import Stored
 
+Callbacks = tuple[Callable[[str], None], Callable[[int], None]]
 COMPILING = "compiling kernels (first run only)"
 
 
 @contextmanager
 def progress(
-    total: int | None, quiet: bool, doing: str, *estimators: str
-) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
+    total: float | None, doing: str = "over the seas", kernels: str = "forced", quiet: bool = False
+) -> Iterator[Callbacks]:
     """Yield two callbacks: set the status text, and advance the progress bar.
 
-    Warnings become lines of stderr. The status says so if kernels of `estimators` will compile.
+    Warnings become lines of stderr. The status says so if kernels of these estimators will compile.
     """
     from rich import progress as rich
     from rich.console import Console
 
-    console = Console(stderr=True)
-    text, share = rich.TextColumn("{task.description}"), rich.TaskProgressColumn()
-    columns = (text, rich.BarColumn(), share, rich.TimeRemainingColumn())
+    # standard output is for results, which other programs may read
+    console, quiet = Console(stderr=True), quiet or total == 0
     shown = console.is_terminal and not quiet
-    with rich.Progress(*columns, console=console, transient=True, disable=not shown) as bar:
+    with rich.Progress(console=console, transient=True, disable=not shown) as bar:
         task = bar.add_task("building the sea", total=None)
 
         def say(status: str) -> None:
@@ -47,22 +46,22 @@ def progress(
             if not (shown or quiet):
                 typer.echo(status, err=True)
 
-        if not all(kernels_are_compiled(name) for name in estimators):
+        if not all(map(kernels_are_compiled, kernels.split())):
             say(COMPILING)
         yield say, lambda done: bar.update(task, description=doing, total=total, advance=done)
 
 
 @contextmanager
 def named_steps(
-    total: int, quiet: bool, doing: str, *estimators: str
+    total: int, doing: str, kernels: str, quiet: bool
 ) -> Iterator[Callable[[str], None]]:
     """Yield a callback that takes the name of each step as it begins; see `progress`."""
-    with progress(total, quiet, doing, *estimators) as (say, advance):
-        begun = count()
+    with progress(total, doing, kernels=kernels, quiet=quiet) as (say, advance):
+        # the first step ends no other one
+        ended = chain([0], repeat(1))
 
         def step(name: str) -> None:
-            if next(begun):
-                advance(1)
+            advance(next(ended))
             say(name)
 
         yield step
@@ -77,10 +76,8 @@ def kernels_are_compiled(estimator: str) -> bool:
     from meshtrace.engine.photons import flight
     from meshtrace.kernels import jit
 
-    slowest = {
-        "forced": (gain.contributions, gain.blurred_contributions),
-        "analog": (flight.follow,),
-    }
+    of_chains = (gain.contributions, gain.blurred_contributions)
+    slowest = {"forced": of_chains, "analog": (flight.follow,)}
     return any(jit.is_compiled(kernel) for kernel in slowest[estimator])
 
 
@@ -105,20 +102,16 @@ def compiling_ahead(scenario: Scenario) -> Iterator[None]:
         with suppress(OSError):
             text = scenario.to_toml()
             start = python_start("-c", _AHEAD, text, *modules_of(text))
-            process = subprocess.Popen(
-                start.args,
-                env=start.env,
-                stdin=silent,
-                stdout=silent,
-                stderr=silent,
-                start_new_session=True,  # Ctrl-C is for the first process, which ends this one
-            )
+            # a session of its own: Ctrl-C is for the first process, which ends this one
+            process = subprocess.Popen(start.args, env=start.env, stdin=silent, stdout=silent,
+                                       stderr=silent, start_new_session=True)  # fmt: skip
     try:
         yield
     finally:
         if process is not None:
             process.kill()
-            with suppress(subprocess.TimeoutExpired):  # one that a dead file system holds
+            # a dead file system may hold it
+            with suppress(subprocess.TimeoutExpired):
                 process.wait(_LAST_WAIT)
 
 
@@ -139,6 +132,7 @@ def warnings_as_lines() -> Iterator[None]:
     told: set[str] = set()
 
     def tell(message: Warning | str, *_: Any) -> None:
+        # a loop over many seas would repeat its warnings
         line = one_line(message)
         if line not in told:
             told.add(line)
@@ -165,73 +159,6 @@ def finite(value: Any) -> Any:
     return float(value) if math.isfinite(value) else None
 
 
-_LINK = "Link file; default: the link of the paper."
-LinkFile = Annotated[Path | None, typer.Argument(metavar="[LINK.TOML]", help=_LINK)]
-
-_KEYS = {"wind": "wind_speed", "seed": "run.seed", "threads": "run.threads"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Changes:
-    """Options that change a link file.
-
-    Parameters
-    ----------
-    set_ : KEY=VALUE
-        Replace a value of the link file, such as transmitter.depth=20; repeatable.
-    trust
-        Run the modules that the link file names, as in module:Class.
-    """
-
-    set_: list[str] | None = None
-    trust: bool = False
-
-    def scenario(self, link: Path | None, more: Mapping[str, Any] | None = None) -> Scenario:
-        """Return the scenario of a link file with these changes and further ones by key."""
-        from meshtrace.scenario import Scenario, parse_setting
-
-        own = {key: getattr(self, name, None) for name, key in _KEYS.items()}
-        given = (f"{k}={v}" for k, v in {**own, **(more or {})}.items() if v is not None)
-        changes = dict(parse_setting(setting) for setting in (*(self.set_ or []), *given))
-        if link is None:
-            return Scenario.from_toml("", changes=changes, trust=self.trust)
-        return Scenario.load(link, changes, trust=self.trust)
-
-
-@dataclass(frozen=True, kw_only=True)
-class WindChanges(Changes):
-    """Options that change a link file and its wind.
-
-    Parameters
-    ----------
-    wind : U
-        Wind speed at 10 m [m/s].
-    """
-
-    wind: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunChanges(Changes):
-    """Options that change a link file and its run.
-
-    Parameters
-    ----------
-    seed : N
-        Seed of the random numbers.
-    threads : N
-        Number of threads; default: all cores.
-    """
-
-    seed: str | None = None
-    threads: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class AllChanges(RunChanges, WindChanges):
-    """Options that change a link file, its wind and its run."""
-
-
 def check_output(output: Path | None, *inputs: Path | None, option: str = "--output") -> None:
     """Check before the work that an optional output file can be written.
 
@@ -241,6 +168,7 @@ def check_output(output: Path | None, *inputs: Path | None, option: str = "--out
         return
     named = (file for link in inputs if link is not None for file in _named_files(link))
     require_writable(output, [*inputs, *named], option)
+    # no result is TOML: the name of a link file is a slip, which would replace it
     if output.suffix.lower() == ".toml":
         raise Refused(option, str(output), "a path not ending in .toml")
 
@@ -256,7 +184,8 @@ def _named_files(link: Path) -> Iterator[Path]:
             for item in part.values() if isinstance(part, dict) else part:
                 yield from texts(item)
 
-    with suppress(Refused):  # no link file
+    # a link file that cannot be read is refused later, by its own reader
+    with suppress(Refused):
         yield from (link.parent / text for text in texts(parse_toml(read_text(link))))
 
 
@@ -272,7 +201,15 @@ def check_plot(path: Path | None, *inputs: Path | None, option: str = "--plot") 
         raise Refused(option, str(path), f"a file .{', .'.join(sorted(kinds))}")
 
 
-def draw(result: Any, path: Path | None) -> None:
+def save(result: Stored, path: Path | None, quiet: bool = False) -> None:
+    """Write a result to a file, if one is given, after the text on the console."""
+    if path is not None:
+        result.save(path)
+        if not quiet:
+            typer.echo(f"\nwritten to {path}")
+
+
+def draw(result: Any, path: Path | None, quiet: bool = False) -> None:
     """Write the plot of a result, if a file is given."""
     if path is None:
         return
@@ -285,86 +222,9 @@ def draw(result: Any, path: Path | None) -> None:
         from meshtrace.viz import plot, use_style
     use_style()
     plot(result)
+    # an interrupted command leaves the picture of before, not half of a new one
     with atomic(path) as temporary:
         plt.savefig(temporary)
     plt.close()
-    typer.echo(f"\nwritten to {path}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class FileOptions:
-    """File of a result.
-
-    Parameters
-    ----------
-    output
-        Write the result as netCDF.
-    """
-
-    output: Path | None = None
-
-    def check(self, *inputs: Path | None) -> None:
-        """Check before the work that the files can be written."""
-        check_output(self.output, *inputs)
-
-    def save(self, result: Stored, quiet: bool = False) -> None:
-        """Write a result to the file, after the text on the console."""
-        if self.output is not None:
-            result.save(self.output)
-            if not quiet:
-                typer.echo(f"\nwritten to {self.output}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PrintOptions(FileOptions):
-    """File of a result, and the format on the console.
-
-    Parameters
-    ----------
-    json_
-        Print the result as JSON, without progress bar.
-    """
-
-    json_: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlotOptions(FileOptions):
-    """File and picture of a result.
-
-    Parameters
-    ----------
-    plot : A.PNG
-        Draw the result.
-    """
-
-    plot: Path | None = None
-
-    def check(self, *inputs: Path | None) -> None:
-        """Check before the work that both can be written."""
-        super().check(*inputs)
-        check_plot(self.plot, *inputs, self.output)
-
-    def write(self, result: Stored) -> None:
-        """Print a result and write it."""
-        typer.echo(result.summary())
-        self.save(result)
-        draw(result, self.plot)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ResultOptions(AllChanges, PlotOptions):
-    """Options that change a link file, and files of a result."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LinkOptions(ResultOptions):
-    """Link file, options that change it, and files of a result."""
-
-    link: LinkFile = None
-
-    def opened(self) -> Scenario:
-        """Return the scenario, once it is clear that the files can be written."""
-        scenario = self.scenario(self.link)
-        self.check(self.link)
-        return scenario
+    if not quiet:
+        typer.echo(f"\nwritten to {path}")

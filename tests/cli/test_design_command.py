@@ -6,7 +6,6 @@ import pytest
 from command_line import meshtrace, refusal
 
 import meshtrace as mt
-from meshtrace.cli import commands
 
 LINK = """
 wind_speed = 0.0
@@ -28,16 +27,19 @@ def test_design_prints_a_page_and_writes_it(golden, tmp_path, monkeypatch, calm_
     path.write_text(LINK)
     calls = []
 
-    def run(study, function, of, total, asked):
-        calls.append((function, of, asked))
+    def study(scenario, **options):
+        calls.append((scenario, options))
         return calm_design
 
-    monkeypatch.setattr(commands.StudyRow, "run", run)
+    monkeypatch.setattr(mt, "design", study)
     text = meshtrace(
         "design", path, "--photons", "32", "-n", "9", "-o", out, "--plot", picture
     ).stdout
-    options = {"photons": 32, "realizations": 9}
-    assert calls == [(mt.design, mt.Scenario.load(path), options)]
+    ((scenario, options),) = calls
+    assert scenario == mt.Scenario.load(path)
+    assert callable(options.pop("progress"))
+    expected = {"photons": 32, "realizations": 9, "outage": 0.01, "limit": 0.001}
+    assert options == {**expected, "over": None, "store": None, "workers": None}
     places = [text.index(part) for part in PARTS]
     assert places == sorted(places)
     page = mt.Design.load(out)

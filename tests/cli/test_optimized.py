@@ -49,15 +49,3 @@ def test_a_run_gives_the_same_gain_without_docstrings_and_assertions():
         text.partition('"gain":')[2].partition(",")[0] for text in (plain.stdout, optimized.stdout)
     ]
     assert gains[0] == gains[1] != ""
-
-
-def test_help_without_docstrings_nor_source_has_the_names_of_options(monkeypatch):
-    """As of a package of byte code alone."""
-    from command_line import meshtrace
-
-    from meshtrace.cli import made
-
-    monkeypatch.setattr(made, "entries", lambda owner: {})
-    done = meshtrace("ber", "--help")
-    assert done.exit_code == 0, done.stderr
-    assert "--limit" in done.stdout

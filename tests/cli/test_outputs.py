@@ -137,7 +137,7 @@ def test_the_spectra_of_a_water_are_drawn(tmp_path):
 def test_the_scatter_of_a_single_sea_is_a_dash():
     import xarray as xr
 
-    from meshtrace.cli.commands import _rows
+    from meshtrace.cli.studies import _rows
 
     gain = xr.DataArray(np.array([[1.0], [2.0]]), dims=("depth", "realization"))
     data = xr.Dataset({"gain": gain, "gain_stderr": 0.1 * gain}, {"depth": [1.0, 2.0]})

@@ -159,6 +159,7 @@ def test_a_missing_extra_is_a_hint(monkeypatch, missing):
         (["text.stl"], "text.stl: sea.mesh.source: empty, allowed: a surface of one or more"),
         (["--set", "receiver.radius=-1"], "receiver.radius: -1"),
         (["sea.ply", "--set", "wind_speed=3"], "--set: 'wind_speed=3', allowed: with a link file"),
+        (["sea.ply", "--threads", "2"], "--threads: '2', allowed: with a link file"),
         (["sea.ply", "--map", "9"], "coverage: of a mesh alone, allowed: with a link"),
         (["sea.ply", "--movie", "a.gif"], "movie: of a mesh, which does not move, allowed: a link"),
         (["--screenshot", "a.jpg"], "--screenshot: 'a.jpg', allowed: a file name in .png"),

@@ -7,10 +7,10 @@ import pytest
 from mc_statistics import sidak, z_test
 
 import meshtrace as mt
-from meshtrace.cli.made import sentences
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.options import RunOptions, StudyOptions
 from meshtrace.errors import Refused
+from meshtrace.fields import entries
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.series import gain_series
@@ -121,7 +121,7 @@ def test_other_functions_name_the_surface_alike(group):
 
 
 def test_every_option_of_a_run_is_documented():
-    assert StudyOptions.__annotations__.keys() <= sentences(mt.ensemble).keys()
+    assert StudyOptions.__annotations__.keys() <= entries(StudyOptions).keys()
     assert RunOptions.__annotations__.keys() < StudyOptions.__annotations__.keys()
 
 

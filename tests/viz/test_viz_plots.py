@@ -1,11 +1,9 @@
 """Plots show the numbers they are given, under names and units."""
 
 import re
-import tomllib
 from dataclasses import replace
 from importlib import import_module
-from inspect import signature
-from pathlib import Path
+from inspect import getsource, signature
 from types import SimpleNamespace
 from unittest.mock import NonCallableMock
 
@@ -268,18 +266,18 @@ def test_every_kind_of_result_has_a_plot():
 def test_every_file_that_a_command_writes_has_a_plot():
     """Kinds of results of the studies of all commands; a dataset is that of a sweep."""
     from meshtrace import stored
+    from meshtrace.cli import studies as commands
     from meshtrace.viz import plots_studies as plots
 
     for home in stored._HOMES.values():
         import_module(home)
     kinds = {one.__name__: kind for kind, one in stored.Stored._classes.items()}
-    commands = tomllib.loads((Path(mt.__file__).parent / "cli" / "commands.toml").read_text())
+    named = re.findall(r"\bmt\.(?:studies\.)?([a-z]\w+)", getsource(commands))
     written = set()
-    for command in commands.values():
-        room, _, names = command.get("study", "meshtrace:").partition(":")
-        for name in names.split():
-            returned = str(signature(getattr(import_module(room), name)).return_annotation)
-            written |= set(re.findall(r"\w+", returned)) & kinds.keys()
+    for name in set(named) - {"studies"}:
+        study = getattr(mt, name, None) or getattr(mt.studies, name)
+        returned = str(signature(study).return_annotation)
+        written |= set(re.findall(r"\w+", returned)) & kinds.keys()
     assert len(written) >= 10
     assert {kinds[name] for name in written} <= plots._PLOTS.keys()
 

@@ -75,7 +75,7 @@ def test_view_needs_a_display_for_a_window(monkeypatch):
 
 
 def test_the_sea_of_a_link_file_lies_under_its_daylight():
-    from meshtrace.cli.tools import _of_scenario
+    from meshtrace.cli.view import _of_scenario
     from meshtrace.scenario import Scenario
 
     bright = Scenario.from_toml("[daylight]\ndirect = 1.0\ndiffuse = 0.5\n")
