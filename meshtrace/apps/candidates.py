@@ -89,7 +89,7 @@ class Goal:
         gains = sample.gains(at)
         if self.objective == "gain":
             return gains, None
-        return gains, self._lights.lit(sample.responses.behind(at))
+        return gains, self._lights.exposed(sample.responses.behind(at))
 
     def _cost(self, at: Variant, gains: Floats, weights: Floats) -> float:
         """Return the number of a function, or the quantile of -ln(gain / need)."""
@@ -265,7 +265,7 @@ class Sample(Restored):
 
         name = f"candidates of seed {self._seed}"
         places = sum(len(at.receivers) for at in self._links(link, uav, 0))
-        rows = self._near.campaign.over(
+        rows = self._near.campaign.evaluate(
             setup, steps, name, self._identity, lambda step: (places, SHIFTS)
         )
         return np.array(list(rows))

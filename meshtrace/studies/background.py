@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Any, Unpack
+from typing import Annotated, Any, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,7 @@ from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight, UnavailableDaylight
 from meshtrace.engine.backward.background import background, backgrounds_over
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
-from meshtrace.engine.setup.options import Case, RunOptions, require_options
+from meshtrace.engine.setup.options import Case, RunOptions, StudyOptions, require_options
 from meshtrace.errors import Refused, require_finite
 from meshtrace.fading import resolve_band
 from meshtrace.link import Link
@@ -90,7 +90,8 @@ def background_series(
     keeps its mean but is smoother than in nature.
     """
     require_options(run, RunOptions)
-    campaign = campaign_of(link, surface, "background_series", fading=True, workers=workers, **run)
+    options = cast(StudyOptions, run | {"workers": workers})
+    campaign = campaign_of(link, surface, "background_series", options, fading=True)
     day = light_of(campaign, daylight)
     if day is None:
         raise Refused("daylight", None, "a Daylight")
@@ -276,7 +277,7 @@ class Lights:
         meshing, run = self._campaign.meshing, self._campaign.run
         return {"photons": RAYS, "seed": self._seed, "mesh": meshing, "threads": run.threads}
 
-    def lit(self, variant: Variant) -> OokLink | None:
+    def exposed(self, variant: Variant) -> OokLink | None:
         """Return the transmission of a variant with the counts of its background, if any."""
         if variant.detector is None:
             return None
@@ -341,7 +342,7 @@ def backgrounds(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -
     single_threaded = campaign._replace(run=campaign.run.replace(threads=1))
     name = f"background of {', '.join(campaign.links)} by {day.light}"
     shape = (2 * len(PARTS) + 4,)
-    found = single_threaded.over(
+    found = single_threaded.evaluate(
         setup, range(len(steps.labels)), name, identity, lambda step: shape
     )
     results = []

@@ -223,21 +223,20 @@ def compare(
     each = {}
     for name, link in links.items():
         try:
-            resolved = campaign_of(
-                link, surface, "compare", in_daylight and realizations > 1, **run
-            )
+            fading = in_daylight and realizations > 1
+            resolved = campaign_of(link, surface, "compare", run, fading=fading)
             count = len(resolved.link.receivers)
             if count != 1:
                 raise Refused("receiver", Described(f"{count} receivers"), "one receiver")
         except Refused as error:
             raise error.inside("links", str(name)) from None
-        each[str(name)] = resolved.of(resolved.link, str(name))
+        each[str(name)] = resolved.for_link(resolved.link, str(name))
     samples = _samples(each, realizations)
-    days = [light_of(link_file, daylight) for link_file in each.values()]
+    days = [light_of(campaign, daylight) for campaign in each.values()]
     origin = [
-        link_file.provenance(realizations=realizations)
+        campaign.provenance(of_study={"realizations": realizations})
         | {"daylight": day and day.model_dump(mode="json")}
-        for link_file, day in zip(each.values(), days, strict=True)
+        for campaign, day in zip(each.values(), days, strict=True)
     ]
     made = Comparison.of_samples(tuple(each), samples, origin)
     return _under_light(made, list(each.values()), days, samples, realizations)
@@ -442,7 +441,7 @@ def duplex(
     >>> len(both.up.gain), len(both.down.gain)
     (3, 3)
     """
-    pair = (campaign_of(link, surface, "duplex", fading=link is up, **run) for link in (up, down))
+    pair = (campaign_of(link, surface, "duplex", run, fading=link is up) for link in (up, down))
     campaign = both_directions(*pair)
     if (times is None) == (realizations is None):
         raise Refused("times", times, "times, or a number of realizations")

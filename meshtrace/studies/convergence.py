@@ -379,7 +379,7 @@ def convergence_study(
     values = descending("spacings", spacings)
     if unresolved == "tilt" and reference == "analytic":
         raise Refused("reference", reference, "'auto' or None beside random slopes")
-    campaign = campaign_of(link, surface, "convergence_study", **run)
+    campaign = campaign_of(link, surface, "convergence_study", run)
     if reference == "auto" and (unresolved == "tilt" or not is_wave_sum(campaign.sea)):
         reference = None
     exact = wave_sum(campaign.sea) if reference else None
@@ -437,7 +437,7 @@ def band_limit_study(
     random slopes for the waves left out (`unresolved="tilt"`) this study has no limit.
     """
     values = descending("omega_max", omega_max)[::-1]
-    campaign = campaign_of(link, surface, "band_limit_study", **run)
+    campaign = campaign_of(link, surface, "band_limit_study", run)
     sea: Any = campaign.sea
     if not {"omega_max", "seed"} <= set(getattr(type(sea), "model_fields", {})):
         raise Refused("surface", Described(type(sea).__name__), "a random sea with omega_max")
@@ -503,7 +503,7 @@ def time_step_study(
     for value, stride in zip(values, strides, strict=True):
         if n % stride:
             raise Refused("duration", duration, f"multiples of the step {value:g} s")
-    campaign = campaign_of(link, surface, "time_step_study", **run)
+    campaign = campaign_of(link, surface, "time_step_study", run)
     chains = CommonChains(campaign, normals, receiver)
     begin, width, sea = campaign.meshing.time, campaign.meshing.spacing, campaign.sea
 
@@ -542,11 +542,12 @@ def _study(
     if not samples.mean(axis=(2, 3)).all():  # no relative error
         raise Refused("gain", Described("no light received"), "light at every step")
     slopes, reflected, mesh, bvh, gain = (array.mean(axis=2) for array in each)
-    kinds, campaign = chains.kinds, chains.campaign
+    kinds = chains.kinds
+    recorded = recorded | {"normals": list(kinds), "receiver": chains.receiver}
     return ConvergenceStudy(
         parameter, np.array(values), kinds, samples, ballistic, scatter, slopes, reflected,
         mesh, bvh, gain, reference, tolerance,
-        campaign.provenance(**recorded, normals=list(kinds), receiver=chains.receiver),
+        chains.campaign.provenance(of_study=recorded),
     )  # fmt: skip
 
 
@@ -672,7 +673,7 @@ def fading_study(
     nothing blurs. With tilts the index rises to that of all waves within a few per cent.
     """
     values = descending("omega_max", omega_max)[::-1]
-    campaign = campaign_of(link, surface, "fading_study", **run)
+    campaign = campaign_of(link, surface, "fading_study", run)
     link = campaign.link
     sea = getattr(campaign.sea, "short_waves", campaign.sea)
     campaign = campaign._replace(surface=sea)
@@ -686,16 +687,17 @@ def fading_study(
     for i, limit in enumerate(values if realizations else ()):
         measured[:, i] = _measured(campaign, limit, realizations)
     tilted, alone = np.array(closed)
+    recorded = {"omega_max": values, "realizations": realizations}
     return FadingConvergence(
         np.array(values), tilted, alone, all_waves, measured[0], measured[1], tolerance,
-        recommended, campaign.provenance(omega_max=values, realizations=realizations),
+        recommended, campaign.provenance(of_study=recorded),
     )  # fmt: skip
 
 
 def _measured(campaign: Campaign, omega_max: float, realizations: int) -> tuple[float, float]:
     """Return the index of unscattered light over an ensemble, and its standard error."""
     sea: Any = campaign.sea
-    campaign = campaign.of(campaign.link, f"up to {omega_max!r} rad/s")
+    campaign = campaign.for_link(campaign.link, f"up to {omega_max!r} rad/s")
     campaign = campaign._replace(surface=sea.model_copy(update={"omega_max": omega_max}))
     gain = over_realizations(campaign, realizations).gain_ballistic
     options: Any = {"confidence": _WITHIN_ONE, "resamples": _BOOTSTRAPS, "seed": campaign.run.seed}

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from threading import Lock
-from typing import Annotated, Any, NamedTuple, Unpack
+from typing import Annotated, Any, NamedTuple, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +32,7 @@ from meshtrace.engine.setup.options import (
     Analog,
     IrradianceMap,
     RunOptions,
+    StudyOptions,
     resolve,
 )
 from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, photon_paths, scattering
@@ -56,7 +57,7 @@ from meshtrace.results.series import (
 )
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.campaign import Campaign, split_options
+from meshtrace.studies.campaign import Campaign, case_options
 from meshtrace.studies.cluster import Restored
 
 _FIRST_PHOTONS = 2**20  # at most, before the first comparison with `rtol`
@@ -173,8 +174,8 @@ def coverage_map(
     in the median cell of more than 1 % of the highest gain has photons of its own, unless those of
     the base are few, too.
     """
-    options, loop = split_options({"workers": workers, **run}, "coverage_map")
-    case = resolve(link, surface, **options)
+    options = cast(StudyOptions, run | {"workers": workers})
+    case = resolve(link, surface, **case_options(options))
     kinds = (Receiver, WaterReceiver)
     receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)
     if receiver is None:
@@ -193,7 +194,8 @@ def coverage_map(
     exact = rtol is not None and not isinstance(case.run.estimator, Analog)
     waves = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     links = [case.link.at_wavelength(nm) for nm in waves] or [case.link]
-    campaign = Campaign({}, case.surface, case.run, case.meshing, **loop)
+    bare = Campaign({}, case.surface, case.run, case.meshing)
+    campaign = bare.with_loop(options, "coverage_map")
     maps = dict[int, CoverageMap]()
     with campaign.workers(), one_blas_thread():
         while waiting := [i for i in range(len(links)) if i not in maps]:
@@ -440,7 +442,7 @@ class _Mapped(Restored):
         ]
         identity = {"map": self._grid.model_dump(mode="json"), "times": self.times}
         campaign = self._campaign._replace(progress=None)
-        results = campaign.over(
+        results = campaign.evaluate(
             self.tile_setup, steps, "chains", identity, self._shape_of_tile, "tiles"
         )
         sums = dict[int, list[TileSums]]()
@@ -516,7 +518,7 @@ class _Mapped(Restored):
         }
         campaign = self._campaign._replace(progress=None)
         sizes = [tallies.to_row().size for tallies in found]
-        results = campaign.over(
+        results = campaign.evaluate(
             self.setup, steps, name, identity, lambda step: (sizes[step.run],), "runs of photons"
         )
         for step, row in zip(steps, results, strict=True):

@@ -145,7 +145,7 @@ class Ensemble(NamedTuple):
     def at(self, link: Link) -> Campaign:
         """Return the campaign of a link at its depth."""
         (base,) = self.campaign.links
-        return self.campaign.of(link, f"{base} at {link.depth!r} m")
+        return self.campaign.for_link(link, f"{base} at {link.depth!r} m")
 
     def samples(self, link: Link) -> FadingSamples:
         """Return gains and tilt factors of a link."""

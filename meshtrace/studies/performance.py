@@ -536,12 +536,10 @@ def link_performance(
 
     def performance(link: Link | Scenario, day: Daylight | None) -> LinkPerformance:
         shallow = _shallowest(link, depths)
-        campaign = campaign_of(
-            shallow, surface, "link_performance", fading=True, analog=True, **run
-        )
+        campaign = campaign_of(shallow, surface, "link_performance", run, fading=True, analog=True)
         wind = getattr(campaign.scenario, "wind_speed", campaign.link.wind_speed)
         if wind is not None:  # one of several in a store
-            campaign = campaign.of(campaign.link, f"wind of {wind!r} m/s")
+            campaign = campaign.for_link(campaign.link, f"wind of {wind!r} m/s")
         detector = getattr(campaign.scenario, "detector", None)
         base = (detector or "physical") if ook is None else ook
         ooks = tuple(OokLink.of_link(campaign.link, base, rate) for rate in rates)

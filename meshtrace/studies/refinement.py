@@ -196,7 +196,7 @@ class CommonChains(Restored):
             return lambda i: self.measure(cases[i], photons)
 
         shape = len(self.kinds), SHIFTS + 6
-        results = self.campaign.over(
+        results = self.campaign.evaluate(
             setup, range(len(cases)), "meshes", identity, lambda step: shape, "meshes"
         )
         return np.stack(list(results), axis=1)

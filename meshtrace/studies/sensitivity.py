@@ -374,7 +374,7 @@ def sensitivities(
     """
     fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
     campaign = campaign_of(
-        link, surface, "sensitivities", fading, several=False, chains=DEFAULT_CHAINS, **run
+        link, surface, "sensitivities", run, fading=fading, several=False, chains=DEFAULT_CHAINS
     )
     if realizations > 1 and not isinstance(campaign.surface, SeededSurface):
         kind = getattr(campaign.surface, "kind", type(campaign.surface).__name__)
@@ -452,7 +452,7 @@ class Study:
     where: str = ""
 
     def __post_init__(self) -> None:
-        self.campaign, several = self.campaign.of(self.variant.link), self.realizations > 1
+        self.campaign, several = self.campaign.for_link(self.variant.link), self.realizations > 1
         self.near = Neighbours(
             self.campaign, self.realizations, phases=several, fading=several, kept=_KEPT
         )
@@ -490,13 +490,13 @@ class Study:
 
     def logs(self, gains: Floats, variant: Variant) -> Floats:
         """Return the logarithms of the quantity, see `Quantity.logs`, under the light of day."""
-        exposed = self.lights.lit(self.responses.behind(variant))
+        exposed = self.lights.exposed(self.responses.behind(variant))
         return self.quantity.logs(gains, exposed, self._tilt(variant))
 
     def log(self, gains: Floats, variant: Variant, other: bool = False) -> float:
         """Return the first of `logs`, or its value by other rays and a third of the chains."""
         lights = self._other_rays if other else self.lights
-        exposed = lights.lit(self.responses.behind(variant, other))
+        exposed = lights.exposed(self.responses.behind(variant, other))
         return self.quantity.log(gains, exposed, self._tilt(variant))
 
     def logs_of(self, variant: Variant) -> Floats:
@@ -529,7 +529,7 @@ class Study:
         known = {"seas": self.near.seas, "variants": variants}
         steps, name = range(variants * self.near.seas), f"{name}{self.where}"
         campaign = self.near.campaign
-        results = campaign.over(lambda: evaluate, steps, name, known, lambda step: shape)
+        results = campaign.evaluate(lambda: evaluate, steps, name, known, lambda step: shape)
         return np.array(list(results))
 
     @cached_property

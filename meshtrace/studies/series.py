@@ -97,7 +97,7 @@ def time_series(
     if times is None and not isinstance(surface, MeshSource):
         surface, times = None, surface
     campaign = campaign_of(
-        link, surface, "time_series", fading=True, analog=True, wavelengths_nm=wavelengths_nm, **run
+        link, surface, "time_series", run, fading=True, analog=True, wavelengths_nm=wavelengths_nm
     )
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
     flight = flight and flight.checked()
@@ -153,7 +153,7 @@ def ensemble(
     warning is issued if the band of waves omits more than a tenth of the fading.
     """
     campaign = campaign_of(
-        link, surface, "ensemble", fading=True, analog=True, wavelengths_nm=wavelengths_nm, **run
+        link, surface, "ensemble", run, fading=True, analog=True, wavelengths_nm=wavelengths_nm
     )
     if campaign.spectral:
         return by_wavelength(campaign, campaign.realizations(realizations))

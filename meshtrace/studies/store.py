@@ -48,11 +48,13 @@ class Kept:
     def __init__(
         self,
         items: dict[str, Item],
-        of: str = "",
+        digest: str = "",
         file: IO[bytes] | None = None,
         turn: Lock | None = None,
+        path: Path | None = None,
     ) -> None:
-        self._items, self._of, self._file, self._turn = items, of, file, turn or Lock()
+        self._items, self._digest, self._path = items, digest, path
+        self._file, self._turn = file, turn or Lock()
         self._synchronized = time.monotonic()
 
     def __contains__(self, key: object) -> bool:
@@ -61,6 +63,16 @@ class Kept:
     def __getitem__(self, key: object) -> Item:
         return self._items[str(key)]
 
+    def of_shape(self, key: object, shape: tuple[int | None, ...]) -> Item:
+        """Return an item; refuse numbers of another shape than a study writes (None: any size)."""
+        item = self[key]
+        sizes = zip(item.numbers.shape, shape, strict=False)
+        if item.numbers.ndim != len(shape) or not all(n is None or n == m for m, n in sizes):
+            wanted = " x ".join("n" if n is None else str(n) for n in shape)
+            reason = Described(f"{str(self._path)!r}: an item of shape {item.numbers.shape}")
+            raise Refused("store", reason, f"items of {wanted} numbers, or a new path")
+        return item
+
     def keep(self, key: object, numbers: ArrayLike, text: str = "") -> Item:
         """Append an item, and return it."""
         item = Item(np.asarray(numbers, np.float64), text)
@@ -68,7 +80,7 @@ class Kept:
             return item
         content = b64encode(item.numbers.tobytes()).decode()
         line = _line(
-            of=self._of, item=str(key), shape=item.numbers.shape, numbers=content, text=text
+            of=self._digest, item=str(key), shape=item.numbers.shape, numbers=content, text=text
         )
         with self._turn:
             self._file.write(line)
@@ -136,7 +148,7 @@ class Store:
                 file,
                 _brief_interruption(f"finished steps are in {self.path}: the same call resumes"),
             ):
-                yield Kept(self._items.setdefault(digest, {}), digest, file, self._turn)
+                yield Kept(self._items.setdefault(digest, {}), digest, file, self._turn, self.path)
                 with self._turn:
                     os.fsync(file.fileno())
                     self._end = max(self._end, file.tell())
@@ -187,17 +199,9 @@ class Store:
         held = Described(f"{str(self.path)!r} holds another study ({_difference(there, here)})")
         raise Refused("store", held, "the same arguments, or another path")
 
-    def require_shape(self, numbers: Floats, shape: tuple[int | None, ...]) -> None:
-        """Refuse numbers of another shape than a study writes; None is any size."""
-        sizes = zip(numbers.shape, shape, strict=False)
-        if numbers.ndim != len(shape) or not all(n is None or n == size for size, n in sizes):
-            wanted = " x ".join("n" if n is None else str(n) for n in shape)
-            reason = Described(f"{str(self.path)!r}: an item of shape {numbers.shape}")
-            raise Refused("store", reason, f"items of {wanted} numbers, or a new path")
-
     def items(self, name: str) -> Kept:
         """Return the finished items of a loop as they were read."""
-        return Kept(self._items.get(digest_of(self.identities[name], name), {}))
+        return Kept(self._items.get(digest_of(self.identities[name], name), {}), path=self.path)
 
     def read(self) -> None:
         """Read the lines that are new; drop damaged ones from the file, with a warning.

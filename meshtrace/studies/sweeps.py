@@ -16,7 +16,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -43,7 +43,6 @@ from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.models import import_modules, modules_of, trusting
-from meshtrace.parallel import paced
 from meshtrace.results.gain import GainResult
 from meshtrace.results.impulse import impulse_response
 from meshtrace.results.provenance import environment
@@ -53,6 +52,7 @@ from meshtrace.scenario.files import as_table, parse_toml, read_text
 from meshtrace.scenario.parts import changes_irradiance, daylight_recipe, gives_spectrum
 from meshtrace.stored import FORMAT_VERSION
 from meshtrace.studies.background import RAYS, checked_daylight, error_rate, transmission_of
+from meshtrace.studies.campaign import finished
 from meshtrace.studies.cluster import DEFAULT_TIMEOUT, Cluster, error_text
 from meshtrace.studies.store import Item, Store
 
@@ -81,9 +81,8 @@ class Task(NamedTuple):
     first: int
     last: int  # behind the last realization
 
-    @property
-    def key(self) -> str:
-        """Name of the task in a store."""
+    def __str__(self) -> str:
+        """Return the name of the task in a store."""
         return f"{self.point} {self.first}"
 
     @property
@@ -237,26 +236,23 @@ class Sweep:
     ) -> xr.Dataset:
         """Return the results, from the store or computed; options as in `sweep`."""
         cluster = Cluster(workers, timeout).checked()
-        advance = progress or (lambda done: None)
-        file, identity = Store(store, "sweep"), self.identity()
-        with file.loop("sweep", identity) as stored:
-            tasks = list(self.tasks())
-            finished = {task: stored[task.key] for task in tasks if task.key in stored}
-            _require_shapes(file, identity, finished)
-            waiting = [task for task in tasks if task not in finished]
-            for _ in finished:
-                advance(1)
-            with closing(cluster.map(lambda: self.compute, waiting)) as results:
-                for i, result in paced(results, len(waiting), f"{len(waiting):,} points"):
-                    task, n = waiting[i], waiting[i].last - waiting[i].first
-                    if isinstance(result, Exception):  # not kept: the next call tries again
-                        errors = json.dumps([error_text(result)] * n)
-                        finished[task] = Item(np.full((n, 1), np.nan), errors)
-                    else:
-                        finished[task] = stored.keep(task.key, *result)
-                    advance(1)
+        identity, items = self.identity(), dict[Task, Item]()
+        shape, tasks = partial(_shape_of, identity), list(self.tasks())
+        with (
+            Store(store, "sweep").loop("sweep", identity) as stored,
+            closing(
+                finished(stored, cluster.map, lambda: self.compute, tasks, shape, "points")
+            ) as results,
+        ):
+            for task, item in results:
+                if isinstance(item, Exception):
+                    n = task.last - task.first
+                    item = Item(np.full((n, 1), np.nan), json.dumps([error_text(item)] * n))
+                items[task] = item
+                if progress is not None:
+                    progress(1)
         with refusing("store", "items of this sweep, or a new path"):
-            return dataset(identity, finished)
+            return dataset(identity, items)
 
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies this sweep, as plain data."""
@@ -481,16 +477,14 @@ def read_store(path: Path) -> xr.Dataset:
     items, identity = store.items("sweep"), store.identities["sweep"]
     with refusing("store", "the items of a sweep"):
         tasks = tasks_of(identity["parameters"], identity["realizations"])
-        finished = {task: items[task.key] for task in tasks if task.key in items}
-        _require_shapes(store, identity, finished)
-        return dataset(identity, finished)
+        of_shape = partial(_shape_of, identity)
+        known = {task: items.of_shape(task, of_shape(task)) for task in tasks if task in items}
+        return dataset(identity, known)
 
 
-def _require_shapes(store: Store, identity: dict[str, Any], items: Mapping[Task, Item]) -> None:
-    """Refuse items of a store with other numbers than those of their realizations."""
-    width = math.prod(_sizes(identity)) + 1
-    for task, item in items.items():
-        store.require_shape(item.numbers, (task.last - task.first, width))
+def _shape_of(identity: dict[str, Any], task: Task) -> tuple[int, int]:
+    """Return the shape of the numbers of a task: its realizations by their numbers and seconds."""
+    return task.last - task.first, math.prod(_sizes(identity)) + 1
 
 
 @check_call
