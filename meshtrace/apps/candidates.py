@@ -202,7 +202,7 @@ class Sample(Restored):
         uav = flight and flight.uav
         self._near = Neighbours(
             campaign, self._seas, phases=random, fading=True,
-            kept=self._seas, around=self._spread(link, uav, 0),
+            meshes_kept=self._seas, around=self._spread(link, uav, 0),
         )  # fmt: skip
         traced = self._seas if turned else min(self._seas, MOST_SEAS)
         self._lights = lru_cache(_CASES * traced)(self._light)
@@ -297,7 +297,7 @@ class Sample(Restored):
 
     def _light(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
         return [
-            arrivals for at in self._links(link, uav, i) for arrivals in self._near.light(at, i)
+            arrivals for at in self._links(link, uav, i) for arrivals in self._near.arrivals(at, i)
         ]
 
     @held

@@ -175,11 +175,13 @@ class Predictor(Restored):
         alone = campaign.alone
         self._near = lru_cache(_LARGEST)(lambda i: Neighbours(alone.for_link(self._starts[i].link)))
         self._light = lru_cache(_LIGHTS * _LARGEST)(
-            lambda i, x: self._near(i).light(self._at(i, x).link, 0)[0]
+            lambda i, x: self._near(i).arrivals(self._at(i, x).link, 0)[0]
         )
         self._responses = lru_cache(_LARGEST)(
             lambda i: Responses(
-                lambda at: [self._near(i).light(at.link, 0)[0]], self._starts[i], common=True
+                lambda at: [self._near(i).arrivals(at.link, 0)[0]],
+                self._starts[i],
+                same_delays=True,
             )
         )
         known = [at.link.model_dump(mode="json") for at in self._starts]

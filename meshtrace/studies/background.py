@@ -96,7 +96,7 @@ def background_series(
     if day is None:
         raise Refused("daylight", None, "a Daylight")
     at = require_finite(() if times is None else times, "times", "at least one time [s]")
-    origin = {**campaign.provenance(), "daylight": day.model_dump(mode="json")}
+    origin = campaign.provenance() | {"daylight": day.model_dump(mode="json")}
     if flight is not None:
         flight = flight.checked()
         origin |= campaign.of_flight(flight)
@@ -250,7 +250,7 @@ class Lights:
     def __init__(self, campaign: Campaign, seed: int | None = None) -> None:
         self._campaign, self._lamp = campaign, campaign.link.transmitter
         self._seed = campaign.run.seed if seed is None else seed
-        self._kept: dict[str, Background] = {}
+        self._backgrounds: dict[str, Background] = {}
 
     def background(self, variant: Variant) -> Background | None:
         """Return the background of a variant, None in the dark."""
@@ -261,21 +261,24 @@ class Lights:
         surface = mean_sea(link, self._campaign.surface if variant.sea is None else variant.sea)
         parts = [part.model_dump(mode="json") for part in (link, day)]
         key = digest_of([*parts, surface_config(surface)])
-        if key not in self._kept:
-            self._kept[key] = background(link, surface, day, **self._options())
-        return self._kept[key]
+        if key not in self._backgrounds:
+            self._backgrounds[key] = self._traced(link, surface, day)
+        return self._backgrounds[key]
 
     def at_wavelengths(
         self, link: Link, day: Daylight, wavelengths_nm: Sequence[float]
     ) -> list[Background]:
         """Return the backgrounds of a link at wavelengths [nm], by common rays."""
-        surface = mean_sea(link, self._campaign.surface)
-        result = background(link, surface, day, wavelengths_nm=wavelengths_nm, **self._options())
+        result = self._traced(link, mean_sea(link, self._campaign.surface), day, wavelengths_nm)
         return [result.at_wavelength(nm) for nm in wavelengths_nm]
 
-    def _options(self) -> dict[str, Any]:
-        meshing, run = self._campaign.meshing, self._campaign.run
-        return {"photons": RAYS, "seed": self._seed, "mesh": meshing, "threads": run.threads}
+    def _traced(self, link: Link, sea: Any, day: Daylight, wavelengths_nm: Any = None) -> Any:
+        """Return the background over a sea, at wavelengths [nm] if given."""
+        meshing, threads = self._campaign.meshing, self._campaign.run.threads
+        return background(
+            link, sea, day, photons=RAYS, seed=self._seed, mesh=meshing, threads=threads,
+            wavelengths_nm=wavelengths_nm,
+        )  # fmt: skip
 
     def exposed(self, variant: Variant) -> OokLink | None:
         """Return the transmission of a variant with the counts of its background, if any."""
@@ -336,7 +339,7 @@ def error_rate(
 def backgrounds(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> list[Background]:
     """Return the background over each surface."""
     origin = {"daylight": day.model_dump(mode="json")}
-    identity = {**origin, "steps": steps.identity(), "rays": photons}
+    identity = origin | {"steps": steps.identity(), "rays": photons}
     setup = partial(_seen, campaign.alone, steps, day, photons)
     # the threads are those of the rays over one surface
     single_threaded = campaign._replace(run=campaign.run.replace(threads=1))

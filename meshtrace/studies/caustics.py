@@ -108,8 +108,8 @@ def light_pattern(
     gain = np.maximum(gain[margin : margin + 2 * n, margin : margin + 2 * n], 0.0)
     cells = step * (np.arange(2 * n, dtype=np.float64) - n + 0.5)
     x, y = np.add(receiver.position[0], cells), np.add(receiver.position[1], cells)
-    run = {"times": [time], "extent": extent, "step": step}
-    origin = {**provenance(link, sea.to_config(), Run().to_config()), **run}
+    origin = provenance(link, sea.to_config(), Run().to_config())
+    origin |= {"times": [time], "extent": extent, "step": step}
     return CoverageMap(x, y, gain, np.zeros_like(gain), origin)
 
 

@@ -157,7 +157,7 @@ class Cluster:
 
         total, drawn = len(waiting), _drawn(waiting)
         with self._connected() as client:
-            options = {"setup": cloudpickle.dumps(setup), "expected": _environment()}
+            recipe, here = cloudpickle.dumps(setup), _environment()
             # a result that is lost with its worker is awaited again, computed by another one
             completed = distributed.as_completed(
                 loop=client.loop, with_results=True, raise_errors=False
@@ -166,7 +166,9 @@ class Cluster:
 
             def submit(count: int) -> None:
                 jobs = dict(islice(drawn, count))
-                futures = client.map(run, list(jobs.values()), **options, pure=False)
+                futures = client.map(
+                    run, list(jobs.values()), setup=recipe, expected=here, pure=False
+                )
                 numbers.update(zip((future.key for future in futures), jobs, strict=True))
                 completed.update(futures)
 

@@ -264,8 +264,11 @@ def _under_light(
         at, error = (gains, 0.0) if several else (gains.mean(keepdims=True), stderr)
         radiance = (background.radiance, background.radiance_stderr) if background else (0.0, 0.0)
         table.append([*radiance, *error_rate(ook, at, error, background)])
-    names = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
-    return replace(result, **dict(zip(names, np.array(table).T, strict=True)))
+    radiance_of, radiance_stderr, ber, ber_stderr = np.array(table).T
+    return replace(
+        result, background_radiance=radiance_of, background_radiance_stderr=radiance_stderr,
+        ber=ber, ber_stderr=ber_stderr,
+    )  # fmt: skip
 
 
 def _samples(each: dict[str, Campaign], realizations: int) -> Floats:

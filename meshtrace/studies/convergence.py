@@ -700,6 +700,7 @@ def _measured(campaign: Campaign, omega_max: float, realizations: int) -> tuple[
     campaign = campaign.for_link(campaign.link, f"up to {omega_max!r} rad/s")
     campaign = campaign._replace(surface=sea.model_copy(update={"omega_max": omega_max}))
     gain = over_realizations(campaign, realizations).gain_ballistic
-    options: Any = {"confidence": _WITHIN_ONE, "resamples": _BOOTSTRAPS, "seed": campaign.run.seed}
-    index = scintillation_index(gain, **options)
+    index = scintillation_index(
+        gain, confidence=_WITHIN_ONE, resamples=_BOOTSTRAPS, seed=campaign.run.seed
+    )
     return index.value, 0.5 * (index.high - index.low)

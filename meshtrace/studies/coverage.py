@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from threading import Lock
-from typing import Annotated, Any, NamedTuple, Unpack, cast
+from typing import Annotated, NamedTuple, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,6 +42,7 @@ from meshtrace.errors import (
     require_between,
     require_finite,
 )
+from meshtrace.kernels.tints import ALONE
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
@@ -68,15 +69,16 @@ _BLOCK = 2**18  # photons of a step: a store has a map for each
 
 
 class _Step(NamedTuple):
-    """Photons over the surface of a time, with ids from the first on, by numbers of time and run.
+    """Samples over the surface of a time: photons of a run, or chains to a tile of cells.
 
-    A run is one of the kinds of photons that a map of several wavelengths has.
+    A run is one of the kinds of photons that a map of several wavelengths has. Samples are numbered
+    by run or tile: those from `first` on have not been followed before.
     """
 
     time: int
-    run: int
+    part: int  # number of the run or the tile
     first: int
-    photons: int
+    number: int
 
 
 @spectral
@@ -208,15 +210,6 @@ def coverage_map(
     return ByWavelength(np.array(waves), results) if waves else results[0]
 
 
-class _TileStep(NamedTuple):
-    """Chains of a tile over the surface of a time, after others that it had before."""
-
-    time: int
-    tile: int
-    first: int
-    chains: int
-
-
 class _Mapped(Restored):
     """Maps of a receiver at wavelengths with common photons, and their unscattered light.
 
@@ -302,17 +295,19 @@ class _Mapped(Restored):
 
     def tallies(self, step: _Step, grid: IrradianceMap | None = None) -> PhotonSums:
         """Return the tallies of a step, by default in the cells of the map."""
-        base, link = self.runs[step.run]
+        base, link = self.runs[step.part]
         with self._turns[step.time]:  # one thread makes the mesh of all
             mesh = self.mesh(self.times[step.time])
             EmbreeIntersector(frame_of(link).mesh(mesh), 1).built()  # kept with the mesh
-        tinted: dict[str, Any] = {"tinting": self.tinting, "turn": (base, self._parts)}
+        # another grid is asked for the photons of one wavelength alone
+        tinting = UNTINTED if grid else self.tinting
+        turn = (0, ALONE.parts) if grid else (base, self._parts)
         return run_analog(
             link, EmbreeIntersector(mesh, 1), self.options.replace(first_photon=step.first),
-            photons=step.photons, seed=self._campaign.run.seed,
+            photons=step.number, seed=self._campaign.run.seed,
             normals=self._campaign.meshing.normals,
             unscattered=self._carry or grid is not None,
-            record=[grid or self._grid], **({} if grid else tinted),
+            record=[grid or self._grid], tinting=tinting, turn=turn,
         )  # fmt: skip
 
     @cached_property
@@ -332,18 +327,18 @@ class _Mapped(Restored):
             return None
         return chains if chains.serves else None
 
-    def tile_setup(self) -> Callable[[_TileStep], Floats]:
+    def tile_setup(self) -> Callable[[_Step], Floats]:
         """Return the function of the chains of a tile."""
         chains = self.cell_chains
         assert chains is not None
         _ = chains.pilots  # once, before threads share them
-        return lambda step: chains.sums(step.time, step.tile, step.chains, step.first).to_row()
+        return lambda step: chains.sums(step.time, step.part, step.number, step.first).to_row()
 
-    def _shape_of_tile(self, step: _TileStep) -> tuple[int]:
+    def _shape_of_tile(self, step: _Step) -> tuple[int]:
         """Return the shape of the numbers of a tile, see `TileSums.to_row`."""
         chains = self.cell_chains
         assert chains is not None
-        cells = np.empty((chains.cells, chains.cells))[chains.tiles[step.tile]].size
+        cells = np.empty((chains.cells, chains.cells))[chains.tiles[step.part]].size
         return (1 + (SHIFTS + 1) * cells,)
 
     def _unscattered(self) -> Floats | None:
@@ -406,7 +401,7 @@ class _Mapped(Restored):
                 return None
             first, waiting = False, further(tiles, chains.lack(tiles, direct, rtol))
         scattered, stderr = chains.scattered(tiles)
-        self._number = sum(one.chains for one in tiles)
+        self._number = sum(sums_of_tile.chains for sums_of_tile in tiles)
         return direct + scattered, stderr
 
     def _cheaper(self, rtol: float, photons: float) -> bool:
@@ -420,7 +415,7 @@ class _Mapped(Restored):
             for tile in range(len(probe.tiles))
         ]
         factor = np.maximum(probe.lack(tiles, self._image[:, :, 0], rtol), 1.0)
-        return probe.cost(factor * [one.chains for one in tiles]) < most
+        return probe.cost(factor * [sums.chains for sums in tiles]) < most
 
     def _trusts(self, chains: CellChains, tiles: list[TileSums], sums: list[PhotonSums]) -> bool:
         """Return whether chains bring light to all cells, as much as photons, and omit little."""
@@ -431,12 +426,12 @@ class _Mapped(Restored):
         return illuminated and chains.agree(tiles, gain, stderr) and not chains.omits(whole)
 
     def _tile_sums(
-        self, wanted: dict[int, int], found: Mapping[int, TileSums]
+        self, wanted: dict[int, int], earlier: Mapping[int, TileSums]
     ) -> dict[int, TileSums]:
         """Return the means over the times of further chains of tiles."""
-        first = {tile: found[tile].chains if tile in found else 0 for tile in wanted}
+        first = {tile: earlier[tile].chains if tile in earlier else 0 for tile in wanted}
         steps = [
-            _TileStep(i, tile, first[tile], chains)
+            _Step(i, tile, first[tile], chains)
             for i in range(len(self.times))
             for tile, chains in wanted.items()
         ]
@@ -447,9 +442,9 @@ class _Mapped(Restored):
         )
         sums = dict[int, list[TileSums]]()
         for step, row in zip(steps, results, strict=True):
-            sums.setdefault(step.tile, []).append(TileSums.of_row(row))
+            sums.setdefault(step.part, []).append(TileSums.of_row(row))
             if self._campaign.progress is not None:
-                self._campaign.progress(step.chains)
+                self._campaign.progress(step.number)
         return {tile: mean_of_times(each) for tile, each in sums.items()}
 
     def _well_sampled(self, sums: list[PhotonSums], base: int) -> list[int]:
@@ -481,7 +476,7 @@ class _Mapped(Restored):
         campaign, axis = self._campaign, self._grid.axes
         meshing = campaign.meshing.replace(time=self.times[0]).model_dump()
         run = campaign.run.replace(estimator=self.options).to_config()
-        run |= {"photons": photons, "rtol": rtol, **meshing}
+        run |= {"photons": photons, "rtol": rtol} | meshing
         run["record"] = [self._grid.model_dump(mode="json")]
         method = "photons" if self._image is None else "image"
         origin = provenance(link, surface_config(campaign.surface), run)
@@ -508,7 +503,7 @@ class _Mapped(Restored):
         self, base: int, done: int, photons: int, sums: list[PhotonSums]
     ) -> list[PhotonSums]:
         """Follow more photons at each time, and return their tallies with the sums, by run."""
-        found = sums or [self.tallies(_Step(0, k, 0, 0)) for k in range(len(self.runs))]
+        tallies = sums or [self.tallies(_Step(0, k, 0, 0)) for k in range(len(self.runs))]
         steps, name = self.steps(done, photons), f"photons of link {base}"
         identity = {
             "run": self.options.model_dump(mode="json"),
@@ -517,15 +512,15 @@ class _Mapped(Restored):
             "unscattered": self._carry,
         }
         campaign = self._campaign._replace(progress=None)
-        sizes = [tallies.to_row().size for tallies in found]
+        sizes = [tally.to_row().size for tally in tallies]
         results = campaign.evaluate(
-            self.setup, steps, name, identity, lambda step: (sizes[step.run],), "runs of photons"
+            self.setup, steps, name, identity, lambda step: (sizes[step.part],), "runs of photons"
         )
         for step, row in zip(steps, results, strict=True):
-            found[step.run] += found[step.run].of_row(row)
+            tallies[step.part] += tallies[step.part].of_row(row)
             if self._campaign.progress is not None:
-                self._campaign.progress(step.photons)
-        return found
+                self._campaign.progress(step.number)
+        return tallies
 
     def _mixed(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
         """Return gain by photons and standard error of the cells (x, y, wavelengths)."""

@@ -108,14 +108,16 @@ class Variant(NamedTuple):
         if head == "sea":
             return self._replace(sea=_sea_at(self.sea, rest, value))
         if head in _BESIDES:
-            own: Any = getattr(self, head)
-            if own is None:
+            model: Any = getattr(self, head)
+            if model is None:
                 raise Refused(name, value, f"a link with [{head}]")
             with within(head):
-                if isinstance(own, Daylight):
-                    return self._replace(daylight=daylight_with(own, rest, value))
-                changed: dict[str, Any] = {head: own.replace(rest, value)}
-                return self._replace(**changed)
+                if head == "daylight":
+                    return self._replace(daylight=daylight_with(model, rest, value))
+                changed = model.replace(rest, value)
+            if head == "uav":
+                return self._replace(uav=changed)
+            return self._replace(detector=changed)
         return self._on_link(name, value)
 
     def _on_link(self, name: str, value: Any) -> Variant:
@@ -210,7 +212,7 @@ class Parameter(NamedTuple):
 
 def _sea_at(sea: Any, key: str, value: float) -> Any:
     """Return a sea with another value of a key; refuse one with other waves."""
-    new = sea.replace(**{key: value})
+    new = sea.replace(key, value)
     if isinstance(sea, SeededSurface) and isinstance(sea, WaveSum):
         mine, other = sea.components, new.components
         same = len(mine.omega) == len(other.omega) and all(

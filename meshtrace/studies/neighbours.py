@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from typing import Any, Literal
 
@@ -64,7 +63,6 @@ _WIDER = 1.2  # reach of meshes over that of a link: its neighbours lie within
 _FEW, _MANY = 8, 32  # surfaces of which facets and Embree scenes are kept, some 50 MiB each
 
 
-@dataclass(eq=False)
 class Neighbours(Restored):
     """Gains and light of links near one link over the same surfaces.
 
@@ -79,30 +77,32 @@ class Neighbours(Restored):
         Whether each surface has phases of its own.
     fading : bool
         Whether meshes and chains are those of an ensemble.
-    kept : int
+    meshes_kept : int
         Meshes of the first surfaces that stay in memory.
     around : Link, optional
         The link that all meshes cover, by default the base link.
     """
 
-    campaign: Campaign
-    seas: int = 1
-    phases: bool = False
-    fading: bool = False
-    kept: int = 1
-    around: Link | None = None
-
-    def __post_init__(self) -> None:
-        self.campaign = campaign = self.campaign._replace(progress=None)
-        self.inputs = campaign.alone, self.seas, self.phases, self.fading, self.kept, self.around
-        self._around = self.around or campaign.link
+    def __init__(
+        self,
+        campaign: Campaign,
+        seas: int = 1,
+        phases: bool = False,
+        fading: bool = False,
+        meshes_kept: int = 1,
+        around: Link | None = None,
+    ) -> None:
+        self.campaign = campaign = campaign._replace(progress=None)
+        self.seas, self.phases, self.fading, self.meshes_kept = seas, phases, fading, meshes_kept
+        self.inputs = campaign.alone, seas, phases, fading, meshes_kept, around
+        self._around = around or campaign.link
         self._lines: dict[str, Any] = {}
         if isinstance(campaign.surface, MeshSource):
             inputs = self._around, campaign.surface, campaign.meshing
-            spacing = FADING_SPACING if self.fading else GAIN_SPACING
+            spacing = FADING_SPACING if fading else GAIN_SPACING
             self._lines = mesh_lines(*inputs, _WIDER * crossing_reach(self._around), spacing)
         self._meshes: list[TriangleMesh] = []
-        self._meshes = [self.mesh(i) for i in range(min(self.seas, self.kept))]
+        self._meshes = [self.mesh(i) for i in range(min(seas, meshes_kept))]
 
     @cached_property
     def frozen(self) -> FrozenForced:
@@ -114,8 +114,8 @@ class Neighbours(Restored):
             campaign.run.seed,
             TypicalSea.of(self._meshes, MANY_SEAS if self.fading else 1.0),
             campaign.meshing.normals,
-            # of more, in turn, none of the last is met again
-            kept=max(self.kept, _FEW) if self.kept <= _MANY else _FEW,
+            # of more meshes than fit, in turn, none of the last is met again
+            kept=max(self.meshes_kept, _FEW) if self.meshes_kept <= _MANY else _FEW,
         )
 
     def mesh(self, i: int, surface: Any = None) -> TriangleMesh:
@@ -128,7 +128,7 @@ class Neighbours(Restored):
             made = made.with_seed(realization_seed(campaign.run.seed, i))
         return campaign.mesh([self._around], made, campaign.meshing.time, self._lines)
 
-    def light(self, link: Link, i: int, surface: Any = None) -> list[Light]:
+    def arrivals(self, link: Link, i: int, surface: Any = None) -> list[Light]:
         """Return the light that arrives at each receiver over realization i."""
         return self.frozen.light(link, self.mesh(i, surface))
 
@@ -139,22 +139,28 @@ def has_moments(link: Link) -> bool:
     return plain and link.physics.absorption != "paper"
 
 
-def moments(link: Link, light: Light) -> Floats:
-    """Return dh / d ln a and dh / d ln b, shape (2, shifts).
+def moments(link: Link, arrivals: Light) -> Floats:
+    """Return dh / d ln a and dh / d ln b by the score function, shape (2, shifts).
 
-    dw / da = -L w, dw / db = (K / b - L) w
+    The likelihood-ratio estimator of dh / dp is E[w d ln f / dp]. The weight of a path with K
+    scatterings and the length L in the water has the factor f = b^K exp(-(a + b) L), so that
+
+        d ln f / d ln a = -a L,    d ln f / d ln b = K - b L
     """
-    way = light.by_shift(light.water)
-    scatterings = light.by_shift(light.order.astype(float))
-    return np.array([-link.water.a * way, scatterings - link.water.b * way])
+    length = arrivals.by_shift(arrivals.water)
+    scatterings = arrivals.by_shift(arrivals.order.astype(float))
+    return np.array([-link.water.a * length, scatterings - link.water.b * length])
 
 
-def in_water(light: Light, old: Water, new: Water) -> Light:
-    """Return light of uniform water in another one, w' = w (b' / b)^K exp(-(c' - c) L)."""
-    factor = np.exp((old.c - new.c) * light.water)
+def in_water(arrivals: Light, old: Water, new: Water) -> Light:
+    """Reweight the arrivals of uniform water to another water.
+
+    The likelihood ratio of a path is w' / w = (b' / b)^K exp(-(c' - c) L).
+    """
+    ratio = np.exp((old.c - new.c) * arrivals.water)
     if new.b != old.b:
-        factor *= (new.b / max(old.b, 1e-300)) ** light.order
-    return light._replace(weight=light.weight * factor)
+        ratio *= (new.b / max(old.b, 1e-300)) ** arrivals.order
+    return arrivals._replace(weight=arrivals.weight * ratio)
 
 
 def edge_over(near: Neighbours, name: str, i: int) -> Floats:

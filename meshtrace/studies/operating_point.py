@@ -136,11 +136,9 @@ class Ensemble(NamedTuple):
     def provenance(self) -> dict[str, Any]:
         """Return the aircraft, its wind and the number of realizations."""
         flight = self.flight
-        return {
-            **(self.campaign.of_flight(flight) if flight else {"uav": None, "wind": None}),
-            "coupled": flight is not None and flight.coupled,
-            "realizations": self.n,
-        }
+        in_air = self.campaign.of_flight(flight) if flight else {"uav": None, "wind": None}
+        coupled = flight is not None and flight.coupled
+        return in_air | {"coupled": coupled, "realizations": self.n}
 
     def at(self, link: Link) -> Campaign:
         """Return the campaign of a link at its depth."""

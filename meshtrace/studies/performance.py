@@ -570,17 +570,17 @@ def _over_depths(
         for ook in ooks
     ]
     ooks, text = _lit(ooks, lights, campaign.link)
-    responses = [None if ook is None else ook.response for ook in seen.values()]
+    responses = [None if mean is None else mean.response for mean in seen.values()]
     seas = ensemble.n if isinstance(campaign.surface, SeededSurface) else 1
-    origin = {
-        **next(iter(fades.values())).series.provenance,
-        **closed_form(next(iter(links.values())), campaign.surface, seas, level=2),
+    shallowest = next(iter(fades.values()))
+    origin = shallowest.series.provenance
+    origin = origin | closed_form(next(iter(links.values())), campaign.surface, seas, level=2)
+    origin |= {
         "ook": [ook.model_dump(mode="json") for ook in ooks],
         "daylight": day.model_dump(mode="json") if day else None,
-        "responses": [ook and ook.model_dump(mode="json") for ook in responses],
-        **ensemble.provenance(),
-        "tilt_outage": next(iter(fades.values())).tilt.outage,
+        "responses": [response and response.model_dump(mode="json") for response in responses],
     }
+    origin |= ensemble.provenance() | {"tilt_outage": shallowest.tilt.outage}
     return LinkPerformance(
         tuple(fades), ooks, tuple(points), tuple(fades.values()), limit, confidence,
         ooks[0].status, origin, text, tuple(responses),

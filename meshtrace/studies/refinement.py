@@ -189,8 +189,11 @@ class CommonChains(Restored):
         `photons` are those of the share of total reflection, 0 for none; `recorded` are the
         options that identify the meshes.
         """
-        chosen = {"kinds": list(self.kinds), "receiver": self.receiver}
-        identity = {**recorded, **chosen, "physics": self.link.physics.model_dump(mode="json")}
+        identity = recorded | {
+            "kinds": list(self.kinds),
+            "receiver": self.receiver,
+            "physics": self.link.physics.model_dump(mode="json"),
+        }
 
         def setup() -> Callable[[int], Floats]:
             return lambda i: self.measure(cases[i], photons)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -85,17 +85,13 @@ def _arrivals_over(
     """Return the function that gives the arrivals over a mesh at each wavelength of a campaign."""
     links, run, normals = list(campaign.links.values()), campaign.run, campaign.meshing.normals
     if isinstance(run.estimator, Analog):
-        options: dict[str, Any] = {
-            "estimator": run.estimator,
-            "photons": run.photons,
-            "seed": run.seed,
-        }
 
         def arrivals(mesh: TriangleMesh) -> Sequence[ArrivalTally]:
             with warnings.catch_warnings(action="ignore", category=FewSamplesWarning):
                 result = simulate(
-                    links[0], mesh, normals=normals, threads=1, record=[Arrivals()], **options
-                )
+                    links[0], mesh, normals=normals, threads=1, record=[Arrivals()],
+                    estimator=run.estimator, photons=run.photons, seed=run.seed,
+                )  # fmt: skip
             assert result.arrivals is not None
             return [result.arrivals]
 
@@ -144,7 +140,10 @@ def gain_spectrum(ook: OokLink, campaign: Campaign, seas: int) -> Curve | None:
     known = np.unique(np.clip(nodes, *spectrum.limits_nm)).tolist()
     links = {f"{nm!r} nm": link.at_wavelength(nm) for nm in known}
     depth = np.linspace(0.0, max(-item.center[2] for _, item in link.items()), 65)
-    thickness = [depth[-1] * np.mean(np.add(*one.water.profile(depth))) for one in links.values()]
+    thickness = [
+        depth[-1] * np.mean(np.add(*spectral_link.water.profile(depth)))
+        for spectral_link in links.values()
+    ]
     if np.ptp(thickness) < _CLEAR:
         return None
     whole = campaign.alone._replace(links=links, spectral=True)
@@ -157,14 +156,14 @@ def gain_spectrum(ook: OokLink, campaign: Campaign, seas: int) -> Curve | None:
 
 def _mean(responses: list[ImpulseResponse]) -> MeanResponse:
     """Return the mean of responses; the standard error holds chains and seas."""
-    arrivals = ((one.delay, one.weight, one.angle) for one in responses)
+    arrivals = ((response.delay, response.weight, response.angle) for response in responses)
     delay, weight, angle = map(np.concatenate, zip(*arrivals, strict=True))
-    error = float(np.mean([one.rms_delay_spread_stderr for one in responses]))
+    error = float(np.mean([response.rms_delay_spread_stderr for response in responses]))
     if len(responses) > 1:
-        spreads = np.array([one.rms_delay_spread for one in responses])
+        spreads = np.array([response.rms_delay_spread for response in responses])
         error = math.hypot(error, float(error_of_groups(spreads)))
-    response = ChannelResponse.from_arrivals(delay, weight, angle)
-    return MeanResponse(response, spread_of(delay, weight), error)
+    mean = ChannelResponse.from_arrivals(delay, weight, angle)
+    return MeanResponse(mean, spread_of(delay, weight), error)
 
 
 def light_response(
@@ -193,11 +192,11 @@ class Responses:
 
     Parameters
     ----------
-    light : callable
+    light_of : callable
         Returns the light of a variant over each of some seas.
     base : Variant
         The one link.
-    common : bool
+    same_delays : bool
         Whether the pulses of all have the delays of those of the base: differences between links
         that differ by little then follow their light without steps.
 
@@ -208,11 +207,14 @@ class Responses:
     """
 
     def __init__(
-        self, light: Callable[[Variant], list[Light]], base: Variant, common: bool = False
+        self,
+        light_of: Callable[[Variant], list[Light]],
+        base: Variant,
+        same_delays: bool = False,
     ) -> None:
-        self._light, self._common = light, common
+        self._light_of, self._same_delays = light_of, same_delays
         self._pulses: tuple[float, ...] | None = None
-        self._kept: dict[str, tuple[ChannelResponse | None, ...]] = {}
+        self._responses: dict[str, tuple[ChannelResponse | None, ...]] = {}
         self._base = base
 
     def count(self, at: Variant) -> bool:
@@ -246,13 +248,15 @@ class Responses:
         """Return the response of a variant by all chains, and by a third of them."""
         models = [part and part.model_dump(mode="json") for part in (at.link, at.uav)]
         key = digest_of([*models, None if at.sea is None else surface_config(at.sea)])
-        if key not in self._kept:
-            lights = self._light(at)
-            if self._common and not self._kept:  # the first one is that of the base
+        if key not in self._responses:
+            lights = self._light_of(at)
+            if self._same_delays and not self._responses:  # the first one is that of the base
                 self._pulses = _neighbours_pulses(light_response(at.link, lights))
-            both = lights, list(map(_third, lights))
-            self._kept[key] = tuple(light_response(at.link, some, self._pulses) for some in both)
-        return self._kept[key]
+            self._responses[key] = (
+                light_response(at.link, lights, self._pulses),
+                light_response(at.link, list(map(_third, lights)), self._pulses),
+            )
+        return self._responses[key]
 
 
 def _third(table: Light) -> Light:

@@ -425,11 +425,12 @@ def _at_range(
     return variant._replace(link=variant.link.at_depth(depth + left / fall))
 
 
-class _Rates(NamedTuple):
-    """Logarithmic derivatives of a quantity by one parameter.
+class _Derivative(NamedTuple):
+    """Derivative of the logarithm of a quantity by the logarithm of one parameter, or by its unit.
 
-    `rates` holds that of all gains, those without each shift, and those without each sea; `bias`
-    belongs to the error. From `method` on the fields are those of a `Row`.
+    `rates` holds that of all gains, those without each shift and those without each sea, for the
+    jackknife; `bias` is an error that these do not show. `second`, `method`, `suspicious` and
+    `notes` are those of a `Row`.
     """
 
     parameter: Parameter
@@ -441,24 +442,39 @@ class _Rates(NamedTuple):
     notes: str = ""
 
 
-@dataclass(eq=False)
 class Study:
-    """Evaluation of a quantity and its derivatives."""
+    """Evaluation of a quantity and its derivatives.
 
-    variant: Variant
-    campaign: Campaign
-    realizations: int
-    quantity: Quantity
-    where: str = ""
+    Parameters
+    ----------
+    variant : Variant
+        The base, at which derivatives are taken.
+    campaign : Campaign
+        Sea and options.
+    realizations : int
+        Seas; one is the sea as it is.
+    quantity : Quantity
+        The quantity.
+    where : str
+        End of the names in a store, which differ between studies.
+    """
 
-    def __post_init__(self) -> None:
-        self.campaign, several = self.campaign.for_link(self.variant.link), self.realizations > 1
+    def __init__(
+        self,
+        variant: Variant,
+        campaign: Campaign,
+        realizations: int,
+        quantity: Quantity,
+        where: str = "",
+    ) -> None:
+        self.variant, self.quantity, self.where = variant, quantity, where
+        self.campaign, several = campaign.for_link(variant.link), realizations > 1
         self.near = Neighbours(
-            self.campaign, self.realizations, phases=several, fading=several, kept=_KEPT
+            self.campaign, realizations, phases=several, fading=several, meshes_kept=_KEPT
         )
         self.lights = Lights(self.campaign)
         self._other_rays = Lights(self.campaign, self.campaign.run.seed + 1)
-        self.responses = Responses(self._light, self.variant, common=True)
+        self.responses = Responses(self._light, variant, same_delays=True)
 
     def _tilt(self, variant: Variant) -> TiltFactors | None:
         """Return the law of the tilt factor of an aircraft that carries the receiver."""
@@ -478,7 +494,7 @@ class Study:
         if soft:
             wide = min((1.0 + WINDOW) * fov, 180.0)
             link = link.replace(f"{_first(link)}.fov_deg", wide)
-        arrivals = [near.light(link, i, sea)[0] for i in range(min(near.seas, MOST_SEAS))]
+        arrivals = [near.arrivals(link, i, sea)[0] for i in range(min(near.seas, MOST_SEAS))]
         if not soft:
             return arrivals
         half, lights = math.radians(0.5 * fov), []
@@ -543,11 +559,11 @@ class Study:
         near, link = self.near, self.variant.link
 
         def both(i: int) -> Floats:
-            return moments(link, near.light(link, i)[0])
+            return moments(link, near.arrivals(link, i)[0])
 
         return self._over(both, 1, "moments", (2, SHIFTS)).swapaxes(0, 1)
 
-    def derivatives(self, p: Parameter) -> _Rates:
+    def derivatives(self, p: Parameter) -> _Derivative:
         """Return the derivatives by a parameter."""
         link = self.variant.link
         if p.name in WATER and has_moments(link):
@@ -556,7 +572,7 @@ class Study:
             return self._at_edge(p)
         return self._differences(p)
 
-    def _at_edge(self, p: Parameter) -> _Rates:
+    def _at_edge(self, p: Parameter) -> _Derivative:
         """Return the derivatives by the field of view, by the window that resolves the light there.
 
         The difference of a window of half its width is taken as its bias.
@@ -570,13 +586,13 @@ class Study:
         notes = "" if resolved else "light at the edge varies within the narrowest window"
         return rates._replace(bias=bias, suspicious=not resolved, notes=notes)
 
-    def _exactly(self, p: Parameter, change: Floats, method: str) -> _Rates:
+    def _exactly(self, p: Parameter, change: Floats, method: str) -> _Derivative:
         """Return the derivatives of the quantity by the chain rule, from dh (seas, shifts)."""
         pairs = []
         for side in (-1.0, 1.0):
             at = p.at(self.variant, p.shifted(side * _DIRECT / p.step))
             pairs.append((self.base + side * _DIRECT * change, at))
-        return _Rates(p, *self._rates(pairs, _DIRECT), math.nan, method)
+        return _Derivative(p, *self._rates(pairs, _DIRECT), math.nan, method)
 
     def _rates(self, pairs: list[tuple[Floats, Variant]], step: float) -> tuple[Floats, float]:
         """Return the derivative of the logarithm: of all, without each shift, without each sea.
@@ -595,7 +611,7 @@ class Study:
         off = (other[1] - other[0]) / (2.0 * step) - float(rates[0])
         return rates, abs(off) / math.sqrt(2.0)
 
-    def _differences(self, p: Parameter) -> _Rates:
+    def _differences(self, p: Parameter) -> _Derivative:
         """Return central differences over a step, compared with differences over a longer step.
 
         Thrice the step, and at least thrice the usual one: a small step sees none of the
@@ -626,7 +642,7 @@ class Study:
                 second = (high - 2.0 * mid + low) / steps[-1] ** 2
             else:
                 second = (math.exp(high - mid) - 2.0 + math.exp(low - mid)) / steps[-1] ** 2
-        return _Rates(p, rates[0], biases[0], second, "difference", suspicious, notes)
+        return _Derivative(p, rates[0], biases[0], second, "difference", suspicious, notes)
 
     def _compared(self, rates: Sequence[Floats], by_rays: float) -> tuple[bool, str]:
         """Return the disagreement of the derivatives over two steps, if any."""
@@ -640,49 +656,77 @@ class Study:
         return True, f"{rates[1][0]:.5g} +- {error_of(rates[1]):.1g} over the longer step"
 
 
-def _result(study: Study, all_rates: list[_Rates], asked: list[str]) -> Sensitivities:
-    """Return the table of the derivatives."""
+def _result(study: Study, derivatives: list[_Derivative], names: list[str]) -> Sensitivities:
+    """Return the table of the derivatives by the parameters of some names."""
     quantity, variant, campaign = study.quantity, study.variant, study.campaign
     logs = study.logs(study.base, variant)
     value, stderr = quantity.value(float(logs[0])), error_of(logs)
     if study.responses.spreads(variant):
         off = study.log(study.base, variant, other=True) - float(logs[0])
         stderr = math.hypot(stderr, off / math.sqrt(2.0))
-    rates, biases = (
-        np.array([one.rates for one in all_rates]),
-        np.array([one.bias for one in all_rates]),
-    )
     if quantity.of == "range":
-        # at a fixed need: dR / R = -(d ln q / d ln p) / (d ln q / d ln d)
         depth = depth_key(variant.link)
-        deeper = rates[[one.parameter.name for one in all_rates].index(depth)]
+        (by_depth,) = (d for d in derivatives if d.parameter.name == depth)
         value = variant.link.depth
-        stderr = abs(value * error_of(logs / deeper[0]))
-        rates = np.where(
-            [[one.parameter.name == depth] for one in all_rates], rates, -rates / deeper
-        )
-        biases = np.where(
-            [one.parameter.name == depth for one in all_rates], 0.0, biases / deeper[0]
-        )
-        all_rates = [one._replace(second=-one.second / deeper[0]) for one in all_rates]
+        stderr = abs(value * error_of(logs / by_depth.rates[0]))
+        derivatives = [_of_range(derivative, by_depth) for derivative in derivatives]
     else:
         stderr *= abs(quantity.slope(value))
-    asked_for = [i for i, one in enumerate(all_rates) if one.parameter.name in asked]
-    covariance = covariance_of(rates[asked_for]) + np.diag(biases[asked_for] ** 2)
-    slope, rows, factors = value if quantity.of == "range" else quantity.slope(value), [], []
-    for i, error in zip(asked_for, np.sqrt(np.diag(covariance)).tolist(), strict=True):
-        one, rate, p = all_rates[i], float(rates[i, 0]), all_rates[i].parameter
-        relative, nil = rate / p.scale, p.absolute and p.base == 0.0
-        factors.append(p.base if p.absolute and not nil else 1.0)
-        elastic = math.nan if nil else rate * factors[-1], abs(factors[-1]) * error, relative
-        derived = slope * relative, abs(slope / p.scale) * error, one.second
-        rows.append(Row(p.name, p.base, p.unit, *elastic, *derived, *one[4:]))
-    covariance *= np.outer(factors, factors)
+    derivatives = [d for d in derivatives if d.parameter.name in names]
+    covariance = covariance_of(np.array([d.rates for d in derivatives]))
+    covariance += np.diag([d.bias**2 for d in derivatives])
+    slope = value if quantity.of == "range" else quantity.slope(value)
+    factors = np.array([_elasticity_factor(d.parameter) for d in derivatives])
+    errors = np.sqrt(np.diag(covariance)).tolist()
+    table = Table(_row(d, error, slope) for d, error in zip(derivatives, errors, strict=True))
     origin = campaign.provenance(variant.link)
     origin |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
     for name, part in zip(_PARTS, variant[2:], strict=True):
         origin[name] = part and part.model_dump(mode="json")
-    return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
+    covariance *= np.outer(factors, factors)
+    return Sensitivities(quantity.of, value, stderr, quantity.unit, table, covariance, origin)
+
+
+def _of_range(derivative: _Derivative, by_depth: _Derivative) -> _Derivative:
+    """Return the derivative of the range R from that of the reserve q of light at the depth R.
+
+    The range is where q(p, d) vanishes: at a fixed need
+    d ln R / d ln p = -(d ln q / d ln p) / (d ln q / d ln d).
+    """
+    deeper = by_depth.rates
+    if derivative is by_depth:  # the depth itself: nothing but the reserve, without a bias
+        return derivative._replace(bias=0.0, second=-derivative.second / deeper[0])
+    return derivative._replace(
+        rates=-derivative.rates / deeper,
+        bias=derivative.bias / deeper[0],
+        second=-derivative.second / deeper[0],
+    )
+
+
+def _elasticity_factor(p: Parameter) -> float:
+    """Return d ln q / d ln p over the derivative by the parameter's step; 1 at a base of 0."""
+    return p.base if p.absolute and p.base != 0.0 else 1.0
+
+
+def _row(derivative: _Derivative, error: float, slope: float) -> Row:
+    """Return the row of a derivative with its error; `slope` is d quantity / d ln q."""
+    p, rate = derivative.parameter, float(derivative.rates[0])
+    factor, relative = _elasticity_factor(p), rate / p.scale
+    no_elasticity = p.absolute and p.base == 0.0
+    return Row(
+        name=p.name,
+        base=p.base,
+        unit=p.unit,
+        elasticity=math.nan if no_elasticity else rate * factor,
+        stderr=abs(factor) * error,
+        relative=relative,
+        derivative=slope * relative,
+        derivative_stderr=abs(slope / p.scale) * error,
+        second=derivative.second,
+        method=derivative.method,
+        suspicious=derivative.suspicious,
+        notes=derivative.notes,
+    )
 
 
 class Swing(NamedTuple):

@@ -107,11 +107,13 @@ def time_series(
     steps = in_flight(campaign, at, flight, route)
     if campaign.spectral:
         return by_wavelength(campaign, steps)
+    series = gain_series(campaign, steps, campaign.gains(steps))
+    if not (flight or route):
+        return _beside_closed_form(campaign, series)
     origin = campaign.of_flight(flight) if flight else {}
     if route is not None:
         origin["route"] = route.model_dump(mode="json")
-    series = gain_series(campaign, steps, campaign.gains(steps), **origin)
-    return series if flight or route else _beside_closed_form(campaign, series)
+    return replace(series, provenance=series.provenance | origin)
 
 
 @spectral
@@ -191,7 +193,7 @@ def closed_form(link: Link, surface: Any, n: int, level: int = 3) -> dict[str, A
 def _beside_closed_form(campaign: Campaign, series: GainSeries) -> GainSeries:
     """Add the closed form of the scintillation index to a series; warn of a short band."""
     closed = closed_form(campaign.link, campaign.surface, len(series.coordinate))
-    return replace(series, provenance={**series.provenance, **closed})
+    return replace(series, provenance=series.provenance | closed)
 
 
 def in_flight(
@@ -224,17 +226,14 @@ def moved(link: Link, changes: dict[str, Floats]) -> list[Link]:
 
 
 def gain_series(
-    campaign: Campaign, steps: Steps, gains: Floats, name: str | None = None, **origin: Any
+    campaign: Campaign, steps: Steps, gains: Floats, name: str | None = None
 ) -> GainSeries:
-    """Return the series of a link of a campaign, the first, from `Campaign.gains` over the steps.
-
-    `origin` is further provenance.
-    """
+    """Return the series of one link, by default the first, from `Campaign.gains` over the steps."""
     names = list(campaign.links)
     name = name or names[0]
     link = campaign.links[name]
-    mine = slice(None) if isinstance(link.receiver, tuple) else 0
-    gain, direct = gains[:, names.index(name), :, mine]
+    receivers = slice(None) if isinstance(link.receiver, tuple) else 0
+    gain, direct = gains[:, names.index(name), :, receivers]
     return GainSeries(
         steps.along,
         steps.labels,
@@ -242,5 +241,5 @@ def gain_series(
         error_of_groups(gain, -1),
         direct.mean(axis=-1),
         error_of_groups(gain.mean(axis=0), -1)[()],
-        campaign.provenance(link) | origin,
+        campaign.provenance(link),
     )

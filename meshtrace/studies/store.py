@@ -139,7 +139,7 @@ class Store:
         # other code may give other digits
         code = {"meshtrace": version("meshtrace"), "kernels": sources().hex()}
         # as it will be read back: tuples become lists
-        here = json.loads(json.dumps({**identity, **code, "study": self._study}))
+        here = json.loads(json.dumps(identity | code | {"study": self._study}))
         digest = digest_of(here, name)
         with self._held():
             with self._turn:

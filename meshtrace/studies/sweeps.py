@@ -140,8 +140,8 @@ class Sweep:
     def scenario(self, changes: Mapping[str, Any]) -> Scenario:
         """Return the scenario of a point; its values override the options of the sweep."""
         options = {"run.photons": self.photons, "run.rtol": self.rtol}
-        given = {key: value for key, value in options.items() if value is not None}
-        return Scenario.from_toml(self.base, changes={**given, **changes})
+        chosen = {key: value for key, value in options.items() if value is not None}
+        return Scenario.from_toml(self.base, changes=chosen | dict(changes))
 
     def tasks(self) -> Iterator[Task]:
         """Yield all tasks."""
@@ -258,8 +258,7 @@ class Sweep:
         """Return the configuration that identifies this sweep, as plain data."""
         fields = asdict(self)
         del fields["base"], fields["modules"]
-        return {
-            **fields,
+        return fields | {
             "link": tomllib.loads(self.base),
             "measured": list(self.measured),
             "receivers": self.receivers,
@@ -300,7 +299,7 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
         variables[name] = (
             along,
             measured[..., i, :, :][(..., *selection)],
-            {**attrs(name), **background},
+            attrs(name) | background,
         )
     about = {key: attrs(key.rpartition(".")[2]) for key in dims if key.rpartition(".")[2] in FIELDS}
     labelled = {key: (key, values, about.get(key, {})) for key, values in coordinates.items()}
@@ -432,31 +431,33 @@ def sweep(
     configured = link.get("daylight") if isinstance(link, Mapping) else None
     options: dict[str, Any] = {"rtol": rtol, "photons": photons, "seed": seed}
     options |= {"realizations": realizations, "wavelengths_nm": wavelengths_nm}
-    study = _study(_base(link, surface), configured, parameters, **options)
+    study = _study(_base(link, surface), configured, parameters, options)
     return study.run(store, workers, timeout, progress)
 
 
 def _study(
     base: Scenario,
-    light: Any,
+    daylight_table: Any,
     parameters: Mapping[str, Sequence[Any]],
-    *,
-    wavelengths_nm: Any = None,
-    **options: Any,
+    options: dict[str, Any],
 ) -> Sweep:
-    """Return the checked study; `light` is the given table [daylight], None for a model."""
+    """Return the checked study, with options as in `sweep`.
+
+    `daylight_table` is the table [daylight] as a user wrote it, None of a model.
+    """
     import tomli_w
 
     plain = {name: _plain(values) for name, values in parameters.items()}
     config = base.to_config()
     if base.daylight is not None and any(map(changes_irradiance, plain)):
-        recipe = daylight_recipe(base.daylight) if light is None else light
+        recipe = daylight_recipe(base.daylight) if daylight_table is None else daylight_table
         config["daylight"] = as_table(recipe, "daylight", "model")
     if base.link.water.spectrum is None and any(map(gives_spectrum, plain)):
         config["water"] = {k: v for k, v in config["water"].items() if k.startswith("bottom")}
     text = tomli_w.dumps(config)
-    waves = () if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
-    study = Sweep(text, plain, **options, wavelengths_nm=tuple(waves))
+    at = options.get("wavelengths_nm")
+    options = options | {"wavelengths_nm": () if at is None else tuple(checked_wavelengths(at))}
+    study = Sweep(text, plain, **options)
     study.check()
     return replace(study, modules=tuple(modules_of(f"{text}{plain}")))
 
@@ -488,15 +489,25 @@ def _shape_of(identity: dict[str, Any], task: Task) -> tuple[int, int]:
 
 
 @check_call
-def sweep_file(path: str | Path, **options: Any) -> xr.Dataset:
+def sweep_file(
+    path: str | Path,
+    *,
+    store: str | Path | None = None,
+    trust: bool = False,
+    workers: int | str | None = None,
+    timeout: float = DEFAULT_TIMEOUT,
+    progress: Callable[[int], None] | None = None,
+) -> xr.Dataset:
     """Run the sweep of a study file: a link file with a table [sweep].
 
     Parameters
     ----------
     path : path
         TOML file, see `read_study`.
-    **options
-        store and trust, as in `read_study`; workers, timeout and progress, as in `sweep`.
+    store, trust
+        As in `read_study`.
+    workers, timeout, progress
+        As in `sweep`.
 
     Returns
     -------
@@ -521,9 +532,8 @@ def sweep_file(path: str | Path, **options: Any) -> xr.Dataset:
         wind_speed = [5.0, 13.0]
         transmitter.depth = [5.0, 10.0, 20.0]
     """
-    of_file = {name: options.pop(name) for name in ("store", "trust") if name in options}
-    study, store = read_study(path, **of_file)
-    return study.run(store, **options)
+    study, store = read_study(path, store, trust)
+    return study.run(store, workers, timeout, progress)
 
 
 @check_call
@@ -568,7 +578,7 @@ def read_study(
     parameters = dict(_dotted(table.pop("parameters", {})))
     with trusting(trust):
         base = _base(Scenario.from_config(config, folder=path.parent), None)
-        study = _study(base, config.get("daylight"), parameters, **{**shared, **table})
+        study = _study(base, config.get("daylight"), parameters, shared | table)
     return study, path.parent / beside if store is None else Path(store)
 
 
@@ -588,7 +598,7 @@ def _base(
     if isinstance(sea, MeshSource):
         scenario = scenario.model_copy(update={"surface": sea, "meshing": Meshing()})
     elif sea is not None:
-        scenario = Scenario.from_config({**scenario.to_config(), "sea": dict(sea)})
+        scenario = Scenario.from_config(scenario.to_config() | {"sea": dict(sea)})
     run = scenario.run
     photons = FIRST_CHAINS if isinstance(run.estimator, Forced) else run.photons
     fields = run.model_dump(exclude={*_SHARED, "threads"}, exclude_none=True)
