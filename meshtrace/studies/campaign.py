@@ -15,15 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.correlated import FrozenForced, SpectralDetection
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
-from meshtrace.engine.gains import Gains
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.ends import resolved_reach
-from meshtrace.engine.setup.meshing import (
-    FADING_SPACING,
-    mesh_lines,
-    require_cover,
-    surface_config,
-)
+from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_lines, require_cover, surface_config
 from meshtrace.engine.setup.options import (
     Analog,
     Meshing,
@@ -274,6 +268,17 @@ class Campaign(NamedTuple):
             require_cover(link, made)
         return made
 
+    def detections(
+        self, links: Sequence[Link], sea: TypicalSea, threads: int = 1
+    ) -> list[ForcedDetection] | list[SpectralDetection]:
+        """Return chains for links over any surface: one set for all wavelengths, or one a link."""
+        run, normals = self.run, self.meshing.normals
+        if self.spectral:
+            return [SpectralDetection(links, run.photons, run.seed, normals, threads, sea)]
+        return [
+            ForcedDetection(link, run.photons, run.seed, normals, threads, sea) for link in links
+        ]
+
     def evaluate(
         self,
         setup: Setup,
@@ -446,37 +451,34 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     def mesh(i: int) -> TriangleMesh:
         return probed_meshes.pop(i) if i in probed_meshes else make_mesh(i)
 
-    def forced(link: Link) -> ForcedDetection:
-        return ForcedDetection(link, run.photons, run.seed, normals, sea=typical)
+    def gains(links: Sequence[Link]) -> Callable[[TriangleMesh], Floats]:
+        detections = campaign.detections(links, typical)
 
-    def detection(links: Sequence[Link]) -> Callable[[TriangleMesh], list[Gains]]:
-        """Return the function of the gains of links over a mesh, with chains of their own."""
-        if campaign.spectral:
-            paths = SpectralDetection(links, run.photons, run.seed, normals, sea=typical)
-            return paths.at_wavelengths
-        detections = [forced(link) for link in links]
-        return lambda mesh: [each.evaluate(mesh) for each in detections]
+        def over_mesh(mesh: TriangleMesh) -> Floats:
+            parts = [part for chains in detections for part in chains.at_wavelengths(mesh)]
+            return np.array([[part.shifts for part in parts], [part.direct for part in parts]])
+
+        return over_mesh
 
     if steps.links is None:
-        gains = detection(links)
-        return lambda i: _as_array(gains(mesh(i)))
+        over_mesh = gains(links)
+        return lambda i: over_mesh(mesh(i))
     # ends that only tilt share one mesh and, where chains serve neighbours, one set of chains
-    if widest and not campaign.spectral and all(forced(link).serves_neighbours for link in links):
-        frozen = [
-            FrozenForced(link, run.photons, run.seed, typical, normals, "usual") for link in links
-        ]
+    shared = widest and not campaign.spectral
+    if not shared or not all(
+        isinstance(chains, ForcedDetection) and chains.serves_neighbours
+        for chains in campaign.detections(links, typical)
+    ):
+        return lambda i: gains(links_at(i))(mesh(i))
+    frozen = [
+        FrozenForced(link, run.photons, run.seed, typical, normals, "usual") for link in links
+    ]
 
-        def tilted_gains(i: int) -> Floats:
-            made, pairs = mesh(i), zip(frozen, links_at(i), strict=True)
-            return np.stack([chains.parts(link, made) for chains, link in pairs], axis=1)
+    def tilted_gains(i: int) -> Floats:
+        made, pairs = mesh(i), zip(frozen, links_at(i), strict=True)
+        return np.stack([chains.parts(link, made) for chains, link in pairs], axis=1)
 
-        return tilted_gains
-    return lambda i: _as_array(detection(links_at(i))(mesh(i)))
-
-
-def _as_array(gains: Sequence[Gains]) -> Floats:
-    """Return gains by shift, and their unscattered parts, shape (2, links, receivers, shifts)."""
-    return np.array([[each.shifts for each in gains], [each.direct for each in gains]])
+    return tilted_gains
 
 
 def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh) -> Floats:

@@ -17,13 +17,7 @@ from meshtrace.checks import Shape, check_call
 from meshtrace.comms.background import DARK, warn_of_background, with_background
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_between,
-    require_finite,
-    require_whole,
-)
+from meshtrace.errors import Described, Refused, require_between, require_finite, require_whole
 from meshtrace.fading.spectral import band_fading
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
@@ -32,12 +26,7 @@ from meshtrace.results.series import GainSeries
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.stored import Stacked, Stored, Variable
-from meshtrace.studies.background import (
-    background_over_seas,
-    error_rate,
-    light_of,
-    transmission_of,
-)
+from meshtrace.studies.background import background_over_seas, error_rate, light_of, transmission_of
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.response import through_channel
 from meshtrace.studies.series import gain_series

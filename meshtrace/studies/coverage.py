@@ -28,20 +28,9 @@ from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
-from meshtrace.engine.setup.options import (
-    Analog,
-    IrradianceMap,
-    RunOptions,
-    StudyOptions,
-    resolve,
-)
+from meshtrace.engine.setup.options import Analog, IrradianceMap, RunOptions, StudyOptions, resolve
 from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, photon_paths, scattering
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_between,
-    require_finite,
-)
+from meshtrace.errors import Described, Refused, require_between, require_finite
 from meshtrace.kernels.tints import ALONE
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import MeshSource, TriangleMesh

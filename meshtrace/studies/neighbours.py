@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache, cached_property, partial
 from typing import Any, Literal
 
@@ -424,28 +424,42 @@ class Quantity:
         return math.log(max(float(share @ weight[nonzero]) + float(weight[~nonzero].sum()), 1e-300))
 
 
+def _tabulated(
+    powers: Iterable[float], n: int, values: Callable[[Floats], Floats]
+) -> Callable[[Floats], Floats] | None:
+    """Return a function of ln power, interpolated between n nodes; None for a closed eye.
+
+    The nodes reach from 9 below to 7 above the logarithm of the first finite one of the powers:
+    from where the light is lost in the noise to where no error is left.
+    """
+    middle = next(filter(math.isfinite, powers), math.inf)
+    if math.isinf(middle):
+        return None
+    nodes = math.log(middle) + np.linspace(-9.0, 7.0, n)
+    table = PchipInterpolator(nodes, values(nodes))
+    return lambda logs: table(np.clip(logs, nodes[0], nodes[-1]))
+
+
 def _law(limit: float, ook: OokLink, rising: bool = True) -> Callable[[Floats], Floats]:
     """Return ln BER over ln power, tabulated about the power for the limit.
 
     Without `rising` rates of an overloaded receiver stay at their minimum.
     """
-    known = (ook.required_power(rate) for rate in (limit, _OPEN))
-    middle = next(filter(math.isfinite, known), math.inf)
-    if math.isinf(middle):  # a closed eye
-        return lambda logs: np.full_like(logs, math.log(0.5))
-    nodes = math.log(middle) + np.linspace(-9.0, 7.0, _POINTS)
-    rates = np.log(np.maximum(ook.ber(np.exp(nodes)), 1e-300))
-    table = PchipInterpolator(nodes, rates if rising else np.minimum.accumulate(rates))
-    return lambda logs: table(np.clip(logs, nodes[0], nodes[-1]))
+
+    def log_rates(nodes: Floats) -> Floats:
+        rates = np.log(np.maximum(ook.ber(np.exp(nodes)), 1e-300))
+        return rates if rising else np.minimum.accumulate(rates)
+
+    powers = (ook.required_power(rate) for rate in (limit, _OPEN))
+    table = _tabulated(powers, _POINTS, log_rates)
+    return table or (lambda logs: np.full_like(logs, math.log(0.5)))
 
 
 def _information(ook: OokLink) -> Callable[[Floats], Floats]:
     """Return the information of a bit over ln power, by interpolation between 60 powers."""
-    middle = ook.required_power(0.1)
-    if math.isinf(middle):  # a closed eye
-        return np.zeros_like
-    nodes = math.log(middle) + np.linspace(-9.0, 7.0, _NODES)
-    gains = np.exp(nodes) / float(ook.received_power(1.0))
-    carried = [capacity(ook, gain).hard / ook.bit_rate for gain in gains]
-    table = PchipInterpolator(nodes, carried)
-    return lambda logs: table(np.clip(logs, nodes[0], nodes[-1]))
+
+    def carried(nodes: Floats) -> Floats:
+        gains = np.exp(nodes) / float(ook.received_power(1.0))
+        return np.array([capacity(ook, gain).hard / ook.bit_rate for gain in gains])
+
+    return _tabulated([ook.required_power(0.1)], _NODES, carried) or np.zeros_like

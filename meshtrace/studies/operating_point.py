@@ -10,12 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from meshtrace.comms.background import widest_filter_nm, with_background
-from meshtrace.comms.budget import (
-    ber_of_gains,
-    bootstrapped_mean,
-    link_budget,
-    required_gain,
-)
+from meshtrace.comms.budget import ber_of_gains, bootstrapped_mean, link_budget, required_gain
 from meshtrace.comms.capacity import Capacity, capacity
 from meshtrace.comms.devices import photon_energy
 from meshtrace.comms.ook import OokLink
@@ -27,12 +22,7 @@ from meshtrace.models import Floats
 from meshtrace.results.daylight import Background
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.campaign import Campaign, Steps
-from meshtrace.studies.response import (
-    MeanResponse,
-    mean_response,
-    mean_responses,
-    over_colours,
-)
+from meshtrace.studies.response import MeanResponse, mean_response, mean_responses, over_colours
 from meshtrace.studies.series import gain_series, in_flight
 from meshtrace.uav import Flight, TiltFactors
 

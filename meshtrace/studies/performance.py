@@ -20,13 +20,7 @@ from meshtrace.comms.pulses import Eye
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_between,
-    require_finite,
-    require_word,
-)
+from meshtrace.errors import Described, Refused, require_between, require_finite, require_word
 from meshtrace.fading import Estimate
 from meshtrace.fields import attrs
 from meshtrace.link import Link

@@ -20,13 +20,7 @@ from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.arrays import IDENTITY, Frame
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.errors import (
-    Refused,
-    require_array,
-    require_between,
-    require_names,
-    require_whole,
-)
+from meshtrace.errors import Refused, require_array, require_between, require_names, require_whole
 from meshtrace.fading import Estimate
 from meshtrace.kernels.scene import Scene
 from meshtrace.link import Link

@@ -14,8 +14,7 @@ from meshtrace.checks import check_call
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import SHORT, ChannelResponse, spread_of
 from meshtrace.comms.spectra import Curve, lit_band
-from meshtrace.engine.correlated import SpectralDetection
-from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
+from meshtrace.engine.forced import MANY_SEAS, TypicalSea
 from meshtrace.engine.outcome import FewSamplesWarning
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.meshing import surface_config
@@ -96,16 +95,10 @@ def _arrivals_over(
             return [result.arrivals]
 
         return arrivals
-    kind = SpectralDetection if campaign.spectral else ForcedDetection
-    paths: ForcedDetection | SpectralDetection = kind(
-        links if campaign.spectral else links[0],  # type: ignore[arg-type]
-        run.photons,
-        run.seed,
-        normals,
-        campaign.threads,
-        TypicalSea.of(meshes, MANY_SEAS),
-    )
-    return lambda mesh: [gains.table[0] for gains in paths.at_wavelengths(mesh, record=True)]
+    sea = TypicalSea.of(meshes, MANY_SEAS)
+    links = links if campaign.spectral else links[:1]
+    (chains,) = campaign.detections(links, sea, campaign.threads)
+    return lambda mesh: [gains.table[0] for gains in chains.at_wavelengths(mesh, record=True)]
 
 
 def over_colours(
