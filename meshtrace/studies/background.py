@@ -100,11 +100,11 @@ def background_series(
     if flight is not None:
         flight = flight.checked()
         origin |= campaign.of_flight(flight)
-    backgrounds_of_seas = backgrounds(campaign, in_flight(campaign, at, flight), day, photons)
+    series = backgrounds(campaign, in_flight(campaign, at, flight), day, photons)
     return BackgroundSeries(
         np.asarray(at, float),
-        np.array([f.part_radiance for f in backgrounds_of_seas]),
-        np.array([f.part_radiance_stderr for f in backgrounds_of_seas]),
+        np.array([background.part_radiance for background in series]),
+        np.array([background.part_radiance_stderr for background in series]),
         origin,
     )
 
@@ -161,20 +161,20 @@ def background_over_seas(
     held = flight is None or flight.uav.gimbal or campaign.link.direction == "down"
     most = _MEAN_SEAS if held and sea is not campaign.surface else _MOST_SEAS
     campaign = campaign._replace(surface=sea, progress=None)
-    backgrounds_of_seas = backgrounds(campaign, _steps(campaign, seas, flight, most), day, RAYS)
-    if len(backgrounds_of_seas) == 1:
-        return backgrounds_of_seas[0]
-    parts = np.array([f.part_radiance for f in backgrounds_of_seas])
-    mean = Background.of_groups(
-        parts, backgrounds_of_seas[0].acceptance, backgrounds_of_seas[0].wavelength_nm
-    )
-    rays = np.mean([f.part_radiance_stderr for f in backgrounds_of_seas], axis=0)
-    rays_in_all = float(np.mean([f.radiance_stderr for f in backgrounds_of_seas]))
+    by_sea = backgrounds(campaign, _steps(campaign, seas, flight, most), day, RAYS)
+    first = by_sea[0]
+    if len(by_sea) == 1:
+        return first
+    parts = np.array([background.part_radiance for background in by_sea])
+    mean = Background.of_groups(parts, first.acceptance, first.wavelength_nm)
+    # all seas share their rays, whose error therefore does not fall with the number of seas
+    rays = np.mean([background.part_radiance_stderr for background in by_sea], axis=0)
+    rays_in_all = float(np.mean([background.radiance_stderr for background in by_sea]))
     return replace(
         mean,
         part_radiance_stderr=np.hypot(mean.part_radiance_stderr, rays),
         radiance_stderr=math.hypot(mean.radiance_stderr, rays_in_all),
-        provenance=backgrounds_of_seas[0].provenance,
+        provenance=first.provenance,
     )
 
 
@@ -340,32 +340,34 @@ def backgrounds(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -
     """Return the background over each surface."""
     origin = {"daylight": day.model_dump(mode="json")}
     identity = origin | {"steps": steps.identity(), "rays": photons}
-    setup = partial(_seen, campaign.alone, steps, day, photons)
+    setup = partial(_background_numbers, campaign.alone, steps, day, photons)
     # the threads are those of the rays over one surface
     single_threaded = campaign._replace(run=campaign.run.replace(threads=1))
     name = f"background of {', '.join(campaign.links)} by {day.light}"
     shape = (2 * len(PARTS) + 4,)
-    found = single_threaded.evaluate(
+    table = single_threaded.evaluate(
         setup, range(len(steps.labels)), name, identity, lambda step: shape
     )
     results = []
-    for row in found:
+    for row in table:
         parts, errors, numbers = np.split(row, [len(PARTS), 2 * len(PARTS)])
         total, error, acceptance, wavelength = numbers.tolist()
         results.append(Background(parts, errors, total, error, acceptance, wavelength, origin))
     return results
 
 
-def _seen(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> Callable[[int], Floats]:
+def _background_numbers(
+    campaign: Campaign, steps: Steps, day: Daylight, photons: int
+) -> Callable[[int], Floats]:
     """Return the function that gives the numbers of the background over a surface, in a row."""
 
-    def over(i: int) -> Floats:
+    def numbers_over(i: int) -> Floats:
         link = steps.links[i][0] if steps.links else campaign.link
         surface, time = steps.surface(i)
         case = Case(link, surface, campaign.run, campaign.meshing.replace(time=time))
         mesh, _ = mesh_for(link, surface, case.meshing)
-        (found,) = backgrounds_over(case, mesh, [link], [day], photons)
-        numbers = found.radiance, found.radiance_stderr, found.acceptance, found.wavelength_nm
-        return np.concatenate([found.part_radiance, found.part_radiance_stderr, numbers])
+        (seen,) = backgrounds_over(case, mesh, [link], [day], photons)
+        numbers = seen.radiance, seen.radiance_stderr, seen.acceptance, seen.wavelength_nm
+        return np.concatenate([seen.part_radiance, seen.part_radiance_stderr, numbers])
 
-    return over
+    return numbers_over

@@ -129,7 +129,7 @@ class Comparison(Stored):
 
     def summary(self) -> str:
         """Return gains and differences as a table for a terminal."""
-        rows = [
+        cells = [
             (
                 name,
                 f"{self.gain[i]:.4e} +- {self.gain_stderr[i]:.1e}",
@@ -140,7 +140,7 @@ class Comparison(Stored):
         ]
         first = self.names[0]
         headings = ("link", "gain", f"difference from {first}", f"gain over {first} [dB]")
-        table = text_table(rows, headings)
+        table = text_table(cells, headings)
         return table if self.ber is None else f"{table}\n\n{self._by_light()}"
 
     def _by_light(self) -> str:
@@ -462,8 +462,8 @@ def both_directions(up: Campaign, down: Campaign) -> Campaign:
     Refused
         If a link has another direction or several receivers.
     """
-    for name, one in (("up", up), ("down", down)):
-        link = one.link
+    for name, campaign in (("up", up), ("down", down)):
+        link = campaign.link
         if link.direction != name or len(link.receivers) != 1:
             ends = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
             raise Refused(name, ends, f"a link with one receiver and direction {name}")

@@ -388,7 +388,7 @@ def convergence_study(
     pairs = product(values, placement_shifts(placements))
     cases = [partial(nested_mesh, link, sea, at, spacing, shift) for spacing, shift in pairs]
     recorded = {"spacings": values, "placements": placements, "unresolved": unresolved}
-    gains = _by_step(chains.over(cases, recorded), values)
+    gains = _by_step(chains.measure_all(cases, recorded), values)
     truth = chains.exact(exact, values[-1]) if exact else None
     scatter = spread(gains[..., :SHIFTS].mean(axis=3))
     return _study("spacing", values, chains, gains, scatter, tolerance, recorded, truth)
@@ -453,7 +453,7 @@ def band_limit_study(
     cases = [partial(mesh, *pair) for pair in product(values, range(realizations))]
     recorded = {"omega_max": values, "realizations": realizations, "spacing": step,
                 "unresolved": unresolved}  # fmt: skip
-    gains = _by_step(chains.over(cases, recorded), values)
+    gains = _by_step(chains.measure_all(cases, recorded), values)
     gain = gains[..., :SHIFTS].mean(axis=3)
     scatter = spread(gain - gain[:, -1:])
     return _study("omega_max", values, chains, gains, scatter, tolerance, recorded)
@@ -513,7 +513,7 @@ def time_step_study(
 
     cases = [partial(mesh, i) for i in range(n + 1)]
     recorded = {"start": begin, "duration": duration, "steps": values}
-    frames = chains.over(cases, recorded, photons=0)
+    frames = chains.measure_all(cases, recorded, photons=0)
     means = np.stack([_time_mean(frames, s) for s in strides], axis=1)[:, :, None]
     for k in range(SHIFTS + 1, frames.shape[-1]):  # slopes, reflection and times: of all frames
         means[..., k] = frames[..., k].mean(axis=1)[:, None, None]

@@ -338,14 +338,14 @@ def parameters(
     return parameters
 
 
-def checked_bounds(over: Bounds) -> dict[str, tuple[float, float]]:
+def checked_bounds(bounds: Bounds) -> dict[str, tuple[float, float]]:
     """Return the bounds of each key; refuse those that do not rise."""
-    bounds = {}
-    for key, ends in over.items():
-        bounds[key] = pair = require_pair(ends, f"over.{key}", "(low, high), low < high")
+    checked = {}
+    for key, ends in bounds.items():
+        checked[key] = pair = require_pair(ends, f"over.{key}", "(low, high), low < high")
         if not pair[0] < pair[1]:
             raise Refused(f"over.{key}", ends, "(low, high), low < high")
-    return bounds
+    return checked
 
 
 def _listed(known: Iterable[str], name: str) -> str:

@@ -204,7 +204,7 @@ def resolving_window(rates: Floats) -> tuple[int, bool]:
 
     Parameters
     ----------
-    found : ndarray, shape (seas, 3, windows, shifts)
+    rates : ndarray, shape (seas, 3, windows, shifts)
         Rows of `edge_over` over several realizations.
 
     References
@@ -314,7 +314,7 @@ class Quantity:
 
     Parameters
     ----------
-    of : {"gain", "ber", "outage", "range", "margin", "capacity"}
+    name : {"gain", "ber", "outage", "range", "margin", "capacity"}
         Mean gain; bit error rate averaged over the seas; probability that the bit error rate of a
         sea misses the limit; depth at which the averaged rate meets it, or else at which the mean
         gain is that of the link; mean over required gain; rate after hard decisions, averaged
@@ -331,8 +331,8 @@ class Quantity:
     transmission.
     """
 
-    def __init__(self, of: Of, limit: float) -> None:
-        self.of, self.limit = of, limit
+    def __init__(self, name: Of, limit: float) -> None:
+        self.of, self.limit = name, limit
         self.need = cache(partial(required_gain, ber=limit))
         self.information = cache(_information)
         self.law = cache(partial(_law, limit))

@@ -76,30 +76,30 @@ _LEVEL = TiltFactors(np.ones(1), np.ones(1))
 
 
 class SharedGains(NamedTuple):
-    """Gains and responses of a link at several wavelengths with common paths, kept for all of them.
+    """Gains and responses of a link at several wavelengths with common paths, computed once.
 
     Parameters
     ----------
     wavelengths_nm : tuple of float
         Wavelengths [nm].
-    kept : dict
+    gains : dict
         Campaigns and their gains by depth, filled at the first wavelength.
     responses : dict
         Responses at all wavelengths by depth, likewise.
     """
 
     wavelengths_nm: tuple[float, ...]
-    kept: dict[str, tuple[Campaign, Steps, Floats]]
+    gains: dict[str, tuple[Campaign, Steps, Floats]]
     responses: dict[str, list[MeanResponse | None]]
 
     def series(self, campaign: Campaign, steps: Callable[[Campaign], Steps]) -> GainSeries:
         """Return the gains of a campaign of one of the wavelengths."""
         ((name, link),) = campaign.links.items()
-        if name not in self.kept:
+        if name not in self.gains:
             whole = self._whole(campaign)
             seas = steps(whole)
-            self.kept[name] = whole, seas, whole.gains(seas)
-        return gain_series(*self.kept[name], f"{link.transmitters[0].wavelength_nm!r} nm")
+            self.gains[name] = whole, seas, whole.gains(seas)
+        return gain_series(*self.gains[name], f"{link.transmitters[0].wavelength_nm!r} nm")
 
     def response(self, campaign: Campaign, seas: int) -> MeanResponse | None:
         """Return the mean response of a campaign of one of the wavelengths."""
@@ -121,7 +121,7 @@ class Ensemble(NamedTuple):
     campaign: Campaign
     n: int
     flight: Flight | None
-    common: SharedGains | None = None
+    shared: SharedGains | None = None
 
     def provenance(self) -> dict[str, Any]:
         """Return the aircraft, its wind and the number of realizations."""
@@ -158,16 +158,16 @@ class Ensemble(NamedTuple):
     def response(self, ook: OokLink, link: Link) -> MeanResponse | None:
         """Return the mean response of the channel over some of the seas."""
         campaign = self.at(link), self.n
-        if self.common is None:
+        if self.shared is None:
             return mean_response(ook, *campaign)
-        return over_colours(self.common.response(*campaign), ook, *campaign)
+        return over_colours(self.shared.response(*campaign), ook, *campaign)
 
     def _series(self, campaign: Campaign, steps: Callable[[Campaign], Steps]) -> GainSeries:
         """Return the gains of a link over the surfaces."""
-        if self.common is None:
+        if self.shared is None:
             seas = steps(campaign)
             return gain_series(campaign, seas, campaign.gains(seas))
-        return self.common.series(campaign, steps)
+        return self.shared.series(campaign, steps)
 
 
 class OperatingPoint(NamedTuple):
@@ -253,7 +253,7 @@ def operating_point(
         # the error of the background joins the interval
         step = quantile * background.radiance_stderr / background.radiance
         lights = [with_background(dark, background, max(1.0 + s, 0.0)) for s in (-step, step)]
-        rates = [_mean_ber(one, samples, samples.samples) for one in lights]
+        rates = [_mean_ber(exposed, samples, samples.samples) for exposed in lights]
         ber = _joined_rates(*ber, *rates)
     budget = link_budget(ook, gain, limit)
     low, high = ook.led.levels(power)

@@ -182,10 +182,10 @@ class LinkPerformance(Stored):
         lines += [_figures_line(figures) for figures in self.figures]
         if len(self.depths) > 1:
             lines += ["", self._range_heading, *self._range_lines()]
-        light = [f"background light: {self.light}", *self._filters(), *self._tilts()]
-        end = [*self._origin_lines()[:1], *light, *self._spreads(), *self._overloads()]
-        end += [*self._origin_lines()[1:], self.status]
-        return "\n".join([*lines, "", *end])
+        water, *closed_form_of_fading = self._origin_lines()
+        lines += ["", water, f"background light: {self.light}", *self._filters(), *self._tilts()]
+        lines += [*self._spreads(), *self._overloads(), *closed_form_of_fading, self.status]
+        return "\n".join(lines)
 
     def _filters(self) -> list[str]:
         """Return the widest filters of the first depth, if there is background light."""
@@ -240,8 +240,8 @@ class LinkPerformance(Stored):
             start = "none at any power, by the tilt; within the field of view "
         table = zip(self.bit_rates, self._ranges(bers, self.limit), bers.T[0], strict=True)
         return [
-            f"{wind}{rate / 1e6:>7g} Mbit/s  {start}{self._range_text(found, ber)}"
-            for rate, found, ber in table
+            f"{wind}{rate / 1e6:>7g} Mbit/s  {start}{self._range_text(estimate, ber)}"
+            for rate, estimate, ber in table
         ]
 
     def _range_text(self, estimate: Estimate, ber: Floats) -> str:
@@ -296,12 +296,11 @@ class LinkPerformance(Stored):
         if len(ooks) != data["bit_rate"].size:
             raise ValueError("other numbers of bit rates and transmissions")
         responses = tuple(
-            None if one is None else ChannelResponse.model_validate(one)
-            for one in provenance["responses"]
+            response and ChannelResponse.model_validate(response)
+            for response in provenance["responses"]
         )
         require_between(provenance.get("tilt_outage", 0.0), 0.0, 1.0, "tilt_outage", "[]")
-        given = {"ooks": ooks, "responses": responses, "fades": ()}
-        return super()._restored(data, provenance, **given)
+        return super()._restored(data, provenance, ooks=ooks, responses=responses, fades=())
 
 
 _FLOOR = 1e-15  # of bit error rates in texts
@@ -397,12 +396,12 @@ class DepthSweep(Stacked):
         pairs = list(zip(self.wind_speeds, self.performances, strict=True))
         for speed, performance in pairs:
             lines += performance._range_lines(f"{speed:>5g} m/s")
-        light = [f"background light, {speed:g} m/s: {p.light}" for speed, p in pairs]
+        lights = [f"background light, {speed:g} m/s: {p.light}" for speed, p in pairs]
         if len({p.light for p in self.performances}) == 1:
-            light = [f"background light: {first.light}"]
+            lights = [f"background light: {first.light}"]
         tilts = [line for speed, p in pairs for line in p._tilts(f", {speed:g} m/s")]
         water = f"water: {water_of(first.provenance)}"
-        return "\n".join([*lines, "", water, *light, *tilts, first.status])
+        return "\n".join([*lines, "", water, *lights, *tilts, first.status])
 
 
 SWEEP_DEPTHS = tuple(float(d) for d in range(20, 95, 5))
@@ -590,10 +589,10 @@ def _lit(
         return ooks, DARK
     exposed = tuple(with_background(ook, background) for ook in ooks)
     warn_of_background(exposed[0], background)
-    light = described(exposed[0], background)
+    text = described(exposed[0], background)
     if link.direction == "down" and len(lights) > 1:
-        light += f", at {depth:g} m"
-    return exposed, light
+        text += f", at {depth:g} m"
+    return exposed, text
 
 
 def _lights(

@@ -46,11 +46,11 @@ def descending(name: str, values: Sequence[float]) -> list[float]:
     numbers = require_array(values, name, allowed)
     if numbers.ndim != 1:
         raise Refused(name, values, allowed)
-    given = [require_between(value, 0.0, math.inf, name) for value in numbers.tolist()]
-    given.sort(reverse=True)
-    if len(given) < 4 or len(set(given)) < len(given):
+    steps = [require_between(value, 0.0, math.inf, name) for value in numbers.tolist()]
+    steps.sort(reverse=True)
+    if len(steps) < 4 or len(set(steps)) < len(steps):
         raise Refused(name, numbers.tolist(), allowed)
-    return given
+    return steps
 
 
 def normal_kinds(normals: Sequence[Normals]) -> tuple[Normals, ...]:
@@ -175,7 +175,7 @@ class CommonChains(Restored):
             table.append([*parts.shifts[0], parts.ballistic[0], slopes, reflected, *seconds])
         return np.array(table)
 
-    def over(
+    def measure_all(
         self, cases: Sequence[MakeMesh], recorded: dict[str, Any], photons: int = ANALOG_PHOTONS
     ) -> Floats:
         """Return the numbers of `measure` of each mesh, shape (kinds, cases, numbers).

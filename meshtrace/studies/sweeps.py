@@ -121,7 +121,7 @@ class Sweep:
                 allowed = "no wavelength among the parameters, or no wavelengths_nm"
                 raise Refused("parameters", name, allowed)
         self._each_colour(base)
-        if self.lit:
+        if self.in_daylight:
             transmission_of(base.link.replace(receiver=base.link.receivers[0]), base.detector)
         if not self.parameters:
             raise Refused("parameters", Described("none"), "lists of values by dotted keys")
@@ -164,16 +164,16 @@ class Sweep:
         """
         import_modules(self.modules)
         n, numbers = task.last - task.first, len(self.measured) * self.receivers
-        found = np.full((n, numbers * max(len(self.wavelengths_nm), 1) + 1), np.nan)
+        table = np.full((n, numbers * max(len(self.wavelengths_nm), 1) + 1), np.nan)
         error = [""] * n
         for i in range(n):
             start = time.perf_counter()
             try:
-                found[i, :-1] = self._measure(task, task.first + i).ravel()
+                table[i, :-1] = self._measure(task, task.first + i).ravel()
             except Exception as failure:
                 error[i] = error_text(failure)
-            found[i, -1] = time.perf_counter() - start
-        return Item(found, json.dumps(error))
+            table[i, -1] = time.perf_counter() - start
+        return Item(table, json.dumps(error))
 
     def _measure(self, task: Task, realization: int) -> NDArray[np.float64]:
         """Return the numbers of `measured`, each by wavelength and receiver."""
@@ -184,7 +184,7 @@ class Sweep:
             surface = surface.with_seed(phases) if hasattr(surface, "with_seed") else surface
         run = scenario.run.model_copy(update={"seed": key, "threads": 1})
         scenario = scenario.model_copy(update={"surface": surface, "run": run})
-        record = [Arrivals()] if self.lit else ()
+        record = [Arrivals()] if self.in_daylight else ()
         if not self.wavelengths_nm:
             return self._numbers(scenario, simulate(scenario, record=record))[:, None]
         results = simulate(scenario, wavelengths_nm=self.wavelengths_nm, record=record)
@@ -199,12 +199,12 @@ class Sweep:
         """Return the numbers of `measured` of a result, each by receiver."""
         measured = [getattr(result, name) for name in MEASURED]
         measured = [np.full(self.receivers, np.nan if row is None else row) for row in measured]
-        if self.lit:
+        if self.in_daylight:
             measured += list(_under_daylight(scenario, result))
         return np.stack(measured)
 
     @cached_property
-    def lit(self) -> bool:
+    def in_daylight(self) -> bool:
         """Whether points have background light and error rates."""
         tables = (name.partition(".")[0] for name in self.parameters)
         return "daylight" in tables or self.scenario({}).daylight is not None
@@ -212,10 +212,10 @@ class Sweep:
     @property
     def measured(self) -> tuple[str, ...]:
         """Names of the numbers of a realization."""
-        return MEASURED + LIT if self.lit else MEASURED
+        return MEASURED + LIT if self.in_daylight else MEASURED
 
     @property
-    def light(self) -> str:
+    def light_text(self) -> str:
         """Light of the bit error rates."""
         day = self.scenario({}).daylight
         swept = [name for name in self.parameters if name.partition(".")[0] == "daylight"]
@@ -263,7 +263,7 @@ class Sweep:
             "measured": list(self.measured),
             "receivers": self.receivers,
             "listed": isinstance(self.scenario({}).link.receiver, tuple),
-            "light": self.light if self.lit else "",
+            "light": self.light_text if self.in_daylight else "",
         }
 
 
@@ -328,16 +328,16 @@ def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float6
     numbers = zip(scenario.link.receivers, result.gains, result.stderrs, strict=True)
     for i, (receiver, h, error) in enumerate(numbers):
         link = scenario.link.replace(receiver=receiver)
-        ook, found = transmission_of(link, scenario.detector), None
+        ook, seen = transmission_of(link, scenario.detector), None
         if h > 0.0 and ook.response is None:
-            seen = impulse_response(result, receiver=i)
-            response = ChannelResponse.from_arrivals(seen.delay, seen.weight, seen.angle)
+            impulse = impulse_response(result, receiver=i)
+            response = ChannelResponse.from_arrivals(impulse.delay, impulse.weight, impulse.angle)
             ook = ook.replace(response=response)
         if checked_daylight(scenario.daylight, link) is not None:
             alone = scenario.model_copy(update={"link": link})
-            found = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
-        radiance = (found.radiance, found.radiance_stderr) if found else (0.0, 0.0)
-        results.append([*radiance, *error_rate(ook, np.array([h]), float(error), found)])
+            seen = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
+        radiance = (seen.radiance, seen.radiance_stderr) if seen else (0.0, 0.0)
+        results.append([*radiance, *error_rate(ook, np.array([h]), float(error), seen)])
     return np.array(results).T
 
 
