@@ -83,36 +83,42 @@ class SharedGains(NamedTuple):
     wavelengths_nm : tuple of float
         Wavelengths [nm].
     gains : dict
-        Campaigns and their gains by depth, filled at the first wavelength.
+        Campaigns and their gains by depth [m], filled at the first wavelength.
     responses : dict
-        Responses at all wavelengths by depth, likewise.
+        Responses at all wavelengths by depth [m], likewise.
     """
 
     wavelengths_nm: tuple[float, ...]
-    gains: dict[str, tuple[Campaign, Steps, Floats]]
-    responses: dict[str, list[MeanResponse | None]]
+    gains: dict[float, tuple[Campaign, Steps, Floats]]
+    responses: dict[float, list[MeanResponse | None]]
 
     def series(self, campaign: Campaign, steps: Callable[[Campaign], Steps]) -> GainSeries:
         """Return the gains of a campaign of one of the wavelengths."""
-        ((name, link),) = campaign.links.items()
-        if name not in self.gains:
+        link = campaign.link
+        if link.depth not in self.gains:
             whole = self._whole(campaign)
             seas = steps(whole)
-            self.gains[name] = whole, seas, whole.gains(seas)
-        return gain_series(*self.gains[name], f"{link.transmitters[0].wavelength_nm!r} nm")
+            self.gains[link.depth] = whole, seas, whole.gains(seas)
+        return gain_series(*self.gains[link.depth], _spectral_name(link))
 
     def response(self, campaign: Campaign, seas: int) -> MeanResponse | None:
         """Return the mean response of a campaign of one of the wavelengths."""
-        ((name, link),) = campaign.links.items()
-        if name not in self.responses:
-            self.responses[name] = mean_responses(self._whole(campaign), seas)
+        link = campaign.link
+        if link.depth not in self.responses:
+            self.responses[link.depth] = mean_responses(self._whole(campaign), seas)
         at = self.wavelengths_nm.index(link.transmitters[0].wavelength_nm)
-        return self.responses[name][at]
+        return self.responses[link.depth][at]
 
     def _whole(self, campaign: Campaign) -> Campaign:
         """Return the campaign of all wavelengths."""
-        links = {f"{nm!r} nm": campaign.link.at_wavelength(nm) for nm in self.wavelengths_nm}
-        return campaign._replace(links=links, spectral=True)
+        links = [campaign.link.at_wavelength(nm) for nm in self.wavelengths_nm]
+        named = {_spectral_name(link): link for link in links}
+        return campaign._replace(links=named, spectral=True)
+
+
+def _spectral_name(link: Link) -> str:
+    """Return the name of a link at one of several wavelengths, different at each depth."""
+    return f"{link.transmitters[0].wavelength_nm!r} nm at {link.depth!r} m"
 
 
 class Ensemble(NamedTuple):

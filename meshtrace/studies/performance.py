@@ -531,8 +531,11 @@ def link_performance(
         shallow = _shallowest(link, depths)
         campaign = campaign_of(shallow, surface, "link_performance", run, fading=True, analog=True)
         wind = getattr(campaign.scenario, "wind_speed", campaign.link.wind_speed)
-        if wind is not None:  # one of several in a store
-            campaign = campaign.for_link(campaign.link, f"wind of {wind!r} m/s")
+        # names of loops in a store, which holds those of several winds and wavelengths
+        name = "link" if wind is None else f"wind of {wind!r} m/s"
+        if at:
+            name += f", {campaign.link.transmitters[0].wavelength_nm!r} nm"
+        campaign = campaign.for_link(campaign.link, name)
         detector = getattr(campaign.scenario, "detector", None)
         base = (detector or "physical") if ook is None else ook
         ooks = tuple(OokLink.of_link(campaign.link, base, rate) for rate in rates)
