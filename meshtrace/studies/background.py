@@ -145,6 +145,7 @@ def mean_sea(link: Link, surface: Any) -> Any:
     lowest = [part.band.omega_min for part in parts if hasattr(part, "band")]
     if not lowest or link.physics.unresolved == "none":
         return surface
+    # at least one wave stays, so that the surface is a sea
     return resolve_band(link, surface, _LONGEST * max(lowest))
 
 
@@ -158,6 +159,7 @@ def background_over_seas(
     surfaces, and that of the rays they have in common.
     """
     sea = mean_sea(campaign.link, campaign.surface)
+    # a receiver at rest over the mean sea: few of its realizations are enough
     held = flight is None or flight.uav.gimbal or campaign.link.direction == "down"
     most = _MEAN_SEAS if held and sea is not campaign.surface else _MOST_SEAS
     campaign = campaign._replace(surface=sea, progress=None)
@@ -185,6 +187,7 @@ def _steps(campaign: Campaign, seas: int, flight: Flight | None, most: int) -> S
     if flight is not None and flight.coupled:
         times = flight.time_step * np.arange(seas, dtype=np.float64)
         links = in_flight(campaign, times, flight).links or ()
+        # evenly over the flight: neighbours in time have nearly one tilt
         chosen = np.linspace(0, seas - 1, most).round().astype(int)
         return campaign.in_time(times[chosen], [links[i] for i in chosen])
     if isinstance(sea, SeededSurface):
@@ -202,6 +205,7 @@ def _steps(campaign: Campaign, seas: int, flight: Flight | None, most: int) -> S
 def transmission_of(link: Link, base: OokLink | None) -> OokLink:
     """Return the electronics of a link; refuse an empirical factor on its water."""
     ook = OokLink.of_link(link, base or "physical")
+    # an empirical factor on the water has no counterpart for the background
     if ook.channel(link) is not link:
         raise Refused("detector.preset", "paper-ranges", "a preset without empirical calibration")
     return ook
@@ -257,6 +261,7 @@ class Lights:
         day = checked_daylight(variant.daylight, variant.link)
         if day is None:
             return None
+        # the lamp does not enter the background: its keys share one
         link = variant.link.model_copy(update={"transmitter": self._lamp})
         surface = mean_sea(link, self._campaign.surface if variant.sea is None else variant.sea)
         parts = [part.model_dump(mode="json") for part in (link, day)]
@@ -330,8 +335,10 @@ def error_rate(
         return np.atleast_1d(exposed.ber(exposed.received_power(shifted)))
 
     values = rates()
+    # central differences over one standard error
     by_gain = 0.5 * float(rates(-1.0).mean() - rates(1.0).mean())
     by_light = 0.5 * float(rates(shift=1.0).mean() - rates(shift=-1.0).mean())
+    # of seas, whose gains are independent
     spread = float(error_of_groups(values)) if len(values) > 1 else 0.0
     return float(values.mean()), math.hypot(by_gain, by_light, spread)
 

@@ -76,6 +76,7 @@ class Steps(NamedTuple):
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies the surfaces, as plain data."""
         labels = self.labels.tolist()
+        # a digest: a million labels would make a line of the store of megabytes
         identity = {"along": self.along, "number": len(labels), "labels": digest_of(labels)}
         if self.links is not None:
             links_of_steps = [
@@ -189,6 +190,7 @@ class Campaign(NamedTuple):
         if flight.wind is not None:
             return flight.wind
         surface = self.scenario or self.surface
+        # of a scenario, of a sea of its own, or of the spectrum of a sea
         speed = getattr(getattr(surface, "spectrum", surface), "wind_speed", None)
         if speed is None:
             raise Refused("flight.wind", None, "a wind, over a sea without wind speed")
@@ -248,6 +250,7 @@ class Campaign(NamedTuple):
                 receiver=tuple(receiver for link in links for receiver in link.receivers),
             )
         estimator = self.run.estimator
+        # of all links about their own origins, seen from that of the joint one
         reach = max(
             resolved_reach(link, estimator) + math.dist(link.origin, joint.origin) for link in links
         )
@@ -261,6 +264,7 @@ class Campaign(NamedTuple):
         lines: dict[str, Any] | None = None,
     ) -> TriangleMesh:
         """Return the mesh of a surface at a time; `lines` are those common to several."""
+        # a mesh of the user is taken as it is
         made = surface
         if not isinstance(made, TriangleMesh):
             made = made.mesh(time, **(lines or self.lines(links, made)))
@@ -324,6 +328,7 @@ class Campaign(NamedTuple):
     @property
     def alone(self) -> Campaign:
         """The campaign without store, cluster and progress; one thread for a worker."""
+        # a worker has one core; threads of this process would share the cores of its neighbours
         run = self.run if self.cluster is None else self.run.replace(threads=1)
         return self._replace(run=run, scenario=None, cluster=None, store=Store(), progress=None)
 
@@ -362,6 +367,7 @@ class Campaign(NamedTuple):
             over all surfaces and for all links.
         """
         n, receivers = len(steps.labels), len(self.link.receivers)
+        # filled as they come: a list of a million surfaces would hold each twice
         gains = np.empty((2, len(self.links), n, receivers, SHIFTS))
         for i, numbers in enumerate(self.each(steps, probed)):
             gains[:, :, i] = numbers
@@ -490,6 +496,7 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
     run, intersector = campaign.run, EmbreeIntersector(mesh)
     assert isinstance(run.estimator, Analog)
     photons = run.photons // SHIFTS
+    # 32 disjoint ranges of photons give the error, as the 32 shifts of chains do
     gains = np.empty((len(links), len(links[0].receivers), SHIFTS))
     for i, link in enumerate(links):
         for shift in range(SHIFTS):
@@ -515,9 +522,12 @@ def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
         return None
     if steps.links is None:
         return links
+    # all links of a campaign move alike: the first stands for them
     ends = [row[0].air_end[1] for row in steps.links]
+    # each place has a mesh of its own, fine where its light crosses
     if any(end.center != ends[0].center for end in ends):
         return None
+    # a tilted view sees the sea farthest off
     return steps.links[int(np.argmax([end.tilt_deg for end in ends]))]
 
 
@@ -565,6 +575,7 @@ def campaign_of(
     options = case_options(run)
     scenario = link if isinstance(link, Scenario) else None
     if scenario is None:
+        # a scenario has its own number, which stays
         options.setdefault("photons", chains)
     elif several and surface is None and isinstance(scenario.surface, MeshFile):
         raise Refused("sea.mesh", scenario.surface.file, "a sea model")
@@ -574,6 +585,7 @@ def campaign_of(
             raise Refused(
                 "run.estimator", "analog", f"forced{', over many seas' if several else ''}"
             )
+        # at least one photon for each of the ranges that give the error
         require_whole(case.run.photons, SHIFTS, 2**53, "run.photons")
     if several and not isinstance(case.surface, MeshSource):
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (MeshSource)")

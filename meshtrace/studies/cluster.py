@@ -66,6 +66,7 @@ class Cluster:
         """Return the cluster; refuse numbers out of range, and to go on without dask."""
         if not isinstance(self.workers, str | None):
             require_whole(self.workers, 1, 1024, "workers")
+        # this process alone needs no dask
         if self.workers != 1 and find_spec("distributed") is None:
             with extra("batch", "workers"):
                 raise ModuleNotFoundError(name="distributed")
@@ -102,7 +103,9 @@ class Cluster:
             if waiting:
                 yield from self._elsewhere(setup, waiting, len(waiting), Event())
             return
+        # this process is one of the workers
         others = (self.workers or cores()) - 1
+        # the last job is not worth a process, which starts in two seconds
         alone = min(others, len(waiting) - 1) < 1
         yield from _evaluated(setup, waiting) if alone else self._beside(setup, waiting, others)
 
@@ -119,6 +122,7 @@ class Cluster:
         def feed() -> None:
             try:
                 patience = 0.0 if self.workers or self._client else _PATIENCE
+                # fewer than half of the jobs are left: they are done before others have started
                 if ended.wait(patience) or 2 * len(waiting) < total:
                     return
                 for result in self._elsewhere(setup, waiting, _AHEAD * others, ended):
@@ -127,6 +131,7 @@ class Cluster:
                 results.put((_BROKEN, error))
 
         def merged() -> Iterator[tuple[int, Any]]:
+            # while this process has jobs of its own, results of others wait in their queue
             for result in _evaluated(setup, waiting):
                 yield result
                 while not results.empty():
@@ -135,6 +140,7 @@ class Cluster:
                 yield results.get()
 
         thread = Thread(target=feed, name="workers")
+        # daemon threads would outlive the dask client that they use: this one is joined
         thread.start()
         try:
             for i, result in islice(merged(), total):
@@ -192,9 +198,11 @@ class Cluster:
             with self._turn:  # loops of several threads share it, too
                 client = self._client
                 if client is None:
+                    # the stack of `keep_workers` outlives this loop, and so does the client in it
                     stack = self._shared or stack
                     stack.enter_context(_quiet())
                     client = stack.enter_context(_client(self.workers, self.timeout))
+                    # before any job: another version would give other digits
                     _require_equal_workers(client, self.timeout)
                     self._client = client if self._shared else None
             yield client
@@ -264,6 +272,7 @@ def _finished(
         time.sleep(_POLL)
         # asked only while nothing is ready: a finished task is a sign of life
         has_workers, now = _has_workers(client), time.monotonic()
+        # silence is no answer, and says nothing of workers
         if has_workers is not None:
             answered = now
         if has_workers is not False:  # a scheduler without an answer may well have some
@@ -315,6 +324,7 @@ def _portable_job() -> Callable[..., Any]:
         from meshtrace.parallel import one_blas_thread
         from meshtrace.studies.cluster import prepared
 
+        # digits of a sum depend on the number of BLAS threads
         with one_blas_thread():
             return prepared(setup)(job)
 
@@ -358,6 +368,7 @@ def _other_worker(address: str, there: Any) -> Refused:
     """Return the refusal of a worker, by its first difference from this process."""
     if not isinstance(there, dict):
         there = {"meshtrace": error_text(there)}
+    # a long list of equal versions would hide the one that differs
     name, here = next(item for item in _environment().items() if there.get(item[0]) != item[1])
     difference = f"{address}: {name} {there.get(name, 'missing')} there, {here} here"
     allowed = "the same versions of meshtrace, its kernels, numpy and numba"
@@ -370,6 +381,7 @@ def _quiet() -> Iterator[None]:
     import distributed  # noqa: F401  (its loggers exist from here on)
 
     names = [name for name in logging.root.manager.loggerDict if name.startswith(_CHATTY)]
+    # messages about a lost worker come with tracebacks; `_lost` says it in a line
     levels = {logging.getLogger(name): logging.getLogger(name).level for name in names}
     for logger in levels:
         logger.setLevel(logging.CRITICAL + 1)
@@ -412,6 +424,7 @@ def _local_client(processes: int) -> Iterator[distributed.Client]:
     import distributed
 
     with (
+        # a file of the current folder with the name of a module must not take its place
         safe_processes(),
         tempfile.TemporaryDirectory(prefix="meshtrace-", ignore_cleanup_errors=True) as scratch,
         distributed.LocalCluster(
@@ -431,6 +444,7 @@ def _local_client(processes: int) -> Iterator[distributed.Client]:
             """Plugin that ignores Ctrl-C on workers: the client handles it."""
 
             def setup(self, worker: distributed.Worker) -> None:
+                # Ctrl-C reaches all processes of a terminal at once
                 signal.signal(signal.SIGINT, signal.SIG_IGN)
 
         client.register_plugin(LeaveInterrupts())
@@ -445,6 +459,7 @@ def _address(scheduler: str, timeout: float) -> str:
     if not scheduler.endswith(".json"):
         return scheduler
     end = time.monotonic() + timeout
+    # a batch system starts the scheduler when it likes
     while not os.path.isfile(scheduler) and time.monotonic() < end:
         time.sleep(0.1)
     with open(scheduler, encoding="utf-8") as file:

@@ -104,6 +104,7 @@ class Comparison(Stored):
         gain, first = samples.mean(axis=1), samples[0]
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = gain / gain[0]
+            # delta method: h_0 cancels what both gains share
             relative = error_of_groups(samples - ratio[:, None] * first, axis=1) / gain
             ratio_db = 10.0 * np.log10(ratio)
         return cls(
@@ -267,6 +268,7 @@ def _samples(each: dict[str, Campaign], realizations: int) -> Floats:
     """
     campaigns = list(each.values())
     conditions = [(campaign.surface, campaign.meshing, campaign.run) for campaign in campaigns]
+    # one mesh and one set of numbers: errors cancel in the differences
     if all(campaign == conditions[0] for campaign in conditions):
         links = {name: campaign.link for name, campaign in each.items()}
         campaigns = [campaigns[0]._replace(links=links)]
@@ -367,6 +369,7 @@ class Duplex(Stacked):
                 f"{name:<6} mean gain {gain.mean():.4e} +- {series.mean_stderr:.1e}, "
                 f"scintillation index {index:.3g}"
             )
+        # a fade of 3 dB
         half = self.outage(0.5 * float(self.up.gain.mean()), 0.5 * float(self.down.gain.mean()))
         lines += [
             f"correlation of the gains   {self.correlation:.3f} +- {self.correlation_stderr:.2g}",
@@ -467,6 +470,7 @@ def both_directions(up: Campaign, down: Campaign) -> Campaign:
         if link.direction != name or len(link.receivers) != 1:
             ends = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
             raise Refused(name, ends, f"a link with one receiver and direction {name}")
+    # seas of both links differ where short waves matter to the downlink alone
     fading = band_fading(down.link, up.surface) if down.surface != up.surface else None
     if fading is not None and fading.needed is not None:
         text = (

@@ -182,6 +182,7 @@ def coverage_map(
         axis=receiver.axis,
         fov_deg=receiver.fov_deg,
     )
+    # the image of the unscattered light takes meshes that are fine below the whole map
     exact = rtol is not None and not isinstance(case.run.estimator, Analog)
     waves = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     links = [case.link.at_wavelength(nm) for nm in waves] or [case.link]
@@ -189,6 +190,7 @@ def coverage_map(
     campaign = bare.with_loop(options, "coverage_map")
     maps = dict[int, CoverageMap]()
     with campaign.workers(), one_blas_thread():
+        # each turn serves the wavelengths that the photons of one base sample well
         while waiting := [i for i in range(len(links)) if i not in maps]:
             base, shared = photon_paths(links, waiting)
             part = campaign._replace(links={str(i): links[i] for i in shared.rows})
@@ -231,11 +233,13 @@ class _Mapped(Restored):
         options = campaign.run.estimator
         self.options = options if isinstance(options, Analog) else Analog()
         self.tinting = shared.tinting or UNTINTED
+        # gains are linear in the index of the water between its two ends
         shares = np.array([1.0 - shared.shares, shared.shares])
         self.ends = shares[: len(shared.bases)]  # of the smallest and the largest index
         self._links = links = list(campaign.links.values())
         self._clearest = clearest(links)
         several = [links[i] for i in self.tinting.bases] or [shared.bases[0]]
+        # each base scatters as one wavelength does, and refracts by one end of the indices
         self.runs = [
             (base, link.replace("water.n", end.water.n))
             for end in shared.bases
@@ -243,7 +247,9 @@ class _Mapped(Restored):
         ]
         self._parts = np.full(len(several), 1.0 / len(several))  # of the photons of an index
         self.shares = np.repeat(self.ends, len(several), axis=0) / len(several)  # of the runs
+        # a mesh with its intersector takes tens of megabytes
         self.mesh = lru_cache(_MESHES)(self._meshed)
+        # one lock a time: threads wait only for the mesh that they need
         self._turns = [Lock() for _ in times]
         self._image = self._unscattered() if exact and unscattered is None else None
         self._carry = self._image is None if unscattered is None else unscattered
@@ -256,6 +262,7 @@ class _Mapped(Restored):
         inputs = self._campaign.surface, self._campaign.meshing.replace(time=time)
         if self._exact:
             half = 0.5 * self._grid.n * self._grid.step
+            # receivers in the corners make the mesh fine below the whole map
             ends = (-self._grid.extent, 2.0 * half - self._grid.extent)
             corners = [self._receiver.replace(position=(x, y)) for x in ends for y in ends]
             try:
@@ -270,6 +277,7 @@ class _Mapped(Restored):
         steps, n = list[_Step](), len(self.runs)
         for i in range(len(self.times)):
             first = self.options.first_photon + len(self.times) * done + i * photons
+            # consecutive ids: the photons of a longer run begin with those of a shorter one
             cuts = [first + k * photons // n for k in range(n + 1)]
             steps += [
                 _Step(i, k, start, min(_BLOCK, cuts[k + 1] - start))
@@ -306,6 +314,7 @@ class _Mapped(Restored):
 
     def _chains_of(self, stride: int) -> CellChains | None:
         """Return the chains to one tile of as many along each side."""
+        # chains keep one mesh a time in memory, and know one wavelength
         if len(self._links) > 1 or len(self.times) > _MESHES:
             return None
         link, run = self._links[0].replace(receiver=self._receiver), self._campaign.run
@@ -348,6 +357,7 @@ class _Mapped(Restored):
 
         Those of the wavelengths for which the photons of the base are many enough.
         """
+        # a first look, from which the number for the tolerance follows
         more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
         each, sums, sampled = 0, list[PhotonSums](), list[int]()
         while not sums or more > 0:
@@ -359,6 +369,7 @@ class _Mapped(Restored):
             errors = [relative_errors(*pair).max() for pair in pairs if pair[0].any()]
             # maps without any light are given up
             lack = 0.0 if rtol is None else (max(errors, default=0.0) / rtol) ** 2
+            # the error falls as 1 / sqrt(N): N lack^2 samples, and a tenth more
             wanted = math.ceil(each * min(1.1 * float(lack), _MOST_AT_ONCE))
             more = max(min(wanted, Analog.most_photons) - each, 0) if lack > 1.0 else 0
             if more > 0 and rtol is not None and self._chained is None:
@@ -378,6 +389,7 @@ class _Mapped(Restored):
 
         None where photons are cheaper, find more light or follow light that chains omit.
         """
+        # chains carry scattered light alone: the rest has to be known
         if self._image is None or not self._cheaper(rtol, photons) or self.cell_chains is None:
             return None
         chains, direct, first = self.cell_chains, self._image[:, :, 0], True
@@ -386,6 +398,7 @@ class _Mapped(Restored):
             for tile, more in self._tile_sums(waiting, tiles_done).items():
                 tiles_done[tile] = tiles_done[tile] + more if tile in tiles_done else more
             tiles = [tiles_done[tile] for tile in range(len(chains.tiles))]
+            # after the first pass: if chains omit light, no more of them helps
             if first and not self._trusts(chains, tiles, sums):
                 return None
             first, waiting = False, further(tiles, chains.lack(tiles, direct, rtol))
@@ -395,6 +408,7 @@ class _Mapped(Restored):
 
     def _cheaper(self, rtol: float, photons: float) -> bool:
         """Return whether chains to some tiles promise less cost than photons at each time."""
+        # one tile in nine tells the cost of all, for a ninth of the pilots
         probe, most = self._chains_of(_PROBED), min(photons, Analog.most_photons)
         most *= len(self.times)
         if probe is None or self._image is None or probe.cost(np.array([FIRST])) > most:
@@ -403,12 +417,14 @@ class _Mapped(Restored):
             mean_of_times([probe.sums(i, tile, FIRST, 0) for i in range(len(self.times))])
             for tile in range(len(probe.tiles))
         ]
+        # no tile has fewer than the first chains
         factor = np.maximum(probe.lack(tiles, self._image[:, :, 0], rtol), 1.0)
         return probe.cost(factor * [sums.chains for sums in tiles]) < most
 
     def _trusts(self, chains: CellChains, tiles: list[TileSums], sums: list[PhotonSums]) -> bool:
         """Return whether chains bring light to all cells, as much as photons, and omit little."""
         assert self._image is not None
+        # the first photons, unbiased whatever the light did, judge the chains
         gain, stderr = (values[:, :, 0] for values in self._mixed(sums))
         whole = self._image[:, :, 0] + chains.scattered(tiles)[0]
         illuminated = all((tile.mean > 0.0).all() for tile in tiles)  # else an error would be zero
@@ -446,6 +462,7 @@ class _Mapped(Restored):
                 if illuminated.any()
                 else 0.0
             )
+        # no more is asked of others than half of what the base itself reaches
         limit = min(FEW_PHOTONS, 0.5 * maps[self._common.rows.index(base)])
         pairs = zip(self._common.rows, maps, strict=True)
         return [k for k, (i, number) in enumerate(pairs) if i == base or number >= limit]
@@ -513,6 +530,7 @@ class _Mapped(Restored):
 
     def _mixed(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
         """Return gain by photons and standard error of the cells (x, y, wavelengths)."""
+        # from flux through a cell to flux through the aperture
         scale = np.pi * self._receiver.radius**2 / self._grid.step**2
         means, errors = np.array([tally.map_mean() for tally in sums]).swapaxes(0, 1)
         shares = self.shares[:, None, None]
@@ -525,6 +543,7 @@ class _Mapped(Restored):
         if self._image is None:
             return gain, stderr
         area = np.pi * self._receiver.radius**2
+        # the error of a cell that no photon has met is not zero: it may have missed one
         typical = np.zeros(gain.shape[2])
         for tally, shares in zip(sums, self.shares, strict=True):
             total, squares = (x.value().sum(axis=(0, 1)) for x in (tally.map, tally.map_squared))
@@ -542,6 +561,8 @@ class _Mapped(Restored):
         """
         if (gain > 0.0).all():
             return None
+        # photons of the base that have not scattered stand for more light where the water of the
+        # link scatters less
         fewer = max(scattering(self._common.bases[0])[0] - scattering(link)[0], 0.0)
         depth = max(-item.center[2] for _, item in link.items())
         weight = largest_weight(link, 0.0) * math.exp(fewer * depth)

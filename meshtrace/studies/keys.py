@@ -101,6 +101,7 @@ class Variant(NamedTuple):
         head, _, rest = name.partition(".")
         if name == "wind_speed":
             link = self.link
+            # one wind drives them all; parts with coefficients of their own stay
             for part in ("whitecaps", "bubbles"):
                 if hasattr(getattr(link, part), "wind_speed"):
                     link = link.replace(f"{part}.wind_speed", value)
@@ -122,9 +123,12 @@ class Variant(NamedTuple):
 
     def _on_link(self, name: str, value: Any) -> Variant:
         """Return the variant with another value of a key of the link, and all that follows it."""
+        # what the rest of the variant takes from the link changes with it
         link, day, last = self.link.replace(name, value), self.daylight, name.rpartition(".")[2]
+        # bubbles are in the same water unless the user says otherwise
         if name == "water.n" and getattr(link.bubbles, "n_water", None) == self.link.water.n:
             link = link.replace("bubbles.n_water", value)
+        # the light above the sea is that of the wavelength at which the link works
         if day is not None and name.startswith("transmitter.") and last == "wavelength_nm":
             day = daylight_with(day, last, link.transmitters[0].wavelength_nm)
         detector = self.detector and OokLink.of_link(link, self.detector)
@@ -185,6 +189,7 @@ class Parameter(NamedTuple):
         Offsets and angles change by a share of depth plus height, and of 10 deg.
         """
         if self.absolute:
+            # steps are 1 % of the length of a link, or 1 deg of 10
             far = change * self.step / (_PLACE_STEP if self.unit == "m" else 0.1)
             return self.base - far, self.base + far
         return self.origin + self.scale * (1.0 - change), self.origin + self.scale * (1.0 + change)
@@ -213,6 +218,7 @@ class Parameter(NamedTuple):
 def _sea_at(sea: Any, key: str, value: float) -> Any:
     """Return a sea with another value of a key; refuse one with other waves."""
     new = sea.replace(key, value)
+    # differences need the same waves with the same phases: a band that follows the wind moves them
     if isinstance(sea, SeededSurface) and isinstance(sea, WaveSum):
         mine, other = sea.components, new.components
         same = len(mine.omega) == len(other.omega) and all(
@@ -242,14 +248,17 @@ def _known(variant: Variant) -> dict[str, float]:
     link, sea = variant.link, variant.sea
     parts = ["water", "bubbles", "whitecaps", "transmitter", "receiver"]
     numbers = {k: v for part in parts for k, v in _numbers(getattr(link, part), part)}
+    # a layer is a list of numbers whose order matters: no value to vary alone
     numbers = {k: v for k, v in numbers.items() if not k.startswith("water.layers")}
     numbers["n_air"] = link.n_air
     for key in _SEA:
         value = getattr(sea, key, None)
         if isinstance(value, float) and key in type(sea).model_fields:
             numbers[f"sea.{key}"] = value
+    # one wind for sea, whitecaps and bubbles
     if "sea.wind_speed" in numbers and link.wind_speed is not None:
         numbers["wind_speed"] = numbers["sea.wind_speed"]
+    # these follow the link and are no parameters of their own
     from_link = {f"detector.{part}.{key}" for part, keys in OF_LINK.items() for key in keys}
     numbers |= {k: v for k, v in _numbers(variant.detector, "detector") if k not in from_link}
     if variant.daylight is not None:
@@ -267,6 +276,7 @@ def _parameter(name: str, base: float, link: Link, step: float | None) -> Parame
         unit = last.rpartition("_")[2]
     if place:
         unit = "m"
+        # an offset may be 0: the length of the link is its scale
         levels = [abs(item.center[2]) for _, item in link.items()]
         usual = _PLACE_STEP * (max(levels) + min(levels))
     elif absolute:
@@ -326,6 +336,7 @@ def parameters(
         try:
             if not p.absolute and p.base == p.origin:
                 raise Refused(p.name, p.base, "a value other than 0, for relative steps")
+            # both ends of the difference have to be allowed values
             for steps in (-1.0, 1.0):
                 p.at(variant, p.shifted(steps))
         except Refused:
@@ -364,8 +375,10 @@ def _left_out(p: Parameter, variant: Variant) -> bool:
     """Return whether a parameter is no default one: without effect, or not of the link."""
     path, _, last = p.name.rpartition(".")
     idle = [polar for polar, azimuth in _ABSOLUTE.items() if azimuth == last]
+    # the azimuth of what is not tilted has no effect
     if idle and variant.value(f"{path}.{idle[0]}") == 0.0:
         return True
+    # the parameters of a population follow its wind
     if p.name.startswith("bubbles.") and last != "wind_speed":
         return True
     return last in _NOT_BY_DEFAULT or path.split(".")[0] in _BESIDES or p.name == "wind_speed"

@@ -179,10 +179,13 @@ def edge_over(near: Neighbours, name: str, i: int) -> Floats:
     """
     link = near.campaign.link
     fov = link.receivers[0].fov_deg
+    # at 180 deg the step is one-sided, which the logarithms below take into account
     views = [min(fov * math.exp(side * _EDGE_STEP), 180.0) for side in (-1.0, 1.0)]
     frozen, mesh = near.frozen, near.mesh(i)
     low, high = (frozen.unscattered(link.replace(name, view), mesh)[0] for view in views)
+    # all arrivals that any window weighs
     wide = frozen.light(link.replace(name, min((1.0 + WINDOW) * fov, 180.0)), mesh)[0]
+    # distance from the edge, over the half-angle
     off = np.degrees(wide.angle) / (0.5 * fov) - 1.0
     rates = np.empty((3, len(WINDOWS), SHIFTS))
     for k, width in enumerate(WINDOWS.tolist()):
@@ -192,6 +195,7 @@ def edge_over(near: Neighbours, name: str, i: int) -> Floats:
         rates[0, k] = wide.by_shift(window)
         rates[1, k] = wide.by_shift(np.abs(window))
         rates[2, k] = wide.by_shift(wide.weight * window**2)
+    # the same for all windows: unscattered light has no noise to weigh against bias
     rates[0] += (high - low) / math.log(views[1] / views[0])
     return rates
 
@@ -212,6 +216,7 @@ def resolving_window(rates: Floats) -> tuple[int, bool]:
     Lepskii, O. V. (1991), Theory Probab. Appl. 35, 454, doi:10.1137/1135065.
     """
     change, (size, square) = rates[:, 0], rates[:, 1:].sum(axis=(0, 3))
+    # effective number of arrivals, (sum |w|)^2 / sum w^2
     known = np.flatnonzero(size**2 >= _LEAST_ARRIVALS * square)
     last = int(known.max(initial=0))
     for k in range(last):
@@ -249,6 +254,7 @@ def covariance_of(values: Floats) -> Floats:
         m = groups.shape[1]
         if m > 1:
             off = groups - groups.mean(axis=1, keepdims=True)
+            # shifts and seas are independent sources of error: their variances add
             total += (m - 1) / m * off @ off.T
     return total
 
@@ -287,6 +293,7 @@ def closing_depth(
         if here + fall * depth < -far:
             break
         before, above = depth, here
+        # a noisy reserve may send the secant anywhere
         depth = float(np.clip(depth + here / fall, 0.3 * depth, 3.0 * depth))
     return math.nan, math.nan, math.nan
 
@@ -302,6 +309,7 @@ def range_of(reserve: Callable[[float], float], link: Link) -> tuple[float, floa
     `reserve` returns the logarithm of the light over the need at a depth.
     """
     above = reserve(link.depth)
+    # towards the range, by a step over which the reserve is nearly linear
     first = link.depth * (1.1 if above > 0.0 else 0.9)
     closing = closing_depth(lambda depth: (reserve(depth), _NEAR), (link.depth, above), first)
     if math.isnan(closing[0]):
@@ -358,6 +366,7 @@ class Quantity:
         def mean(values: Floats) -> float:
             return float(np.average(values, axis=-1, weights=weights).mean())
 
+        # a range without a transmission is that of the gain itself
         if self.of == "gain" or ook is None:
             return math.log(mean(means))
         if self.of in ("margin", "outage"):
@@ -365,6 +374,7 @@ class Quantity:
         if self.of == "outage":
             return self._outage(means.ravel() / self.need(ook), tilt)
         if tilt is not None:
+            # h and tilt are independent: each sea counts with each node of the law
             means, weights = means[:, None] * tilt.h, tilt.weight
         if self.of == "margin":
             return math.log(mean(means) / self.need(ook))
@@ -373,6 +383,8 @@ class Quantity:
             return math.log(mean(np.exp(self.law(ook)(logs))))
         if self.of == "capacity":
             return math.log(max(ook.bit_rate * mean(self.information(ook)(logs)), 1e-300))
+        # a receiver that saturates has a second crossing at more power: rates that rise again are
+        # left out, so that the root is the range
         law, spread = self.law(ook, rising=False), 30.0
 
         def excess(shift: float) -> float:
@@ -409,6 +421,7 @@ class Quantity:
         its probability; no light, out of the field of view, is an outage.
         """
         h, weight = (np.ones(1), np.ones(1)) if tilt is None else (tilt.h, tilt.weight)
+        # one sea: the law of the tilt alone is exact
         if len(ratios) == 1 and tilt is not None and tilt.law is not None:
             return math.log(max(float(tilt.below(1.0 / ratios)[0]), 1e-300))
         if len(ratios) < _LEAST_SEAS - 1:
@@ -417,6 +430,8 @@ class Quantity:
         lower, spread = np.log(h[nonzero]), float(logs.std(ddof=1))
         below = logs[:, None] + lower < 0.0
         if float((below @ weight[nonzero]).sum()) >= _LEAST_OUTAGES:
+            # normal reference rule (Silverman 1986, eq. 3.28): a count of few outages has steps,
+            # which derivatives do not stand
             width = 1.06 * spread * len(logs) ** -0.2
             share = ndtr(-(logs[:, None] + lower) / width).mean(axis=0)
         else:

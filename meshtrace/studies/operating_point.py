@@ -67,7 +67,9 @@ class FadingSamples:
         """Return the mean gain with `quantile` standard errors of seas, tilts and chains."""
         gains = self.over_tilts(self.samples)
         mean = float(gains.mean())
+        # correlated times count as fewer samples
         spread = float(gains.std()) / math.sqrt(max(self.n_effective - 1.0, 1.0))
+        # seas and chains are independent errors
         reach = quantile * math.hypot(spread, mean * self.chain_error)
         return Estimate(mean, max(mean - reach, 0.0), mean + reach)
 
@@ -150,6 +152,7 @@ class Ensemble(NamedTuple):
                 campaign, lambda campaign_there: in_flight(campaign_there, times, flight)
             )
             series = replace(series, provenance=series.provenance | campaign.of_flight(flight))
+            # a constant gain has no correlation to estimate
             n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else float(self.n)
             return FadingSamples(series, _LEVEL, n)
         series = self._series(campaign, lambda campaign_there: campaign_there.surfaces(self.n))
@@ -243,6 +246,7 @@ def operating_point(
     if dark.response is not None:
         spread = Estimate(*(3 * (dark.response.rms_spread,)))
     elif seen is not None:
+        # a response that the user gives is known, that of the chains has an error
         dark, mean = dark.replace(response=seen.response), seen.rms_spread
         reach = quantile * seen.rms_spread_stderr
         spread = Estimate(mean, max(mean - reach, 0.0), mean + reach)
@@ -262,6 +266,7 @@ def operating_point(
         rates = [_mean_ber(exposed, samples, samples.samples) for exposed in lights]
         ber = _joined_rates(*ber, *rates)
     budget = link_budget(ook, gain, limit)
+    # zeros are not dark: the extinction ratio of the lamp is finite
     low, high = ook.led.levels(power)
     photons = 0.5 * (low + high) / (ook.bit_rate * photon_energy(ook.led.wavelength))
     margins = budget.margin_optical_db, budget.margin_electrical_db
@@ -288,6 +293,7 @@ def _dispersion_db(ook: OokLink, limit: float) -> float:
     """Return the power that the response of the channel costs [dB]."""
     if ook.filters.response is None:
         return 0.0
+    # the same receiver, if the channel spread no pulse
     prompt = ook.replace(response=None).required_power(limit)
     if math.isinf(prompt):
         return math.nan
@@ -304,6 +310,7 @@ def ber_of_samples(
     middle, *shifted = _shifted(samples, quantile)
     bers = samples.over_tilts(ber_of_gains(ook, middle))
     over_seas = bootstrapped_mean(bers, samples.n_effective, confidence, _RESAMPLES, seed)
+    # the logarithm of no error has no interval
     if over_seas.value == 0.0:
         return over_seas
     return _joined_rates(*over_seas, *(_mean_ber(ook, samples, gains) for gains in shifted))
@@ -320,6 +327,7 @@ def _equal_samples(samples: FadingSamples) -> Floats:
     weight = np.broadcast_to(samples.tilt.weight / len(gains), gains.shape)
     if gains.size <= _QUANTILES and weight.max() == weight.min():
         return gains
+    # quantiles of the weighted law: the capacity takes equally probable gains
     order = np.argsort(gains, axis=None)
     weight = weight.ravel()[order]
     shares = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
@@ -335,6 +343,7 @@ def outage_of_samples(
     are lost over each of them, and known.
     """
     needed, gain, dark = required_gain(ook, limit), samples.series.gain, samples.tilt.outage
+    # the whole curve moves with the common error of the chains
     steps = np.exp(samples.chain_error * quantile * np.array([0.0, 1.0, -1.0]))
     with np.errstate(divide="ignore"):
         missed = [samples.tilt.below(needed / (gain * step)) for step in steps]
@@ -344,6 +353,8 @@ def outage_of_samples(
         seen = np.clip((missed[0] - dark) / (1.0 - dark), 0.0, 1.0)
         rate, n = float(seen.mean()), samples.n_effective
         if 0.0 < rate < 1.0 and seen.var() > 0.0:
+            # shares between 0 and 1 scatter less than zeros and ones do: each sea counts for more
+            # than one trial
             n *= max(rate * (1.0 - rate) / float(seen.var()), 1.0)
         interval = wilson_interval(rate, n, confidence)
         low, high = (dark + (1.0 - dark) * end for end in (interval.low, interval.high))

@@ -235,7 +235,8 @@ class LinkPerformance(Stored):
     def _range_lines(self, wind: str = "") -> list[str]:
         """Return the range of each bit rate."""
         bers, least, start = self.estimates("ber"), self._least_ber, ""
-        if least >= self.limit:  # of the other tilts
+        # the tilt alone breaks the limit: the range is then that of the moments with light
+        if least >= self.limit:
             bers = np.maximum(bers - least, 0.0) / (1.0 - 2.0 * least)
             start = "none at any power, by the tilt; within the field of view "
         table = zip(self.bit_rates, self._ranges(bers, self.limit), bers.T[0], strict=True)
@@ -247,6 +248,7 @@ class LinkPerformance(Stored):
     def _range_text(self, estimate: Estimate, ber: Floats) -> str:
         """Return a range, or its bound if the error rates do not cross the limit."""
         least, most = f"< {min(self.depths):g}", f"> {max(self.depths):g}"
+        # no crossing: all depths work, or none does
         if math.isnan(estimate.value):
             return f"{most if (ber < self.limit).all() else least} m"
         low = least if math.isnan(estimate.low) else f"{estimate.low:.1f}"
@@ -274,6 +276,7 @@ class LinkPerformance(Stored):
         unlimited = ook.model_copy(update={"saturation": False})
         for depth in self.depths:
             level = float(unlimited.levels(self.at(depth).received_power.value)[1])
+            # share of the counts of a one that the dead time of the cells leaves
             passed = float(ook.sipm.saturated_rate(level)) / level
             if passed < 0.5:
                 lines.append(
@@ -345,6 +348,7 @@ def _cost(f: OperatingPoint) -> str:
 def _range(depths: tuple[float, ...], ber: Floats, target: float) -> float:
     from scipy.special import ndtri
 
+    # q of BER = Q(q): `depth_at` interpolates its logarithm, so that it has to be above 0
     quality = -ndtri(np.clip(ber, 1e-300, 0.5 - 1e-12))
     try:
         return depth_at(depths, quality, -float(ndtri(target)))
@@ -567,6 +571,7 @@ def _over_depths(
     ]
     ooks, text = _lit(ooks, lights, campaign.link)
     responses = [None if mean is None else mean.response for mean in seen.values()]
+    # a sea without random phases is one sea, however many are asked for
     seas = ensemble.n if isinstance(campaign.surface, SeededSurface) else 1
     shallowest = next(iter(fades.values()))
     origin = shallowest.series.provenance
@@ -606,6 +611,7 @@ def _lights(
         return dict.fromkeys(links)
     backgrounds: dict[Any, Background] = {}
     for link in links.values():
+        # the view of a receiver in the air does not depend on the depth of the lamp
         if link.receiver not in backgrounds:
             inputs = ensemble.at(link), day, ensemble.n, ensemble.flight
             backgrounds[link.receiver] = background_over_seas(*inputs)
@@ -682,6 +688,7 @@ def depth_sweep(
             at = link.model_copy(update={"link": link.link.in_wind(speed), "wind_speed": speed})
         else:
             at = link.in_wind(speed)
+        # an aircraft without a wind of its own flies in that of the sea below
         flown = flight
         if flight is not None and flight.wind is None:
             bare = link.link if isinstance(link, Scenario) else link

@@ -130,8 +130,10 @@ def gain_spectrum(ook: OokLink, campaign: Campaign, seas: int) -> Curve | None:
     low, high = lit_band(ook)
     here = link.transmitters[0].wavelength_nm
     nodes = np.union1d(np.linspace(low, high, _COLOURS), here)
+    # beyond the data of the water its nearest value stands
     known = np.unique(np.clip(nodes, *spectrum.limits_nm)).tolist()
     links = {f"{nm!r} nm": link.at_wavelength(nm) for nm in known}
+    # optical thickness of a stratified water, by 64 steps of depth
     depth = np.linspace(0.0, max(-item.center[2] for _, item in link.items()), 65)
     thickness = [
         depth[-1] * np.mean(np.add(*spectral_link.water.profile(depth)))
@@ -141,6 +143,7 @@ def gain_spectrum(ook: OokLink, campaign: Campaign, seas: int) -> Curve | None:
         return None
     whole = campaign.alone._replace(links=links, spectral=True)
     gains = whole.gains(campaign.surfaces(min(seas, MOST_SEAS)))[0]
+    # the gain falls as exp(-c z): smooth in its logarithm
     logs = np.log(np.maximum(gains.reshape(len(known), -1).mean(axis=1), 1e-300))
     fine = np.union1d(np.linspace(low, high, 16 * _COLOURS), here)
     value = np.exp(PchipInterpolator(known, logs)(np.clip(fine, known[0], known[-1])))
@@ -151,6 +154,7 @@ def _mean(responses: list[ImpulseResponse]) -> MeanResponse:
     """Return the mean of responses; the standard error holds chains and seas."""
     arrivals = ((response.delay, response.weight, response.angle) for response in responses)
     delay, weight, angle = map(np.concatenate, zip(*arrivals, strict=True))
+    # chains are common to the seas: their error does not fall with the number of seas
     error = float(np.mean([response.rms_delay_spread_stderr for response in responses]))
     if len(responses) > 1:
         spreads = np.array([response.rms_delay_spread for response in responses])
@@ -239,6 +243,7 @@ class Responses:
 
     def _of(self, at: Variant) -> tuple[ChannelResponse | None, ...]:
         """Return the response of a variant by all chains, and by a third of them."""
+        # the response follows from link, sea and airframe: electronics and daylight do not count
         models = [part and part.model_dump(mode="json") for part in (at.link, at.uav)]
         key = digest_of([*models, None if at.sea is None else surface_config(at.sea)])
         if key not in self._responses:
@@ -254,6 +259,7 @@ class Responses:
 
 def _third(table: Light) -> Light:
     """Return light by a third of the chains."""
+    # unscattered light belongs to no shift and stays whole
     chosen = table.shift % _PARTS == 0
     share = np.where(table.shift < 0, 1.0, chosen * SHIFTS / len(range(0, SHIFTS, _PARTS)))
     return table._replace(weight=table.weight * share)
@@ -263,6 +269,7 @@ def _neighbours_pulses(response: ChannelResponse | None) -> tuple[float, ...] | 
     """Return delays of pulses for responses like one, and up to four times as long [s]."""
     if response is None or len(response.delay) < 2:
         return None
+    # delays of the base and, beyond the longest, in the same ratio
     *_, before, last = response.delay
     ratio = min(max(last / max(before, 1e-300), 1.05), _BEYOND)
     more = math.ceil(math.log(_BEYOND) / math.log(ratio))

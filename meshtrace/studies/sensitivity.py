@@ -204,6 +204,7 @@ class Sensitivities(Stored):
 
         The common chains and seas correlate them.
         """
+        # a derivative is its logarithmic derivative times a factor without error
         factor = [row.derivative / row.log if row.log != 0.0 else 0.0 for row in self.table]
         return self.logs * np.outer(factor, factor)
 
@@ -372,6 +373,7 @@ def sensitivities(
     >>> [round(row.elasticity, 2) for row in s.table]
     [-1.14, -0.08]
     """
+    # means over the seas do not need the short waves, distributions do
     fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
     campaign = campaign_of(
         link, surface, "sensitivities", run, fading=fading, several=False, chains=DEFAULT_CHAINS
@@ -389,12 +391,14 @@ def sensitivities(
         uav = getattr(campaign.scenario, "uav", None)
         whole = electronics.channel(campaign.link)
         variant = Variant(whole, campaign.surface, electronics, light_of(campaign, None), uav)
+    # before the range is searched, which takes long: names may be wrong
     names = parameters(variant, wrt, step, normals)
     if of == "range" and variant.detector is not None:
         variant = _at_range(variant, campaign, realizations, quantity)
         names = parameters(variant, [p.name for p in names], step, normals)
     asked = [p.name for p in names]
     depth = depth_key(variant.link)
+    # the range follows from the derivative by the depth
     if of == "range" and depth not in asked:
         names += parameters(variant, [depth], None, normals)
     study = Study(variant, campaign, realizations, quantity)
@@ -497,6 +501,8 @@ class Study:
         arrivals = [near.arrivals(link, i, sea)[0] for i in range(min(near.seas, MOST_SEAS))]
         if not soft:
             return arrivals
+        # a hard edge would let single arrivals in and out of the response as the field of view
+        # changes
         half, lights = math.radians(0.5 * fov), []
         for arrival in arrivals:
             inside = np.clip((1.0 - arrival.angle / half) / WINDOW, -1.0, 1.0)
@@ -577,6 +583,7 @@ class Study:
 
         The difference of a window of half its width is taken as its bias.
         """
+        # derivative, sizes and squares of the arrivals, see `edge_over`
         shape = 3, len(WINDOWS), SHIFTS
         edges = self._over(partial(edge_over, self.near, p.name), 1, p.name, shape)
         k, resolved = resolving_window(edges)
@@ -588,6 +595,7 @@ class Study:
 
     def _exactly(self, p: Parameter, change: Floats, method: str) -> _Derivative:
         """Return the derivatives of the quantity by the chain rule, from dh (seas, shifts)."""
+        # the exact derivative of the gain moves it by so little that the quantity is linear there
         pairs = []
         for side in (-1.0, 1.0):
             at = p.at(self.variant, p.shifted(side * _DIRECT / p.step))
@@ -605,10 +613,12 @@ class Study:
         rates, sides = (high - low) / (2.0 * step), [variant for _, variant in pairs]
         seen = [self.lights.background(variant) for variant in sides]
         same = sides[0].detector is None or seen[0] is seen[1]
+        # light and response that do not change with the key have no error in the difference
         if same and not any(map(self.responses.spreads, sides)):
             return rates, 0.0
         other = [self.log(*pair, other=True) for pair in pairs]
         off = (other[1] - other[0]) / (2.0 * step) - float(rates[0])
+        # two independent estimates differ by sqrt(2) of their error
         return rates, abs(off) / math.sqrt(2.0)
 
     def _differences(self, p: Parameter) -> _Derivative:
@@ -624,6 +634,7 @@ class Study:
                 sides += [p.at(self.variant, p.shifted(side * factor)) for side in (-1.0, 1.0)]
             except Refused:  # the longer step leaves the range
                 break
+        # one loop for all sides: a store then has one entry a parameter
         gains = self.gains(f"{p.name} {p.step!r}", *sides)
         pairs = list(zip(gains.reshape(-1, self.near.seas, SHIFTS), sides, strict=True))
         steps = [factor * p.step for factor in factors[: len(pairs) // 2]]
@@ -650,6 +661,7 @@ class Study:
             return False, "one step: the longer one leaves the range"
         off = rates[1] - rates[0]
         error = math.hypot(error_of(off), by_rays)
+        # a central difference errs as the square of the step: 9 times as much over thrice of it
         bend = _BEND * max(abs(float(rates[1][0])), 1.0)
         if abs(off[0]) <= math.hypot(_DOUBT * error, bend):
             return False, ""
@@ -806,6 +818,7 @@ def swings(
             return DECIBELS * float(off[0]), DECIBELS * error_of(off)
         moved = -off / rate
         link = there.link.at_depth(there.link.depth + float(moved[0]))
+        # the reserve left at the new depth, over its fall: one step of Newton
         moved = moved[0] - (study.logs_of(there._replace(link=link)) - base) / rate
         return float(moved[0]), error_of(moved)
 

@@ -202,6 +202,7 @@ def in_flight(
     """Return the sea at times (n,) [s], and the links at each of a flight or a route."""
     if flight is None and route is None:
         return campaign.in_time(times)
+    # a route replaces the place, a flight the tilt: both may act
     where = {} if route is None else route.at(times, campaign.link.air_end[1].height)._asdict()
     lean = {}
     if flight is not None:
@@ -211,6 +212,7 @@ def in_flight(
                 raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the flight tilts it")
         record = flight.uav.simulate_flight(campaign.wind_of(flight), times, campaign.run.seed)
         lean["tilt_deg"], lean["tilt_azimuth_deg"] = np.degrees(record.tilt)
+    # links of several wavelengths move together
     moving = [moved(link, lean | where) for link in campaign.links.values()]
     return campaign.in_time(times, list(zip(*moving, strict=True)))
 
@@ -232,6 +234,7 @@ def gain_series(
     names = list(campaign.links)
     name = name or names[0]
     link = campaign.links[name]
+    # a list of one receiver keeps its dimension
     receivers = slice(None) if isinstance(link.receiver, tuple) else 0
     gain, direct = gains[:, names.index(name), :, receivers]
     return GainSeries(

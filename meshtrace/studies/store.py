@@ -78,14 +78,17 @@ class Kept:
         item = Item(np.asarray(numbers, np.float64), text)
         if self._file is None:
             return item
+        # all bits of the numbers, which decimal digits may lose
         content = b64encode(item.numbers.tobytes()).decode()
         line = _line(
             of=self._digest, item=str(key), shape=item.numbers.shape, numbers=content, text=text
         )
         with self._turn:
+            # one write of a whole line: a kill leaves it whole, or cut and without its checksum
             self._file.write(line)
             self._file.flush()
         if time.monotonic() - self._synchronized > _SYNCHRONIZED:
+            # not after each item: a flush to the disk takes as long as a fast step
             os.fsync(self._file.fileno())
             self._synchronized = time.monotonic()
         self._items[str(key)] = item
@@ -159,6 +162,7 @@ class Store:
         assert self.path is not None
         with self._turn:
             if self._loops == 0:
+                # a lock of the file is one of the process: threads share it by counting their loops
                 self._lock.enter_context(locked(self.path))
             self._loops += 1
         try:
@@ -179,6 +183,7 @@ class Store:
                 temporary.write_bytes(first)
         self.read()
         self._require_same(name, here)
+        # appended, never rewritten: what was finished cannot be lost by a later line
         file = self.path.open("ab")
         if name not in self.identities:
             file.write(first)
@@ -193,6 +198,7 @@ class Store:
             identity for identity in self.identities.values() if identity["study"] != self._study
         ]
         if others:
+            # another study altogether: the first differing key would only confuse
             there, here = ({"study": identity["study"]} for identity in (others[0], here))
         elif digest_of(there) == digest_of(here):
             return
@@ -218,9 +224,11 @@ class Store:
                 lines = file.readlines()
         except OSError as error:
             raise _unusable(self.path, f"{str(self.path)!r}: {error.strerror}") from error
+        # a damaged line costs its item alone: each line has a checksum of its own
         sound = [line for line in lines if self._take(line)]
         if not self.identities and not self._items:
             raise _unusable(self.path, f"{str(self.path)!r} is not that of a study")
+        # a last line without its end was cut by a kill: it is dropped without a warning
         damaged = sum(line.endswith(b"\n") for line in lines) - len(sound)
         if damaged:
             what = f"{damaged} damaged line{'s' * (damaged > 1)}"
@@ -257,8 +265,10 @@ class Store:
         if not all(isinstance(name, str) for name in names):
             raise TypeError("names and texts that are none")
         digest, item, text = names
+        # validated, since a checksum proves no good intent
         numbers = np.frombuffer(b64decode(content["numbers"], validate=True))
         shape = [operator.index(n) for n in content["shape"]]
+        # reshape would take -1 for any size
         if min(shape, default=0) < 0 or math.prod(shape) != numbers.size:
             raise ValueError(f"{numbers.size} numbers of shape {shape}")
         self._items.setdefault(digest, {})[item] = Item(numbers.reshape(shape), text)
@@ -269,6 +279,7 @@ def is_store(path: Path) -> bool:
     if not path.is_file():
         return False
     with path.open("rb") as file:
+        # 64 digits of SHA-256, a blank and the brace of an object
         head = file.read(66)
     return len(head) == 66 and head.endswith(b" {") and head[:64].isalnum()
 
@@ -284,6 +295,7 @@ def _digest(content: bytes) -> str:
 
 def digest_of(values: Any, name: str = "") -> str:
     """Return a short digest of long plain data, or of the identity of a loop with its name."""
+    # 64 bits: one collision among 2^32 loops
     return _digest(json.dumps([name, values], sort_keys=True).encode())[:16]
 
 
@@ -341,6 +353,7 @@ def _held(path: Path) -> IO[bytes]:
 
     while True:
         with ExitStack() as stack:
+            # not truncated: the file names its owner
             handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
             file = stack.enter_context(open(handle, "r+b", buffering=0))
             free = lock_descriptor(handle, blocking=False)
@@ -373,8 +386,10 @@ def _lives_elsewhere(owner: dict[str, Any]) -> bool:
     """Return whether the owner in a free lock may still run, elsewhere or without its lock."""
     import psutil
 
+    # the lock is free, and its file names nobody, or this process
     if not owner or owner.get("pid") == os.getpid():
         return False
+    # file systems over a network may not pass on locks: the file alone has to do
     if owner.get("host") != socket.gethostname():
         return True
     try:

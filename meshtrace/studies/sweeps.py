@@ -134,6 +134,7 @@ class Sweep:
                     self.scenario({name: value})
                 except ValueError as error:
                     problems.append(error)
+            # a value that does not suit others is a failed point of the sweep, not of all
             if len(problems) == len(values):
                 raise problems[0]
 
@@ -162,6 +163,7 @@ class Sweep:
             seconds that it took, shape (n, measured * wavelengths * receivers + 1); their errors
             are a list as JSON.
         """
+        # classes of the user register themselves when their module is imported
         import_modules(self.modules)
         n, numbers = task.last - task.first, len(self.measured) * self.receivers
         table = np.full((n, numbers * max(len(self.wavelengths_nm), 1) + 1), np.nan)
@@ -170,6 +172,7 @@ class Sweep:
             start = time.perf_counter()
             try:
                 table[i, :-1] = self._measure(task, task.first + i).ravel()
+            # a point that cannot be computed is a result, too: the sweep goes on
             except Exception as failure:
                 error[i] = error_text(failure)
             table[i, -1] = time.perf_counter() - start
@@ -180,10 +183,13 @@ class Sweep:
         scenario = self.scenario(self.changes(task))
         surface, key = scenario.surface, self.seed
         if self.realizations > 1:
+            # waves and chains of a realization are independent
             phases, key = (realization_seed(self.seed, realization, word) for word in (0, 1))
+            # a surface without phases is the same in each realization, its chains are not
             surface = surface.with_seed(phases) if hasattr(surface, "with_seed") else surface
         run = scenario.run.model_copy(update={"seed": key, "threads": 1})
         scenario = scenario.model_copy(update={"surface": surface, "run": run})
+        # error rates need the response of the channel
         record = [Arrivals()] if self.in_daylight else ()
         if not self.wavelengths_nm:
             return self._numbers(scenario, simulate(scenario, record=record))[:, None]
@@ -282,6 +288,7 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
     dims, shape = tuple(coordinates), tuple(map(len, coordinates.values()))
     names, at = identity["measured"], identity["wavelengths_nm"]
     sizes = _sizes(identity)
+    # the last number of a realization is its seconds
     numbers = np.full((*shape, math.prod(sizes) + 1), np.nan)
     error = np.full(shape, "", object)
     for task, item in items.items():
@@ -294,6 +301,7 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
     for i, name in enumerate(names):
         background = {"light": identity["light"]} if name == "ber" else {}
         several = bool(at), identity["listed"]
+        # dimensions that the user did not ask for are of size 1 and go
         selection = tuple(slice(None) if each else 0 for each in several)
         along = (*dims, *itertools.compress(("wavelength", "receiver"), several))
         variables[name] = (
@@ -327,8 +335,10 @@ def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float6
     results = []
     numbers = zip(scenario.link.receivers, result.gains, result.stderrs, strict=True)
     for i, (receiver, h, error) in enumerate(numbers):
+        # each receiver has its own view of the sky
         link = scenario.link.replace(receiver=receiver)
         ook, seen = transmission_of(link, scenario.detector), None
+        # without light there is no response to spread
         if h > 0.0 and ook.response is None:
             impulse = impulse_response(result, receiver=i)
             response = ChannelResponse.from_arrivals(impulse.delay, impulse.weight, impulse.angle)
@@ -450,10 +460,13 @@ def _study(
     plain = {name: _plain(values) for name, values in parameters.items()}
     config = base.to_config()
     if base.daylight is not None and any(map(changes_irradiance, plain)):
+        # a moved sun needs the model of the light, not its irradiance at one place
         recipe = daylight_recipe(base.daylight) if daylight_table is None else daylight_table
         config["daylight"] = as_table(recipe, "daylight", "model")
     if base.link.water.spectrum is None and any(map(gives_spectrum, plain)):
+        # the swept description of the water takes the place of its coefficients
         config["water"] = {k: v for k, v in config["water"].items() if k.startswith("bottom")}
+    # plain data for the workers and the store, of a class of a user, too
     text = tomli_w.dumps(config)
     at = options.get("wavelengths_nm")
     options = options | {"wavelengths_nm": () if at is None else tuple(checked_wavelengths(at))}
@@ -478,6 +491,7 @@ def read_store(path: Path) -> xr.Dataset:
     items, identity = store.items("sweep"), store.identities["sweep"]
     with refusing("store", "the items of a sweep"):
         tasks = tasks_of(identity["parameters"], identity["realizations"])
+        # a store of another program may have items of any shape
         of_shape = partial(_shape_of, identity)
         known = {task: items.of_shape(task, of_shape(task)) for task in tasks if task in items}
         return dataset(identity, known)
@@ -573,9 +587,11 @@ def read_study(
             raise Refused("sweep.store", beside, "a path")
     except Refused as error:
         raise error.of(str(path)) from error.__cause__
+    # options of a sweep that may stand in either table
     run = config.get("run", {})
     shared = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
     parameters = dict(_dotted(table.pop("parameters", {})))
+    # modules that a file names are code of its author
     with trusting(trust):
         base = _base(Scenario.from_config(config, folder=path.parent), None)
         study = _study(base, config.get("daylight"), parameters, shared | table)
@@ -587,6 +603,7 @@ def _base(
 ) -> Scenario:
     """Return the scenario that all points share, without the options that a sweep sets."""
     if isinstance(link, Link):
+        # the wind of the sea that is given, or else of the bubbles and whitecaps
         wind = getattr(sea, "wind_speed", None)
         wind = link.wind_speed or DEFAULT_WIND_SPEED if wind is None else wind
         default = Scenario.from_config({"wind_speed": wind})
@@ -600,6 +617,7 @@ def _base(
     elif sea is not None:
         scenario = Scenario.from_config(scenario.to_config() | {"sea": dict(sea)})
     run = scenario.run
+    # a first guess: each point goes on to its tolerance
     photons = FIRST_CHAINS if isinstance(run.estimator, Forced) else run.photons
     fields = run.model_dump(exclude={*_SHARED, "threads"}, exclude_none=True)
     return scenario.model_copy(update={"run": Run(**fields, photons=photons)})

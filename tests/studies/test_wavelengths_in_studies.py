@@ -40,6 +40,7 @@ def test_an_ensemble_has_common_paths(tmp_path):
     assert kept.at_wavelength(500.0).summary() == found.at_wavelength(500.0).summary()
 
 
+@pytest.mark.thorough
 def test_depths_and_wavelengths_share_a_store(tmp_path):
     """Once the loops of all depths and wavelengths had one name, and the second was refused."""
     options = {"photons": 64, "realizations": 2, "daylight": Daylight.night()}
