@@ -551,6 +551,7 @@ def _study(
     reference: Reference | None = None,
 ) -> ConvergenceStudy:
     """Return the study of the numbers of all meshes, shape (kinds, steps, repeats, numbers)."""
+    # columns as `CommonChains.measure` gives them
     samples, (ballistic, *each) = gains[..., :SHIFTS], np.moveaxis(gains[..., SHIFTS:], -1, 0)
     # tolerances are relative
     if not samples.mean(axis=(2, 3)).all():

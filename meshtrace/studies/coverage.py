@@ -208,7 +208,7 @@ class _Mapped(Restored):
     ----------
     campaign : Campaign
         Links at the wavelengths of the map, over the sea.
-    common : CommonPaths
+    shared : CommonPaths
         Their common paths.
     receiver, grid, times
         Receiver, cells and times of the map.
@@ -235,7 +235,7 @@ class _Mapped(Restored):
         self.tinting = shared.tinting or UNTINTED
         # gains are linear in the index of the water between its two ends
         shares = np.array([1.0 - shared.shares, shared.shares])
-        self.ends = shares[: len(shared.bases)]  # of the smallest and the largest index
+        self.end_shares = shares[: len(shared.bases)]  # of the smallest and the largest index
         self._links = links = list(campaign.links.values())
         self._clearest = clearest(links)
         several = [links[i] for i in self.tinting.bases] or [shared.bases[0]]
@@ -245,17 +245,20 @@ class _Mapped(Restored):
             for end in shared.bases
             for base, link in enumerate(several)
         ]
-        self._parts = np.full(len(several), 1.0 / len(several))  # of the photons of an index
-        self.shares = np.repeat(self.ends, len(several), axis=0) / len(several)  # of the runs
+        # of the photons of one index, those of each base
+        self._base_shares = np.full(len(several), 1.0 / len(several))
+        self.shares = np.repeat(self.end_shares, len(several), axis=0) / len(several)  # of the runs
         # a mesh with its intersector takes tens of megabytes
         self.mesh = lru_cache(_MESHES)(self._meshed)
         # one lock a time: threads wait only for the mesh that they need
         self._turns = [Lock() for _ in times]
         self._image = self._unscattered() if exact and unscattered is None else None
-        self._carry = self._image is None if unscattered is None else unscattered
-        self._chained: tuple[Floats, Floats] | tuple[()] | None = None  # by chains, if these serve
-        self._number = 0  # of the chains
-        self.inputs = (campaign.alone, shared, receiver, grid, times, exact, self._carry)
+        self._photons_carry_all = self._image is None if unscattered is None else unscattered
+        # gain and error by chains; empty where photons serve better, None before they are compared
+        self._by_chains: tuple[Floats, Floats] | tuple[()] | None = None
+        self._chains_used = 0
+        carries = self._photons_carry_all
+        self.inputs = campaign.alone, shared, receiver, grid, times, exact, carries
 
     def _meshed(self, time: float) -> TriangleMesh:
         """Return the mesh of a time, fine below all cells if exact."""
@@ -298,12 +301,12 @@ class _Mapped(Restored):
             EmbreeIntersector(frame_of(link).mesh(mesh), 1).built()  # kept with the mesh
         # another grid is asked for the photons of one wavelength alone
         tinting = UNTINTED if grid else self.tinting
-        turn = (0, ALONE.parts) if grid else (base, self._parts)
+        turn = (0, ALONE.parts) if grid else (base, self._base_shares)
         return run_analog(
             link, EmbreeIntersector(mesh, 1), self.options.replace(first_photon=step.first),
             photons=step.number, seed=self._campaign.run.seed,
             normals=self._campaign.meshing.normals,
-            unscattered=self._carry or grid is not None,
+            unscattered=self._photons_carry_all or grid is not None,
             record=[grid or self._grid], tinting=tinting, turn=turn,
         )  # fmt: skip
 
@@ -343,7 +346,7 @@ class _Mapped(Restored):
         """Return the unscattered gain of the cells; None if photons have to carry it."""
         options = self._campaign.meshing.normals, self._campaign.threads, self.tinting
         total = np.zeros((self._grid.n, self._grid.n, len(self._links)))
-        for link, shares in zip(self._common.bases, self.ends, strict=True):
+        for link, shares in zip(self._common.bases, self.end_shares, strict=True):
             link = link.replace(receiver=self._receiver)
             for time in self.times:
                 unscattered = unscattered_map(link, self.mesh(time), self._grid, *options)
@@ -372,17 +375,17 @@ class _Mapped(Restored):
             # the error falls as 1 / sqrt(N): N lack^2 samples, and a tenth more
             wanted = math.ceil(each * min(1.1 * float(lack), _MOST_AT_ONCE))
             more = max(min(wanted, Analog.most_photons) - each, 0) if lack > 1.0 else 0
-            if more > 0 and rtol is not None and self._chained is None:
-                self._chained = self._by_chains(sums, rtol, each * lack) or ()
-                if self._chained:
-                    more, pairs = 0, [self._chained]
+            if more > 0 and rtol is not None and self._by_chains is None:
+                self._by_chains = self._gain_by_chains(sums, rtol, each * lack) or ()
+                if self._by_chains:
+                    more, pairs = 0, [self._by_chains]
         self._warn(sums)
         return {
             self._common.rows[k]: self._map(self._links[k], *pair, sums, each, rtol)
             for k, pair in zip(sampled, pairs, strict=True)
         }
 
-    def _by_chains(
+    def _gain_by_chains(
         self, sums: list[PhotonSums], rtol: float, photons: float
     ) -> tuple[Floats, Floats] | None:
         """Return gain and standard error of the cells by chains in place of so many photons.
@@ -403,7 +406,7 @@ class _Mapped(Restored):
                 return None
             first, waiting = False, further(tiles, chains.lack(tiles, direct, rtol))
         scattered, stderr = chains.scattered(tiles)
-        self._number = sum(sums_of_tile.chains for sums_of_tile in tiles)
+        self._chains_used = sum(sums_of_tile.chains for sums_of_tile in tiles)
         return direct + scattered, stderr
 
     def _cheaper(self, rtol: float, photons: float) -> bool:
@@ -487,8 +490,8 @@ class _Mapped(Restored):
         method = "photons" if self._image is None else "image"
         origin = provenance(link, surface_config(campaign.surface), run)
         origin |= {"times": self.times, "unscattered": method}
-        if self._chained:
-            origin |= {"scattered": "chains", "chains": self._number}
+        if self._by_chains:
+            origin |= {"scattered": "chains", "chains": self._chains_used}
         return CoverageMap(axis, axis, gain, stderr, origin, bound)
 
     def _warn(self, sums: list[PhotonSums]) -> None:
@@ -515,7 +518,7 @@ class _Mapped(Restored):
             "run": self.options.model_dump(mode="json"),
             "map": self._grid.model_dump(mode="json"),
             "times": self.times,
-            "unscattered": self._carry,
+            "unscattered": self._photons_carry_all,
         }
         campaign = self._campaign._replace(progress=None)
         sizes = [tally.to_row().size for tally in tallies]

@@ -157,6 +157,7 @@ class LinkPerformance(Stored):
 
     def _ranges(self, bers: Floats, target: float) -> tuple[Estimate, ...]:
         """Return the range of each bit rate for error rates (depths, bit_rates, 3)."""
+        # the upper limit of the error rate gives the lower limit of the range
         columns = (bers[:, i, [0, 2, 1]].T for i in range(len(self.ooks)))
         return tuple(Estimate(*(_range(self.depths, b, target) for b in c)) for c in columns)
 
@@ -237,6 +238,8 @@ class LinkPerformance(Stored):
         bers, least, start = self.estimates("ber"), self._least_ber, ""
         # the tilt alone breaks the limit: the range is then that of the moments with light
         if least >= self.limit:
+            # BER = t / 2 + (1 - t) BER_inside with the share t of tilts out of the field of view,
+            # least = t / 2
             bers = np.maximum(bers - least, 0.0) / (1.0 - 2.0 * least)
             start = "none at any power, by the tilt; within the field of view "
         table = zip(self.bit_rates, self._ranges(bers, self.limit), bers.T[0], strict=True)
@@ -275,6 +278,7 @@ class LinkPerformance(Stored):
             return []
         unlimited = ook.model_copy(update={"saturation": False})
         for depth in self.depths:
+            # counts per second of a one without any dead time
             level = float(unlimited.levels(self.at(depth).received_power.value)[1])
             # share of the counts of a one that the dead time of the cells leaves
             passed = float(ook.sipm.saturated_rate(level)) / level

@@ -267,11 +267,11 @@ def _step(row: Row, value: float) -> tuple[float, float]:
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
 
-_DIRECT = 1e-3  # step at which exact derivatives of the gain act on other quantities
+_DIRECT = 1e-3  # step in ln p by which exact derivatives of the gain act on other quantities
 _DOUBT = 3.0  # standard errors by which two steps may differ
 _BEND = 2e-3  # of the elasticity, by which they may differ as the square of the step
-_PARTS: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}  # beside link and sea
-_HALVED = 2  # windows from one to that of half its width
+_MODELS: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}  # beside link and sea
+_HALVED = 2  # places in `WINDOWS` from one to that of half its width: they shrink by sqrt(2)
 _KEPT = 4  # meshes of the base sea that stay in memory
 
 
@@ -487,9 +487,10 @@ class Study:
         return self.campaign.tilt_factors(Flight(variant.uav), variant.link.receivers[0].fov_deg)
 
     def _light(self, at: Variant) -> list[Light]:
-        """Return the light of a variant over some seas.
+        """Return the arrivals of a variant over up to four seas, for the response of its channel.
 
-        Of another field of view that of a wider one, cut off by a soft edge.
+        For another field of view than that of the base the arrivals of a wider one are cut off by a
+        soft edge.
         """
         link, base, near = at.link, self.variant.link.receivers[0], self.near
         sea = None if at.sea is self.variant.sea else at.sea
@@ -505,6 +506,7 @@ class Study:
         # changes
         half, lights = math.radians(0.5 * fov), []
         for arrival in arrivals:
+            # a cubic step from 1 to 0 over the edge, with the integral of a hard one
             inside = np.clip((1.0 - arrival.angle / half) / WINDOW, -1.0, 1.0)
             share = 0.5 + 0.25 * inside * (3.0 - inside**2)
             lights.append(arrival._replace(weight=arrival.weight * share))
@@ -529,25 +531,26 @@ class Study:
         """Return the gains of variants over all seas, shape (variants * seas, shifts)."""
         base, near = self.variant.sea, self.near
         if all(variant.sea is base and variant.link == self.variant.link for variant in variants):
-            if name != "base":  # keys that change no light
+            if name != "base":  # keys of electronics or daylight leave the gains as they are
                 return np.concatenate([self.base] * len(variants))
         inputs = [
             (variant.link, None if variant.sea is base else variant.sea) for variant in variants
         ]
 
-        def of_first(i: int) -> Floats:
+        def first_receiver_gains(i: int) -> Floats:
             link, surface = inputs[i // near.seas]
             return near.frozen.gains(link, near.mesh(i % near.seas, surface))[0]
 
-        return self._over(of_first, len(inputs), name, (SHIFTS,))
+        return self._evaluate(first_receiver_gains, len(inputs), name, (SHIFTS,))
 
-    def _over(
+    def _evaluate(
         self,
         evaluate: Callable[[int], Floats],
         variants: int,
         name: str,
         shape: tuple[int, ...],
     ) -> Floats:
+        """Return the numbers of each step, variant by variant and sea by sea, from the store."""
         known = {"seas": self.near.seas, "variants": variants}
         steps, name = range(variants * self.near.seas), f"{name}{self.where}"
         campaign = self.near.campaign
@@ -561,48 +564,58 @@ class Study:
 
     @cached_property
     def _moments(self) -> Floats:
-        """Return dh / d ln a and dh / d ln b, shape (2, seas, shifts)."""
+        """Return dh / d ln a and dh / d ln b by the score function, shape (2, seas, shifts)."""
         near, link = self.near, self.variant.link
 
-        def both(i: int) -> Floats:
+        def score_moments(i: int) -> Floats:
             return moments(link, near.arrivals(link, i)[0])
 
-        return self._over(both, 1, "moments", (2, SHIFTS)).swapaxes(0, 1)
+        return self._evaluate(score_moments, 1, "moments", (2, SHIFTS)).swapaxes(0, 1)
 
     def derivatives(self, p: Parameter) -> _Derivative:
-        """Return the derivatives by a parameter."""
+        """Return the derivatives by a parameter, by the estimator with the least noise.
+
+        The score function where the parameter enters the weights of paths alone, the light at the
+        edge of the field of view, otherwise differences with common random numbers.
+        """
         link = self.variant.link
         if p.name in WATER and has_moments(link):
-            return self._exactly(p, self._moments[WATER.index(p.name)], "moment")
+            return self._by_chain_rule(p, self._moments[WATER.index(p.name)], "moment")
         if p.name == f"{_first(link)}.fov_deg" and link.physics.fov == "angle":
-            return self._at_edge(p)
-        return self._differences(p)
+            return self._by_view_edge(p)
+        return self._by_differences(p)
 
-    def _at_edge(self, p: Parameter) -> _Derivative:
-        """Return the derivatives by the field of view, by the window that resolves the light there.
+    def _by_view_edge(self, p: Parameter) -> _Derivative:
+        """Return the derivatives by the field of view, from the light at its edge.
 
-        The difference of a window of half its width is taken as its bias.
+        The difference of a window of half the width is taken as the bias.
         """
         # derivative, sizes and squares of the arrivals, see `edge_over`
         shape = 3, len(WINDOWS), SHIFTS
-        edges = self._over(partial(edge_over, self.near, p.name), 1, p.name, shape)
+        edges = self._evaluate(partial(edge_over, self.near, p.name), 1, p.name, shape)
         k, resolved = resolving_window(edges)
-        rates = self._exactly(p, edges[:, 0, k], "angle")
-        narrow = self._exactly(p, edges[:, 0, min(k + _HALVED, len(WINDOWS) - 1)], "angle")
+        rates = self._by_chain_rule(p, edges[:, 0, k], "angle")
+        narrow = self._by_chain_rule(p, edges[:, 0, min(k + _HALVED, len(WINDOWS) - 1)], "angle")
         bias = math.hypot(rates.bias, float(narrow.rates[0] - rates.rates[0]))
         notes = "" if resolved else "light at the edge varies within the narrowest window"
         return rates._replace(bias=bias, suspicious=not resolved, notes=notes)
 
-    def _exactly(self, p: Parameter, change: Floats, method: str) -> _Derivative:
-        """Return the derivatives of the quantity by the chain rule, from dh (seas, shifts)."""
-        # the exact derivative of the gain moves it by so little that the quantity is linear there
+    def _by_chain_rule(self, p: Parameter, change: Floats, method: str) -> _Derivative:
+        """Return the derivatives of the quantity from those of the gain, dh / d ln p.
+
+        d ln q / d ln p = (d ln q / dh) (dh / d ln p), with d ln q / dh by a difference over gains
+        that move by so little that q is linear there.
+        """
         pairs = []
         for side in (-1.0, 1.0):
+            # the parameter moves, too: light of day and electronics may depend on it
             at = p.at(self.variant, p.shifted(side * _DIRECT / p.step))
             pairs.append((self.base + side * _DIRECT * change, at))
-        return _Derivative(p, *self._rates(pairs, _DIRECT), math.nan, method)
+        return _Derivative(p, *self._log_derivative(pairs, _DIRECT), math.nan, method)
 
-    def _rates(self, pairs: list[tuple[Floats, Variant]], step: float) -> tuple[Floats, float]:
+    def _log_derivative(
+        self, pairs: list[tuple[Floats, Variant]], step: float
+    ) -> tuple[Floats, float]:
         """Return the derivative of the logarithm: of all, without each shift, without each sea.
 
         `pairs` are gains (seas, shifts) and variant at a step to either side of the base. The
@@ -621,7 +634,7 @@ class Study:
         # two independent estimates differ by sqrt(2) of their error
         return rates, abs(off) / math.sqrt(2.0)
 
-    def _differences(self, p: Parameter) -> _Derivative:
+    def _by_differences(self, p: Parameter) -> _Derivative:
         """Return central differences over a step, compared with differences over a longer step.
 
         Thrice the step, and at least thrice the usual one: a small step sees none of the
@@ -639,7 +652,7 @@ class Study:
         pairs = list(zip(gains.reshape(-1, self.near.seas, SHIFTS), sides, strict=True))
         steps = [factor * p.step for factor in factors[: len(pairs) // 2]]
         rates, biases = zip(
-            *(self._rates(pairs[2 * k : 2 * k + 2], step) for k, step in enumerate(steps)),
+            *(self._log_derivative(pairs[2 * k : 2 * k + 2], step) for k, step in enumerate(steps)),
             strict=True,
         )
         suspicious, notes = self._compared(rates, math.hypot(*biases))
@@ -693,7 +706,7 @@ def _result(study: Study, derivatives: list[_Derivative], names: list[str]) -> S
     table = Table(_row(d, error, slope) for d, error in zip(derivatives, errors, strict=True))
     origin = campaign.provenance(variant.link)
     origin |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
-    for name, part in zip(_PARTS, variant[2:], strict=True):
+    for name, part in zip(_MODELS, variant[2:], strict=True):
         origin[name] = part and part.model_dump(mode="json")
     covariance *= np.outer(factors, factors)
     return Sensitivities(quantity.of, value, stderr, quantity.unit, table, covariance, origin)
@@ -834,7 +847,7 @@ def _study_of(s: Sensitivities) -> Study:
     """Return the study of a result, set up again."""
     origin: dict[str, Any] = s.provenance
     scenario = Scenario.from_provenance(origin)
-    parts = (origin[name] and kind.model_validate(origin[name]) for name, kind in _PARTS.items())
+    parts = (origin[name] and kind.model_validate(origin[name]) for name, kind in _MODELS.items())
     inputs: Any = scenario.surface, scenario.run, scenario.meshing
     campaign = Campaign({"link": scenario.link}, *inputs)
     quantity = Quantity(s.of, origin["limit"])  # type: ignore[arg-type]
