@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from threading import Lock
-from typing import Annotated, NamedTuple, Unpack, cast
+from typing import Annotated, Any, NamedTuple, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -443,17 +443,24 @@ class _Mapped(Restored):
             for i in range(len(self.times))
             for tile, chains in wanted.items()
         ]
-        identity = {"map": self._grid.model_dump(mode="json"), "times": self.times}
-        campaign = self._campaign._replace(progress=None)
-        results = campaign.evaluate(
-            self.tile_setup, steps, "chains", identity, self._shape_of_tile, "tiles"
-        )
+        table = self._evaluate(self.tile_setup, steps, "chains", {}, self._shape_of_tile, "tiles")
         sums = dict[int, list[TileSums]]()
-        for step, row in zip(steps, results, strict=True):
+        for step, row in table:
             sums.setdefault(step.part, []).append(TileSums.of_row(row))
+        return {tile: mean_of_times(each) for tile, each in sums.items()}
+
+    def _evaluate(
+        self, setup: Callable[[], Callable[[_Step], Floats]], steps: list[_Step], name: str,
+        identity: dict[str, Any], shape: Callable[[_Step], tuple[int]], work: str,
+    ) -> Iterator[tuple[_Step, Floats]]:  # fmt: skip
+        """Yield each step with its numbers, see `Campaign.evaluate`, and report its samples."""
+        campaign = self._campaign._replace(progress=None)
+        identity |= {"map": self._grid.model_dump(mode="json"), "times": self.times}
+        results = campaign.evaluate(setup, steps, name, identity, shape, work)
+        for step, row in zip(steps, results, strict=True):
+            yield step, row
             if self._campaign.progress is not None:
                 self._campaign.progress(step.number)
-        return {tile: mean_of_times(each) for tile, each in sums.items()}
 
     def _well_sampled(self, sums: list[PhotonSums], base: int) -> list[int]:
         """Return which wavelengths have enough effective photons in a typical lit cell."""
@@ -514,21 +521,14 @@ class _Mapped(Restored):
         """Follow more photons at each time, and return their tallies with the sums, by run."""
         tallies = sums or [self.tallies(_Step(0, k, 0, 0)) for k in range(len(self.runs))]
         steps, name = self.steps(done, photons), f"photons of link {base}"
-        identity = {
-            "run": self.options.model_dump(mode="json"),
-            "map": self._grid.model_dump(mode="json"),
-            "times": self.times,
-            "unscattered": self._photons_carry_all,
-        }
-        campaign = self._campaign._replace(progress=None)
+        run = self.options.model_dump(mode="json")
+        identity = {"run": run, "unscattered": self._photons_carry_all}
         sizes = [tally.to_row().size for tally in tallies]
-        results = campaign.evaluate(
+        table = self._evaluate(
             self.setup, steps, name, identity, lambda step: (sizes[step.part],), "runs of photons"
         )
-        for step, row in zip(steps, results, strict=True):
+        for step, row in table:
             tallies[step.part] += tallies[step.part].of_row(row)
-            if self._campaign.progress is not None:
-                self._campaign.progress(step.number)
         return tallies
 
     def _mixed(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:

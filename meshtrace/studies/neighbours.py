@@ -84,14 +84,9 @@ class Neighbours(Restored):
     """
 
     def __init__(
-        self,
-        campaign: Campaign,
-        seas: int = 1,
-        phases: bool = False,
-        fading: bool = False,
-        meshes_kept: int = 1,
-        around: Link | None = None,
-    ) -> None:
+        self, campaign: Campaign, seas: int = 1, phases: bool = False, fading: bool = False,
+        meshes_kept: int = 1, around: Link | None = None,
+    ) -> None:  # fmt: skip
         self.campaign = campaign = campaign._replace(progress=None)
         self.seas, self.phases, self.fading, self.meshes_kept = seas, phases, fading, meshes_kept
         self.inputs = campaign.alone, seas, phases, fading, meshes_kept, around

@@ -464,13 +464,9 @@ class Study:
     """
 
     def __init__(
-        self,
-        variant: Variant,
-        campaign: Campaign,
-        realizations: int,
-        quantity: Quantity,
+        self, variant: Variant, campaign: Campaign, realizations: int, quantity: Quantity,
         where: str = "",
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.variant, self.quantity, self.where = variant, quantity, where
         self.campaign, several = campaign.for_link(variant.link), realizations > 1
         self.near = Neighbours(
@@ -544,11 +540,7 @@ class Study:
         return self._evaluate(first_receiver_gains, len(inputs), name, (SHIFTS,))
 
     def _evaluate(
-        self,
-        evaluate: Callable[[int], Floats],
-        variants: int,
-        name: str,
-        shape: tuple[int, ...],
+        self, evaluate: Callable[[int], Floats], variants: int, name: str, shape: tuple[int, ...]
     ) -> Floats:
         """Return the numbers of each step, variant by variant and sea by sea, from the store."""
         known = {"seas": self.near.seas, "variants": variants}
@@ -739,19 +731,13 @@ def _row(derivative: _Derivative, error: float, slope: float) -> Row:
     factor, relative = _elasticity_factor(p), rate / p.scale
     no_elasticity = p.absolute and p.base == 0.0
     return Row(
-        name=p.name,
-        base=p.base,
-        unit=p.unit,
-        elasticity=math.nan if no_elasticity else rate * factor,
-        stderr=abs(factor) * error,
+        name=p.name, base=p.base, unit=p.unit,
+        elasticity=math.nan if no_elasticity else rate * factor, stderr=abs(factor) * error,
         relative=relative,
-        derivative=slope * relative,
-        derivative_stderr=abs(slope / p.scale) * error,
-        second=derivative.second,
-        method=derivative.method,
-        suspicious=derivative.suspicious,
-        notes=derivative.notes,
-    )
+        derivative=slope * relative, derivative_stderr=abs(slope / p.scale) * error,
+        second=derivative.second, method=derivative.method,
+        suspicious=derivative.suspicious, notes=derivative.notes,
+    )  # fmt: skip
 
 
 class Swing(NamedTuple):
