@@ -110,7 +110,7 @@ def background_series(
 
 
 def light_of(campaign: Campaign, day: Daylight | None) -> Daylight | None:
-    """Return the light of a study, by default the one in its scenario."""
+    """Return the daylight of a study, by default that of its scenario."""
     configured = getattr(campaign.scenario, "daylight", None)
     return checked_daylight(configured if day is None else day, campaign.link)
 
@@ -181,7 +181,7 @@ def background_over_seas(
 
 
 def _steps(campaign: Campaign, seas: int, flight: Flight | None, most: int) -> Steps:
-    """Return surfaces and links of the mean background over an ensemble, up to a number."""
+    """Return at most `most` surfaces of an ensemble, with the links over each if they tilt."""
     link, sea, time = campaign.link, campaign.surface, campaign.meshing.time
     most = min(seas, most)
     if flight is not None and flight.coupled:
@@ -212,7 +212,7 @@ def transmission_of(link: Link, base: OokLink | None) -> OokLink:
 
 
 def described(ook: OokLink, background: Background) -> str:
-    """Return the background light and its counts in a transmission as text."""
+    """Describe a background light and its counts in a transmission."""
     day = background.provenance["daylight"]
     follows = day["direct"] > 0.0 or day["light"] == "overcast sky"
     sun = f" at zenith angle {day['sun_zenith_deg']:g} deg" if follows else ""
@@ -235,7 +235,7 @@ def electronics_of(
 
 
 class Lights:
-    """Transmissions of variants of a link under their background light.
+    """Background light of variants of a link, and their transmissions under it.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ class Lights:
         return variant.detector if measured is None else with_background(variant.detector, measured)
 
     def text(self, variant: Variant) -> str:
-        """Return the light of a variant and its counts; empty without a transmission."""
+        """Describe the background light of a variant; return nothing without a transmission."""
         if variant.detector is None:
             return ""
         measured = self.background(variant)
@@ -366,7 +366,7 @@ def backgrounds(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -
 def _background_numbers(
     campaign: Campaign, steps: Steps, day: Daylight, photons: int
 ) -> Callable[[int], Floats]:
-    """Return the function that gives the numbers of the background over a surface, in a row."""
+    """Return a function of the number of a surface, which gives its background as one array."""
 
     def numbers_over(i: int) -> Floats:
         link = steps.links[i][0] if steps.links else campaign.link

@@ -156,7 +156,7 @@ class Campaign(NamedTuple):
         return self._replace(cluster=cluster, store=store, progress=run.get("progress"))
 
     def workers(self) -> AbstractContextManager[None]:
-        """Return a context in which all loops have the same workers."""
+        """Return a context in which all loops share their workers."""
         return nullcontext() if self.cluster is None else self.cluster.keep_workers()
 
     def for_link(self, link: Link, name: str = "link") -> Campaign:
@@ -239,7 +239,7 @@ class Campaign(NamedTuple):
         return self.in_time(np.array([self.meshing.time]))
 
     def lines(self, links: Sequence[Link], surface: MeshSource) -> dict[str, Any]:
-        """Return the arguments of a mesh as far as light can cross to any receiver, at any time."""
+        """Return arguments of `MeshSource.mesh` that cover all crossings to any receiver."""
         if self.spectral:  # the ends of all are the same
             links = [clearest(links)]
         joint = links[0]
@@ -263,7 +263,7 @@ class Campaign(NamedTuple):
         time: float,
         lines: dict[str, Any] | None = None,
     ) -> TriangleMesh:
-        """Return the mesh of a surface at a time; `lines` are those common to several."""
+        """Return the mesh of a surface at a time, by default with lines for these links alone."""
         # a mesh of the user is taken as it is
         made = surface
         if not isinstance(made, TriangleMesh):
@@ -327,7 +327,7 @@ class Campaign(NamedTuple):
 
     @property
     def alone(self) -> Campaign:
-        """The campaign without store, cluster and progress; one thread for a worker."""
+        """The campaign without store, cluster and progress, and on a cluster with one thread."""
         # a worker has one core; threads of this process would share the cores of its neighbours
         run = self.run if self.cluster is None else self.run.replace(threads=1)
         return self._replace(run=run, scenario=None, cluster=None, store=Store(), progress=None)
@@ -433,9 +433,10 @@ def _on_threads(
 
 
 def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Callable[[int], Floats]:
-    """Return the function that gives the gains over a surface, see `Campaign.each`.
+    """Return a function of the number of a surface, which gives the gains over it.
 
-    Each mesh is made in the thread that evaluates it.
+    Gains have the shape of those of `Campaign.each`; each mesh is made in the thread that
+    evaluates it.
     """
     run, normals, links = campaign.run, campaign.meshing.normals, list(campaign.links.values())
     widest, source = _widest(steps, links), campaign.surface
@@ -514,7 +515,7 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
 
 
 def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
-    """Return the links with the widest mesh, one for all times; None if each surface has its own.
+    """Return the links whose mesh covers all times; None if each surface needs its own.
 
     Ends that tilt have one mesh, ends that move aside have others.
     """
@@ -598,7 +599,7 @@ def campaign_of(
 
 
 def case_options(run: StudyOptions) -> dict[str, Any]:
-    """Return the options of a study that its links and surfaces take; refuse unknown ones."""
+    """Return the options of a study without those of its loop; refuse unknown ones."""
     require_options(run, StudyOptions)
     return {
         name: value

@@ -63,7 +63,7 @@ class Cluster:
     _turn: Lock = field(default_factory=Lock, init=False, repr=False)
 
     def checked(self) -> Cluster:
-        """Return the cluster; refuse numbers out of range, and to go on without dask."""
+        """Return the cluster; refuse options out of range, and several processes without dask."""
         if not isinstance(self.workers, str | None):
             require_whole(self.workers, 1, 1024, "workers")
         # this process alone needs no dask
@@ -209,7 +209,7 @@ class Cluster:
 
 
 class Restored:
-    """Object that a worker makes from its inputs, once for all loops of a study."""
+    """Object that a worker rebuilds from its inputs, once for all loops of a study."""
 
     inputs: tuple[Any, ...]
 
@@ -220,7 +220,7 @@ class Restored:
         return bytes(cloudpickle.dumps(partial(type(self), *self.inputs)))
 
     def __reduce__(self) -> Any:
-        """Return the recipe, by which a worker knows the object again."""
+        """Return the recipe, by which a worker finds the object that it has built before."""
         return prepared, (self._recipe,)
 
 
@@ -234,7 +234,7 @@ def prepared(setup: bytes) -> Any:
 
 
 def _drawn(waiting: deque[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
-    """Yield the jobs of a queue from which others draw, too."""
+    """Yield jobs of a queue until it is empty; other threads draw from it, too."""
     with suppress(IndexError):
         while True:
             yield waiting.popleft()
@@ -295,7 +295,7 @@ def _has_workers(client: distributed.Client) -> bool | None:
 
 
 def _lost(client: distributed.Client, done: int, total: int) -> Refused:
-    """Return the refusal to go on without workers."""
+    """Return the error for workers that are gone for good."""
     what = "the connection is lost"
     if client.status == "running":
         what = "no worker is left" if _has_workers(client) is False else "no answer"
@@ -332,7 +332,7 @@ def _portable_job() -> Callable[..., Any]:
 
 
 def _environment() -> dict[str, str]:
-    """Return the versions on which digits depend, as a worker describes its own."""
+    """Return the versions on which digits depend, by the code that runs on workers."""
     return dict(_portable_job()(None, b"", {}))
 
 
@@ -365,7 +365,7 @@ def _require_equal_workers(client: distributed.Client, timeout: float) -> None:
 
 
 def _other_worker(address: str, there: Any) -> Refused:
-    """Return the refusal of a worker, by its first difference from this process."""
+    """Return the error for a worker with other versions: its first difference from here."""
     if not isinstance(there, dict):
         there = {"meshtrace": error_text(there)}
     # a long list of equal versions would hide the one that differs
@@ -452,7 +452,9 @@ def _local_client(processes: int) -> Iterator[distributed.Client]:
 
 
 def _address(scheduler: str, timeout: float) -> str:
-    """Return an address, or that in a scheduler's file written within a time.
+    """Return the address of a scheduler, from its file if one is given.
+
+    Wait for the file up to a time [s].
 
     `distributed.Client` waits for such a file without a bound.
     """

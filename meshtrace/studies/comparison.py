@@ -239,7 +239,7 @@ def _under_light(
     samples: Floats,
     realizations: int,
 ) -> Comparison:
-    """Return the comparison with the background and bit error rate of each link, if any is lit."""
+    """Add background and bit error rate of each link to a comparison, if any has daylight."""
     if not any(days):
         return result
     table = []
@@ -283,7 +283,7 @@ def _samples(each: dict[str, Campaign], realizations: int) -> Floats:
 
 
 def _of_each(progress: Callable[[int], None], links: int, n: int) -> None:
-    """Report a surface once for each link."""
+    """Call progress once for each link of a surface."""
     for _ in range(links):
         progress(n)
 

@@ -282,7 +282,7 @@ class ConvergenceStudy(Stored):
         return "\n".join([*lines, *self._fitted_lines(kind)])
 
     def _fitted_lines(self, kind: Normals) -> list[str]:
-        """Return order, limit and recommendation as text."""
+        """Return lines of text on the fitted order, the limit and the recommended step."""
         k, exact = self.normals.index(kind), self.reference
         order, gain, _ = self.fits[kind]
         lines = [
@@ -536,7 +536,7 @@ def time_step_study(
 
 
 def _by_step(values_by_case: Floats, values: list[float]) -> Floats:
-    """Return the numbers of meshes (kinds, cases, numbers), as many repeats of each step."""
+    """Split numbers (kinds, meshes, numbers) by step: (kinds, steps, repeats, numbers)."""
     return values_by_case.reshape(len(values_by_case), len(values), -1, values_by_case.shape[-1])
 
 
@@ -550,7 +550,7 @@ def _study(
     recorded: dict[str, Any],
     reference: Reference | None = None,
 ) -> ConvergenceStudy:
-    """Return the study of the numbers of all meshes, shape (kinds, steps, repeats, numbers)."""
+    """Assemble the study from the numbers of meshes (kinds, steps, repeats, numbers)."""
     # columns as `CommonChains.measure` gives them
     samples, (ballistic, *each) = gains[..., :SHIFTS], np.moveaxis(gains[..., SHIFTS:], -1, 0)
     # tolerances are relative

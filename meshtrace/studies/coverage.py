@@ -261,7 +261,7 @@ class _Mapped(Restored):
         self.inputs = campaign.alone, shared, receiver, grid, times, exact, carries
 
     def _meshed(self, time: float) -> TriangleMesh:
-        """Return the mesh of a time, fine below all cells if exact."""
+        """Mesh the surface at a time, fine below all cells for the image of unscattered light."""
         inputs = self._campaign.surface, self._campaign.meshing.replace(time=time)
         if self._exact:
             half = 0.5 * self._grid.n * self._grid.step
@@ -312,11 +312,11 @@ class _Mapped(Restored):
 
     @cached_property
     def cell_chains(self) -> CellChains | None:
-        """Chains to all tiles; None if they do not follow the scattered light in common."""
+        """Chains to all tiles; None if they cannot follow the scattered light of this map."""
         return self._chains_of(1)
 
     def _chains_of(self, stride: int) -> CellChains | None:
-        """Return the chains to one tile of as many along each side."""
+        """Return chains to one of `stride` x `stride` tiles; None if they cannot serve."""
         # chains keep one mesh a time in memory, and know one wavelength
         if len(self._links) > 1 or len(self.times) > _MESHES:
             return None
@@ -343,7 +343,7 @@ class _Mapped(Restored):
         return (1 + (SHIFTS + 1) * cells,)
 
     def _unscattered(self) -> Floats | None:
-        """Return the unscattered gain of the cells; None if photons have to carry it."""
+        """Return the unscattered gain (x, y, wavelengths); None if photons have to carry it."""
         options = self._campaign.meshing.normals, self._campaign.threads, self.tinting
         total = np.zeros((self._grid.n, self._grid.n, len(self._links)))
         for link, shares in zip(self._common.bases, self.end_shares, strict=True):
@@ -356,9 +356,9 @@ class _Mapped(Restored):
         return total
 
     def run(self, photons: int, rtol: float | None, base: int) -> dict[int, CoverageMap]:
-        """Return maps by photons, which carry all light, or the light that the images lack.
+        """Return the maps of the wavelengths that the photons of the base sample well.
 
-        Those of the wavelengths for which the photons of the base are many enough.
+        Photons carry all light, or the light that the images lack, unless chains take their place.
         """
         # a first look, from which the number for the tolerance follows
         more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
@@ -388,7 +388,7 @@ class _Mapped(Restored):
     def _gain_by_chains(
         self, sums: list[PhotonSums], rtol: float, photons: float
     ) -> tuple[Floats, Floats] | None:
-        """Return gain and standard error of the cells by chains in place of so many photons.
+        """Return gain and standard error of the cells, with scattered light by chains.
 
         None where photons are cheaper, find more light or follow light that chains omit.
         """
@@ -410,7 +410,7 @@ class _Mapped(Restored):
         return direct + scattered, stderr
 
     def _cheaper(self, rtol: float, photons: float) -> bool:
-        """Return whether chains to some tiles promise less cost than photons at each time."""
+        """Return whether chains cost less than `photons` at each time, by a probe of few tiles."""
         # one tile in nine tells the cost of all, for a ninth of the pilots
         probe, most = self._chains_of(_PROBED), min(photons, Analog.most_photons)
         most *= len(self.times)
@@ -436,7 +436,7 @@ class _Mapped(Restored):
     def _tile_sums(
         self, wanted: dict[int, int], earlier: Mapping[int, TileSums]
     ) -> dict[int, TileSums]:
-        """Return the means over the times of further chains of tiles."""
+        """Follow `wanted` further chains to each tile, and return their means over the times."""
         first = {tile: earlier[tile].chains if tile in earlier else 0 for tile in wanted}
         steps = [
             _Step(i, tile, first[tile], chains)
@@ -463,7 +463,7 @@ class _Mapped(Restored):
                 self._campaign.progress(step.number)
 
     def _well_sampled(self, sums: list[PhotonSums], base: int) -> list[int]:
-        """Return which wavelengths have enough effective photons in a typical lit cell."""
+        """Return the wavelengths with enough effective photons in the median bright cell."""
         maps = []
         for gain, stderr in zip(*(np.moveaxis(x, 2, 0) for x in self._mixed(sums)), strict=True):
             illuminated = gain > LIT * gain.max()
@@ -502,7 +502,7 @@ class _Mapped(Restored):
         return CoverageMap(axis, axis, gain, stderr, origin, bound)
 
     def _warn(self, sums: list[PhotonSums]) -> None:
-        """Warn of lost photons, and of a map that looks away from the light."""
+        """Warn of lost photons, and of a receiver that looks away from the light."""
         records = {"irradiance-map": self._grid}
         pairs = zip(self.runs, sums, strict=True)
         results = [analog_result(link, tally, {}, records) for (_, link), tally in pairs]
@@ -532,7 +532,7 @@ class _Mapped(Restored):
         return tallies
 
     def _mixed(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
-        """Return gain by photons and standard error of the cells (x, y, wavelengths)."""
+        """Return the gain that photons carry, and its standard error (x, y, wavelengths)."""
         # from flux through a cell to flux through the aperture
         scale = np.pi * self._receiver.radius**2 / self._grid.step**2
         means, errors = np.array([tally.map_mean() for tally in sums]).swapaxes(0, 1)
@@ -541,7 +541,7 @@ class _Mapped(Restored):
         return gain, scale * np.sqrt(((shares * errors) ** 2).sum(axis=0))
 
     def _gain(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
-        """Return gain and standard error of the cells (x, y, wavelengths)."""
+        """Return the whole gain and its standard error (x, y, wavelengths)."""
         gain, stderr = self._mixed(sums)
         if self._image is None:
             return gain, stderr

@@ -122,7 +122,7 @@ class Variant(NamedTuple):
         return self._on_link(name, value)
 
     def _on_link(self, name: str, value: Any) -> Variant:
-        """Return the variant with another value of a key of the link, and all that follows it."""
+        """Return the variant with another value of a key of the link and of all that follows."""
         # what the rest of the variant takes from the link changes with it
         link, day, last = self.link.replace(name, value), self.daylight, name.rpartition(".")[2]
         # bubbles are in the same water unless the user says otherwise
@@ -178,13 +178,13 @@ class Parameter(NamedTuple):
         return self.moved(steps * self.step)
 
     def moved(self, move: float) -> float:
-        """Return the value at a move in `unit`, or in the logarithm if it is relative."""
+        """Return the value after a move in its unit, or in its logarithm if steps are relative."""
         if self.absolute:
             return self.base + move
         return self.origin + self.scale * math.exp(move)
 
     def about(self, change: float) -> tuple[float, float]:
-        """Return the values at a relative change to either side.
+        """Return the values a relative change below and above the base.
 
         Offsets and angles change by a share of depth plus height, and of 10 deg.
         """
@@ -232,7 +232,7 @@ def _sea_at(sea: Any, key: str, value: float) -> Any:
 
 
 def _numbers(part: Any, path: str) -> Iterator[tuple[str, float]]:
-    """Yield the names and values of the continuous fields of a part, of None none."""
+    """Yield names and values of the continuous fields of a model, items of lists included."""
     if isinstance(part, Model):
         for key in type(part).model_fields:
             yield from _numbers(getattr(part, key), f"{path}.{key}")
@@ -244,7 +244,7 @@ def _numbers(part: Any, path: str) -> Iterator[tuple[str, float]]:
 
 
 def _known(variant: Variant) -> dict[str, float]:
-    """Return the continuous parameters by name."""
+    """Return the values of all continuous parameters by name."""
     link, sea = variant.link, variant.sea
     parts = ["water", "bubbles", "whitecaps", "transmitter", "receiver"]
     numbers = {k: v for part in parts for k, v in _numbers(getattr(link, part), part)}
@@ -360,7 +360,7 @@ def checked_bounds(bounds: Bounds) -> dict[str, tuple[float, float]]:
 
 
 def _listed(known: Iterable[str], name: str) -> str:
-    """Return the keys in the table of a name, and the other tables; all keys if they are few."""
+    """List keys for a message: those beside a name, and the names of the other tables."""
     names = list(known)
     if len(", ".join(names)) <= _LONGEST:
         return ", ".join(names)
@@ -372,7 +372,7 @@ def _listed(known: Iterable[str], name: str) -> str:
 
 
 def _left_out(p: Parameter, variant: Variant) -> bool:
-    """Return whether a parameter is no default one: without effect, or not of the link."""
+    """Return whether a parameter is left out by default: idle, or not of the link."""
     path, _, last = p.name.rpartition(".")
     idle = [polar for polar, azimuth in _ABSOLUTE.items() if azimuth == last]
     # the azimuth of what is not tilted has no effect

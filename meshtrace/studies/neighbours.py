@@ -1,4 +1,4 @@
-"""Links near one link over common seas, with common chains, and their quantities with errors."""
+"""Links near one link over the same seas with the same chains; their quantities with errors."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ FADES = ("ber", "outage", "range", "capacity")
 """Quantities that depend on the distribution of the gain over seas."""
 
 WATER = "water.a", "water.b"
-"""Keys of uniform water, by which moments of the light give derivatives."""
+"""Keys of uniform water, by which the score function gives derivatives."""
 
 DECIBELS = 10.0 / math.log(10.0)
 """Decibels of a factor e."""
@@ -114,7 +114,7 @@ class Neighbours(Restored):
         )
 
     def mesh(self, i: int, surface: Any = None) -> TriangleMesh:
-        """Return realization i of the base surface, or of a neighbour of it."""
+        """Return the mesh of realization i of the base surface, or of a neighbouring surface."""
         if surface is None and i < len(self._meshes):
             return self._meshes[i]
         campaign = self.campaign
@@ -124,12 +124,12 @@ class Neighbours(Restored):
         return campaign.mesh([self._around], made, campaign.meshing.time, self._lines)
 
     def arrivals(self, link: Link, i: int, surface: Any = None) -> list[Light]:
-        """Return the light that arrives at each receiver over realization i."""
+        """Return the rows of light at each receiver over realization i."""
         return self.frozen.light(link, self.mesh(i, surface))
 
 
 def has_moments(link: Link) -> bool:
-    """Return whether a and b enter the weights alone, as powers of b and exp(-(a + b) L)."""
+    """Return whether a and b enter the weights of paths alone, as b^K exp(-(a + b) L)."""
     plain = link.bubbles is None and link.water.layers is None
     return plain and link.physics.absorption != "paper"
 
@@ -299,7 +299,7 @@ def depth_key(link: Link) -> str:
 
 
 def range_of(reserve: Callable[[float], float], link: Link) -> tuple[float, float, float]:
-    """Return a depth near the range of a link [m], and the reserve there with its fall [m-1].
+    """Search the range of a link: a depth near it [m], the reserve there and its fall [m-1].
 
     `reserve` returns the logarithm of the light over the need at a depth.
     """
@@ -389,7 +389,7 @@ class Quantity:
         return -float(brentq(excess, -spread, spread, xtol=1e-9))
 
     def _require(self, reached: bool) -> None:
-        """Refuse a limit that no power reaches."""
+        """Refuse the limit if no power reaches it."""
         if not reached:
             raise Refused("limit", self.limit, "a bit error rate that some power reaches")
 
@@ -397,7 +397,7 @@ class Quantity:
         self, gains: Floats, ook: OokLink | None, tilt: TiltFactors | None = None,
         weights: Floats | None = None,
     ) -> Floats:  # fmt: skip
-        """Return the logarithm for all gains and for the groups of the jackknife."""
+        """Return the logarithm of all gains, then of those without each group (jackknife)."""
         return np.array([self.log(group, ook, tilt, weights) for group in without_each(gains)])
 
     def value(self, log: float) -> float:
@@ -466,7 +466,7 @@ def _law(limit: float, ook: OokLink, rising: bool = True) -> Callable[[Floats], 
 
 
 def _information(ook: OokLink) -> Callable[[Floats], Floats]:
-    """Return the information of a bit over ln power, by interpolation between 60 powers."""
+    """Return the information of a bit [bit] over ln power, tabulated."""
 
     def carried(nodes: Floats) -> Floats:
         gains = np.exp(nodes) / float(ook.received_power(1.0))

@@ -55,7 +55,7 @@ class FadingSamples:
         return self.series.gain[:, None] * self.tilt.h
 
     def over_tilts(self, values: Floats) -> Floats:
-        """Return the means of values (n, m) of the samples over the tilts (n,)."""
+        """Average values of the samples (n, m) over the tilts, shape (n,)."""
         return values @ self.tilt.weight
 
     @property
@@ -124,7 +124,7 @@ def _spectral_name(link: Link) -> str:
 
 
 class Ensemble(NamedTuple):
-    """Seas and tilts for the average of a link."""
+    """Seas, and tilts of an aircraft, over which the performance of a link is averaged."""
 
     campaign: Campaign
     n: int
@@ -132,7 +132,7 @@ class Ensemble(NamedTuple):
     shared: SharedGains | None = None
 
     def provenance(self) -> dict[str, Any]:
-        """Return the aircraft, its wind and the number of realizations."""
+        """Return aircraft, wind and number of realizations as plain data."""
         flight = self.flight
         in_air = self.campaign.of_flight(flight) if flight else {"uav": None, "wind": None}
         coupled = flight is not None and flight.coupled
@@ -165,7 +165,7 @@ class Ensemble(NamedTuple):
         return FadingSamples(series, tilt, float(seas))
 
     def response(self, ook: OokLink, link: Link) -> MeanResponse | None:
-        """Return the mean response of the channel over some of the seas."""
+        """Return the mean response of the channel over the first seas."""
         campaign = self.at(link), self.n
         if self.shared is None:
             return mean_response(ook, *campaign)
@@ -290,7 +290,7 @@ def operating_point(
 
 
 def _dispersion_db(ook: OokLink, limit: float) -> float:
-    """Return the power that the response of the channel costs [dB]."""
+    """Return the penalty of the channel's response [dB], by the optical power for the limit."""
     if ook.filters.response is None:
         return 0.0
     # the same receiver, if the channel spread no pulse
@@ -322,7 +322,7 @@ def _mean_ber(ook: OokLink, samples: FadingSamples, gains: Floats) -> float:
 
 
 def _equal_samples(samples: FadingSamples) -> Floats:
-    """Return the samples, or as many quantiles of equal probability as stand for their law."""
+    """Return gains of equal probability: the samples, or quantiles of their weighted law."""
     gains = samples.samples
     weight = np.broadcast_to(samples.tilt.weight / len(gains), gains.shape)
     if gains.size <= _QUANTILES and weight.max() == weight.min():
@@ -370,7 +370,7 @@ def _shifted(samples: FadingSamples, quantile: float) -> list[Floats]:
 
 
 def _joined(value: float, low: float, high: float, brighter: float, darker: float) -> Estimate:
-    """Return an interval with an independent error added in quadrature."""
+    """Add an independent error to an interval, in quadrature on either side."""
     return Estimate(
         value,
         value - math.hypot(value - low, value - brighter),

@@ -212,7 +212,7 @@ class LinkPerformance(Stored):
         return [note] if note else []
 
     def _spreads(self) -> list[str]:
-        """Return the largest delay spread, in bits, and its penalty."""
+        """Describe the largest delay spread of all depths, in bits, and its penalty."""
         points = [f for f in self.figures if f.rms_delay_spread.value > 0.0]
         if not points:
             return []
@@ -272,7 +272,7 @@ class LinkPerformance(Stored):
         ]
 
     def _overloads(self) -> list[str]:
-        """Return a warning that names the depths with most counts in the dead time of the cells."""
+        """Return a warning for each depth at which the detector loses most counts of a one."""
         ook, lines = self.ooks[0], []
         if not ook.saturation:
             return []
@@ -595,7 +595,7 @@ def _over_depths(
 def _lit(
     ooks: tuple[OokLink, ...], lights: dict[float, Background | None], link: Link
 ) -> tuple[tuple[OokLink, ...], str]:
-    """Return the transmissions under the background at the first depth, and its text."""
+    """Return the transmissions under the background at the first depth, and a text on it."""
     depth, background = next(iter(lights.items()))
     if background is None:
         return ooks, DARK
@@ -634,7 +634,7 @@ def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:
 
 
 def _shallowest(link: Link | Scenario, depths: Sequence[float] | None) -> Link | Scenario:
-    """Return the link, or the scenario, at the first depth: it needs the shortest waves."""
+    """Return the link or scenario at the first depth, whose light fades by the shortest waves."""
     if depths is None or not isinstance(link, Link | Scenario):
         return link
     if isinstance(link, Scenario):

@@ -55,7 +55,7 @@ def descending(name: str, values: Sequence[float]) -> list[float]:
 
 
 def normal_kinds(normals: Sequence[Normals]) -> tuple[Normals, ...]:
-    """Return the kinds of normals, each once."""
+    """Return the kinds of normals without repetition; refuse unknown ones."""
     kinds = tuple(dict.fromkeys(require_names(normals, "normals")))
     if not kinds or not set(kinds) <= {"vertex", "facet"}:
         raise Refused("normals", normals, "vertex and facet")
@@ -63,7 +63,7 @@ def normal_kinds(normals: Sequence[Normals]) -> tuple[Normals, ...]:
 
 
 def multiple_of(name: str, ratio: float) -> int:
-    """Return the integer that a ratio equals up to rounding."""
+    """Return a ratio as an integer; refuse one that is none, up to rounding."""
     if abs(ratio - round(ratio)) > 1e-9 * ratio:
         raise Refused(name, f"{ratio:g} half-steps", "multiples of the shortest step")
     return round(ratio)
@@ -84,7 +84,7 @@ def nested_mesh(
 
 
 def probes(reach: float) -> tuple[Floats, Floats]:
-    """Return the points (x, y) for the comparison of slopes."""
+    """Return points (x, y) of a square grid, at which slopes are compared."""
     # midpoints: no probe lies on a grid line, where two facets would share it
     axis = reach * ((2.0 * np.arange(_PROBES) + 1.0) / _PROBES - 1.0)
     x, y = np.meshgrid(axis, axis, indexing="ij")
@@ -108,7 +108,7 @@ def placement_shifts(n: int) -> Floats:
 
 
 MakeMesh = Callable[[], TriangleMesh]
-"""Makes a mesh of a study."""
+"""Returns one of the meshes of a study."""
 
 ANALOG_PHOTONS = 16_384  # of the share of total reflection
 
@@ -160,7 +160,7 @@ class CommonChains(Restored):
         )  # fmt: skip
 
     def measure(self, case: MakeMesh, photons: int = 0) -> Floats:
-        """Return the numbers of a mesh in a row for each kind of normals.
+        """Return the numbers of a mesh for each kind of normals, shape (kinds, numbers).
 
         Gain by shift, unscattered gain, mean square slope, share of total reflection, and the
         seconds that mesh, BVH and gain took; `photons` are for the share of total reflection.
@@ -207,7 +207,7 @@ class CommonChains(Restored):
         return np.stack(list(results), axis=1)
 
     def exact(self, sea: WaveSum, spacing: float) -> Reference:
-        """Return the gain over the sum of waves, from crossings found on a mesh of some spacing."""
+        """Return the gain over the exact sum of waves, from crossings found on a mesh [m]."""
         forced, time = self._chains("vertex"), self.campaign.meshing.time
         link, mesh = forced.arrays, nested_mesh(self.link, sea, time, spacing, np.zeros(2))
         aimed, waves = forced.planner.aim_over(mesh), waves_at(sea, time, link.frame)
@@ -320,7 +320,7 @@ def _finely_meshed(
     crossings: Floats,
     spacing: float,
 ) -> tuple[float, float]:
-    """Return the unscattered gain of two meshes of the crossing region, extrapolated.
+    """Return the unscattered gain by a fine mesh of the crossing region, and extrapolated.
 
     The image of a mesh adds up at a caustic, where the light on a point has no bound.
     """
@@ -370,7 +370,7 @@ def _aperture_points(rings: int) -> Chains:
 
 
 def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> analytic.Waves:
-    """Return the waves of a sea at one instant as arrays for the kernels, in a local frame."""
+    """Return arrays of the waves of a sea at one time, for the kernels, in a local frame."""
     waves = sea.components
     return analytic.Waves(
         np.ascontiguousarray(waves.amplitude) / frame.unit,

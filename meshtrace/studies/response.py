@@ -41,7 +41,7 @@ _PARTS = 3  # of the chains; the response of one of them gives the error of that
 
 
 class MeanResponse(NamedTuple):
-    """Mean response over some seas, each from its first light on, and its rms delay spread [s]."""
+    """Mean impulse response of several seas, aligned at first light, and its rms spread [s]."""
 
     response: ChannelResponse
     rms_spread: float
@@ -81,7 +81,7 @@ def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
 def _arrivals_over(
     campaign: Campaign, meshes: list[TriangleMesh]
 ) -> Callable[[TriangleMesh], Sequence[ArrivalTally]]:
-    """Return the function that gives the arrivals over a mesh at each wavelength of a campaign."""
+    """Return a function of a mesh, which gives the arrivals over it at each wavelength."""
     links, run, normals = list(campaign.links.values()), campaign.run, campaign.meshing.normals
     if isinstance(run.estimator, Analog):
 
@@ -112,7 +112,7 @@ def over_colours(
 
 
 def through_channel(ook: OokLink, campaign: Campaign, seas: int) -> OokLink:
-    """Return a transmission behind the response of the channel, unless it has its own."""
+    """Return a transmission with the response of the channel, unless it has its own."""
     seen = mean_response(ook, campaign, seas) if ook.response is None else None
     return ook if seen is None else ook.replace(response=seen.response)
 
@@ -166,7 +166,7 @@ def _mean(responses: list[ImpulseResponse]) -> MeanResponse:
 def light_response(
     link: Link, lights: Sequence[Light], pulses: Sequence[float] | None = None
 ) -> ChannelResponse | None:
-    """Return the mean response of light over some seas, each from its first light on.
+    """Return the mean impulse response of the light of several seas, aligned at first light.
 
     None without light. `pulses` are the delays of its pulses [s], by default its own.
     """
@@ -258,7 +258,7 @@ class Responses:
 
 
 def _third(table: Light) -> Light:
-    """Return light by a third of the chains."""
+    """Return the light of a third of the chains, scaled up to all of them."""
     # unscattered light belongs to no shift and stays whole
     chosen = table.shift % _PARTS == 0
     share = np.where(table.shift < 0, 1.0, chosen * SHIFTS / len(range(0, SHIFTS, _PARTS)))
@@ -266,7 +266,7 @@ def _third(table: Light) -> Light:
 
 
 def _neighbours_pulses(response: ChannelResponse | None) -> tuple[float, ...] | None:
-    """Return delays of pulses for responses like one, and up to four times as long [s]."""
+    """Return delays [s] of pulses that also suit responses up to four times as long."""
     if response is None or len(response.delay) < 2:
         return None
     # delays of the base and, beyond the longest, in the same ratio

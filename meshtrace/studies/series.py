@@ -218,7 +218,7 @@ def in_flight(
 
 
 def moved(link: Link, changes: dict[str, Floats]) -> list[Link]:
-    """Return the links whose end in the air has the values of each row of the changes."""
+    """Return a link for each row of the changes, with those values of its end in the air."""
     name, end = link.air_end
     links = []
     for row in zip(*changes.values(), strict=True):

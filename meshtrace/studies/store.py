@@ -114,7 +114,7 @@ class Store:
         self._turn, self._loops, self._lock = Lock(), 0, ExitStack()
 
     def __reduce__(self) -> Any:
-        """Return the store as it is before it is read: workers keep nothing."""
+        """Pickle the store as it is before it is read: workers store nothing."""
         return Store, (self.path, self._study)
 
     @contextmanager
@@ -174,7 +174,7 @@ class Store:
                     self._lock.close()
 
     def _opened(self, name: str, here: dict[str, Any]) -> IO[bytes]:
-        """Return the file at its end, with the identity of a loop."""
+        """Open the file for appending, and write the identity of a new loop."""
         assert self.path is not None
         first = _line(loop=name, identity=here)
         if not self.path.exists():
@@ -206,7 +206,7 @@ class Store:
         raise Refused("store", held, "the same arguments, or another path")
 
     def items(self, name: str) -> Kept:
-        """Return the finished items of a loop as they were read."""
+        """Return the items of a loop that have been read."""
         return Kept(self._items.get(digest_of(self.identities[name], name), {}), path=self.path)
 
     def read(self) -> None:
@@ -241,7 +241,7 @@ class Store:
         self._end += sum(map(len, sound))
 
     def _take(self, line: bytes) -> bool:
-        """Take up the identity or the item of a line; return False of a damaged one."""
+        """Take up the identity or the item of a line; return whether the line is sound."""
         digest, _, content = line.removesuffix(b"\n").partition(b" ")
         if not line.endswith(b"\n") or digest.decode("latin-1") != _digest(content):
             return False
@@ -348,7 +348,7 @@ def locked(store: Path) -> Iterator[None]:
 
 
 def _held(path: Path) -> IO[bytes]:
-    """Return the locked file of an open lock."""
+    """Open and lock a lock file; refuse one that another process holds."""
     from filelock import lock_descriptor
 
     while True:
@@ -374,7 +374,7 @@ def _held(path: Path) -> IO[bytes]:
 
 
 def _owner(file: IO[bytes]) -> dict[str, Any]:
-    """Return the owner that a lock names, none of one just made or damaged."""
+    """Return the owner that a lock file names; empty for a new or damaged one."""
     for start in (0, 1):  # Windows locks the first byte, a blank
         with suppress(PermissionError, ValueError, TypeError):
             file.seek(start)
@@ -402,7 +402,7 @@ def _lives_elsewhere(owner: dict[str, Any]) -> bool:
 
 @contextmanager
 def _brief_interruption(text: str) -> Iterator[None]:
-    """Raise an interruption of a block anew, with a text and without the frames of the block.
+    """Raise an interruption of the block again, with a text and without its frames.
 
     A step that is interrupted is some forty lines of frames deep, which tell a user nothing.
     """

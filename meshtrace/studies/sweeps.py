@@ -274,7 +274,7 @@ class Sweep:
 
 
 def _sizes(identity: dict[str, Any]) -> tuple[int, int, int]:
-    """Return how many quantities, wavelengths and receivers a realization has."""
+    """Return the numbers of quantities, wavelengths and receivers of a realization."""
     waves = max(len(identity["wavelengths_nm"]), 1)
     return len(identity["measured"]), waves, identity["receivers"]
 
@@ -324,7 +324,7 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
 
 
 def _labels(values: list[Any]) -> NDArray[Any]:
-    """Return values as coordinates: numbers, or else text."""
+    """Return values as the labels of a coordinate: numbers, or else text."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.array(values)
     return np.array([v if isinstance(v, str) else json.dumps(v) for v in values])
@@ -624,7 +624,7 @@ def _base(
 
 
 def _plain(values: Sequence[Any]) -> list[Any]:
-    """Return values as plain data: arrays and tuples as lists."""
+    """Return values as plain data, with lists in place of arrays and tuples."""
     if isinstance(values, str) or not hasattr(values, "__iter__"):
         raise Refused("parameters", values, "a list of values")
     return list(json.loads(json.dumps(list(values), default=lambda value: value.tolist())))
