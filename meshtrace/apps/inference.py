@@ -179,9 +179,7 @@ class Predictor(Restored):
         )
         self._responses = lru_cache(_LARGEST)(
             lambda i: Responses(
-                lambda at: [self._near(i).arrivals(at.link, 0)[0]],
-                self._starts[i],
-                same_delays=True,
+                lambda at: [self._near(i).arrivals(at.link, 0)[0]], self._starts[i], aligned=True
             )
         )
         known = [at.link.model_dump(mode="json") for at in self._starts]

@@ -193,7 +193,7 @@ class Responses:
         Returns the light of a variant over each of some seas.
     base : Variant
         The one link.
-    same_delays : bool
+    aligned : bool
         Whether the pulses of all have the delays of those of the base: differences between links
         that differ by little then follow their light without steps.
 
@@ -207,9 +207,9 @@ class Responses:
         self,
         light_of: Callable[[Variant], list[Light]],
         base: Variant,
-        same_delays: bool = False,
+        aligned: bool = False,
     ) -> None:
-        self._light_of, self._same_delays = light_of, same_delays
+        self._light_of, self._aligned = light_of, aligned
         self._pulses: tuple[float, ...] | None = None
         self._responses: dict[str, tuple[ChannelResponse | None, ...]] = {}
         self._base = base
@@ -248,7 +248,7 @@ class Responses:
         key = digest_of([*models, None if at.sea is None else surface_config(at.sea)])
         if key not in self._responses:
             lights = self._light_of(at)
-            if self._same_delays and not self._responses:  # the first one is that of the base
+            if self._aligned and not self._responses:  # the first one is that of the base
                 self._pulses = _neighbours_pulses(light_response(at.link, lights))
             self._responses[key] = (
                 light_response(at.link, lights, self._pulses),

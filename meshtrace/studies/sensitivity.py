@@ -474,7 +474,7 @@ class Study:
         )
         self.lights = Lights(self.campaign)
         self._other_rays = Lights(self.campaign, self.campaign.run.seed + 1)
-        self.responses = Responses(self._light, variant, same_delays=True)
+        self.responses = Responses(self._light, variant, aligned=True)
 
     def _tilt(self, variant: Variant) -> TiltFactors | None:
         """Return the law of the tilt factor of an aircraft that carries the receiver."""

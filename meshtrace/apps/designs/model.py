@@ -111,8 +111,8 @@ class MeanGains:
         """Return the logarithms of gains (links, 1 + groups) of links with one lamp."""
         receivers = tuple(link.receivers[0] for link in links)
         whole = links[0].replace("receiver", receivers if len(links) > 1 else receivers[0])
-        campaign = self.campaign.alone.for_link(whole)
-        gains = campaign.gains(self.steps)[0, 0]  # (seas, receivers, shifts)
+        # shape (seas, receivers, shifts)
+        gains = self.campaign.alone.for_link(whole).gains(self.steps)[0, 0]
         return log_means(np.moveaxis(gains, 1, 0))
 
 
@@ -510,9 +510,8 @@ class LinkModel:
         ends = tuple(dict.fromkeys((*self.link.receivers, *link.receivers)))
         whole = link.replace("receiver", ends if len(ends) > 1 else ends[0])
         campaign = self.campaign.for_link(whole, f"link and {_name_of(link)}")
-        campaign = campaign._replace(progress=None)
         steps = campaign.surfaces(max(min(self.seas, _RUN_SEAS), 2))
-        gains = campaign.gains(steps)[0, 0, :, -1]  # (seas, shifts)
+        gains = campaign._replace(progress=None).gains(steps)[0, 0, :, -1]  # (seas, shifts)
         means, total = gains.mean(axis=1), float(gains.mean())
         if not total > 0.0:
             return -math.inf, math.nan
