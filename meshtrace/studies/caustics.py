@@ -133,12 +133,24 @@ def pattern_ends(link: Link, surface: Any, extent: float, step: float) -> tuple[
 
 
 class WaveSizes(NamedTuple):
-    """Waves of a sea that bend its light, and their sizes."""
+    """Waves of a sea that bend its light, and their sizes.
 
-    waves: WaveComponents | None  # None where the sea is no sum of waves
-    spacing: float  # of points that represent the shortest ones [m]; inf without waves
-    slope: float  # rms
-    height: float  # rms [m]
+    Attributes
+    ----------
+    waves : WaveComponents or None
+        The waves; None where the sea is no sum of waves.
+    spacing : float
+        Distance of points that represent the shortest ones [m]; inf without waves.
+    slope : float
+        Root mean square slope.
+    height : float
+        Root mean square elevation [m].
+    """
+
+    waves: WaveComponents | None
+    spacing: float
+    slope: float
+    height: float
 
 
 def wave_sizes(sea: Surface, highest: float | None = None) -> WaveSizes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from meshtrace.models import Floats
 from meshtrace.results.daylight import Background
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.campaign import Campaign, Steps
-from meshtrace.studies.response import MeanResponse, mean_response, mean_responses, over_colours
+from meshtrace.studies.response import MeanResponse, mean_responses, over_colours
 from meshtrace.studies.series import gain_series, in_flight
 from meshtrace.uav import Flight, TiltFactors
 
@@ -77,59 +78,28 @@ class FadingSamples:
 _LEVEL = TiltFactors(np.ones(1), np.ones(1))
 
 
-class SharedGains(NamedTuple):
-    """Gains and responses of a link at several wavelengths with common paths, computed once.
+class Ensemble(NamedTuple):
+    """Seas, and tilts of an aircraft, over which the performance of a link is averaged.
 
     Parameters
     ----------
+    campaign : Campaign
+        The link, its sea and options.
+    n : int
+        Realizations of the sea, or times of a coupled flight.
+    flight : Flight, optional
+        Aircraft that carries the end in the air.
     wavelengths_nm : tuple of float
-        Wavelengths [nm].
-    gains : dict
-        Campaigns and their gains by depth [m], filled at the first wavelength.
-    responses : dict
-        Responses at all wavelengths by depth [m], likewise.
+        Wavelengths [nm] whose links have common paths; empty for the link alone.
+    computed : dict
+        Gains and responses at all wavelengths, which the ensembles of these share.
     """
-
-    wavelengths_nm: tuple[float, ...]
-    gains: dict[float, tuple[Campaign, Steps, Floats]]
-    responses: dict[float, list[MeanResponse | None]]
-
-    def series(self, campaign: Campaign, steps: Callable[[Campaign], Steps]) -> GainSeries:
-        """Return the gains of a campaign of one of the wavelengths."""
-        link = campaign.link
-        if link.depth not in self.gains:
-            whole = self._whole(campaign)
-            seas = steps(whole)
-            self.gains[link.depth] = whole, seas, whole.gains(seas)
-        return gain_series(*self.gains[link.depth], _spectral_name(link))
-
-    def response(self, campaign: Campaign, seas: int) -> MeanResponse | None:
-        """Return the mean response of a campaign of one of the wavelengths."""
-        link = campaign.link
-        if link.depth not in self.responses:
-            self.responses[link.depth] = mean_responses(self._whole(campaign), seas)
-        at = self.wavelengths_nm.index(link.transmitters[0].wavelength_nm)
-        return self.responses[link.depth][at]
-
-    def _whole(self, campaign: Campaign) -> Campaign:
-        """Return the campaign of all wavelengths."""
-        links = [campaign.link.at_wavelength(nm) for nm in self.wavelengths_nm]
-        named = {_spectral_name(link): link for link in links}
-        return campaign._replace(links=named, spectral=True)
-
-
-def _spectral_name(link: Link) -> str:
-    """Return the name of a link at one of several wavelengths, different at each depth."""
-    return f"{link.transmitters[0].wavelength_nm!r} nm at {link.depth!r} m"
-
-
-class Ensemble(NamedTuple):
-    """Seas, and tilts of an aircraft, over which the performance of a link is averaged."""
 
     campaign: Campaign
     n: int
     flight: Flight | None
-    shared: SharedGains | None = None
+    wavelengths_nm: tuple[float, ...] = ()
+    computed: dict[tuple[str, float], Any] | None = None
 
     def provenance(self) -> dict[str, Any]:
         """Return aircraft, wind and number of realizations as plain data."""
@@ -143,40 +113,63 @@ class Ensemble(NamedTuple):
         (base,) = self.campaign.links
         return self.campaign.for_link(link, f"{base} at {link.depth!r} m")
 
+    def _paths(self, link: Link) -> Campaign:
+        """Return the campaign of a link, with the links at all wavelengths that share its paths."""
+        if not self.wavelengths_nm:
+            return self.at(link)
+        links = [link.at_wavelength(nm) for nm in self.wavelengths_nm]
+        named = {_spectral_name(link): link for link in links}
+        return self.campaign._replace(links=named, spectral=True)
+
+    def _once(self, name: str, link: Link, compute: Callable[[], Any]) -> Any:
+        """Return a result for all wavelengths, computed for the first of them that asks."""
+        if self.computed is None:
+            return compute()
+        key = name, link.depth
+        if key not in self.computed:
+            self.computed[key] = compute()
+        return self.computed[key]
+
+    def _gains(self, link: Link) -> tuple[Campaign, Steps, Floats]:
+        """Return the gains over the surfaces, with their campaign."""
+        campaign, flight = self._paths(link), self.flight
+        if flight is not None and flight.coupled:
+            times = flight.time_step * np.arange(self.n, dtype=np.float64)
+            steps = in_flight(campaign, times, flight)
+        else:
+            steps = campaign.surfaces(self.n)
+        return campaign, steps, campaign.gains(steps)
+
     def samples(self, link: Link) -> FadingSamples:
         """Return gains and tilt factors of a link."""
         campaign, flight = self.at(link), self.flight
+        paths, steps, gains = self._once("gains", link, partial(self._gains, link))
+        name = _spectral_name(link) if self.wavelengths_nm else None
+        series = gain_series(paths, steps, gains, name)
         if flight is not None and flight.coupled:
-            times = flight.time_step * np.arange(self.n, dtype=np.float64)
-            series = self._series(
-                campaign, lambda campaign_there: in_flight(campaign_there, times, flight)
-            )
             series = replace(series, provenance=series.provenance | campaign.of_flight(flight))
             # a constant gain has no correlation to estimate
             n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else float(self.n)
             return FadingSamples(series, _LEVEL, n)
-        series = self._series(campaign, lambda campaign_there: campaign_there.surfaces(self.n))
-        seas = len(series.gain)
+        seas = float(len(series.gain))
         if flight is None:
-            return FadingSamples(series, _LEVEL, float(seas))
+            return FadingSamples(series, _LEVEL, seas)
         if link.direction == "down":
             raise Refused("coupled", False, "True for an aircraft that tilts a lamp")
         tilt = campaign.tilt_factors(flight, link.only_receiver.fov_deg)
-        return FadingSamples(series, tilt, float(seas))
+        return FadingSamples(series, tilt, seas)
 
     def response(self, ook: OokLink, link: Link) -> MeanResponse | None:
         """Return the mean response of the channel over the first seas."""
-        campaign = self.at(link), self.n
-        if self.shared is None:
-            return mean_response(ook, *campaign)
-        return over_colours(self.shared.response(*campaign), ook, *campaign)
+        responses = self._once("responses", link, lambda: mean_responses(self._paths(link), self.n))
+        nm = link.transmitters[0].wavelength_nm
+        i = self.wavelengths_nm.index(nm) if self.wavelengths_nm else 0
+        return over_colours(responses[i], ook, self.at(link), self.n)
 
-    def _series(self, campaign: Campaign, steps: Callable[[Campaign], Steps]) -> GainSeries:
-        """Return the gains of a link over the surfaces."""
-        if self.shared is None:
-            seas = steps(campaign)
-            return gain_series(campaign, seas, campaign.gains(seas))
-        return self.shared.series(campaign, steps)
+
+def _spectral_name(link: Link) -> str:
+    """Return the name of a link at one of several wavelengths, different at each depth."""
+    return f"{link.transmitters[0].wavelength_nm!r} nm at {link.depth!r} m"
 
 
 class OperatingPoint(NamedTuple):

@@ -37,7 +37,6 @@ from meshtrace.studies.operating_point import (
     Ensemble,
     FadingSamples,
     OperatingPoint,
-    SharedGains,
     operating_point,
 )
 from meshtrace.studies.series import closed_form
@@ -533,7 +532,7 @@ def link_performance(
     """
     rates = (None,) if bit_rate is None else require_finite(bit_rate, "bit_rate", "rates [bit s-1]")
     at = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
-    shared = SharedGains(tuple(at), {}, {}) if at else None
+    computed = dict[tuple[str, float], Any]() if at else None
 
     def performance(link: Link | Scenario, day: Daylight | None) -> LinkPerformance:
         shallow = _shallowest(link, depths)
@@ -547,7 +546,8 @@ def link_performance(
         detector = getattr(campaign.scenario, "detector", None)
         base = (detector or "physical") if ook is None else ook
         ooks = tuple(OokLink.of_link(campaign.link, base, rate) for rate in rates)
-        ensemble = Ensemble(campaign, realizations, campaign.flight(flight), shared)
+        flown = campaign.flight(flight)
+        ensemble = Ensemble(campaign, realizations, flown, tuple(at), computed)
         links = _links(ooks[0].channel(campaign.link), depths)
         return _over_depths(ensemble, links, ooks, light_of(campaign, day), limit, confidence)
 

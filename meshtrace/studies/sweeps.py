@@ -68,18 +68,26 @@ BLOCK = 8
 """Realizations of one task."""
 
 MEASURED = ("gain", "gain_stderr", "gain_ballistic")
-"""Numbers of a realization for each receiver."""
+"""Names of the numbers of a realization for each receiver, attributes of a `GainResult`."""
 
-LIT = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
-"""More of them under daylight."""
+_IN_DAYLIGHT = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
+"""Names of further numbers under daylight."""
 
 
 class Task(NamedTuple):
-    """One point and a block of its realizations."""
+    """One point of a sweep and a block of its realizations.
 
-    point: tuple[int, ...]  # which value of each parameter
+    Attributes
+    ----------
+    point : tuple of int
+        Index of the value of each parameter.
+    first, last : int
+        Realizations first, first + 1, ..., last - 1.
+    """
+
+    point: tuple[int, ...]
     first: int
-    last: int  # behind the last realization
+    last: int
 
     def __str__(self) -> str:
         """Return the name of the task in a store."""
@@ -100,16 +108,30 @@ def tasks_of(parameters: Mapping[str, list[Any]], realizations: int) -> Iterator
 
 @dataclass(frozen=True)
 class Sweep:
-    """All inputs of a sweep."""
+    """All inputs of a sweep.
 
-    base: str  # link file
+    Attributes
+    ----------
+    base : str
+        Text (TOML) of the link file that all points share.
+    parameters : dict of str to list
+        Values of each parameter by its dotted key.
+    realizations, rtol, photons, seed
+        As in `sweep`.
+    wavelengths_nm : tuple of float
+        Wavelengths [nm]; empty for that of the sources.
+    modules : tuple of str
+        Modules of classes of the user, which a worker imports before it reads `base`.
+    """
+
+    base: str
     parameters: dict[str, list[Any]]
     realizations: int = 1
     rtol: float | None = 0.01
     photons: int | None = None
     seed: int = 1
-    wavelengths_nm: tuple[float, ...] = ()  # that of the sources if empty
-    modules: tuple[str, ...] = ()  # of the user's classes, which another process imports first
+    wavelengths_nm: tuple[float, ...] = ()
+    modules: tuple[str, ...] = ()
 
     def check(self) -> None:
         """Refuse options out of range and parameters without any allowed value."""
@@ -218,7 +240,7 @@ class Sweep:
     @property
     def measured(self) -> tuple[str, ...]:
         """Names of the numbers of a realization."""
-        return MEASURED + LIT if self.in_daylight else MEASURED
+        return MEASURED + _IN_DAYLIGHT if self.in_daylight else MEASURED
 
     @property
     def light_text(self) -> str:
@@ -252,11 +274,13 @@ class Sweep:
         ):
             for task, item in results:
                 if isinstance(item, Exception):
+                    # the worker may have failed, and not the point: such an item is not stored
                     n = task.last - task.first
                     item = Item(np.full((n, 1), np.nan), json.dumps([error_text(item)] * n))
                 items[task] = item
                 if progress is not None:
                     progress(1)
+        # a store that passed all checks may yet hold texts that are no JSON
         with refusing("store", "items of this sweep, or a new path"):
             return dataset(identity, items)
 
@@ -331,7 +355,7 @@ def _labels(values: list[Any]) -> NDArray[Any]:
 
 
 def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float64]:
-    """Return the numbers of `LIT` (4, receivers) at the gains and responses of a scenario."""
+    """Return the numbers of `_IN_DAYLIGHT` at the gains of a result, shape (4, receivers)."""
     results = []
     numbers = zip(scenario.link.receivers, result.gains, result.stderrs, strict=True)
     for i, (receiver, h, error) in enumerate(numbers):
