@@ -50,11 +50,11 @@ WINDOWS = WINDOW * 2.0 ** (-0.5 * np.arange(9))
 """Half-widths of all windows."""
 
 _EDGE_STEP = 0.01  # relative, of the field of view, for unscattered light
-_NODES = 60  # of the table of informations
+_NODES = 60  # of the table of the information of a bit
 _POINTS = 200  # of the table of error rates
-_OPEN = 0.4  # error rate about whose power they lie where none reaches the limit
-_NEAR = 0.01  # logarithm of light over need so near to the range that it is linear
-_LEAST_FALL = 1e-3  # of a reserve over the depth [m-1]
+_OPEN = 0.4  # error rate about whose power the points lie where no power reaches the limit
+_NEAR = 0.01  # |ln(light / need)| below which it is linear in the depth
+_LEAST_FALL = 1e-3  # of a reserve over the depth [m-1], against noise of either sign
 _LEAST_OUTAGES = 30
 _LEAST_ARRIVALS = 100.0  # effective ones in a window
 _AGREE = 2.0  # standard errors by which two windows may differ
@@ -225,7 +225,10 @@ def resolving_window(rates: Floats) -> tuple[int, bool]:
 
 
 def without_each(gains: Floats) -> Iterator[Floats]:
-    """Yield gains (seas, ..., shifts): all, without each shift, without each of several seas."""
+    """Yield the samples of a delete-one jackknife of gains (seas, ..., shifts).
+
+    All gains, then those without each shift, then those without each of several seas.
+    """
     yield gains
     for i in range(SHIFTS):
         yield np.delete(gains, i, axis=-1)
@@ -235,12 +238,12 @@ def without_each(gains: Floats) -> Iterator[Floats]:
 
 
 def error_of(values: Floats) -> float:
-    """Return the standard error of the first of values (1 + groups,), see `without_each`."""
+    """Return the jackknife error of values[0], from values of `without_each` (1 + groups,)."""
     return math.sqrt(covariance_of(values[None])[0, 0])
 
 
 def covariance_of(values: Floats) -> Floats:
-    """Return the covariance (n, n) of the first of values (n, 1 + groups), see `without_each`.
+    """Return the jackknife covariance (n, n) of values[:, 0], from values (n, 1 + groups).
 
     var = (m - 1) / m sum_i (v_i - mean v)^2 over the m shifts, and the same over the seas
     """
