@@ -79,10 +79,9 @@ class Kept:
         if self._file is None:
             return item
         # all bits of the numbers, which decimal digits may lose
-        content = b64encode(item.numbers.tobytes()).decode()
-        line = _line(
-            of=self._digest, item=str(key), shape=item.numbers.shape, numbers=content, text=text
-        )
+        bits = b64encode(item.numbers.tobytes()).decode()
+        content = {"of": self._digest, "item": str(key), "shape": item.numbers.shape}
+        line = _line(content | {"numbers": bits, "text": text})
         with self._turn:
             # one write of a whole line: a kill leaves it whole, or cut and without its checksum
             self._file.write(line)
@@ -176,7 +175,7 @@ class Store:
     def _opened(self, name: str, here: dict[str, Any]) -> IO[bytes]:
         """Open the file for appending, and write the identity of a new loop."""
         assert self.path is not None
-        first = _line(loop=name, identity=here)
+        first = _line({"loop": name, "identity": here})
         if not self.path.exists():
             # appears with a line: a file without any is no store
             with atomic(self.path) as temporary:
@@ -284,7 +283,8 @@ def is_store(path: Path) -> bool:
     return len(head) == 66 and head.endswith(b" {") and head[:64].isalnum()
 
 
-def _line(**content: Any) -> bytes:
+def _line(content: dict[str, Any]) -> bytes:
+    """Return an object as a line of a store: its digest and its JSON."""
     text = json.dumps(content).encode()
     return f"{_digest(text)} ".encode() + text + b"\n"
 
