@@ -89,7 +89,7 @@ class Goal:
         gains = sample.gains(at)
         if self.objective == "gain":
             return gains, None
-        return gains, self._lights.lit(sample.responses.behind(at))
+        return gains, self._lights.exposed(sample.responses.behind(at))
 
     def _cost(self, at: Variant, gains: Floats, weights: Floats) -> float:
         """Return the number of a function, or the quantile of -ln(gain / need)."""
@@ -202,7 +202,7 @@ class Sample(Restored):
         uav = flight and flight.uav
         self._near = Neighbours(
             campaign, self._seas, phases=random, fading=True,
-            kept=self._seas, around=self._spread(link, uav, 0),
+            meshes_kept=self._seas, around=self._spread(link, uav, 0),
         )  # fmt: skip
         traced = self._seas if turned else min(self._seas, MOST_SEAS)
         self._lights = lru_cache(_CASES * traced)(self._light)
@@ -265,7 +265,7 @@ class Sample(Restored):
 
         name = f"candidates of seed {self._seed}"
         places = sum(len(at.receivers) for at in self._links(link, uav, 0))
-        rows = self._near.campaign.over(
+        rows = self._near.campaign.evaluate(
             setup, steps, name, self._identity, lambda step: (places, SHIFTS)
         )
         return np.array(list(rows))
@@ -297,7 +297,7 @@ class Sample(Restored):
 
     def _light(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
         return [
-            arrivals for at in self._links(link, uav, i) for arrivals in self._near.light(at, i)
+            arrivals for at in self._links(link, uav, i) for arrivals in self._near.arrivals(at, i)
         ]
 
     @held

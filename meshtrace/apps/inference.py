@@ -173,13 +173,13 @@ class Predictor(Restored):
             self._starts.append(at)
         self._quick = has_moments(start.link)
         alone = campaign.alone
-        self._near = lru_cache(_LARGEST)(lambda i: Neighbours(alone.of(self._starts[i].link)))
+        self._near = lru_cache(_LARGEST)(lambda i: Neighbours(alone.for_link(self._starts[i].link)))
         self._light = lru_cache(_LIGHTS * _LARGEST)(
-            lambda i, x: self._near(i).light(self._at(i, x).link, 0)[0]
+            lambda i, x: self._near(i).arrivals(self._at(i, x).link, 0)[0]
         )
         self._responses = lru_cache(_LARGEST)(
             lambda i: Responses(
-                lambda at: [self._near(i).light(at.link, 0)[0]], self._starts[i], common=True
+                lambda at: [self._near(i).arrivals(at.link, 0)[0]], self._starts[i], aligned=True
             )
         )
         known = [at.link.model_dump(mode="json") for at in self._starts]
@@ -190,7 +190,7 @@ class Predictor(Restored):
         """Return the predictions at a point: ln(p / start), or p - start for offsets and angles."""
         point = tuple(x[self._of_link].tolist())
         steps = [(i, *point) for i in range(len(self._starts))]
-        each = self._campaign.over(
+        each = self._campaign.evaluate(
             lambda: self._one, steps, "predictions", self._identity,
             lambda step: (SHIFTS + len(point),),
         )  # fmt: skip
@@ -237,7 +237,7 @@ class Predictor(Restored):
         if name not in OF_DETECTOR or at.detector is None:
             return log_gain
         power = log_gain + math.log(float(at.detector.received_power(1.0)))
-        receiver = self._lights.lit(self._responses(i).behind(at)) if name == "ber" else None
+        receiver = self._lights.exposed(self._responses(i).behind(at)) if name == "ber" else None
         return power if receiver is None else float(self._rates.law(receiver)(np.array([power]))[0])
 
     def _one(self, step: tuple[Any, ...]) -> Floats:
@@ -464,7 +464,7 @@ def infer(
     if surface is None and not isinstance(link, Scenario):
         surface = FlatSea()
     options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
-    campaign = campaign_of(link, surface, "infer", several=False, **options)
+    campaign = campaign_of(link, surface, "infer", options, several=False)
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
     variant = Variant(campaign.link, campaign.surface)

@@ -22,7 +22,7 @@ from meshtrace.daylight.light import (
     land_sunlight,
     refracted_sun,
 )
-from meshtrace.engine.setup.options import RunOptions, require_options
+from meshtrace.engine.setup.options import RunOptions, StudyOptions, require_options
 from meshtrace.errors import (
     Described,
     Refused,
@@ -153,7 +153,7 @@ def irradiance_series(
             raise Refused(name, value, "none: the points follow from the waves")
     sea, bands = _resolved(sea, depths, disk, water)
     options: dict[str, Any] = {**of_run, "photons": photons, "workers": workers, **run}
-    campaign = campaign_of(Link(water=water), sea, "irradiance_series", **options)
+    campaign = campaign_of(Link(water=water), sea, "irradiance_series", cast(StudyOptions, options))
     ray, seed, plans = SunRay.of_day(daylight, water), campaign.run.seed, []
     for depth, band in zip(depths.tolist(), bands, strict=True):
         scattered = scattered_light(ray, depth, photons, seed)
@@ -170,7 +170,7 @@ def irradiance_series(
     setup = partial(_frames, plans, times)
     cells = 0 if disk.cells is None else len(disk.cells)
     shape = ((2 + cells**2) * len(depths),)
-    steps = campaign.over(
+    steps = campaign.evaluate(
         setup, range(len(times)), "frames", identity, lambda step: shape, "frames"
     )
     frames = np.array(list(steps))

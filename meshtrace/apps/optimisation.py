@@ -252,7 +252,7 @@ def optimize(
     """
     options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
     fading = realizations > 1 and objective in FADES
-    campaign = campaign_of(link, surface, "optimize", fading, several=False, **options)
+    campaign = campaign_of(link, surface, "optimize", options, fading=fading, several=False)
     flight = campaign.flight(flight)
     if not (isinstance(constraints, list | tuple) and all(map(callable, constraints))):
         raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")
@@ -260,7 +260,7 @@ def optimize(
     if electronics is None and objective in ("outage", "range", "margin", "capacity"):
         raise Refused("ook", None, f"a transmission, for {objective}")
     if electronics is not None:
-        campaign = campaign.of(electronics.channel(campaign.link))
+        campaign = campaign.for_link(electronics.channel(campaign.link))
     day = None if electronics is None else light_of(campaign, None)
     start = Variant(campaign.link, None, electronics, day, flight and flight.uav)
     lights = Lights(campaign)
@@ -320,7 +320,7 @@ class _Search:
         link, run = self.campaign.link, self.campaign.run.replace(seed=seed)
         if self._widest is not None:
             link = link.replace(_FOV, self._widest)
-        return Sample(self.campaign.of(link)._replace(run=run), *self.sampled, self._turned)
+        return Sample(self.campaign.for_link(link)._replace(run=run), *self.sampled, self._turned)
 
     def _values(self, x: Floats) -> Floats:
         """Return the variables of a point of the unit cube."""

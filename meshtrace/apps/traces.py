@@ -249,19 +249,19 @@ def _campaign(
     run: StudyOptions,
 ) -> Campaign:
     """Return the campaign of one or both directions."""
-    campaign = campaign_of(link, surface, "trace", fading=True, chains=DEFAULT_CHAINS, **run)
-    campaign = campaign._replace(lit=_LIT)
+    campaign = campaign_of(link, surface, "trace", run, fading=True, chains=DEFAULT_CHAINS)
+    campaign = campaign._replace(fine_patch=_LIT)
     if down == "mirrored":
         single = len(campaign.link.receivers) == 1 == len(campaign.link.transmitters)
         down = campaign.link.mirrored() if single and campaign.link.direction == "up" else None
     if down is None:
-        return campaign.of(campaign.link, "up")
+        return campaign.for_link(campaign.link, "up")
     options: StudyOptions = {**run}
     if isinstance(link, Scenario):
         if surface is None and isinstance(link.surface, MeshSource):
             surface = link.surface
         options["mesh"] = run.get("mesh") or link.meshing
-    return both_directions(campaign, campaign_of(down, surface, "trace", **options))
+    return both_directions(campaign, campaign_of(down, surface, "trace", options))
 
 
 def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
@@ -276,7 +276,7 @@ def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
         return ((SHIFTS + 3 * min(_PIECE, n - first)) * links * receivers,)
 
     work = f"pieces of {_PIECE} frames"
-    for numbers in campaign.over(setup, pieces, "frames", identity, shape, work):
+    for numbers in campaign.evaluate(setup, pieces, "frames", identity, shape, work):
         of_link = numbers.reshape(-1, links, receivers)
         frames.append(of_link[SHIFTS:].reshape(-1, 3, links, receivers))
         samples += np.moveaxis(of_link[:SHIFTS], 0, -1)
@@ -330,7 +330,7 @@ def _light(campaign: Campaign, steps: Steps, day: Daylight, rate: float) -> dict
     wanted = np.minimum(np.arange(0.0, times[-1] + 0.5 / rate, 1.0 / rate), times[-1])
     frames = np.unique(np.searchsorted(times, wanted - 1e-9))
     links = None if steps.links is None else [steps.links[i] for i in frames]
-    single = campaign.of(campaign.link, "up")._replace(progress=None)
+    single = campaign.for_link(campaign.link, "up")._replace(progress=None)
     lights = backgrounds(single, single.in_time(times[frames], links), day, _RAYS)
     return {
         "background_time": times[frames],

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Any, Unpack
+from typing import Annotated, Any, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,7 @@ from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight, UnavailableDaylight
 from meshtrace.engine.backward.background import background, backgrounds_over
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
-from meshtrace.engine.setup.options import Case, RunOptions, require_options
+from meshtrace.engine.setup.options import Case, RunOptions, StudyOptions, require_options
 from meshtrace.errors import Refused, require_finite
 from meshtrace.fading import resolve_band
 from meshtrace.link import Link
@@ -90,26 +90,27 @@ def background_series(
     keeps its mean but is smoother than in nature.
     """
     require_options(run, RunOptions)
-    campaign = campaign_of(link, surface, "background_series", fading=True, workers=workers, **run)
+    options = cast(StudyOptions, run | {"workers": workers})
+    campaign = campaign_of(link, surface, "background_series", options, fading=True)
     day = light_of(campaign, daylight)
     if day is None:
         raise Refused("daylight", None, "a Daylight")
     at = require_finite(() if times is None else times, "times", "at least one time [s]")
-    origin = {**campaign.provenance(), "daylight": day.model_dump(mode="json")}
+    origin = campaign.provenance() | {"daylight": day.model_dump(mode="json")}
     if flight is not None:
         flight = flight.checked()
         origin |= campaign.of_flight(flight)
-    backgrounds_of_seas = backgrounds(campaign, in_flight(campaign, at, flight), day, photons)
+    series = backgrounds(campaign, in_flight(campaign, at, flight), day, photons)
     return BackgroundSeries(
         np.asarray(at, float),
-        np.array([f.part_radiance for f in backgrounds_of_seas]),
-        np.array([f.part_radiance_stderr for f in backgrounds_of_seas]),
+        np.array([background.part_radiance for background in series]),
+        np.array([background.part_radiance_stderr for background in series]),
         origin,
     )
 
 
 def light_of(campaign: Campaign, day: Daylight | None) -> Daylight | None:
-    """Return the light of a study, by default the one in its scenario."""
+    """Return the daylight of a study, by default that of its scenario."""
     configured = getattr(campaign.scenario, "daylight", None)
     return checked_daylight(configured if day is None else day, campaign.link)
 
@@ -144,6 +145,7 @@ def mean_sea(link: Link, surface: Any) -> Any:
     lowest = [part.band.omega_min for part in parts if hasattr(part, "band")]
     if not lowest or link.physics.unresolved == "none":
         return surface
+    # at least one wave stays, so that the surface is a sea
     return resolve_band(link, surface, _LONGEST * max(lowest))
 
 
@@ -157,33 +159,35 @@ def background_over_seas(
     surfaces, and that of the rays they have in common.
     """
     sea = mean_sea(campaign.link, campaign.surface)
+    # a receiver at rest over the mean sea: few of its realizations are enough
     held = flight is None or flight.uav.gimbal or campaign.link.direction == "down"
     most = _MEAN_SEAS if held and sea is not campaign.surface else _MOST_SEAS
     campaign = campaign._replace(surface=sea, progress=None)
-    backgrounds_of_seas = backgrounds(campaign, _steps(campaign, seas, flight, most), day, RAYS)
-    if len(backgrounds_of_seas) == 1:
-        return backgrounds_of_seas[0]
-    parts = np.array([f.part_radiance for f in backgrounds_of_seas])
-    mean = Background.of_groups(
-        parts, backgrounds_of_seas[0].acceptance, backgrounds_of_seas[0].wavelength_nm
-    )
-    rays = np.mean([f.part_radiance_stderr for f in backgrounds_of_seas], axis=0)
-    rays_in_all = float(np.mean([f.radiance_stderr for f in backgrounds_of_seas]))
+    by_sea = backgrounds(campaign, _steps(campaign, seas, flight, most), day, RAYS)
+    first = by_sea[0]
+    if len(by_sea) == 1:
+        return first
+    parts = np.array([background.part_radiance for background in by_sea])
+    mean = Background.of_groups(parts, first.acceptance, first.wavelength_nm)
+    # all seas share their rays, whose error therefore does not fall with the number of seas
+    rays = np.mean([background.part_radiance_stderr for background in by_sea], axis=0)
+    rays_in_all = float(np.mean([background.radiance_stderr for background in by_sea]))
     return replace(
         mean,
         part_radiance_stderr=np.hypot(mean.part_radiance_stderr, rays),
         radiance_stderr=math.hypot(mean.radiance_stderr, rays_in_all),
-        provenance=backgrounds_of_seas[0].provenance,
+        provenance=first.provenance,
     )
 
 
 def _steps(campaign: Campaign, seas: int, flight: Flight | None, most: int) -> Steps:
-    """Return surfaces and links of the mean background over an ensemble, up to a number."""
+    """Return at most `most` surfaces of an ensemble, with the links over each if they tilt."""
     link, sea, time = campaign.link, campaign.surface, campaign.meshing.time
     most = min(seas, most)
     if flight is not None and flight.coupled:
         times = flight.time_step * np.arange(seas, dtype=np.float64)
         links = in_flight(campaign, times, flight).links or ()
+        # evenly over the flight: neighbours in time have nearly one tilt
         chosen = np.linspace(0, seas - 1, most).round().astype(int)
         return campaign.in_time(times[chosen], [links[i] for i in chosen])
     if isinstance(sea, SeededSurface):
@@ -201,13 +205,14 @@ def _steps(campaign: Campaign, seas: int, flight: Flight | None, most: int) -> S
 def transmission_of(link: Link, base: OokLink | None) -> OokLink:
     """Return the electronics of a link; refuse an empirical factor on its water."""
     ook = OokLink.of_link(link, base or "physical")
+    # an empirical factor on the water has no counterpart for the background
     if ook.channel(link) is not link:
         raise Refused("detector.preset", "paper-ranges", "a preset without empirical calibration")
     return ook
 
 
 def described(ook: OokLink, background: Background) -> str:
-    """Return the background light and its counts in a transmission as text."""
+    """Describe a background light and its counts in a transmission."""
     day = background.provenance["daylight"]
     follows = day["direct"] > 0.0 or day["light"] == "overcast sky"
     sun = f" at zenith angle {day['sun_zenith_deg']:g} deg" if follows else ""
@@ -230,7 +235,7 @@ def electronics_of(
 
 
 class Lights:
-    """Transmissions of variants of a link under their background light.
+    """Background light of variants of a link, and their transmissions under it.
 
     Parameters
     ----------
@@ -249,34 +254,38 @@ class Lights:
     def __init__(self, campaign: Campaign, seed: int | None = None) -> None:
         self._campaign, self._lamp = campaign, campaign.link.transmitter
         self._seed = campaign.run.seed if seed is None else seed
-        self._kept: dict[str, Background] = {}
+        self._backgrounds: dict[str, Background] = {}
 
     def background(self, variant: Variant) -> Background | None:
         """Return the background of a variant, None in the dark."""
         day = checked_daylight(variant.daylight, variant.link)
         if day is None:
             return None
+        # the lamp does not enter the background: its keys share one
         link = variant.link.model_copy(update={"transmitter": self._lamp})
         surface = mean_sea(link, self._campaign.surface if variant.sea is None else variant.sea)
         parts = [part.model_dump(mode="json") for part in (link, day)]
         key = digest_of([*parts, surface_config(surface)])
-        if key not in self._kept:
-            self._kept[key] = background(link, surface, day, **self._options())
-        return self._kept[key]
+        if key not in self._backgrounds:
+            self._backgrounds[key] = self._traced(link, surface, day)
+        return self._backgrounds[key]
 
     def at_wavelengths(
         self, link: Link, day: Daylight, wavelengths_nm: Sequence[float]
     ) -> list[Background]:
         """Return the backgrounds of a link at wavelengths [nm], by common rays."""
-        surface = mean_sea(link, self._campaign.surface)
-        result = background(link, surface, day, wavelengths_nm=wavelengths_nm, **self._options())
+        result = self._traced(link, mean_sea(link, self._campaign.surface), day, wavelengths_nm)
         return [result.at_wavelength(nm) for nm in wavelengths_nm]
 
-    def _options(self) -> dict[str, Any]:
-        meshing, run = self._campaign.meshing, self._campaign.run
-        return {"photons": RAYS, "seed": self._seed, "mesh": meshing, "threads": run.threads}
+    def _traced(self, link: Link, sea: Any, day: Daylight, wavelengths_nm: Any = None) -> Any:
+        """Return the background over a sea, at wavelengths [nm] if given."""
+        meshing, threads = self._campaign.meshing, self._campaign.run.threads
+        return background(
+            link, sea, day, photons=RAYS, seed=self._seed, mesh=meshing, threads=threads,
+            wavelengths_nm=wavelengths_nm,
+        )  # fmt: skip
 
-    def lit(self, variant: Variant) -> OokLink | None:
+    def exposed(self, variant: Variant) -> OokLink | None:
         """Return the transmission of a variant with the counts of its background, if any."""
         if variant.detector is None:
             return None
@@ -284,7 +293,7 @@ class Lights:
         return variant.detector if measured is None else with_background(variant.detector, measured)
 
     def text(self, variant: Variant) -> str:
-        """Return the light of a variant and its counts; empty without a transmission."""
+        """Describe the background light of a variant; return nothing without a transmission."""
         if variant.detector is None:
             return ""
         measured = self.background(variant)
@@ -326,8 +335,10 @@ def error_rate(
         return np.atleast_1d(exposed.ber(exposed.received_power(shifted)))
 
     values = rates()
+    # central differences over one standard error
     by_gain = 0.5 * float(rates(-1.0).mean() - rates(1.0).mean())
     by_light = 0.5 * float(rates(shift=1.0).mean() - rates(shift=-1.0).mean())
+    # of seas, whose gains are independent
     spread = float(error_of_groups(values)) if len(values) > 1 else 0.0
     return float(values.mean()), math.hypot(by_gain, by_light, spread)
 
@@ -335,33 +346,35 @@ def error_rate(
 def backgrounds(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> list[Background]:
     """Return the background over each surface."""
     origin = {"daylight": day.model_dump(mode="json")}
-    identity = {**origin, "steps": steps.identity(), "rays": photons}
-    setup = partial(_seen, campaign.alone, steps, day, photons)
+    identity = origin | {"steps": steps.identity(), "rays": photons}
+    setup = partial(_background_numbers, campaign.alone, steps, day, photons)
     # the threads are those of the rays over one surface
     single_threaded = campaign._replace(run=campaign.run.replace(threads=1))
     name = f"background of {', '.join(campaign.links)} by {day.light}"
     shape = (2 * len(PARTS) + 4,)
-    found = single_threaded.over(
+    table = single_threaded.evaluate(
         setup, range(len(steps.labels)), name, identity, lambda step: shape
     )
     results = []
-    for row in found:
+    for row in table:
         parts, errors, numbers = np.split(row, [len(PARTS), 2 * len(PARTS)])
         total, error, acceptance, wavelength = numbers.tolist()
         results.append(Background(parts, errors, total, error, acceptance, wavelength, origin))
     return results
 
 
-def _seen(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -> Callable[[int], Floats]:
-    """Return the function that gives the numbers of the background over a surface, in a row."""
+def _background_numbers(
+    campaign: Campaign, steps: Steps, day: Daylight, photons: int
+) -> Callable[[int], Floats]:
+    """Return a function of the number of a surface, which gives its background as one array."""
 
-    def over(i: int) -> Floats:
+    def numbers_over(i: int) -> Floats:
         link = steps.links[i][0] if steps.links else campaign.link
         surface, time = steps.surface(i)
         case = Case(link, surface, campaign.run, campaign.meshing.replace(time=time))
         mesh, _ = mesh_for(link, surface, case.meshing)
-        (found,) = backgrounds_over(case, mesh, [link], [day], photons)
-        numbers = found.radiance, found.radiance_stderr, found.acceptance, found.wavelength_nm
-        return np.concatenate([found.part_radiance, found.part_radiance_stderr, numbers])
+        (seen,) = backgrounds_over(case, mesh, [link], [day], photons)
+        numbers = seen.radiance, seen.radiance_stderr, seen.acceptance, seen.wavelength_nm
+        return np.concatenate([seen.part_radiance, seen.part_radiance_stderr, numbers])
 
-    return over
+    return numbers_over

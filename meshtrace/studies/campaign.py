@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from functools import partial
-from typing import Any, Literal, NamedTuple, Unpack
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,12 +17,7 @@ from meshtrace.engine.correlated import FrozenForced, SpectralDetection
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.ends import resolved_reach
-from meshtrace.engine.setup.meshing import (
-    FADING_SPACING,
-    mesh_lines,
-    require_cover,
-    surface_config,
-)
+from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_lines, require_cover, surface_config
 from meshtrace.engine.setup.options import (
     Analog,
     Meshing,
@@ -42,7 +38,7 @@ from meshtrace.results.series import checked_wavelengths
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.stored import SHIFTS
 from meshtrace.studies.cluster import Cluster
-from meshtrace.studies.store import Store, digest_of
+from meshtrace.studies.store import Item, Kept, Store, digest_of
 from meshtrace.uav import Dryden, Flight, TiltFactors
 
 Setup = Callable[[], Callable[[Any], Any]]
@@ -80,6 +76,7 @@ class Steps(NamedTuple):
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies the surfaces, as plain data."""
         labels = self.labels.tolist()
+        # a digest: a million labels would make a line of the store of megabytes
         identity = {"along": self.along, "number": len(labels), "labels": digest_of(labels)}
         if self.links is not None:
             links_of_steps = [
@@ -112,7 +109,7 @@ class Campaign(NamedTuple):
         Called with 1 after each step.
     spectral : bool
         Whether the links are one at several wavelengths, with common paths where possible.
-    lit : float
+    fine_patch : float
         Half-width of the fine part of the meshes, over that of `Link.lit_patch`.
     """
 
@@ -125,7 +122,7 @@ class Campaign(NamedTuple):
     store: Store = Store()
     progress: Callable[[int], None] | None = None
     spectral: bool = False
-    lit: float = 1.0
+    fine_patch: float = 1.0
 
     @property
     def link(self) -> Link:
@@ -151,11 +148,18 @@ class Campaign(NamedTuple):
             raise Refused("surface", kind, "a sea (SurfaceModel), of any spacing")
         return self.surface
 
+    def with_loop(self, run: StudyOptions, study: str) -> Campaign:
+        """Return the campaign with the workers, the store and the progress of a study's options."""
+        workers = run.get("workers")
+        cluster = None if workers is None else Cluster(workers).checked()
+        store = Store(run.get("store"), study)
+        return self._replace(cluster=cluster, store=store, progress=run.get("progress"))
+
     def workers(self) -> AbstractContextManager[None]:
-        """Return a context in which all loops have the same workers."""
+        """Return a context in which all loops share their workers."""
         return nullcontext() if self.cluster is None else self.cluster.keep_workers()
 
-    def of(self, link: Link, name: str = "link") -> Campaign:
+    def for_link(self, link: Link, name: str = "link") -> Campaign:
         """Return the campaign of another link; names in one store have to differ."""
         return self._replace(links={name: link})
 
@@ -165,36 +169,39 @@ class Campaign(NamedTuple):
             "links": {name: link.model_dump(mode="json") for name, link in self.links.items()},
             "spectral": self.spectral,
             "surface": surface_config(self.surface),
-            **self._estimate(),
             "meshing": self.meshing.model_dump(mode="json"),
-        }
+        } | self._estimate()
 
     def _estimate(self) -> dict[str, Any]:
         """Return estimator, photons and seed as plain data; threads do not matter."""
         options = self.run.estimator.model_dump(mode="json")
         kind = options.pop("kind")
-        return {"estimator": kind, "photons": self.run.photons, "seed": self.run.seed, **options}
+        return {"estimator": kind, "photons": self.run.photons, "seed": self.run.seed} | options
 
-    def provenance(self, link: Link | None = None, **more: Any) -> dict[str, Any]:
-        """Return the provenance of a link, by default the first."""
-        run = self._estimate() | self.meshing.model_dump()
-        return provenance(link or self.link, surface_config(self.surface), run | more)
+    def provenance(
+        self, link: Link | None = None, of_study: Mapping[str, Any] = MappingProxyType({})
+    ) -> dict[str, Any]:
+        """Return the provenance of a link, by default the first, with the options of a study."""
+        run = self._estimate() | self.meshing.model_dump() | dict(of_study)
+        return provenance(link or self.link, surface_config(self.surface), run)
 
     def wind_of(self, flight: Flight) -> Dryden:
         """Return the wind at an aircraft, by default that over the sea."""
         if flight.wind is not None:
             return flight.wind
         surface = self.scenario or self.surface
+        # of a scenario, of a sea of its own, or of the spectrum of a sea
         speed = getattr(getattr(surface, "spectrum", surface), "wind_speed", None)
         if speed is None:
             raise Refused("flight.wind", None, "a wind, over a sea without wind speed")
         return Dryden(wind_speed=speed, height=self.link.air_end[1].height)
 
-    def flight(self, given: Flight | None) -> Flight | None:
+    def flight(self, flight: Flight | None) -> Flight | None:
         """Return the aircraft of a study, by default the one in its scenario, checked."""
         uav = getattr(self.scenario, "uav", None)
-        in_air = Flight(uav) if given is None and uav is not None else given
-        return in_air and in_air.checked()
+        if flight is None and uav is not None:
+            flight = Flight(uav)
+        return flight and flight.checked()
 
     def tilt_factors(self, flight: Flight, fov_deg: float) -> TiltFactors:
         """Return the law of the tilt factor h_alpha of an aircraft in independent gusts."""
@@ -232,22 +239,22 @@ class Campaign(NamedTuple):
         return self.in_time(np.array([self.meshing.time]))
 
     def lines(self, links: Sequence[Link], surface: MeshSource) -> dict[str, Any]:
-        """Return the arguments of a mesh as far as light can cross to any receiver, at any time."""
+        """Return arguments of `MeshSource.mesh` that cover all crossings to any receiver."""
         if self.spectral:  # the ends of all are the same
             links = [clearest(links)]
         joint = links[0]
-        if len(links) > 1:  # in the clearest water
-            ends = {
-                "transmitter": tuple(source for one in links for source in one.transmitters),
-                "receiver": tuple(receiver for one in links for receiver in one.receivers),
-            }
-            # light reaches farthest there
-            joint = min(links, key=lambda link: link.water.a).replace(**ends)
+        if len(links) > 1:
+            # one link with the ends of all, in the clearest water: light reaches farthest there
+            joint = min(links, key=lambda link: link.water.a).replace(
+                transmitter=tuple(source for link in links for source in link.transmitters),
+                receiver=tuple(receiver for link in links for receiver in link.receivers),
+            )
         estimator = self.run.estimator
+        # of all links about their own origins, seen from that of the joint one
         reach = max(
             resolved_reach(link, estimator) + math.dist(link.origin, joint.origin) for link in links
         )
-        return mesh_lines(joint, surface, self.meshing, reach, FADING_SPACING, self.lit)
+        return mesh_lines(joint, surface, self.meshing, reach, FADING_SPACING, self.fine_patch)
 
     def mesh(
         self,
@@ -256,7 +263,8 @@ class Campaign(NamedTuple):
         time: float,
         lines: dict[str, Any] | None = None,
     ) -> TriangleMesh:
-        """Return the mesh of a surface at a time; `lines` are those common to several."""
+        """Return the mesh of a surface at a time, by default with lines for these links alone."""
+        # a mesh of the user is taken as it is
         made = surface
         if not isinstance(made, TriangleMesh):
             made = made.mesh(time, **(lines or self.lines(links, made)))
@@ -264,7 +272,18 @@ class Campaign(NamedTuple):
             require_cover(link, made)
         return made
 
-    def over(
+    def detections(
+        self, links: Sequence[Link], sea: TypicalSea, threads: int = 1
+    ) -> list[ForcedDetection] | list[SpectralDetection]:
+        """Return chains for links over any surface: one set for all wavelengths, or one a link."""
+        run, normals = self.run, self.meshing.normals
+        if self.spectral:
+            return [SpectralDetection(links, run.photons, run.seed, normals, threads, sea)]
+        return [
+            ForcedDetection(link, run.photons, run.seed, normals, threads, sea) for link in links
+        ]
+
+    def evaluate(
         self,
         setup: Setup,
         steps: Sequence[Any],
@@ -275,68 +294,41 @@ class Campaign(NamedTuple):
     ) -> Iterator[Floats]:
         """Yield the numbers of each step in order, from the store where available.
 
-        A work of minutes is announced.
-
         Parameters
         ----------
-        setup : callable
-            Returns the function of a step. On a cluster every worker calls it once.
-        steps : sequence
-            Steps as plain data, all different: numbers of surfaces, or tuples.
+        setup, steps, shape, work
+            As in `finished`.
         name : str
             Name of the loop in the store.
         identity : mapping
             What the numbers depend on besides `identity` of the campaign.
-        shape : callable
-            Returns the shape of the numbers of a step; None is any size.
-        work : str
-            Name of the steps, for the announcement.
-
-        Raises
-        ------
-        Refused
-            If numbers in the store have another shape.
         """
-        with self.store.loop(name, {**self.identity(), **identity}) as stored:
-            # all stored shapes are checked before any new work starts
-            waiting = [step for step in steps if step not in stored]
+        mapped = partial(_on_threads, self.threads) if self.cluster is None else self.cluster.map
+        # a cluster finishes steps in any order; they are handed on in order
+        ready: dict[Any, Floats] = {}
+        with (
+            self.store.loop(name, self.identity() | dict(identity)) as stored,
+            closing(finished(stored, mapped, setup, steps, shape, work)) as items,
+        ):
             for step in steps:
-                if step in stored:
-                    self.store.require_shape(stored[step].numbers, shape(step))
-            computed = self._computed(setup, waiting) if waiting else iter(())
-            # a cluster finishes steps in any order; they are handed on in order
-            ready: dict[Any, Floats] = {}
-            with closing(paced(computed, len(waiting), f"{len(waiting):,} {work}")) as results:
-                for step in steps:
-                    while step not in ready and step not in stored:
-                        i, numbers = next(results)
-                        ready[waiting[i]] = stored.keep(waiting[i], numbers).numbers
-                        if i % _TRIM_EVERY == 0:
-                            trim_memory()
-                    yield ready.pop(step) if step in ready else stored[step].numbers
-                    self.advance()
+                while step not in ready:
+                    done, item = next(items)
+                    if isinstance(item, Exception):
+                        # workers send exceptions back as values
+                        raise item
+                    ready[done] = item.numbers
+                yield ready.pop(step)
+                self.advance()
 
     def advance(self) -> None:
         """Report a finished step."""
         if self.progress is not None:
             self.progress(1)
 
-    def _computed(self, setup: Setup, steps: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        """Yield the number of each step and its numbers, on a cluster as they finish."""
-        if self.cluster is None:
-            # setup and step both hold BLAS to one thread: digits do not depend on the cores
-            yield from enumerate(ordered_map(held(held(setup)()), steps, self.threads))
-            return
-        with closing(self.cluster.map(setup, steps)) as results:
-            for i, numbers in results:
-                if isinstance(numbers, Exception):
-                    # workers send exceptions back as values
-                    raise numbers
-                yield i, numbers
-
     @property
     def alone(self) -> Campaign:
-        """The campaign without store, cluster and progress; one thread for a worker."""
+        """The campaign without store, cluster and progress, and on a cluster with one thread."""
+        # a worker has one core; threads of this process would share the cores of its neighbours
         run = self.run if self.cluster is None else self.run.replace(threads=1)
         return self._replace(run=run, scenario=None, cluster=None, store=Store(), progress=None)
 
@@ -358,7 +350,7 @@ class Campaign(NamedTuple):
         name = f"gains of {', '.join(self.links)}"
         identity = {"steps": steps.identity(), "probed": probed}
         shape = 2, len(self.links), len(self.link.receivers), SHIFTS
-        return self.over(setup, range(len(steps.labels)), name, identity, lambda step: shape)
+        return self.evaluate(setup, range(len(steps.labels)), name, identity, lambda step: shape)
 
     def gains(self, steps: Steps, probed: int = _PROBED) -> Floats:
         """Return the gains over all surfaces, and their unscattered parts.
@@ -375,63 +367,125 @@ class Campaign(NamedTuple):
             over all surfaces and for all links.
         """
         n, receivers = len(steps.labels), len(self.link.receivers)
+        # filled as they come: a list of a million surfaces would hold each twice
         gains = np.empty((2, len(self.links), n, receivers, SHIFTS))
         for i, numbers in enumerate(self.each(steps, probed)):
             gains[:, :, i] = numbers
         return gains
 
 
-def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Callable[[int], Floats]:
-    """Return the function that gives the gains over a surface, see `Campaign.each`.
+def finished(
+    stored: Kept,
+    mapped: Callable[[Setup, Sequence[Any]], Generator[tuple[int, Any], None, None]],
+    setup: Setup,
+    steps: Sequence[Any],
+    shape: ShapeOf,
+    work: str,
+) -> Generator[tuple[Any, Item | Exception], None, None]:
+    """Yield each step with its item, the stored ones first, the others as they are computed.
 
-    Each mesh is made in the thread that evaluates it.
+    A work of minutes is announced. A step that failed is not stored: the next call tries it again.
+
+    Parameters
+    ----------
+    stored : Kept
+        Finished steps of the loop, to which the others are added.
+    mapped : callable
+        Evaluates steps, on threads or on a cluster (`Cluster.map`).
+    setup : callable
+        Returns the function of a step, which gives numbers, or numbers and a text. On a cluster
+        every worker calls it once.
+    steps : sequence
+        Steps as plain data, all different: numbers of surfaces, or tuples.
+    shape : callable
+        Returns the shape of the numbers of a step; None is any size.
+    work : str
+        Name of the steps, for the announcement.
+
+    Raises
+    ------
+    Refused
+        If stored numbers have another shape.
+    """
+    # all stored shapes are checked before any new work starts
+    known = [(step, stored.of_shape(step, shape(step))) for step in steps if step in stored]
+    waiting = [step for step in steps if step not in stored]
+    yield from known
+    if not waiting:  # no setup, which may take as long as many steps
+        return
+    with closing(mapped(setup, waiting)) as results:
+        for i, result in paced(results, len(waiting), f"{len(waiting):,} {work}"):
+            if isinstance(result, Exception):
+                yield waiting[i], result
+                continue
+            item = result if isinstance(result, tuple) else (result,)
+            yield waiting[i], stored.keep(waiting[i], *item)
+            if i % _TRIM_EVERY == 0:
+                trim_memory()
+
+
+def _on_threads(
+    threads: int, setup: Setup, steps: Sequence[Any]
+) -> Generator[tuple[int, Any], None, None]:
+    """Yield the number of each step and its numbers, in order."""
+    # setup and step both hold BLAS to one thread: digits do not depend on the cores
+    yield from enumerate(ordered_map(held(held(setup)()), steps, threads))
+
+
+def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Callable[[int], Floats]:
+    """Return a function of the number of a surface, which gives the gains over it.
+
+    Gains have the shape of those of `Campaign.each`; each mesh is made in the thread that
+    evaluates it.
     """
     run, normals, links = campaign.run, campaign.meshing.normals, list(campaign.links.values())
-    moving, n, source = steps.links is not None, len(steps.labels), campaign.surface
-    widest = _widest(steps, links)
+    widest, source = _widest(steps, links), campaign.surface
     lines = campaign.lines(widest, source) if widest and isinstance(source, MeshSource) else None
 
     def links_at(i: int) -> Sequence[Link]:
         return links if steps.links is None else steps.links[i]
 
-    def mesh(i: int) -> TriangleMesh:
+    def make_mesh(i: int) -> TriangleMesh:
         return campaign.mesh(links_at(i), *steps.surface(i), lines)
 
     if isinstance(run.estimator, Analog):
-        return lambda i: _analog_gains(campaign, links_at(i), mesh(i))
-    first = {i: mesh(i) for i in range(min(1 if steps.links else probed, n))}
-    typical = TypicalSea.of(first.values(), MANY_SEAS)
+        return lambda i: _analog_gains(campaign, links_at(i), make_mesh(i))
+    probes = min(1 if steps.links else probed, len(steps.labels))
+    # the probed meshes are used again: each once, so that memory is freed as the loop goes on
+    probed_meshes = {i: make_mesh(i) for i in range(probes)}
+    typical = TypicalSea.of(probed_meshes.values(), MANY_SEAS)
 
-    def chains(link: Link) -> ForcedDetection:
-        return ForcedDetection(link, run.photons, run.seed, normals, sea=typical)
+    def mesh(i: int) -> TriangleMesh:
+        return probed_meshes.pop(i) if i in probed_meshes else make_mesh(i)
 
-    def spectral(links_there: Sequence[Link]) -> SpectralDetection:
-        return SpectralDetection(links_there, run.photons, run.seed, normals, sea=typical)
+    def gains(links: Sequence[Link]) -> Callable[[TriangleMesh], Floats]:
+        detections = campaign.detections(links, typical)
 
-    alone, tilted = campaign.spectral or (moving and not widest), []
-    shared = [] if alone else [chains(link) for link in links]
-    paths = spectral(links) if campaign.spectral and not moving else None
-    if moving and shared and all(chain_set.serves_neighbours for chain_set in shared):
-        tilted = [
-            FrozenForced(link, run.photons, run.seed, typical, normals, "usual") for link in links
-        ]
-    elif moving:
-        shared = []
+        def over_mesh(mesh: TriangleMesh) -> Floats:
+            parts = [part for chains in detections for part in chains.at_wavelengths(mesh)]
+            return np.array([[part.shifts for part in parts], [part.direct for part in parts]])
 
-    def evaluate(i: int) -> Floats:
-        made = first.pop(i) if i in first else mesh(i)
-        if tilted:
-            pairs = zip(tilted, links_at(i), strict=True)
-            return np.stack([chain_set.parts(link, made) for chain_set, link in pairs], axis=1)
-        if campaign.spectral:
-            parts = (paths or spectral(links_at(i))).at_wavelengths(made)
-        else:
-            parts = [chain_set.evaluate(made) for chain_set in shared or map(chains, links_at(i))]
-        return np.array(
-            [[chain_set.shifts for chain_set in parts], [chain_set.direct for chain_set in parts]]
-        )
+        return over_mesh
 
-    return evaluate
+    if steps.links is None:
+        over_mesh = gains(links)
+        return lambda i: over_mesh(mesh(i))
+    # ends that only tilt share one mesh and, where chains serve neighbours, one set of chains
+    shared = widest and not campaign.spectral
+    if not shared or not all(
+        isinstance(chains, ForcedDetection) and chains.serves_neighbours
+        for chains in campaign.detections(links, typical)
+    ):
+        return lambda i: gains(links_at(i))(mesh(i))
+    frozen = [
+        FrozenForced(link, run.photons, run.seed, typical, normals, "usual") for link in links
+    ]
+
+    def tilted_gains(i: int) -> Floats:
+        made, pairs = mesh(i), zip(frozen, links_at(i), strict=True)
+        return np.stack([chains.parts(link, made) for chains, link in pairs], axis=1)
+
+    return tilted_gains
 
 
 def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh) -> Floats:
@@ -443,6 +497,7 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
     run, intersector = campaign.run, EmbreeIntersector(mesh)
     assert isinstance(run.estimator, Analog)
     photons = run.photons // SHIFTS
+    # 32 disjoint ranges of photons give the error, as the 32 shifts of chains do
     gains = np.empty((len(links), len(links[0].receivers), SHIFTS))
     for i, link in enumerate(links):
         for shift in range(SHIFTS):
@@ -460,7 +515,7 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
 
 
 def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
-    """Return the links with the widest mesh, one for all times; None if each surface has its own.
+    """Return the links whose mesh covers all times; None if each surface needs its own.
 
     Ends that tilt have one mesh, ends that move aside have others.
     """
@@ -468,9 +523,12 @@ def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
         return None
     if steps.links is None:
         return links
+    # all links of a campaign move alike: the first stands for them
     ends = [row[0].air_end[1] for row in steps.links]
+    # each place has a mesh of its own, fine where its light crosses
     if any(end.center != ends[0].center for end in ends):
         return None
+    # a tilted view sees the sea farthest off
     return steps.links[int(np.argmax([end.tilt_deg for end in ends]))]
 
 
@@ -478,13 +536,13 @@ def campaign_of(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
     study: str = "",
-    fading: bool = False,
+    run: StudyOptions = StudyOptions(),  # noqa: B008 - not changed
     *,
+    fading: bool = False,
     several: bool = True,
     analog: bool = False,
     chains: int = DEFAULT_CHAINS,
     wavelengths_nm: ArrayLike | None = None,
-    **run: Unpack[StudyOptions],
 ) -> Campaign:
     """Return the campaign of a link over a sea, checked.
 
@@ -496,6 +554,8 @@ def campaign_of(
         The sea; by default that of the scenario, or that of the link's wind.
     study : str
         Name in a store.
+    run : StudyOptions
+        Options of the run by their names.
     fading : bool
         Whether the answer of the study is about fading: unless `waves` of the meshing or of the sea
         say otherwise, the sea has all waves that make the light of the link fade.
@@ -507,18 +567,17 @@ def campaign_of(
         Chains of a link that are not given.
     wavelengths_nm : array_like, optional
         Wavelengths [nm] at which the link is taken, named by them; by default its own.
-    **run
-        See `StudyOptions`.
 
     Raises
     ------
     Refused
         If an option is unknown or out of range, or the surface is no sea.
     """
-    options, loop = split_options(run, study)
+    options = case_options(run)
     scenario = link if isinstance(link, Scenario) else None
     if scenario is None:
-        options = {"photons": chains, **options}
+        # a scenario has its own number, which stays
+        options.setdefault("photons", chains)
     elif several and surface is None and isinstance(scenario.surface, MeshFile):
         raise Refused("sea.mesh", scenario.surface.file, "a sea model")
     case = resolve(link, surface, fading, **options)
@@ -527,6 +586,7 @@ def campaign_of(
             raise Refused(
                 "run.estimator", "analog", f"forced{', over many seas' if several else ''}"
             )
+        # at least one photon for each of the ranges that give the error
         require_whole(case.run.photons, SHIFTS, 2**53, "run.photons")
     if several and not isinstance(case.surface, MeshSource):
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (MeshSource)")
@@ -534,17 +594,15 @@ def campaign_of(
     if wavelengths_nm is not None:
         at = checked_wavelengths(wavelengths_nm)
         links = {f"{nm!r} nm": case.link.at_wavelength(nm) for nm in at}
-    return Campaign(
-        links, case.surface, case.run, case.meshing, scenario, **loop,
-        spectral=wavelengths_nm is not None,
-    )  # fmt: skip
+    campaign = Campaign(links, case.surface, case.run, case.meshing, scenario)
+    return campaign.with_loop(run, study)._replace(spectral=wavelengths_nm is not None)
 
 
-def split_options(given: Mapping[str, Any], study: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the options of a case, and cluster, store and progress of its campaign, checked."""
-    require_options(given, StudyOptions)
-    options = {name: value for name, value in given.items() if value is not None}
-    workers, progress = options.pop("workers", None), options.pop("progress", None)
-    cluster = None if workers is None else Cluster(workers).checked()
-    store = Store(options.pop("store", None), study)
-    return options, {"cluster": cluster, "store": store, "progress": progress}
+def case_options(run: StudyOptions) -> dict[str, Any]:
+    """Return the options of a study without those of its loop; refuse unknown ones."""
+    require_options(run, StudyOptions)
+    return {
+        name: value
+        for name, value in run.items()
+        if value is not None and name not in ("workers", "store", "progress")
+    }

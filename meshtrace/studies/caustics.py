@@ -94,7 +94,9 @@ def light_pattern(
     sizes = wave_sizes(sea)
     spacing = sizes.spacing if math.isfinite(sizes.spacing) else step
     beyond, wind = _beyond(link, sea, spacing)
+    # a slope s turns the refracted ray by (n - 1) s at steep incidence, and the height is its lever
     blur = (link.water.n / link.n_air - 1.0) * receiver.height * np.sqrt(beyond) / step
+    # beyond the map, so that the blur brings light in as it takes light out
     margin = math.ceil(4.0 * blur.max()) + 1
     energy = np.zeros((2 * (n + margin), 2 * (n + margin)))
     center = np.array(receiver.position)
@@ -108,8 +110,8 @@ def light_pattern(
     gain = np.maximum(gain[margin : margin + 2 * n, margin : margin + 2 * n], 0.0)
     cells = step * (np.arange(2 * n, dtype=np.float64) - n + 0.5)
     x, y = np.add(receiver.position[0], cells), np.add(receiver.position[1], cells)
-    run = {"times": [time], "extent": extent, "step": step}
-    origin = {**provenance(link, sea.to_config(), Run().to_config()), **run}
+    origin = provenance(link, sea.to_config(), Run().to_config())
+    origin |= {"times": [time], "extent": extent, "step": step}
     return CoverageMap(x, y, gain, np.zeros_like(gain), origin)
 
 
@@ -131,12 +133,24 @@ def pattern_ends(link: Link, surface: Any, extent: float, step: float) -> tuple[
 
 
 class WaveSizes(NamedTuple):
-    """Waves of a sea that bend its light, and their sizes."""
+    """Waves of a sea that bend its light, and their sizes.
 
-    waves: WaveComponents | None  # None where the sea is no sum of waves
-    spacing: float  # of points that represent the shortest ones [m]; inf without waves
-    slope: float  # rms
-    height: float  # rms [m]
+    Attributes
+    ----------
+    waves : WaveComponents or None
+        The waves; None where the sea is no sum of waves.
+    spacing : float
+        Distance of points that represent the shortest ones [m]; inf without waves.
+    slope : float
+        Root mean square slope.
+    height : float
+        Root mean square elevation [m].
+    """
+
+    waves: WaveComponents | None
+    spacing: float
+    slope: float
+    height: float
 
 
 def wave_sizes(sea: Surface, highest: float | None = None) -> WaveSizes:
@@ -169,6 +183,7 @@ def _labels(
     """Return the grid lines of the surface whose light may reach |x|, |y| <= half [m]."""
     receiver, source = link.only_receiver, link.transmitters[0]
     n = link.water.n / link.n_air
+    # of the way from the source to the receiver, small angles: depth / (depth + n h)
     share = getattr(source, "depth", 1.0) / (getattr(source, "depth", 1.0) + n * receiver.height)
     start, end = np.array(source.position), np.array(receiver.position)
     lever = (n - 1.0) * receiver.height * share
@@ -201,6 +216,7 @@ def _landed(
         return 0.25 * (a[:-1, :-1] + a[1:, :-1] + a[:-1, 1:] + a[1:, 1:])
 
     first, second = points[1:, 1:] - points[:-1, :-1], points[:-1, 1:] - points[1:, :-1]
+    # half the cross product of the diagonals of a cell
     area = 0.5 * np.cross(first, second)
     at, normal = middle(points), middle(normals)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -210,6 +226,7 @@ def _landed(
     cos_i = np.clip((ray * normal).sum(axis=-1), 0.0, 1.0)
     n_water, n_air = link.water.n, link.n_air
     flux = _intensity(source, ray) * (ray * area).sum(axis=-1) / way**2
+    # what is scattered once is not in the pattern
     flux *= np.exp(-(link.water.a + link.water.b) * way)
     flux *= 1.0 - fresnel_reflectance(cos_i, n_water, n_air)
     flux *= link.whitecaps.transmittance if link.whitecaps else 1.0
@@ -241,6 +258,7 @@ def _share_out(energy: Floats, place: Floats, flux: Floats) -> None:
         for j in (0, 1):
             weight = np.abs(1 - i - part[:, 0]) * np.abs(1 - j - part[:, 1]) * flux
             at = corner + i * energy.shape[1] + j
+            # bincount adds repeated indices, which indexing would not
             energy += np.bincount(at, weight, energy.size).reshape(energy.shape)
 
 

@@ -63,9 +63,10 @@ class Cluster:
     _turn: Lock = field(default_factory=Lock, init=False, repr=False)
 
     def checked(self) -> Cluster:
-        """Return the cluster; refuse numbers out of range, and to go on without dask."""
+        """Return the cluster; refuse options out of range, and several processes without dask."""
         if not isinstance(self.workers, str | None):
             require_whole(self.workers, 1, 1024, "workers")
+        # this process alone needs no dask
         if self.workers != 1 and find_spec("distributed") is None:
             with extra("batch", "workers"):
                 raise ModuleNotFoundError(name="distributed")
@@ -102,7 +103,9 @@ class Cluster:
             if waiting:
                 yield from self._elsewhere(setup, waiting, len(waiting), Event())
             return
+        # this process is one of the workers
         others = (self.workers or cores()) - 1
+        # the last job is not worth a process, which starts in two seconds
         alone = min(others, len(waiting) - 1) < 1
         yield from _evaluated(setup, waiting) if alone else self._beside(setup, waiting, others)
 
@@ -119,6 +122,7 @@ class Cluster:
         def feed() -> None:
             try:
                 patience = 0.0 if self.workers or self._client else _PATIENCE
+                # fewer than half of the jobs are left: they are done before others have started
                 if ended.wait(patience) or 2 * len(waiting) < total:
                     return
                 for result in self._elsewhere(setup, waiting, _AHEAD * others, ended):
@@ -127,6 +131,7 @@ class Cluster:
                 results.put((_BROKEN, error))
 
         def merged() -> Iterator[tuple[int, Any]]:
+            # while this process has jobs of its own, results of others wait in their queue
             for result in _evaluated(setup, waiting):
                 yield result
                 while not results.empty():
@@ -135,6 +140,7 @@ class Cluster:
                 yield results.get()
 
         thread = Thread(target=feed, name="workers")
+        # daemon threads would outlive the dask client that they use: this one is joined
         thread.start()
         try:
             for i, result in islice(merged(), total):
@@ -157,7 +163,7 @@ class Cluster:
 
         total, drawn = len(waiting), _drawn(waiting)
         with self._connected() as client:
-            options = {"setup": cloudpickle.dumps(setup), "expected": _environment()}
+            recipe, here = cloudpickle.dumps(setup), _environment()
             # a result that is lost with its worker is awaited again, computed by another one
             completed = distributed.as_completed(
                 loop=client.loop, with_results=True, raise_errors=False
@@ -166,7 +172,9 @@ class Cluster:
 
             def submit(count: int) -> None:
                 jobs = dict(islice(drawn, count))
-                futures = client.map(run, list(jobs.values()), **options, pure=False)
+                futures = client.map(
+                    run, list(jobs.values()), setup=recipe, expected=here, pure=False
+                )
                 numbers.update(zip((future.key for future in futures), jobs, strict=True))
                 completed.update(futures)
 
@@ -190,16 +198,18 @@ class Cluster:
             with self._turn:  # loops of several threads share it, too
                 client = self._client
                 if client is None:
+                    # the stack of `keep_workers` outlives this loop, and so does the client in it
                     stack = self._shared or stack
                     stack.enter_context(_quiet())
                     client = stack.enter_context(_client(self.workers, self.timeout))
+                    # before any job: another version would give other digits
                     _require_equal_workers(client, self.timeout)
                     self._client = client if self._shared else None
             yield client
 
 
 class Restored:
-    """Object that a worker makes from its inputs, once for all loops of a study."""
+    """Object that a worker rebuilds from its inputs, once for all loops of a study."""
 
     inputs: tuple[Any, ...]
 
@@ -210,7 +220,7 @@ class Restored:
         return bytes(cloudpickle.dumps(partial(type(self), *self.inputs)))
 
     def __reduce__(self) -> Any:
-        """Return the recipe, by which a worker knows the object again."""
+        """Return the recipe, by which a worker finds the object that it has built before."""
         return prepared, (self._recipe,)
 
 
@@ -224,7 +234,7 @@ def prepared(setup: bytes) -> Any:
 
 
 def _drawn(waiting: deque[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
-    """Yield the jobs of a queue from which others draw, too."""
+    """Yield jobs of a queue until it is empty; other threads draw from it, too."""
     with suppress(IndexError):
         while True:
             yield waiting.popleft()
@@ -262,6 +272,7 @@ def _finished(
         time.sleep(_POLL)
         # asked only while nothing is ready: a finished task is a sign of life
         has_workers, now = _has_workers(client), time.monotonic()
+        # silence is no answer, and says nothing of workers
         if has_workers is not None:
             answered = now
         if has_workers is not False:  # a scheduler without an answer may well have some
@@ -284,7 +295,7 @@ def _has_workers(client: distributed.Client) -> bool | None:
 
 
 def _lost(client: distributed.Client, done: int, total: int) -> Refused:
-    """Return the refusal to go on without workers."""
+    """Return the error for workers that are gone for good."""
     what = "the connection is lost"
     if client.status == "running":
         what = "no worker is left" if _has_workers(client) is False else "no answer"
@@ -313,6 +324,7 @@ def _portable_job() -> Callable[..., Any]:
         from meshtrace.parallel import one_blas_thread
         from meshtrace.studies.cluster import prepared
 
+        # digits of a sum depend on the number of BLAS threads
         with one_blas_thread():
             return prepared(setup)(job)
 
@@ -320,7 +332,7 @@ def _portable_job() -> Callable[..., Any]:
 
 
 def _environment() -> dict[str, str]:
-    """Return the versions on which digits depend, as a worker describes its own."""
+    """Return the versions on which digits depend, by the code that runs on workers."""
     return dict(_portable_job()(None, b"", {}))
 
 
@@ -353,9 +365,10 @@ def _require_equal_workers(client: distributed.Client, timeout: float) -> None:
 
 
 def _other_worker(address: str, there: Any) -> Refused:
-    """Return the refusal of a worker, by its first difference from this process."""
+    """Return the error for a worker with other versions: its first difference from here."""
     if not isinstance(there, dict):
         there = {"meshtrace": error_text(there)}
+    # a long list of equal versions would hide the one that differs
     name, here = next(item for item in _environment().items() if there.get(item[0]) != item[1])
     difference = f"{address}: {name} {there.get(name, 'missing')} there, {here} here"
     allowed = "the same versions of meshtrace, its kernels, numpy and numba"
@@ -368,6 +381,7 @@ def _quiet() -> Iterator[None]:
     import distributed  # noqa: F401  (its loggers exist from here on)
 
     names = [name for name in logging.root.manager.loggerDict if name.startswith(_CHATTY)]
+    # messages about a lost worker come with tracebacks; `_lost` says it in a line
     levels = {logging.getLogger(name): logging.getLogger(name).level for name in names}
     for logger in levels:
         logger.setLevel(logging.CRITICAL + 1)
@@ -410,6 +424,7 @@ def _local_client(processes: int) -> Iterator[distributed.Client]:
     import distributed
 
     with (
+        # a file of the current folder with the name of a module must not take its place
         safe_processes(),
         tempfile.TemporaryDirectory(prefix="meshtrace-", ignore_cleanup_errors=True) as scratch,
         distributed.LocalCluster(
@@ -429,6 +444,7 @@ def _local_client(processes: int) -> Iterator[distributed.Client]:
             """Plugin that ignores Ctrl-C on workers: the client handles it."""
 
             def setup(self, worker: distributed.Worker) -> None:
+                # Ctrl-C reaches all processes of a terminal at once
                 signal.signal(signal.SIGINT, signal.SIG_IGN)
 
         client.register_plugin(LeaveInterrupts())
@@ -436,13 +452,16 @@ def _local_client(processes: int) -> Iterator[distributed.Client]:
 
 
 def _address(scheduler: str, timeout: float) -> str:
-    """Return an address, or that in a scheduler's file written within a time.
+    """Return the address of a scheduler, from its file if one is given.
+
+    Wait for the file up to a time [s].
 
     `distributed.Client` waits for such a file without a bound.
     """
     if not scheduler.endswith(".json"):
         return scheduler
     end = time.monotonic() + timeout
+    # a batch system starts the scheduler when it likes
     while not os.path.isfile(scheduler) and time.monotonic() < end:
         time.sleep(0.1)
     with open(scheduler, encoding="utf-8") as file:

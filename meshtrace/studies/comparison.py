@@ -17,13 +17,7 @@ from meshtrace.checks import Shape, check_call
 from meshtrace.comms.background import DARK, warn_of_background, with_background
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_between,
-    require_finite,
-    require_whole,
-)
+from meshtrace.errors import Described, Refused, require_between, require_finite, require_whole
 from meshtrace.fading.spectral import band_fading
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
@@ -32,12 +26,7 @@ from meshtrace.results.series import GainSeries
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.stored import Stacked, Stored, Variable
-from meshtrace.studies.background import (
-    background_over_seas,
-    error_rate,
-    light_of,
-    transmission_of,
-)
+from meshtrace.studies.background import background_over_seas, error_rate, light_of, transmission_of
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.response import through_channel
 from meshtrace.studies.series import gain_series
@@ -115,6 +104,7 @@ class Comparison(Stored):
         gain, first = samples.mean(axis=1), samples[0]
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = gain / gain[0]
+            # delta method: h_0 cancels what both gains share
             relative = error_of_groups(samples - ratio[:, None] * first, axis=1) / gain
             ratio_db = 10.0 * np.log10(ratio)
         return cls(
@@ -140,7 +130,7 @@ class Comparison(Stored):
 
     def summary(self) -> str:
         """Return gains and differences as a table for a terminal."""
-        rows = [
+        cells = [
             (
                 name,
                 f"{self.gain[i]:.4e} +- {self.gain_stderr[i]:.1e}",
@@ -151,7 +141,7 @@ class Comparison(Stored):
         ]
         first = self.names[0]
         headings = ("link", "gain", f"difference from {first}", f"gain over {first} [dB]")
-        table = text_table(rows, headings)
+        table = text_table(cells, headings)
         return table if self.ber is None else f"{table}\n\n{self._by_light()}"
 
     def _by_light(self) -> str:
@@ -223,21 +213,20 @@ def compare(
     each = {}
     for name, link in links.items():
         try:
-            resolved = campaign_of(
-                link, surface, "compare", in_daylight and realizations > 1, **run
-            )
+            fading = in_daylight and realizations > 1
+            resolved = campaign_of(link, surface, "compare", run, fading=fading)
             count = len(resolved.link.receivers)
             if count != 1:
                 raise Refused("receiver", Described(f"{count} receivers"), "one receiver")
         except Refused as error:
             raise error.inside("links", str(name)) from None
-        each[str(name)] = resolved.of(resolved.link, str(name))
+        each[str(name)] = resolved.for_link(resolved.link, str(name))
     samples = _samples(each, realizations)
-    days = [light_of(link_file, daylight) for link_file in each.values()]
+    days = [light_of(campaign, daylight) for campaign in each.values()]
     origin = [
-        link_file.provenance(realizations=realizations)
+        campaign.provenance(of_study={"realizations": realizations})
         | {"daylight": day and day.model_dump(mode="json")}
-        for link_file, day in zip(each.values(), days, strict=True)
+        for campaign, day in zip(each.values(), days, strict=True)
     ]
     made = Comparison.of_samples(tuple(each), samples, origin)
     return _under_light(made, list(each.values()), days, samples, realizations)
@@ -250,7 +239,7 @@ def _under_light(
     samples: Floats,
     realizations: int,
 ) -> Comparison:
-    """Return the comparison with the background and bit error rate of each link, if any is lit."""
+    """Add background and bit error rate of each link to a comparison, if any has daylight."""
     if not any(days):
         return result
     table = []
@@ -265,8 +254,11 @@ def _under_light(
         at, error = (gains, 0.0) if several else (gains.mean(keepdims=True), stderr)
         radiance = (background.radiance, background.radiance_stderr) if background else (0.0, 0.0)
         table.append([*radiance, *error_rate(ook, at, error, background)])
-    names = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
-    return replace(result, **dict(zip(names, np.array(table).T, strict=True)))
+    radiance_of, radiance_stderr, ber, ber_stderr = np.array(table).T
+    return replace(
+        result, background_radiance=radiance_of, background_radiance_stderr=radiance_stderr,
+        ber=ber, ber_stderr=ber_stderr,
+    )  # fmt: skip
 
 
 def _samples(each: dict[str, Campaign], realizations: int) -> Floats:
@@ -276,6 +268,7 @@ def _samples(each: dict[str, Campaign], realizations: int) -> Floats:
     """
     campaigns = list(each.values())
     conditions = [(campaign.surface, campaign.meshing, campaign.run) for campaign in campaigns]
+    # one mesh and one set of numbers: errors cancel in the differences
     if all(campaign == conditions[0] for campaign in conditions):
         links = {name: campaign.link for name, campaign in each.items()}
         campaigns = [campaigns[0]._replace(links=links)]
@@ -290,7 +283,7 @@ def _samples(each: dict[str, Campaign], realizations: int) -> Floats:
 
 
 def _of_each(progress: Callable[[int], None], links: int, n: int) -> None:
-    """Report a surface once for each link."""
+    """Call progress once for each link of a surface."""
     for _ in range(links):
         progress(n)
 
@@ -376,6 +369,7 @@ class Duplex(Stacked):
                 f"{name:<6} mean gain {gain.mean():.4e} +- {series.mean_stderr:.1e}, "
                 f"scintillation index {index:.3g}"
             )
+        # a fade of 3 dB
         half = self.outage(0.5 * float(self.up.gain.mean()), 0.5 * float(self.down.gain.mean()))
         lines += [
             f"correlation of the gains   {self.correlation:.3f} +- {self.correlation_stderr:.2g}",
@@ -442,7 +436,7 @@ def duplex(
     >>> len(both.up.gain), len(both.down.gain)
     (3, 3)
     """
-    pair = (campaign_of(link, surface, "duplex", fading=link is up, **run) for link in (up, down))
+    pair = (campaign_of(link, surface, "duplex", run, fading=link is up) for link in (up, down))
     campaign = both_directions(*pair)
     if (times is None) == (realizations is None):
         raise Refused("times", times, "times, or a number of realizations")
@@ -471,11 +465,12 @@ def both_directions(up: Campaign, down: Campaign) -> Campaign:
     Refused
         If a link has another direction or several receivers.
     """
-    for name, one in (("up", up), ("down", down)):
-        link = one.link
+    for name, campaign in (("up", up), ("down", down)):
+        link = campaign.link
         if link.direction != name or len(link.receivers) != 1:
             ends = Described(f"{len(link.receivers)} receivers, direction {link.direction}")
             raise Refused(name, ends, f"a link with one receiver and direction {name}")
+    # seas of both links differ where short waves matter to the downlink alone
     fading = band_fading(down.link, up.surface) if down.surface != up.surface else None
     if fading is not None and fading.needed is not None:
         text = (

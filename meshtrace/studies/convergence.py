@@ -129,6 +129,7 @@ class ConvergenceStudy(Stored):
     def _differences(self) -> Floats:
         """Gain minus the gain of the exact surface or the finest step, (kinds, n, shifts)."""
         mean = self.samples.mean(axis=2)
+        # chains are common to all steps: shift by shift the difference has little noise
         anchor = mean[:, -1:] if self.reference is None else self.reference.samples
         return mean - anchor
 
@@ -165,6 +166,7 @@ class ConvergenceStudy(Stored):
         L. Eça and M. Hoekstra, J. Comput. Phys. 262, 104 (2014), doi:10.1016/j.jcp.2014.01.006.
         """
         placements = self.samples.shape[2]
+        # realizations and time steps have no placements: their misfit is fitted
         known = self.parameter == "spacing" and placements > 1
         return {
             kind: fit_law(
@@ -183,6 +185,7 @@ class ConvergenceStudy(Stored):
         g_0 is the gain over the exact surface, or else the fitted one.
         """
         if self.reference is None:
+            # no exact surface: the extrapolated gain stands for it
             target = np.array([self.fits[kind].gain.value for kind in self.normals])
         else:
             target = self.anchor
@@ -203,6 +206,7 @@ class ConvergenceStudy(Stored):
         """
         target = self.tolerance if tolerance is None else tolerance
         limit = require_between(target, 0.0, math.inf, "tolerance")
+        # relative to the finest gain, which errs least
         steps = [largest_step(self.step, row, limit) for row in self.error / self.gain[:, -1:]]
         values = [1.0 / s if self.parameter == "omega_max" else s for s in steps]
         return dict(zip(self.normals, values, strict=True))
@@ -278,7 +282,7 @@ class ConvergenceStudy(Stored):
         return "\n".join([*lines, *self._fitted_lines(kind)])
 
     def _fitted_lines(self, kind: Normals) -> list[str]:
-        """Return order, limit and recommendation as text."""
+        """Return lines of text on the fitted order, the limit and the recommended step."""
         k, exact = self.normals.index(kind), self.reference
         order, gain, _ = self.fits[kind]
         lines = [
@@ -379,7 +383,8 @@ def convergence_study(
     values = descending("spacings", spacings)
     if unresolved == "tilt" and reference == "analytic":
         raise Refused("reference", reference, "'auto' or None beside random slopes")
-    campaign = campaign_of(link, surface, "convergence_study", **run)
+    campaign = campaign_of(link, surface, "convergence_study", run)
+    # random slopes have no exact surface to compare with
     if reference == "auto" and (unresolved == "tilt" or not is_wave_sum(campaign.sea)):
         reference = None
     exact = wave_sum(campaign.sea) if reference else None
@@ -388,8 +393,10 @@ def convergence_study(
     pairs = product(values, placement_shifts(placements))
     cases = [partial(nested_mesh, link, sea, at, spacing, shift) for spacing, shift in pairs]
     recorded = {"spacings": values, "placements": placements, "unresolved": unresolved}
-    gains = _by_step(chains.over(cases, recorded), values)
+    gains = _by_step(chains.measure_all(cases, recorded), values)
+    # the finest mesh gives the best starts of the search
     truth = chains.exact(exact, values[-1]) if exact else None
+    # of placements: what one mesh at a chance place errs by
     scatter = spread(gains[..., :SHIFTS].mean(axis=3))
     return _study("spacing", values, chains, gains, scatter, tolerance, recorded, truth)
 
@@ -437,11 +444,13 @@ def band_limit_study(
     random slopes for the waves left out (`unresolved="tilt"`) this study has no limit.
     """
     values = descending("omega_max", omega_max)[::-1]
-    campaign = campaign_of(link, surface, "band_limit_study", **run)
+    campaign = campaign_of(link, surface, "band_limit_study", run)
     sea: Any = campaign.sea
     if not {"omega_max", "seed"} <= set(getattr(type(sea), "model_fields", {})):
         raise Refused("surface", Described(type(sea).__name__), "a random sea with omega_max")
+    # one spacing for all bands, so that the mesh adds the same error to each
     step = campaign.meshing.spacing or 0.1
+    # the chains expect the crests of the widest band, the highest
     widest = sea.model_copy(update={"omega_max": values[-1]})
     base, at, key = campaign.link, campaign.meshing.time, campaign.run.seed
     chains = CommonChains(campaign, normals, receiver, unresolved, widest)
@@ -453,8 +462,10 @@ def band_limit_study(
     cases = [partial(mesh, *pair) for pair in product(values, range(realizations))]
     recorded = {"omega_max": values, "realizations": realizations, "spacing": step,
                 "unresolved": unresolved}  # fmt: skip
-    gains = _by_step(chains.over(cases, recorded), values)
+    gains = _by_step(chains.measure_all(cases, recorded), values)
     gain = gains[..., :SHIFTS].mean(axis=3)
+    # of the difference to the widest band of the same phases: the fading itself, which all bands
+    # share, cancels
     scatter = spread(gain - gain[:, -1:])
     return _study("omega_max", values, chains, gains, scatter, tolerance, recorded)
 
@@ -495,6 +506,7 @@ def time_step_study(
         linear interpolation between its times.
     """
     values = descending("steps", steps)
+    # between the times of the shortest step one more: its interpolation error is seen, too
     finest = 0.5 * values[-1]
     strides = [multiple_of("steps", value / finest) for value in values]
     duration = 8.0 * values[0] if duration is None else duration
@@ -503,7 +515,7 @@ def time_step_study(
     for value, stride in zip(values, strides, strict=True):
         if n % stride:
             raise Refused("duration", duration, f"multiples of the step {value:g} s")
-    campaign = campaign_of(link, surface, "time_step_study", **run)
+    campaign = campaign_of(link, surface, "time_step_study", run)
     chains = CommonChains(campaign, normals, receiver)
     begin, width, sea = campaign.meshing.time, campaign.meshing.spacing, campaign.sea
 
@@ -513,8 +525,9 @@ def time_step_study(
 
     cases = [partial(mesh, i) for i in range(n + 1)]
     recorded = {"start": begin, "duration": duration, "steps": values}
-    frames = chains.over(cases, recorded, photons=0)
+    frames = chains.measure_all(cases, recorded, photons=0)
     means = np.stack([_time_mean(frames, s) for s in strides], axis=1)[:, :, None]
+    # the other numbers do not depend on the step
     for k in range(SHIFTS + 1, frames.shape[-1]):  # slopes, reflection and times: of all frames
         means[..., k] = frames[..., k].mean(axis=1)[:, None, None]
     each = frames[..., :SHIFTS].mean(axis=2)
@@ -523,7 +536,7 @@ def time_step_study(
 
 
 def _by_step(values_by_case: Floats, values: list[float]) -> Floats:
-    """Return the numbers of meshes (kinds, cases, numbers), as many repeats of each step."""
+    """Split numbers (kinds, meshes, numbers) by step: (kinds, steps, repeats, numbers)."""
     return values_by_case.reshape(len(values_by_case), len(values), -1, values_by_case.shape[-1])
 
 
@@ -537,16 +550,19 @@ def _study(
     recorded: dict[str, Any],
     reference: Reference | None = None,
 ) -> ConvergenceStudy:
-    """Return the study of the numbers of all meshes, shape (kinds, steps, repeats, numbers)."""
+    """Assemble the study from the numbers of meshes (kinds, steps, repeats, numbers)."""
+    # columns as `CommonChains.measure` gives them
     samples, (ballistic, *each) = gains[..., :SHIFTS], np.moveaxis(gains[..., SHIFTS:], -1, 0)
-    if not samples.mean(axis=(2, 3)).all():  # no relative error
+    # tolerances are relative
+    if not samples.mean(axis=(2, 3)).all():
         raise Refused("gain", Described("no light received"), "light at every step")
     slopes, reflected, mesh, bvh, gain = (array.mean(axis=2) for array in each)
-    kinds, campaign = chains.kinds, chains.campaign
+    kinds = chains.kinds
+    recorded = recorded | {"normals": list(kinds), "receiver": chains.receiver}
     return ConvergenceStudy(
         parameter, np.array(values), kinds, samples, ballistic, scatter, slopes, reflected,
         mesh, bvh, gain, reference, tolerance,
-        campaign.provenance(**recorded, normals=list(kinds), receiver=chains.receiver),
+        chains.campaign.provenance(of_study=recorded),
     )  # fmt: skip
 
 
@@ -559,6 +575,7 @@ def _interpolation_error(frames: Floats, stride: int) -> Floats:
     """Return the rms error of linear interpolation between every stride-th of (kinds, times)."""
     times = np.arange(frames.shape[1])
     guess = np.stack([np.interp(times, times[::stride], row[::stride]) for row in frames])
+    # at the nodes themselves the error is zero by construction
     between = times % stride != 0
     return np.sqrt(np.mean((frames - guess)[:, between] ** 2, axis=1))
 
@@ -672,10 +689,12 @@ def fading_study(
     nothing blurs. With tilts the index rises to that of all waves within a few per cent.
     """
     values = descending("omega_max", omega_max)[::-1]
-    campaign = campaign_of(link, surface, "fading_study", **run)
+    campaign = campaign_of(link, surface, "fading_study", run)
     link = campaign.link
+    # an omega^-5 tail has no limit of the slopes: another spectrum continues it
     sea = getattr(campaign.sea, "short_waves", campaign.sea)
     campaign = campaign._replace(surface=sea)
+    # closed form down to the shortest capillary waves
     all_waves = scintillation_of_spectrum(link, sea)
     closed = [[scintillation_of_spectrum(link, sea, w, t) for w in values] for t in (True, False)]
     try:
@@ -686,18 +705,21 @@ def fading_study(
     for i, limit in enumerate(values if realizations else ()):
         measured[:, i] = _measured(campaign, limit, realizations)
     tilted, alone = np.array(closed)
+    recorded = {"omega_max": values, "realizations": realizations}
     return FadingConvergence(
         np.array(values), tilted, alone, all_waves, measured[0], measured[1], tolerance,
-        recommended, campaign.provenance(omega_max=values, realizations=realizations),
+        recommended, campaign.provenance(of_study=recorded),
     )  # fmt: skip
 
 
 def _measured(campaign: Campaign, omega_max: float, realizations: int) -> tuple[float, float]:
     """Return the index of unscattered light over an ensemble, and its standard error."""
     sea: Any = campaign.sea
-    campaign = campaign.of(campaign.link, f"up to {omega_max!r} rad/s")
+    campaign = campaign.for_link(campaign.link, f"up to {omega_max!r} rad/s")
     campaign = campaign._replace(surface=sea.model_copy(update={"omega_max": omega_max}))
     gain = over_realizations(campaign, realizations).gain_ballistic
-    options: Any = {"confidence": _WITHIN_ONE, "resamples": _BOOTSTRAPS, "seed": campaign.run.seed}
-    index = scintillation_index(gain, **options)
+    index = scintillation_index(
+        gain, confidence=_WITHIN_ONE, resamples=_BOOTSTRAPS, seed=campaign.run.seed
+    )
+    # the interval of one standard error to either side
     return index.value, 0.5 * (index.high - index.low)

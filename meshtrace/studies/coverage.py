@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from threading import Lock
-from typing import Annotated, Any, NamedTuple, Unpack
+from typing import Annotated, Any, NamedTuple, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,19 +28,10 @@ from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
-from meshtrace.engine.setup.options import (
-    Analog,
-    IrradianceMap,
-    RunOptions,
-    resolve,
-)
+from meshtrace.engine.setup.options import Analog, IrradianceMap, RunOptions, StudyOptions, resolve
 from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, photon_paths, scattering
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_between,
-    require_finite,
-)
+from meshtrace.errors import Described, Refused, require_between, require_finite
+from meshtrace.kernels.tints import ALONE
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
@@ -56,7 +47,7 @@ from meshtrace.results.series import (
 )
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.campaign import Campaign, split_options
+from meshtrace.studies.campaign import Campaign, case_options
 from meshtrace.studies.cluster import Restored
 
 _FIRST_PHOTONS = 2**20  # at most, before the first comparison with `rtol`
@@ -67,15 +58,16 @@ _BLOCK = 2**18  # photons of a step: a store has a map for each
 
 
 class _Step(NamedTuple):
-    """Photons over the surface of a time, with ids from the first on, by numbers of time and run.
+    """Samples over the surface of a time: photons of a run, or chains to a tile of cells.
 
-    A run is one of the kinds of photons that a map of several wavelengths has.
+    A run is one of the kinds of photons that a map of several wavelengths has. Samples are numbered
+    by run or tile: those from `first` on have not been followed before.
     """
 
     time: int
-    run: int
+    part: int  # number of the run or the tile
     first: int
-    photons: int
+    number: int
 
 
 @spectral
@@ -174,8 +166,8 @@ def coverage_map(
     in the median cell of more than 1 % of the highest gain has photons of its own, unless those of
     the base are few, too.
     """
-    options, loop = split_options({"workers": workers, **run}, "coverage_map")
-    case = resolve(link, surface, **options)
+    options = cast(StudyOptions, run | {"workers": workers})
+    case = resolve(link, surface, **case_options(options))
     kinds = (Receiver, WaterReceiver)
     receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)
     if receiver is None:
@@ -191,12 +183,15 @@ def coverage_map(
         axis=receiver.axis,
         fov_deg=receiver.fov_deg,
     )
+    # the image of the unscattered light takes meshes that are fine below the whole map
     exact = rtol is not None and not isinstance(case.run.estimator, Analog)
     waves = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     links = [case.link.at_wavelength(nm) for nm in waves] or [case.link]
-    campaign = Campaign({}, case.surface, case.run, case.meshing, **loop)
+    bare = Campaign({}, case.surface, case.run, case.meshing)
+    campaign = bare.with_loop(options, "coverage_map")
     maps = dict[int, CoverageMap]()
     with campaign.workers(), one_blas_thread():
+        # each turn serves the wavelengths that the photons of one base sample well
         while waiting := [i for i in range(len(links)) if i not in maps]:
             base, shared = photon_paths(links, waiting)
             part = campaign._replace(links={str(i): links[i] for i in shared.rows})
@@ -207,15 +202,6 @@ def coverage_map(
     return ByWavelength(np.array(waves), results) if waves else results[0]
 
 
-class _TileStep(NamedTuple):
-    """Chains of a tile over the surface of a time, after others that it had before."""
-
-    time: int
-    tile: int
-    first: int
-    chains: int
-
-
 class _Mapped(Restored):
     """Maps of a receiver at wavelengths with common photons, and their unscattered light.
 
@@ -223,7 +209,7 @@ class _Mapped(Restored):
     ----------
     campaign : Campaign
         Links at the wavelengths of the map, over the sea.
-    common : CommonPaths
+    shared : CommonPaths
         Their common paths.
     receiver, grid, times
         Receiver, cells and times of the map.
@@ -248,33 +234,41 @@ class _Mapped(Restored):
         options = campaign.run.estimator
         self.options = options if isinstance(options, Analog) else Analog()
         self.tinting = shared.tinting or UNTINTED
+        # gains are linear in the index of the water between its two ends
         shares = np.array([1.0 - shared.shares, shared.shares])
-        self.ends = shares[: len(shared.bases)]  # of the smallest and the largest index
+        self.end_shares = shares[: len(shared.bases)]  # of the smallest and the largest index
         self._links = links = list(campaign.links.values())
         self._clearest = clearest(links)
         several = [links[i] for i in self.tinting.bases] or [shared.bases[0]]
+        # each base scatters as one wavelength does, and refracts by one end of the indices
         self.runs = [
             (base, link.replace("water.n", end.water.n))
             for end in shared.bases
             for base, link in enumerate(several)
         ]
-        self._parts = np.full(len(several), 1.0 / len(several))  # of the photons of an index
-        self.shares = np.repeat(self.ends, len(several), axis=0) / len(several)  # of the runs
+        # of the photons of one index, those of each base
+        self._base_shares = np.full(len(several), 1.0 / len(several))
+        self.shares = np.repeat(self.end_shares, len(several), axis=0) / len(several)  # of the runs
+        # a mesh with its intersector takes tens of megabytes
         self.mesh = lru_cache(_MESHES)(self._meshed)
+        # one lock a time: threads wait only for the mesh that they need
         self._turns = [Lock() for _ in times]
         image = self._unscattered() if exact and unscattered is None else None
         self._image: Floats | None = image[0] if image else None
         self._image_error: Floats = image[1] if image else np.zeros(1)
-        self._carry = self._image is None if unscattered is None else unscattered
-        self._chained: tuple[Floats, Floats] | tuple[()] | None = None  # by chains, if these serve
-        self._number = 0  # of the chains
-        self.inputs = (campaign.alone, shared, receiver, grid, times, exact, self._carry)
+        self._photons_carry_all = self._image is None if unscattered is None else unscattered
+        # gain and error by chains; empty where photons serve better, None before they are compared
+        self._by_chains: tuple[Floats, Floats] | tuple[()] | None = None
+        self._chains_used = 0
+        carries = self._photons_carry_all
+        self.inputs = campaign.alone, shared, receiver, grid, times, exact, carries
 
     def _meshed(self, time: float) -> TriangleMesh:
-        """Return the mesh of a time, fine below all cells if exact."""
+        """Mesh the surface at a time, fine below all cells for the image of unscattered light."""
         inputs = self._campaign.surface, self._campaign.meshing.replace(time=time)
         if self._exact:
             half = 0.5 * self._grid.n * self._grid.step
+            # receivers in the corners make the mesh fine below the whole map
             ends = (-self._grid.extent, 2.0 * half - self._grid.extent)
             corners = [self._receiver.replace(position=(x, y)) for x in ends for y in ends]
             try:
@@ -289,6 +283,7 @@ class _Mapped(Restored):
         steps, n = list[_Step](), len(self.runs)
         for i in range(len(self.times)):
             first = self.options.first_photon + len(self.times) * done + i * photons
+            # consecutive ids: the photons of a longer run begin with those of a shorter one
             cuts = [first + k * photons // n for k in range(n + 1)]
             steps += [
                 _Step(i, k, start, min(_BLOCK, cuts[k + 1] - start))
@@ -303,26 +298,29 @@ class _Mapped(Restored):
 
     def tallies(self, step: _Step, grid: IrradianceMap | None = None) -> PhotonSums:
         """Return the tallies of a step, by default in the cells of the map."""
-        base, link = self.runs[step.run]
+        base, link = self.runs[step.part]
         with self._turns[step.time]:  # one thread makes the mesh of all
             mesh = self.mesh(self.times[step.time])
             EmbreeIntersector(frame_of(link).mesh(mesh), 1).built()  # kept with the mesh
-        tinted: dict[str, Any] = {"tinting": self.tinting, "turn": (base, self._parts)}
+        # another grid is asked for the photons of one wavelength alone
+        tinting = UNTINTED if grid else self.tinting
+        turn = (0, ALONE.parts) if grid else (base, self._base_shares)
         return run_analog(
             link, EmbreeIntersector(mesh, 1), self.options.replace(first_photon=step.first),
-            photons=step.photons, seed=self._campaign.run.seed,
+            photons=step.number, seed=self._campaign.run.seed,
             normals=self._campaign.meshing.normals,
-            unscattered=self._carry or grid is not None,
-            record=[grid or self._grid], **({} if grid else tinted),
+            unscattered=self._photons_carry_all or grid is not None,
+            record=[grid or self._grid], tinting=tinting, turn=turn,
         )  # fmt: skip
 
     @cached_property
     def cell_chains(self) -> CellChains | None:
-        """Chains to all tiles; None if they do not follow the scattered light in common."""
+        """Chains to all tiles; None if they cannot follow the scattered light of this map."""
         return self._chains_of(1)
 
     def _chains_of(self, stride: int) -> CellChains | None:
-        """Return the chains to one tile of as many along each side."""
+        """Return chains to one of `stride` x `stride` tiles; None if they cannot serve."""
+        # chains keep one mesh a time in memory, and know one wavelength
         if len(self._links) > 1 or len(self.times) > _MESHES:
             return None
         link, run = self._links[0].replace(receiver=self._receiver), self._campaign.run
@@ -333,18 +331,18 @@ class _Mapped(Restored):
             return None
         return chains if chains.serves else None
 
-    def tile_setup(self) -> Callable[[_TileStep], Floats]:
+    def tile_setup(self) -> Callable[[_Step], Floats]:
         """Return the function of the chains of a tile."""
         chains = self.cell_chains
         assert chains is not None
         _ = chains.pilots  # once, before threads share them
-        return lambda step: chains.sums(step.time, step.tile, step.chains, step.first).to_row()
+        return lambda step: chains.sums(step.time, step.part, step.number, step.first).to_row()
 
-    def _shape_of_tile(self, step: _TileStep) -> tuple[int]:
+    def _shape_of_tile(self, step: _Step) -> tuple[int]:
         """Return the shape of the numbers of a tile, see `TileSums.to_row`."""
         chains = self.cell_chains
         assert chains is not None
-        cells = np.empty((chains.cells, chains.cells))[chains.tiles[step.tile]].size
+        cells = np.empty((chains.cells, chains.cells))[chains.tiles[step.part]].size
         return (1 + (SHIFTS + 1) * cells,)
 
     def _unscattered(self) -> tuple[Floats, Floats] | None:
@@ -354,7 +352,7 @@ class _Mapped(Restored):
         """
         options = self._campaign.meshing.normals, self._campaign.threads, self.tinting
         total, error = np.zeros((2, self._grid.n, self._grid.n, len(self._links)))
-        for link, shares in zip(self._common.bases, self.ends, strict=True):
+        for link, shares in zip(self._common.bases, self.end_shares, strict=True):
             link = link.replace(receiver=self._receiver)
             for time in self.times:
                 unscattered = unscattered_map(link, self.mesh(time), self._grid, *options)
@@ -366,10 +364,11 @@ class _Mapped(Restored):
         return total, error
 
     def run(self, photons: int, rtol: float | None, base: int) -> dict[int, CoverageMap]:
-        """Return maps by photons, which carry all light, or the light that the images lack.
+        """Return the maps of the wavelengths that the photons of the base sample well.
 
-        Those of the wavelengths for which the photons of the base are many enough.
+        Photons carry all light, or the light that the images lack, unless chains take their place.
         """
+        # a first look, from which the number for the tolerance follows
         more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
         each, sums, sampled = 0, list[PhotonSums](), list[int]()
         while not sums or more > 0:
@@ -381,25 +380,27 @@ class _Mapped(Restored):
             errors = [relative_errors(*pair).max() for pair in pairs if pair[0].any()]
             # maps without any light are given up
             lack = 0.0 if rtol is None else (max(errors, default=0.0) / rtol) ** 2
+            # the error falls as 1 / sqrt(N): N lack^2 samples, and a tenth more
             wanted = math.ceil(each * min(1.1 * float(lack), _MOST_AT_ONCE))
             more = max(min(wanted, Analog.most_photons) - each, 0) if lack > 1.0 else 0
-            if more > 0 and rtol is not None and self._chained is None:
-                self._chained = self._by_chains(sums, rtol, each * lack) or ()
-                if self._chained:
-                    more, pairs = 0, [self._chained]
+            if more > 0 and rtol is not None and self._by_chains is None:
+                self._by_chains = self._gain_by_chains(sums, rtol, each * lack) or ()
+                if self._by_chains:
+                    more, pairs = 0, [self._by_chains]
         self._warn(sums)
         return {
             self._common.rows[k]: self._map(self._links[k], *pair, sums, each, rtol)
             for k, pair in zip(sampled, pairs, strict=True)
         }
 
-    def _by_chains(
+    def _gain_by_chains(
         self, sums: list[PhotonSums], rtol: float, photons: float
     ) -> tuple[Floats, Floats] | None:
-        """Return gain and standard error of the cells by chains in place of so many photons.
+        """Return gain and standard error of the cells, with scattered light by chains.
 
         None where photons are cheaper, find more light or follow light that chains omit.
         """
+        # chains carry scattered light alone: the rest has to be known
         if self._image is None or not self._cheaper(rtol, photons) or self.cell_chains is None:
             return None
         chains, direct, first = self.cell_chains, self._image[:, :, 0], True
@@ -408,15 +409,17 @@ class _Mapped(Restored):
             for tile, more in self._tile_sums(waiting, tiles_done).items():
                 tiles_done[tile] = tiles_done[tile] + more if tile in tiles_done else more
             tiles = [tiles_done[tile] for tile in range(len(chains.tiles))]
+            # after the first pass: if chains omit light, no more of them helps
             if first and not self._trusts(chains, tiles, sums):
                 return None
             first, waiting = False, further(tiles, chains.lack(tiles, direct, rtol))
         scattered, stderr = chains.scattered(tiles)
-        self._number = sum(one.chains for one in tiles)
+        self._chains_used = sum(sums_of_tile.chains for sums_of_tile in tiles)
         return direct + scattered, np.hypot(stderr, self._image_error[:, :, 0])
 
     def _cheaper(self, rtol: float, photons: float) -> bool:
-        """Return whether chains to some tiles promise less cost than photons at each time."""
+        """Return whether chains cost less than `photons` at each time, by a probe of few tiles."""
+        # one tile in nine tells the cost of all, for a ninth of the pilots
         probe, most = self._chains_of(_PROBED), min(photons, Analog.most_photons)
         most *= len(self.times)
         if probe is None or self._image is None or probe.cost(np.array([FIRST])) > most:
@@ -425,41 +428,50 @@ class _Mapped(Restored):
             mean_of_times([probe.sums(i, tile, FIRST, 0) for i in range(len(self.times))])
             for tile in range(len(probe.tiles))
         ]
+        # no tile has fewer than the first chains
         factor = np.maximum(probe.lack(tiles, self._image[:, :, 0], rtol), 1.0)
-        return probe.cost(factor * [one.chains for one in tiles]) < most
+        return probe.cost(factor * [sums.chains for sums in tiles]) < most
 
     def _trusts(self, chains: CellChains, tiles: list[TileSums], sums: list[PhotonSums]) -> bool:
         """Return whether chains bring light to all cells, as much as photons, and omit little."""
         assert self._image is not None
+        # the first photons, unbiased whatever the light did, judge the chains
         gain, stderr = (values[:, :, 0] for values in self._mixed(sums))
         whole = self._image[:, :, 0] + chains.scattered(tiles)[0]
         illuminated = all((tile.mean > 0.0).all() for tile in tiles)  # else an error would be zero
         return illuminated and chains.agree(tiles, gain, stderr) and not chains.omits(whole)
 
     def _tile_sums(
-        self, wanted: dict[int, int], found: Mapping[int, TileSums]
+        self, wanted: dict[int, int], earlier: Mapping[int, TileSums]
     ) -> dict[int, TileSums]:
-        """Return the means over the times of further chains of tiles."""
-        first = {tile: found[tile].chains if tile in found else 0 for tile in wanted}
+        """Follow `wanted` further chains to each tile, and return their means over the times."""
+        first = {tile: earlier[tile].chains if tile in earlier else 0 for tile in wanted}
         steps = [
-            _TileStep(i, tile, first[tile], chains)
+            _Step(i, tile, first[tile], chains)
             for i in range(len(self.times))
             for tile, chains in wanted.items()
         ]
-        identity = {"map": self._grid.model_dump(mode="json"), "times": self.times}
-        campaign = self._campaign._replace(progress=None)
-        results = campaign.over(
-            self.tile_setup, steps, "chains", identity, self._shape_of_tile, "tiles"
-        )
+        table = self._evaluate(self.tile_setup, steps, "chains", {}, self._shape_of_tile, "tiles")
         sums = dict[int, list[TileSums]]()
-        for step, row in zip(steps, results, strict=True):
-            sums.setdefault(step.tile, []).append(TileSums.of_row(row))
-            if self._campaign.progress is not None:
-                self._campaign.progress(step.chains)
+        for step, row in table:
+            sums.setdefault(step.part, []).append(TileSums.of_row(row))
         return {tile: mean_of_times(each) for tile, each in sums.items()}
 
+    def _evaluate(
+        self, setup: Callable[[], Callable[[_Step], Floats]], steps: list[_Step], name: str,
+        identity: dict[str, Any], shape: Callable[[_Step], tuple[int]], work: str,
+    ) -> Iterator[tuple[_Step, Floats]]:  # fmt: skip
+        """Yield each step with its numbers, see `Campaign.evaluate`, and report its samples."""
+        campaign = self._campaign._replace(progress=None)
+        identity |= {"map": self._grid.model_dump(mode="json"), "times": self.times}
+        results = campaign.evaluate(setup, steps, name, identity, shape, work)
+        for step, row in zip(steps, results, strict=True):
+            yield step, row
+            if self._campaign.progress is not None:
+                self._campaign.progress(step.number)
+
     def _well_sampled(self, sums: list[PhotonSums], base: int) -> list[int]:
-        """Return which wavelengths have enough effective photons in a typical lit cell."""
+        """Return the wavelengths with enough effective photons in the median bright cell."""
         maps = []
         for gain, stderr in zip(*(np.moveaxis(x, 2, 0) for x in self._mixed(sums)), strict=True):
             illuminated = gain > LIT * gain.max()
@@ -468,6 +480,7 @@ class _Mapped(Restored):
                 if illuminated.any()
                 else 0.0
             )
+        # no more is asked of others than half of what the base itself reaches
         limit = min(FEW_PHOTONS, 0.5 * maps[self._common.rows.index(base)])
         pairs = zip(self._common.rows, maps, strict=True)
         return [k for k, (i, number) in enumerate(pairs) if i == base or number >= limit]
@@ -487,17 +500,17 @@ class _Mapped(Restored):
         campaign, axis = self._campaign, self._grid.axes
         meshing = campaign.meshing.replace(time=self.times[0]).model_dump()
         run = campaign.run.replace(estimator=self.options).to_config()
-        run |= {"photons": photons, "rtol": rtol, **meshing}
+        run |= {"photons": photons, "rtol": rtol} | meshing
         run["record"] = [self._grid.model_dump(mode="json")]
         method = "photons" if self._image is None else "image"
         origin = provenance(link, surface_config(campaign.surface), run)
         origin |= {"times": self.times, "unscattered": method}
-        if self._chained:
-            origin |= {"scattered": "chains", "chains": self._number}
+        if self._by_chains:
+            origin |= {"scattered": "chains", "chains": self._chains_used}
         return CoverageMap(axis, axis, gain, stderr, origin, bound)
 
     def _warn(self, sums: list[PhotonSums]) -> None:
-        """Warn of lost photons, and of a map that looks away from the light."""
+        """Warn of lost photons, and of a receiver that looks away from the light."""
         records = {"irradiance-map": self._grid}
         pairs = zip(self.runs, sums, strict=True)
         results = [analog_result(link, tally, {}, records) for (_, link), tally in pairs]
@@ -514,27 +527,21 @@ class _Mapped(Restored):
         self, base: int, done: int, photons: int, sums: list[PhotonSums]
     ) -> list[PhotonSums]:
         """Follow more photons at each time, and return their tallies with the sums, by run."""
-        found = sums or [self.tallies(_Step(0, k, 0, 0)) for k in range(len(self.runs))]
+        tallies = sums or [self.tallies(_Step(0, k, 0, 0)) for k in range(len(self.runs))]
         steps, name = self.steps(done, photons), f"photons of link {base}"
-        identity = {
-            "run": self.options.model_dump(mode="json"),
-            "map": self._grid.model_dump(mode="json"),
-            "times": self.times,
-            "unscattered": self._carry,
-        }
-        campaign = self._campaign._replace(progress=None)
-        sizes = [tallies.to_row().size for tallies in found]
-        results = campaign.over(
-            self.setup, steps, name, identity, lambda step: (sizes[step.run],), "runs of photons"
+        run = self.options.model_dump(mode="json")
+        identity = {"run": run, "unscattered": self._photons_carry_all}
+        sizes = [tally.to_row().size for tally in tallies]
+        table = self._evaluate(
+            self.setup, steps, name, identity, lambda step: (sizes[step.part],), "runs of photons"
         )
-        for step, row in zip(steps, results, strict=True):
-            found[step.run] += found[step.run].of_row(row)
-            if self._campaign.progress is not None:
-                self._campaign.progress(step.photons)
-        return found
+        for step, row in table:
+            tallies[step.part] += tallies[step.part].of_row(row)
+        return tallies
 
     def _mixed(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
-        """Return gain by photons and standard error of the cells (x, y, wavelengths)."""
+        """Return the gain that photons carry, and its standard error (x, y, wavelengths)."""
+        # from flux through a cell to flux through the aperture
         scale = np.pi * self._receiver.radius**2 / self._grid.step**2
         means, errors = np.array([tally.map_mean() for tally in sums]).swapaxes(0, 1)
         shares = self.shares[:, None, None]
@@ -542,11 +549,12 @@ class _Mapped(Restored):
         return gain, scale * np.sqrt(((shares * errors) ** 2).sum(axis=0))
 
     def _gain(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
-        """Return gain and standard error of the cells (x, y, wavelengths)."""
+        """Return the whole gain and its standard error (x, y, wavelengths)."""
         gain, stderr = self._mixed(sums)
         if self._image is None:
             return gain, stderr
         area = np.pi * self._receiver.radius**2
+        # the error of a cell that no photon has met is not zero: it may have missed one
         typical = np.zeros(gain.shape[2])
         for tally, shares in zip(sums, self.shares, strict=True):
             total, squares = (x.value().sum(axis=(0, 1)) for x in (tally.map, tally.map_squared))
@@ -564,6 +572,8 @@ class _Mapped(Restored):
         """
         if (gain > 0.0).all():
             return None
+        # photons of the base that have not scattered stand for more light where the water of the
+        # link scatters less
         fewer = max(scattering(self._common.bases[0])[0] - scattering(link)[0], 0.0)
         depth = max(-item.center[2] for _, item in link.items())
         weight = largest_weight(link, 0.0) * math.exp(fewer * depth)

@@ -101,6 +101,7 @@ class Variant(NamedTuple):
         head, _, rest = name.partition(".")
         if name == "wind_speed":
             link = self.link
+            # one wind drives them all; parts with coefficients of their own stay
             for part in ("whitecaps", "bubbles"):
                 if hasattr(getattr(link, part), "wind_speed"):
                     link = link.replace(f"{part}.wind_speed", value)
@@ -108,21 +109,26 @@ class Variant(NamedTuple):
         if head == "sea":
             return self._replace(sea=_sea_at(self.sea, rest, value))
         if head in _BESIDES:
-            own: Any = getattr(self, head)
-            if own is None:
+            model: Any = getattr(self, head)
+            if model is None:
                 raise Refused(name, value, f"a link with [{head}]")
             with within(head):
-                if isinstance(own, Daylight):
-                    return self._replace(daylight=daylight_with(own, rest, value))
-                changed: dict[str, Any] = {head: own.replace(rest, value)}
-                return self._replace(**changed)
+                if head == "daylight":
+                    return self._replace(daylight=daylight_with(model, rest, value))
+                changed = model.replace(rest, value)
+            if head == "uav":
+                return self._replace(uav=changed)
+            return self._replace(detector=changed)
         return self._on_link(name, value)
 
     def _on_link(self, name: str, value: Any) -> Variant:
-        """Return the variant with another value of a key of the link, and all that follows it."""
+        """Return the variant with another value of a key of the link and of all that follows."""
+        # what the rest of the variant takes from the link changes with it
         link, day, last = self.link.replace(name, value), self.daylight, name.rpartition(".")[2]
+        # bubbles are in the same water unless the user says otherwise
         if name == "water.n" and getattr(link.bubbles, "n_water", None) == self.link.water.n:
             link = link.replace("bubbles.n_water", value)
+        # the light above the sea is that of the wavelength at which the link works
         if day is not None and name.startswith("transmitter.") and last == "wavelength_nm":
             day = daylight_with(day, last, link.transmitters[0].wavelength_nm)
         detector = self.detector and OokLink.of_link(link, self.detector)
@@ -172,17 +178,18 @@ class Parameter(NamedTuple):
         return self.moved(steps * self.step)
 
     def moved(self, move: float) -> float:
-        """Return the value at a move in `unit`, or in the logarithm if it is relative."""
+        """Return the value after a move in its unit, or in its logarithm if steps are relative."""
         if self.absolute:
             return self.base + move
         return self.origin + self.scale * math.exp(move)
 
     def about(self, change: float) -> tuple[float, float]:
-        """Return the values at a relative change to either side.
+        """Return the values a relative change below and above the base.
 
         Offsets and angles change by a share of depth plus height, and of 10 deg.
         """
         if self.absolute:
+            # steps are 1 % of the length of a link, or 1 deg of 10
             far = change * self.step / (_PLACE_STEP if self.unit == "m" else 0.1)
             return self.base - far, self.base + far
         return self.origin + self.scale * (1.0 - change), self.origin + self.scale * (1.0 + change)
@@ -210,7 +217,8 @@ class Parameter(NamedTuple):
 
 def _sea_at(sea: Any, key: str, value: float) -> Any:
     """Return a sea with another value of a key; refuse one with other waves."""
-    new = sea.replace(**{key: value})
+    new = sea.replace(key, value)
+    # differences need the same waves with the same phases: a band that follows the wind moves them
     if isinstance(sea, SeededSurface) and isinstance(sea, WaveSum):
         mine, other = sea.components, new.components
         same = len(mine.omega) == len(other.omega) and all(
@@ -224,7 +232,7 @@ def _sea_at(sea: Any, key: str, value: float) -> Any:
 
 
 def _numbers(part: Any, path: str) -> Iterator[tuple[str, float]]:
-    """Yield the names and values of the continuous fields of a part, of None none."""
+    """Yield names and values of the continuous fields of a model, items of lists included."""
     if isinstance(part, Model):
         for key in type(part).model_fields:
             yield from _numbers(getattr(part, key), f"{path}.{key}")
@@ -236,18 +244,21 @@ def _numbers(part: Any, path: str) -> Iterator[tuple[str, float]]:
 
 
 def _known(variant: Variant) -> dict[str, float]:
-    """Return the continuous parameters by name."""
+    """Return the values of all continuous parameters by name."""
     link, sea = variant.link, variant.sea
     parts = ["water", "bubbles", "whitecaps", "transmitter", "receiver"]
     numbers = {k: v for part in parts for k, v in _numbers(getattr(link, part), part)}
+    # a layer is a list of numbers whose order matters: no value to vary alone
     numbers = {k: v for k, v in numbers.items() if not k.startswith("water.layers")}
     numbers["n_air"] = link.n_air
     for key in _SEA:
         value = getattr(sea, key, None)
         if isinstance(value, float) and key in type(sea).model_fields:
             numbers[f"sea.{key}"] = value
+    # one wind for sea, whitecaps and bubbles
     if "sea.wind_speed" in numbers and link.wind_speed is not None:
         numbers["wind_speed"] = numbers["sea.wind_speed"]
+    # these follow the link and are no parameters of their own
     from_link = {f"detector.{part}.{key}" for part, keys in OF_LINK.items() for key in keys}
     numbers |= {k: v for k, v in _numbers(variant.detector, "detector") if k not in from_link}
     if variant.daylight is not None:
@@ -265,6 +276,7 @@ def _parameter(name: str, base: float, link: Link, step: float | None) -> Parame
         unit = last.rpartition("_")[2]
     if place:
         unit = "m"
+        # an offset may be 0: the length of the link is its scale
         levels = [abs(item.center[2]) for _, item in link.items()]
         usual = _PLACE_STEP * (max(levels) + min(levels))
     elif absolute:
@@ -324,6 +336,7 @@ def parameters(
         try:
             if not p.absolute and p.base == p.origin:
                 raise Refused(p.name, p.base, "a value other than 0, for relative steps")
+            # both ends of the difference have to be allowed values
             for steps in (-1.0, 1.0):
                 p.at(variant, p.shifted(steps))
         except Refused:
@@ -336,18 +349,18 @@ def parameters(
     return parameters
 
 
-def checked_bounds(over: Bounds) -> dict[str, tuple[float, float]]:
+def checked_bounds(bounds: Bounds) -> dict[str, tuple[float, float]]:
     """Return the bounds of each key; refuse those that do not rise."""
-    bounds = {}
-    for key, ends in over.items():
-        bounds[key] = pair = require_pair(ends, f"over.{key}", "(low, high), low < high")
+    checked = {}
+    for key, ends in bounds.items():
+        checked[key] = pair = require_pair(ends, f"over.{key}", "(low, high), low < high")
         if not pair[0] < pair[1]:
             raise Refused(f"over.{key}", ends, "(low, high), low < high")
-    return bounds
+    return checked
 
 
 def _listed(known: Iterable[str], name: str) -> str:
-    """Return the keys in the table of a name, and the other tables; all keys if they are few."""
+    """List keys for a message: those beside a name, and the names of the other tables."""
     names = list(known)
     if len(", ".join(names)) <= _LONGEST:
         return ", ".join(names)
@@ -359,11 +372,13 @@ def _listed(known: Iterable[str], name: str) -> str:
 
 
 def _left_out(p: Parameter, variant: Variant) -> bool:
-    """Return whether a parameter is no default one: without effect, or not of the link."""
+    """Return whether a parameter is left out by default: idle, or not of the link."""
     path, _, last = p.name.rpartition(".")
     idle = [polar for polar, azimuth in _ABSOLUTE.items() if azimuth == last]
+    # the azimuth of what is not tilted has no effect
     if idle and variant.value(f"{path}.{idle[0]}") == 0.0:
         return True
+    # the parameters of a population follow its wind
     if p.name.startswith("bubbles.") and last != "wind_speed":
         return True
     return last in _NOT_BY_DEFAULT or path.split(".")[0] in _BESIDES or p.name == "wind_speed"

@@ -1,10 +1,9 @@
-"""Links near one link over common seas, with common chains, and their quantities with errors."""
+"""Links near one link over the same seas with the same chains; their quantities with errors."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache, cached_property, partial
 from typing import Any, Literal
 
@@ -39,7 +38,7 @@ FADES = ("ber", "outage", "range", "capacity")
 """Quantities that depend on the distribution of the gain over seas."""
 
 WATER = "water.a", "water.b"
-"""Keys of uniform water, by which moments of the light give derivatives."""
+"""Keys of uniform water, by which the score function gives derivatives."""
 
 DECIBELS = 10.0 / math.log(10.0)
 """Decibels of a factor e."""
@@ -51,11 +50,11 @@ WINDOWS = WINDOW * 2.0 ** (-0.5 * np.arange(9))
 """Half-widths of all windows."""
 
 _EDGE_STEP = 0.01  # relative, of the field of view, for unscattered light
-_NODES = 60  # of the table of informations
+_NODES = 60  # of the table of the information of a bit
 _POINTS = 200  # of the table of error rates
-_OPEN = 0.4  # error rate about whose power they lie where none reaches the limit
-_NEAR = 0.01  # logarithm of light over need so near to the range that it is linear
-_LEAST_FALL = 1e-3  # of a reserve over the depth [m-1]
+_OPEN = 0.4  # error rate about whose power the points lie where no power reaches the limit
+_NEAR = 0.01  # |ln(light / need)| below which it is linear in the depth
+_LEAST_FALL = 1e-3  # of a reserve over the depth [m-1], against noise of either sign
 _LEAST_OUTAGES = 30
 _LEAST_ARRIVALS = 100.0  # effective ones in a window
 _AGREE = 2.0  # standard errors by which two windows may differ
@@ -64,7 +63,6 @@ _WIDER = 1.2  # reach of meshes over that of a link: its neighbours lie within
 _FEW, _MANY = 8, 32  # surfaces of which facets and Embree scenes are kept, some 50 MiB each
 
 
-@dataclass(eq=False)
 class Neighbours(Restored):
     """Gains and light of links near one link over the same surfaces.
 
@@ -79,30 +77,27 @@ class Neighbours(Restored):
         Whether each surface has phases of its own.
     fading : bool
         Whether meshes and chains are those of an ensemble.
-    kept : int
+    meshes_kept : int
         Meshes of the first surfaces that stay in memory.
     around : Link, optional
         The link that all meshes cover, by default the base link.
     """
 
-    campaign: Campaign
-    seas: int = 1
-    phases: bool = False
-    fading: bool = False
-    kept: int = 1
-    around: Link | None = None
-
-    def __post_init__(self) -> None:
-        self.campaign = campaign = self.campaign._replace(progress=None)
-        self.inputs = campaign.alone, self.seas, self.phases, self.fading, self.kept, self.around
-        self._around = self.around or campaign.link
+    def __init__(
+        self, campaign: Campaign, seas: int = 1, phases: bool = False, fading: bool = False,
+        meshes_kept: int = 1, around: Link | None = None,
+    ) -> None:  # fmt: skip
+        self.campaign = campaign = campaign._replace(progress=None)
+        self.seas, self.phases, self.fading, self.meshes_kept = seas, phases, fading, meshes_kept
+        self.inputs = campaign.alone, seas, phases, fading, meshes_kept, around
+        self._around = around or campaign.link
         self._lines: dict[str, Any] = {}
         if isinstance(campaign.surface, MeshSource):
             inputs = self._around, campaign.surface, campaign.meshing
-            spacing = FADING_SPACING if self.fading else GAIN_SPACING
+            spacing = FADING_SPACING if fading else GAIN_SPACING
             self._lines = mesh_lines(*inputs, _WIDER * crossing_reach(self._around), spacing)
         self._meshes: list[TriangleMesh] = []
-        self._meshes = [self.mesh(i) for i in range(min(self.seas, self.kept))]
+        self._meshes = [self.mesh(i) for i in range(min(seas, meshes_kept))]
 
     @cached_property
     def frozen(self) -> FrozenForced:
@@ -114,12 +109,12 @@ class Neighbours(Restored):
             campaign.run.seed,
             TypicalSea.of(self._meshes, MANY_SEAS if self.fading else 1.0),
             campaign.meshing.normals,
-            # of more, in turn, none of the last is met again
-            kept=max(self.kept, _FEW) if self.kept <= _MANY else _FEW,
+            # of more meshes than fit, in turn, none of the last is met again
+            kept=max(self.meshes_kept, _FEW) if self.meshes_kept <= _MANY else _FEW,
         )
 
     def mesh(self, i: int, surface: Any = None) -> TriangleMesh:
-        """Return realization i of the base surface, or of a neighbour of it."""
+        """Return the mesh of realization i of the base surface, or of a neighbouring surface."""
         if surface is None and i < len(self._meshes):
             return self._meshes[i]
         campaign = self.campaign
@@ -128,33 +123,39 @@ class Neighbours(Restored):
             made = made.with_seed(realization_seed(campaign.run.seed, i))
         return campaign.mesh([self._around], made, campaign.meshing.time, self._lines)
 
-    def light(self, link: Link, i: int, surface: Any = None) -> list[Light]:
-        """Return the light that arrives at each receiver over realization i."""
+    def arrivals(self, link: Link, i: int, surface: Any = None) -> list[Light]:
+        """Return the rows of light at each receiver over realization i."""
         return self.frozen.light(link, self.mesh(i, surface))
 
 
 def has_moments(link: Link) -> bool:
-    """Return whether a and b enter the weights alone, as powers of b and exp(-(a + b) L)."""
+    """Return whether a and b enter the weights of paths alone, as b^K exp(-(a + b) L)."""
     plain = link.bubbles is None and link.water.layers is None
     return plain and link.physics.absorption != "paper"
 
 
-def moments(link: Link, light: Light) -> Floats:
-    """Return dh / d ln a and dh / d ln b, shape (2, shifts).
+def moments(link: Link, arrivals: Light) -> Floats:
+    """Return dh / d ln a and dh / d ln b by the score function, shape (2, shifts).
 
-    dw / da = -L w, dw / db = (K / b - L) w
+    The likelihood-ratio estimator of dh / dp is E[w d ln f / dp]. The weight of a path with K
+    scatterings and the length L in the water has the factor f = b^K exp(-(a + b) L), so that
+
+        d ln f / d ln a = -a L,    d ln f / d ln b = K - b L
     """
-    way = light.by_shift(light.water)
-    scatterings = light.by_shift(light.order.astype(float))
-    return np.array([-link.water.a * way, scatterings - link.water.b * way])
+    length = arrivals.by_shift(arrivals.water)
+    scatterings = arrivals.by_shift(arrivals.order.astype(float))
+    return np.array([-link.water.a * length, scatterings - link.water.b * length])
 
 
-def in_water(light: Light, old: Water, new: Water) -> Light:
-    """Return light of uniform water in another one, w' = w (b' / b)^K exp(-(c' - c) L)."""
-    factor = np.exp((old.c - new.c) * light.water)
+def in_water(arrivals: Light, old: Water, new: Water) -> Light:
+    """Reweight the arrivals of uniform water to another water.
+
+    The likelihood ratio of a path is w' / w = (b' / b)^K exp(-(c' - c) L).
+    """
+    ratio = np.exp((old.c - new.c) * arrivals.water)
     if new.b != old.b:
-        factor *= (new.b / max(old.b, 1e-300)) ** light.order
-    return light._replace(weight=light.weight * factor)
+        ratio *= (new.b / max(old.b, 1e-300)) ** arrivals.order
+    return arrivals._replace(weight=arrivals.weight * ratio)
 
 
 def edge_over(near: Neighbours, name: str, i: int) -> Floats:
@@ -173,10 +174,13 @@ def edge_over(near: Neighbours, name: str, i: int) -> Floats:
     """
     link = near.campaign.link
     fov = link.receivers[0].fov_deg
+    # at 180 deg the step is one-sided, which the logarithms below take into account
     views = [min(fov * math.exp(side * _EDGE_STEP), 180.0) for side in (-1.0, 1.0)]
     frozen, mesh = near.frozen, near.mesh(i)
     low, high = (frozen.unscattered(link.replace(name, view), mesh)[0] for view in views)
+    # all arrivals that any window weighs
     wide = frozen.light(link.replace(name, min((1.0 + WINDOW) * fov, 180.0)), mesh)[0]
+    # distance from the edge, over the half-angle
     off = np.degrees(wide.angle) / (0.5 * fov) - 1.0
     rates = np.empty((3, len(WINDOWS), SHIFTS))
     for k, width in enumerate(WINDOWS.tolist()):
@@ -186,6 +190,7 @@ def edge_over(near: Neighbours, name: str, i: int) -> Floats:
         rates[0, k] = wide.by_shift(window)
         rates[1, k] = wide.by_shift(np.abs(window))
         rates[2, k] = wide.by_shift(wide.weight * window**2)
+    # the same for all windows: unscattered light has no noise to weigh against bias
     rates[0] += (high - low) / math.log(views[1] / views[0])
     return rates
 
@@ -198,7 +203,7 @@ def resolving_window(rates: Floats) -> tuple[int, bool]:
 
     Parameters
     ----------
-    found : ndarray, shape (seas, 3, windows, shifts)
+    rates : ndarray, shape (seas, 3, windows, shifts)
         Rows of `edge_over` over several realizations.
 
     References
@@ -206,6 +211,7 @@ def resolving_window(rates: Floats) -> tuple[int, bool]:
     Lepskii, O. V. (1991), Theory Probab. Appl. 35, 454, doi:10.1137/1135065.
     """
     change, (size, square) = rates[:, 0], rates[:, 1:].sum(axis=(0, 3))
+    # effective number of arrivals, (sum |w|)^2 / sum w^2
     known = np.flatnonzero(size**2 >= _LEAST_ARRIVALS * square)
     last = int(known.max(initial=0))
     for k in range(last):
@@ -219,7 +225,10 @@ def resolving_window(rates: Floats) -> tuple[int, bool]:
 
 
 def without_each(gains: Floats) -> Iterator[Floats]:
-    """Yield gains (seas, ..., shifts): all, without each shift, without each of several seas."""
+    """Yield the samples of a delete-one jackknife of gains (seas, ..., shifts).
+
+    All gains, then those without each shift, then those without each of several seas.
+    """
     yield gains
     for i in range(SHIFTS):
         yield np.delete(gains, i, axis=-1)
@@ -229,12 +238,12 @@ def without_each(gains: Floats) -> Iterator[Floats]:
 
 
 def error_of(values: Floats) -> float:
-    """Return the standard error of the first of values (1 + groups,), see `without_each`."""
+    """Return the jackknife error of values[0], from values of `without_each` (1 + groups,)."""
     return math.sqrt(covariance_of(values[None])[0, 0])
 
 
 def covariance_of(values: Floats) -> Floats:
-    """Return the covariance (n, n) of the first of values (n, 1 + groups), see `without_each`.
+    """Return the jackknife covariance (n, n) of values[:, 0], from values (n, 1 + groups).
 
     var = (m - 1) / m sum_i (v_i - mean v)^2 over the m shifts, and the same over the seas
     """
@@ -243,6 +252,7 @@ def covariance_of(values: Floats) -> Floats:
         m = groups.shape[1]
         if m > 1:
             off = groups - groups.mean(axis=1, keepdims=True)
+            # shifts and seas are independent sources of error: their variances add
             total += (m - 1) / m * off @ off.T
     return total
 
@@ -281,6 +291,7 @@ def closing_depth(
         if here + fall * depth < -far:
             break
         before, above = depth, here
+        # a noisy reserve may send the secant anywhere
         depth = float(np.clip(depth + here / fall, 0.3 * depth, 3.0 * depth))
     return math.nan, math.nan, math.nan
 
@@ -291,11 +302,12 @@ def depth_key(link: Link) -> str:
 
 
 def range_of(reserve: Callable[[float], float], link: Link) -> tuple[float, float, float]:
-    """Return a depth near the range of a link [m], and the reserve there with its fall [m-1].
+    """Search the range of a link: a depth near it [m], the reserve there and its fall [m-1].
 
     `reserve` returns the logarithm of the light over the need at a depth.
     """
     above = reserve(link.depth)
+    # towards the range, by a step over which the reserve is nearly linear
     first = link.depth * (1.1 if above > 0.0 else 0.9)
     closing = closing_depth(lambda depth: (reserve(depth), _NEAR), (link.depth, above), first)
     if math.isnan(closing[0]):
@@ -308,7 +320,7 @@ class Quantity:
 
     Parameters
     ----------
-    of : {"gain", "ber", "outage", "range", "margin", "capacity"}
+    name : {"gain", "ber", "outage", "range", "margin", "capacity"}
         Mean gain; bit error rate averaged over the seas; probability that the bit error rate of a
         sea misses the limit; depth at which the averaged rate meets it, or else at which the mean
         gain is that of the link; mean over required gain; rate after hard decisions, averaged
@@ -325,8 +337,8 @@ class Quantity:
     transmission.
     """
 
-    def __init__(self, of: Of, limit: float) -> None:
-        self.of, self.limit = of, limit
+    def __init__(self, name: Of, limit: float) -> None:
+        self.of, self.limit = name, limit
         self.need = cache(partial(required_gain, ber=limit))
         self.information = cache(_information)
         self.law = cache(partial(_law, limit))
@@ -352,6 +364,7 @@ class Quantity:
         def mean(values: Floats) -> float:
             return float(np.average(values, axis=-1, weights=weights).mean())
 
+        # a range without a transmission is that of the gain itself
         if self.of == "gain" or ook is None:
             return math.log(mean(means))
         if self.of in ("margin", "outage"):
@@ -359,6 +372,7 @@ class Quantity:
         if self.of == "outage":
             return self._outage(means.ravel() / self.need(ook), tilt)
         if tilt is not None:
+            # h and tilt are independent: each sea counts with each node of the law
             means, weights = means[:, None] * tilt.h, tilt.weight
         if self.of == "margin":
             return math.log(mean(means) / self.need(ook))
@@ -367,6 +381,8 @@ class Quantity:
             return math.log(mean(np.exp(self.law(ook)(logs))))
         if self.of == "capacity":
             return math.log(max(ook.bit_rate * mean(self.information(ook)(logs)), 1e-300))
+        # a receiver that saturates has a second crossing at more power: rates that rise again are
+        # left out, so that the root is the range
         law, spread = self.law(ook, rising=False), 30.0
 
         def excess(shift: float) -> float:
@@ -376,7 +392,7 @@ class Quantity:
         return -float(brentq(excess, -spread, spread, xtol=1e-9))
 
     def _require(self, reached: bool) -> None:
-        """Refuse a limit that no power reaches."""
+        """Refuse the limit if no power reaches it."""
         if not reached:
             raise Refused("limit", self.limit, "a bit error rate that some power reaches")
 
@@ -384,7 +400,7 @@ class Quantity:
         self, gains: Floats, ook: OokLink | None, tilt: TiltFactors | None = None,
         weights: Floats | None = None,
     ) -> Floats:  # fmt: skip
-        """Return the logarithm for all gains and for the groups of the jackknife."""
+        """Return the logarithm of all gains, then of those without each group (jackknife)."""
         return np.array([self.log(group, ook, tilt, weights) for group in without_each(gains)])
 
     def value(self, log: float) -> float:
@@ -403,6 +419,7 @@ class Quantity:
         its probability; no light, out of the field of view, is an outage.
         """
         h, weight = (np.ones(1), np.ones(1)) if tilt is None else (tilt.h, tilt.weight)
+        # one sea: the law of the tilt alone is exact
         if len(ratios) == 1 and tilt is not None and tilt.law is not None:
             return math.log(max(float(tilt.below(1.0 / ratios)[0]), 1e-300))
         if len(ratios) < _LEAST_SEAS - 1:
@@ -411,6 +428,8 @@ class Quantity:
         lower, spread = np.log(h[nonzero]), float(logs.std(ddof=1))
         below = logs[:, None] + lower < 0.0
         if float((below @ weight[nonzero]).sum()) >= _LEAST_OUTAGES:
+            # normal reference rule (Silverman 1986, eq. 3.28): a count of few outages has steps,
+            # which derivatives do not stand
             width = 1.06 * spread * len(logs) ** -0.2
             share = ndtr(-(logs[:, None] + lower) / width).mean(axis=0)
         else:
@@ -418,28 +437,42 @@ class Quantity:
         return math.log(max(float(share @ weight[nonzero]) + float(weight[~nonzero].sum()), 1e-300))
 
 
+def _tabulated(
+    powers: Iterable[float], n: int, values: Callable[[Floats], Floats]
+) -> Callable[[Floats], Floats] | None:
+    """Return a function of ln power, interpolated between n nodes; None for a closed eye.
+
+    The nodes reach from 9 below to 7 above the logarithm of the first finite one of the powers:
+    from where the light is lost in the noise to where no error is left.
+    """
+    middle = next(filter(math.isfinite, powers), math.inf)
+    if math.isinf(middle):
+        return None
+    nodes = math.log(middle) + np.linspace(-9.0, 7.0, n)
+    table = PchipInterpolator(nodes, values(nodes))
+    return lambda logs: table(np.clip(logs, nodes[0], nodes[-1]))
+
+
 def _law(limit: float, ook: OokLink, rising: bool = True) -> Callable[[Floats], Floats]:
     """Return ln BER over ln power, tabulated about the power for the limit.
 
     Without `rising` rates of an overloaded receiver stay at their minimum.
     """
-    known = (ook.required_power(rate) for rate in (limit, _OPEN))
-    middle = next(filter(math.isfinite, known), math.inf)
-    if math.isinf(middle):  # a closed eye
-        return lambda logs: np.full_like(logs, math.log(0.5))
-    nodes = math.log(middle) + np.linspace(-9.0, 7.0, _POINTS)
-    rates = np.log(np.maximum(ook.ber(np.exp(nodes)), 1e-300))
-    table = PchipInterpolator(nodes, rates if rising else np.minimum.accumulate(rates))
-    return lambda logs: table(np.clip(logs, nodes[0], nodes[-1]))
+
+    def log_rates(nodes: Floats) -> Floats:
+        rates = np.log(np.maximum(ook.ber(np.exp(nodes)), 1e-300))
+        return rates if rising else np.minimum.accumulate(rates)
+
+    powers = (ook.required_power(rate) for rate in (limit, _OPEN))
+    table = _tabulated(powers, _POINTS, log_rates)
+    return table or (lambda logs: np.full_like(logs, math.log(0.5)))
 
 
 def _information(ook: OokLink) -> Callable[[Floats], Floats]:
-    """Return the information of a bit over ln power, by interpolation between 60 powers."""
-    middle = ook.required_power(0.1)
-    if math.isinf(middle):  # a closed eye
-        return np.zeros_like
-    nodes = math.log(middle) + np.linspace(-9.0, 7.0, _NODES)
-    gains = np.exp(nodes) / float(ook.received_power(1.0))
-    carried = [capacity(ook, gain).hard / ook.bit_rate for gain in gains]
-    table = PchipInterpolator(nodes, carried)
-    return lambda logs: table(np.clip(logs, nodes[0], nodes[-1]))
+    """Return the information of a bit [bit] over ln power, tabulated."""
+
+    def carried(nodes: Floats) -> Floats:
+        gains = np.exp(nodes) / float(ook.received_power(1.0))
+        return np.array([capacity(ook, gain).hard / ook.bit_rate for gain in gains])
+
+    return _tabulated([ook.required_power(0.1)], _NODES, carried) or np.zeros_like

@@ -5,17 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from meshtrace.comms.background import widest_filter_nm, with_background
-from meshtrace.comms.budget import (
-    ber_of_gains,
-    bootstrapped_mean,
-    link_budget,
-    required_gain,
-)
+from meshtrace.comms.budget import ber_of_gains, bootstrapped_mean, link_budget, required_gain
 from meshtrace.comms.capacity import Capacity, capacity
 from meshtrace.comms.devices import photon_energy
 from meshtrace.comms.ook import OokLink
@@ -27,12 +23,7 @@ from meshtrace.models import Floats
 from meshtrace.results.daylight import Background
 from meshtrace.results.series import GainSeries
 from meshtrace.studies.campaign import Campaign, Steps
-from meshtrace.studies.response import (
-    MeanResponse,
-    mean_response,
-    mean_responses,
-    over_colours,
-)
+from meshtrace.studies.response import MeanResponse, mean_responses, over_colours
 from meshtrace.studies.series import gain_series, in_flight
 from meshtrace.uav import Flight, TiltFactors
 
@@ -65,7 +56,7 @@ class FadingSamples:
         return self.series.gain[:, None] * self.tilt.h
 
     def over_tilts(self, values: Floats) -> Floats:
-        """Return the means of values (n, m) of the samples over the tilts (n,)."""
+        """Average values of the samples (n, m) over the tilts, shape (n,)."""
         return values @ self.tilt.weight
 
     @property
@@ -77,7 +68,9 @@ class FadingSamples:
         """Return the mean gain with `quantile` standard errors of seas, tilts and chains."""
         gains = self.over_tilts(self.samples)
         mean = float(gains.mean())
+        # correlated times count as fewer samples
         spread = float(gains.std()) / math.sqrt(max(self.n_effective - 1.0, 1.0))
+        # seas and chains are independent errors
         reach = quantile * math.hypot(spread, mean * self.chain_error)
         return Estimate(mean, max(mean - reach, 0.0), mean + reach)
 
@@ -85,101 +78,98 @@ class FadingSamples:
 _LEVEL = TiltFactors(np.ones(1), np.ones(1))
 
 
-class SharedGains(NamedTuple):
-    """Gains and responses of a link at several wavelengths with common paths, kept for all of them.
+class Ensemble(NamedTuple):
+    """Seas, and tilts of an aircraft, over which the performance of a link is averaged.
 
     Parameters
     ----------
+    campaign : Campaign
+        The link, its sea and options.
+    n : int
+        Realizations of the sea, or times of a coupled flight.
+    flight : Flight, optional
+        Aircraft that carries the end in the air.
     wavelengths_nm : tuple of float
-        Wavelengths [nm].
-    kept : dict
-        Campaigns and their gains by depth, filled at the first wavelength.
-    responses : dict
-        Responses at all wavelengths by depth, likewise.
+        Wavelengths [nm] whose links have common paths; empty for the link alone.
+    computed : dict
+        Gains and responses at all wavelengths, which the ensembles of these share.
     """
-
-    wavelengths_nm: tuple[float, ...]
-    kept: dict[str, tuple[Campaign, Steps, Floats]]
-    responses: dict[str, list[MeanResponse | None]]
-
-    def series(self, campaign: Campaign, steps: Callable[[Campaign], Steps]) -> GainSeries:
-        """Return the gains of a campaign of one of the wavelengths."""
-        ((name, link),) = campaign.links.items()
-        if name not in self.kept:
-            whole = self._whole(campaign)
-            seas = steps(whole)
-            self.kept[name] = whole, seas, whole.gains(seas)
-        return gain_series(*self.kept[name], f"{link.transmitters[0].wavelength_nm!r} nm")
-
-    def response(self, campaign: Campaign, seas: int) -> MeanResponse | None:
-        """Return the mean response of a campaign of one of the wavelengths."""
-        ((name, link),) = campaign.links.items()
-        if name not in self.responses:
-            self.responses[name] = mean_responses(self._whole(campaign), seas)
-        at = self.wavelengths_nm.index(link.transmitters[0].wavelength_nm)
-        return self.responses[name][at]
-
-    def _whole(self, campaign: Campaign) -> Campaign:
-        """Return the campaign of all wavelengths."""
-        links = {f"{nm!r} nm": campaign.link.at_wavelength(nm) for nm in self.wavelengths_nm}
-        return campaign._replace(links=links, spectral=True)
-
-
-class Ensemble(NamedTuple):
-    """Seas and tilts for the average of a link."""
 
     campaign: Campaign
     n: int
     flight: Flight | None
-    common: SharedGains | None = None
+    wavelengths_nm: tuple[float, ...] = ()
+    computed: dict[tuple[str, float], Any] | None = None
 
     def provenance(self) -> dict[str, Any]:
-        """Return the aircraft, its wind and the number of realizations."""
+        """Return aircraft, wind and number of realizations as plain data."""
         flight = self.flight
-        return {
-            **(self.campaign.of_flight(flight) if flight else {"uav": None, "wind": None}),
-            "coupled": flight is not None and flight.coupled,
-            "realizations": self.n,
-        }
+        in_air = self.campaign.of_flight(flight) if flight else {"uav": None, "wind": None}
+        coupled = flight is not None and flight.coupled
+        return in_air | {"coupled": coupled, "realizations": self.n}
 
     def at(self, link: Link) -> Campaign:
         """Return the campaign of a link at its depth."""
         (base,) = self.campaign.links
-        return self.campaign.of(link, f"{base} at {link.depth!r} m")
+        return self.campaign.for_link(link, f"{base} at {link.depth!r} m")
+
+    def _paths(self, link: Link) -> Campaign:
+        """Return the campaign of a link, with the links at all wavelengths that share its paths."""
+        if not self.wavelengths_nm:
+            return self.at(link)
+        links = [link.at_wavelength(nm) for nm in self.wavelengths_nm]
+        named = {_spectral_name(link): link for link in links}
+        return self.campaign._replace(links=named, spectral=True)
+
+    def _once(self, name: str, link: Link, compute: Callable[[], Any]) -> Any:
+        """Return a result for all wavelengths, computed for the first of them that asks."""
+        if self.computed is None:
+            return compute()
+        key = name, link.depth
+        if key not in self.computed:
+            self.computed[key] = compute()
+        return self.computed[key]
+
+    def _gains(self, link: Link) -> tuple[Campaign, Steps, Floats]:
+        """Return the gains over the surfaces, with their campaign."""
+        campaign, flight = self._paths(link), self.flight
+        if flight is not None and flight.coupled:
+            times = flight.time_step * np.arange(self.n, dtype=np.float64)
+            steps = in_flight(campaign, times, flight)
+        else:
+            steps = campaign.surfaces(self.n)
+        return campaign, steps, campaign.gains(steps)
 
     def samples(self, link: Link) -> FadingSamples:
         """Return gains and tilt factors of a link."""
         campaign, flight = self.at(link), self.flight
+        paths, steps, gains = self._once("gains", link, partial(self._gains, link))
+        name = _spectral_name(link) if self.wavelengths_nm else None
+        series = gain_series(paths, steps, gains, name)
         if flight is not None and flight.coupled:
-            times = flight.time_step * np.arange(self.n, dtype=np.float64)
-            series = self._series(
-                campaign, lambda campaign_there: in_flight(campaign_there, times, flight)
-            )
             series = replace(series, provenance=series.provenance | campaign.of_flight(flight))
+            # a constant gain has no correlation to estimate
             n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else float(self.n)
             return FadingSamples(series, _LEVEL, n)
-        series = self._series(campaign, lambda campaign_there: campaign_there.surfaces(self.n))
-        seas = len(series.gain)
+        seas = float(len(series.gain))
         if flight is None:
-            return FadingSamples(series, _LEVEL, float(seas))
+            return FadingSamples(series, _LEVEL, seas)
         if link.direction == "down":
             raise Refused("coupled", False, "True for an aircraft that tilts a lamp")
         tilt = campaign.tilt_factors(flight, link.only_receiver.fov_deg)
-        return FadingSamples(series, tilt, float(seas))
+        return FadingSamples(series, tilt, seas)
 
     def response(self, ook: OokLink, link: Link) -> MeanResponse | None:
-        """Return the mean response of the channel over some of the seas."""
-        campaign = self.at(link), self.n
-        if self.common is None:
-            return mean_response(ook, *campaign)
-        return over_colours(self.common.response(*campaign), ook, *campaign)
+        """Return the mean response of the channel over the first seas."""
+        responses = self._once("responses", link, lambda: mean_responses(self._paths(link), self.n))
+        nm = link.transmitters[0].wavelength_nm
+        i = self.wavelengths_nm.index(nm) if self.wavelengths_nm else 0
+        return over_colours(responses[i], ook, self.at(link), self.n)
 
-    def _series(self, campaign: Campaign, steps: Callable[[Campaign], Steps]) -> GainSeries:
-        """Return the gains of a link over the surfaces."""
-        if self.common is None:
-            seas = steps(campaign)
-            return gain_series(campaign, seas, campaign.gains(seas))
-        return self.common.series(campaign, steps)
+
+def _spectral_name(link: Link) -> str:
+    """Return the name of a link at one of several wavelengths, different at each depth."""
+    return f"{link.transmitters[0].wavelength_nm!r} nm at {link.depth!r} m"
 
 
 class OperatingPoint(NamedTuple):
@@ -249,6 +239,7 @@ def operating_point(
     if dark.response is not None:
         spread = Estimate(*(3 * (dark.response.rms_spread,)))
     elif seen is not None:
+        # a response that the user gives is known, that of the chains has an error
         dark, mean = dark.replace(response=seen.response), seen.rms_spread
         reach = quantile * seen.rms_spread_stderr
         spread = Estimate(mean, max(mean - reach, 0.0), mean + reach)
@@ -265,9 +256,10 @@ def operating_point(
         # the error of the background joins the interval
         step = quantile * background.radiance_stderr / background.radiance
         lights = [with_background(dark, background, max(1.0 + s, 0.0)) for s in (-step, step)]
-        rates = [_mean_ber(one, samples, samples.samples) for one in lights]
+        rates = [_mean_ber(exposed, samples, samples.samples) for exposed in lights]
         ber = _joined_rates(*ber, *rates)
     budget = link_budget(ook, gain, limit)
+    # zeros are not dark: the extinction ratio of the lamp is finite
     low, high = ook.led.levels(power)
     photons = 0.5 * (low + high) / (ook.bit_rate * photon_energy(ook.led.wavelength))
     margins = budget.margin_optical_db, budget.margin_electrical_db
@@ -291,9 +283,10 @@ def operating_point(
 
 
 def _dispersion_db(ook: OokLink, limit: float) -> float:
-    """Return the power that the response of the channel costs [dB]."""
+    """Return the penalty of the channel's response [dB], by the optical power for the limit."""
     if ook.filters.response is None:
         return 0.0
+    # the same receiver, if the channel spread no pulse
     prompt = ook.replace(response=None).required_power(limit)
     if math.isinf(prompt):
         return math.nan
@@ -310,6 +303,7 @@ def ber_of_samples(
     middle, *shifted = _shifted(samples, quantile)
     bers = samples.over_tilts(ber_of_gains(ook, middle))
     over_seas = bootstrapped_mean(bers, samples.n_effective, confidence, _RESAMPLES, seed)
+    # the logarithm of no error has no interval
     if over_seas.value == 0.0:
         return over_seas
     return _joined_rates(*over_seas, *(_mean_ber(ook, samples, gains) for gains in shifted))
@@ -321,11 +315,12 @@ def _mean_ber(ook: OokLink, samples: FadingSamples, gains: Floats) -> float:
 
 
 def _equal_samples(samples: FadingSamples) -> Floats:
-    """Return the samples, or as many quantiles of equal probability as stand for their law."""
+    """Return gains of equal probability: the samples, or quantiles of their weighted law."""
     gains = samples.samples
     weight = np.broadcast_to(samples.tilt.weight / len(gains), gains.shape)
     if gains.size <= _QUANTILES and weight.max() == weight.min():
         return gains
+    # quantiles of the weighted law: the capacity takes equally probable gains
     order = np.argsort(gains, axis=None)
     weight = weight.ravel()[order]
     shares = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
@@ -341,6 +336,7 @@ def outage_of_samples(
     are lost over each of them, and known.
     """
     needed, gain, dark = required_gain(ook, limit), samples.series.gain, samples.tilt.outage
+    # the whole curve moves with the common error of the chains
     steps = np.exp(samples.chain_error * quantile * np.array([0.0, 1.0, -1.0]))
     with np.errstate(divide="ignore"):
         missed = [samples.tilt.below(needed / (gain * step)) for step in steps]
@@ -350,6 +346,8 @@ def outage_of_samples(
         seen = np.clip((missed[0] - dark) / (1.0 - dark), 0.0, 1.0)
         rate, n = float(seen.mean()), samples.n_effective
         if 0.0 < rate < 1.0 and seen.var() > 0.0:
+            # shares between 0 and 1 scatter less than zeros and ones do: each sea counts for more
+            # than one trial
             n *= max(rate * (1.0 - rate) / float(seen.var()), 1.0)
         interval = wilson_interval(rate, n, confidence)
         low, high = (dark + (1.0 - dark) * end for end in (interval.low, interval.high))
@@ -365,7 +363,7 @@ def _shifted(samples: FadingSamples, quantile: float) -> list[Floats]:
 
 
 def _joined(value: float, low: float, high: float, brighter: float, darker: float) -> Estimate:
-    """Return an interval with an independent error added in quadrature."""
+    """Add an independent error to an interval, in quadrature on either side."""
     return Estimate(
         value,
         value - math.hypot(value - low, value - brighter),

@@ -20,13 +20,7 @@ from meshtrace.comms.pulses import Eye
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_between,
-    require_finite,
-    require_word,
-)
+from meshtrace.errors import Described, Refused, require_between, require_finite, require_word
 from meshtrace.fading import Estimate
 from meshtrace.fields import attrs
 from meshtrace.link import Link
@@ -43,7 +37,6 @@ from meshtrace.studies.operating_point import (
     Ensemble,
     FadingSamples,
     OperatingPoint,
-    SharedGains,
     operating_point,
 )
 from meshtrace.studies.series import closed_form
@@ -163,6 +156,7 @@ class LinkPerformance(Stored):
 
     def _ranges(self, bers: Floats, target: float) -> tuple[Estimate, ...]:
         """Return the range of each bit rate for error rates (depths, bit_rates, 3)."""
+        # the upper limit of the error rate gives the lower limit of the range
         columns = (bers[:, i, [0, 2, 1]].T for i in range(len(self.ooks)))
         return tuple(Estimate(*(_range(self.depths, b, target) for b in c)) for c in columns)
 
@@ -188,10 +182,10 @@ class LinkPerformance(Stored):
         lines += [_figures_line(figures) for figures in self.figures]
         if len(self.depths) > 1:
             lines += ["", self._range_heading, *self._range_lines()]
-        light = [f"background light: {self.light}", *self._filters(), *self._tilts()]
-        end = [*self._origin_lines()[:1], *light, *self._spreads(), *self._overloads()]
-        end += [*self._origin_lines()[1:], self.status]
-        return "\n".join([*lines, "", *end])
+        water, *closed_form_of_fading = self._origin_lines()
+        lines += ["", water, f"background light: {self.light}", *self._filters(), *self._tilts()]
+        lines += [*self._spreads(), *self._overloads(), *closed_form_of_fading, self.status]
+        return "\n".join(lines)
 
     def _filters(self) -> list[str]:
         """Return the widest filters of the first depth, if there is background light."""
@@ -217,7 +211,7 @@ class LinkPerformance(Stored):
         return [note] if note else []
 
     def _spreads(self) -> list[str]:
-        """Return the largest delay spread, in bits, and its penalty."""
+        """Describe the largest delay spread of all depths, in bits, and its penalty."""
         points = [f for f in self.figures if f.rms_delay_spread.value > 0.0]
         if not points:
             return []
@@ -241,18 +235,22 @@ class LinkPerformance(Stored):
     def _range_lines(self, wind: str = "") -> list[str]:
         """Return the range of each bit rate."""
         bers, least, start = self.estimates("ber"), self._least_ber, ""
-        if least >= self.limit:  # of the other tilts
+        # the tilt alone breaks the limit: the range is then that of the moments with light
+        if least >= self.limit:
+            # BER = t / 2 + (1 - t) BER_inside with the share t of tilts out of the field of view,
+            # least = t / 2
             bers = np.maximum(bers - least, 0.0) / (1.0 - 2.0 * least)
             start = "none at any power, by the tilt; within the field of view "
         table = zip(self.bit_rates, self._ranges(bers, self.limit), bers.T[0], strict=True)
         return [
-            f"{wind}{rate / 1e6:>7g} Mbit/s  {start}{self._range_text(found, ber)}"
-            for rate, found, ber in table
+            f"{wind}{rate / 1e6:>7g} Mbit/s  {start}{self._range_text(estimate, ber)}"
+            for rate, estimate, ber in table
         ]
 
     def _range_text(self, estimate: Estimate, ber: Floats) -> str:
         """Return a range, or its bound if the error rates do not cross the limit."""
         least, most = f"< {min(self.depths):g}", f"> {max(self.depths):g}"
+        # no crossing: all depths work, or none does
         if math.isnan(estimate.value):
             return f"{most if (ber < self.limit).all() else least} m"
         low = least if math.isnan(estimate.low) else f"{estimate.low:.1f}"
@@ -273,13 +271,15 @@ class LinkPerformance(Stored):
         ]
 
     def _overloads(self) -> list[str]:
-        """Return a warning that names the depths with most counts in the dead time of the cells."""
+        """Return a warning for each depth at which the detector loses most counts of a one."""
         ook, lines = self.ooks[0], []
         if not ook.saturation:
             return []
         unlimited = ook.model_copy(update={"saturation": False})
         for depth in self.depths:
+            # counts per second of a one without any dead time
             level = float(unlimited.levels(self.at(depth).received_power.value)[1])
+            # share of the counts of a one that the dead time of the cells leaves
             passed = float(ook.sipm.saturated_rate(level)) / level
             if passed < 0.5:
                 lines.append(
@@ -302,12 +302,11 @@ class LinkPerformance(Stored):
         if len(ooks) != data["bit_rate"].size:
             raise ValueError("other numbers of bit rates and transmissions")
         responses = tuple(
-            None if one is None else ChannelResponse.model_validate(one)
-            for one in provenance["responses"]
+            response and ChannelResponse.model_validate(response)
+            for response in provenance["responses"]
         )
         require_between(provenance.get("tilt_outage", 0.0), 0.0, 1.0, "tilt_outage", "[]")
-        given = {"ooks": ooks, "responses": responses, "fades": ()}
-        return super()._restored(data, provenance, **given)
+        return super()._restored(data, provenance, ooks=ooks, responses=responses, fades=())
 
 
 _FLOOR = 1e-15  # of bit error rates in texts
@@ -352,6 +351,7 @@ def _cost(f: OperatingPoint) -> str:
 def _range(depths: tuple[float, ...], ber: Floats, target: float) -> float:
     from scipy.special import ndtri
 
+    # q of BER = Q(q): `depth_at` interpolates its logarithm, so that it has to be above 0
     quality = -ndtri(np.clip(ber, 1e-300, 0.5 - 1e-12))
     try:
         return depth_at(depths, quality, -float(ndtri(target)))
@@ -403,12 +403,12 @@ class DepthSweep(Stacked):
         pairs = list(zip(self.wind_speeds, self.performances, strict=True))
         for speed, performance in pairs:
             lines += performance._range_lines(f"{speed:>5g} m/s")
-        light = [f"background light, {speed:g} m/s: {p.light}" for speed, p in pairs]
+        lights = [f"background light, {speed:g} m/s: {p.light}" for speed, p in pairs]
         if len({p.light for p in self.performances}) == 1:
-            light = [f"background light: {first.light}"]
+            lights = [f"background light: {first.light}"]
         tilts = [line for speed, p in pairs for line in p._tilts(f", {speed:g} m/s")]
         water = f"water: {water_of(first.provenance)}"
-        return "\n".join([*lines, "", water, *light, *tilts, first.status])
+        return "\n".join([*lines, "", water, *lights, *tilts, first.status])
 
 
 SWEEP_DEPTHS = tuple(float(d) for d in range(20, 95, 5))
@@ -532,20 +532,22 @@ def link_performance(
     """
     rates = (None,) if bit_rate is None else require_finite(bit_rate, "bit_rate", "rates [bit s-1]")
     at = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
-    shared = SharedGains(tuple(at), {}, {}) if at else None
+    computed = dict[tuple[str, float], Any]() if at else None
 
     def performance(link: Link | Scenario, day: Daylight | None) -> LinkPerformance:
         shallow = _shallowest(link, depths)
-        campaign = campaign_of(
-            shallow, surface, "link_performance", fading=True, analog=True, **run
-        )
+        campaign = campaign_of(shallow, surface, "link_performance", run, fading=True, analog=True)
         wind = getattr(campaign.scenario, "wind_speed", campaign.link.wind_speed)
-        if wind is not None:  # one of several in a store
-            campaign = campaign.of(campaign.link, f"wind of {wind!r} m/s")
+        # names of loops in a store, which holds those of several winds and wavelengths
+        name = "link" if wind is None else f"wind of {wind!r} m/s"
+        if at:
+            name += f", {campaign.link.transmitters[0].wavelength_nm!r} nm"
+        campaign = campaign.for_link(campaign.link, name)
         detector = getattr(campaign.scenario, "detector", None)
         base = (detector or "physical") if ook is None else ook
         ooks = tuple(OokLink.of_link(campaign.link, base, rate) for rate in rates)
-        ensemble = Ensemble(campaign, realizations, campaign.flight(flight), shared)
+        flown = campaign.flight(flight)
+        ensemble = Ensemble(campaign, realizations, flown, tuple(at), computed)
         links = _links(ooks[0].channel(campaign.link), depths)
         return _over_depths(ensemble, links, ooks, light_of(campaign, day), limit, confidence)
 
@@ -572,17 +574,18 @@ def _over_depths(
         for ook in ooks
     ]
     ooks, text = _lit(ooks, lights, campaign.link)
-    responses = [None if ook is None else ook.response for ook in seen.values()]
+    responses = [None if mean is None else mean.response for mean in seen.values()]
+    # a sea without random phases is one sea, however many are asked for
     seas = ensemble.n if isinstance(campaign.surface, SeededSurface) else 1
-    origin = {
-        **next(iter(fades.values())).series.provenance,
-        **closed_form(next(iter(links.values())), campaign.surface, seas, level=2),
+    shallowest = next(iter(fades.values()))
+    origin = shallowest.series.provenance
+    origin = origin | closed_form(next(iter(links.values())), campaign.surface, seas, level=2)
+    origin |= {
         "ook": [ook.model_dump(mode="json") for ook in ooks],
         "daylight": day.model_dump(mode="json") if day else None,
-        "responses": [ook and ook.model_dump(mode="json") for ook in responses],
-        **ensemble.provenance(),
-        "tilt_outage": next(iter(fades.values())).tilt.outage,
+        "responses": [response and response.model_dump(mode="json") for response in responses],
     }
+    origin |= ensemble.provenance() | {"tilt_outage": shallowest.tilt.outage}
     return LinkPerformance(
         tuple(fades), ooks, tuple(points), tuple(fades.values()), limit, confidence,
         ooks[0].status, origin, text, tuple(responses),
@@ -592,16 +595,16 @@ def _over_depths(
 def _lit(
     ooks: tuple[OokLink, ...], lights: dict[float, Background | None], link: Link
 ) -> tuple[tuple[OokLink, ...], str]:
-    """Return the transmissions under the background at the first depth, and its text."""
+    """Return the transmissions under the background at the first depth, and a text on it."""
     depth, background = next(iter(lights.items()))
     if background is None:
         return ooks, DARK
     exposed = tuple(with_background(ook, background) for ook in ooks)
     warn_of_background(exposed[0], background)
-    light = described(exposed[0], background)
+    text = described(exposed[0], background)
     if link.direction == "down" and len(lights) > 1:
-        light += f", at {depth:g} m"
-    return exposed, light
+        text += f", at {depth:g} m"
+    return exposed, text
 
 
 def _lights(
@@ -612,6 +615,7 @@ def _lights(
         return dict.fromkeys(links)
     backgrounds: dict[Any, Background] = {}
     for link in links.values():
+        # the view of a receiver in the air does not depend on the depth of the lamp
         if link.receiver not in backgrounds:
             inputs = ensemble.at(link), day, ensemble.n, ensemble.flight
             backgrounds[link.receiver] = background_over_seas(*inputs)
@@ -630,7 +634,7 @@ def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:
 
 
 def _shallowest(link: Link | Scenario, depths: Sequence[float] | None) -> Link | Scenario:
-    """Return the link, or the scenario, at the first depth: it needs the shortest waves."""
+    """Return the link or scenario at the first depth, whose light fades by the shortest waves."""
     if depths is None or not isinstance(link, Link | Scenario):
         return link
     if isinstance(link, Scenario):
@@ -688,6 +692,7 @@ def depth_sweep(
             at = link.model_copy(update={"link": link.link.in_wind(speed), "wind_speed": speed})
         else:
             at = link.in_wind(speed)
+        # an aircraft without a wind of its own flies in that of the sea below
         flown = flight
         if flight is not None and flight.wind is None:
             bare = link.link if isinstance(link, Scenario) else link

@@ -20,13 +20,7 @@ from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.arrays import IDENTITY, Frame
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.errors import (
-    Refused,
-    require_array,
-    require_between,
-    require_names,
-    require_whole,
-)
+from meshtrace.errors import Refused, require_array, require_between, require_names, require_whole
 from meshtrace.fading import Estimate
 from meshtrace.kernels.scene import Scene
 from meshtrace.link import Link
@@ -39,6 +33,7 @@ from meshtrace.stored import SHIFTS, Variable, WithArrays
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Restored
 
+# light that the waves tilt crosses beyond the reach over still water
 _MARGIN = 2.0  # [m], mesh beyond the farthest crossing to the receiver
 _PROBES = 64  # per axis: where slopes are compared
 
@@ -52,15 +47,15 @@ def descending(name: str, values: Sequence[float]) -> list[float]:
     numbers = require_array(values, name, allowed)
     if numbers.ndim != 1:
         raise Refused(name, values, allowed)
-    given = [require_between(value, 0.0, math.inf, name) for value in numbers.tolist()]
-    given.sort(reverse=True)
-    if len(given) < 4 or len(set(given)) < len(given):
+    steps = [require_between(value, 0.0, math.inf, name) for value in numbers.tolist()]
+    steps.sort(reverse=True)
+    if len(steps) < 4 or len(set(steps)) < len(steps):
         raise Refused(name, numbers.tolist(), allowed)
-    return given
+    return steps
 
 
 def normal_kinds(normals: Sequence[Normals]) -> tuple[Normals, ...]:
-    """Return the kinds of normals, each once."""
+    """Return the kinds of normals without repetition; refuse unknown ones."""
     kinds = tuple(dict.fromkeys(require_names(normals, "normals")))
     if not kinds or not set(kinds) <= {"vertex", "facet"}:
         raise Refused("normals", normals, "vertex and facet")
@@ -68,7 +63,7 @@ def normal_kinds(normals: Sequence[Normals]) -> tuple[Normals, ...]:
 
 
 def multiple_of(name: str, ratio: float) -> int:
-    """Return the integer that a ratio equals up to rounding."""
+    """Return a ratio as an integer; refuse one that is none, up to rounding."""
     if abs(ratio - round(ratio)) > 1e-9 * ratio:
         raise Refused(name, f"{ratio:g} half-steps", "multiples of the shortest step")
     return round(ratio)
@@ -82,13 +77,15 @@ def nested_mesh(
     Without a shift the lines lie at the multiples of the spacing, so that they nest when it halves.
     """
     cells = math.ceil((crossing_reach(link) + _MARGIN) / spacing) + 1
+    # the diagonals alternate from cell to cell: the pattern repeats after two cells
     x, y = 2.0 * spacing * shift
     mesh = sea.mesh(time, cells * spacing, spacing, center=(float(x), float(y)))
     return mesh_for(link, mesh)[0]  # refuses one that does not suit the link
 
 
 def probes(reach: float) -> tuple[Floats, Floats]:
-    """Return the points (x, y) for the comparison of slopes."""
+    """Return points (x, y) of a square grid, at which slopes are compared."""
+    # midpoints: no probe lies on a grid line, where two facets would share it
     axis = reach * ((2.0 * np.arange(_PROBES) + 1.0) / _PROBES - 1.0)
     x, y = np.meshgrid(axis, axis, indexing="ij")
     return x.ravel(), y.ravel()
@@ -102,6 +99,8 @@ def placement_shifts(n: int) -> Floats:
     """
     if n == 1:
         return np.zeros((1, 2))
+    # a rank-1 lattice whose generator is near n / golden ratio: for n of Fibonacci that of least
+    # discrepancy; coprime to n, so that all points differ
     step = next(a for a in range(round(n / 1.618), n + 1) if math.gcd(a, n) == 1)
     k = np.arange(n)
     along, across = (k + 0.5) / n, (step * k / n + 0.5 / n) % 1.0
@@ -109,7 +108,7 @@ def placement_shifts(n: int) -> Floats:
 
 
 MakeMesh = Callable[[], TriangleMesh]
-"""Makes a mesh of a study."""
+"""Returns one of the meshes of a study."""
 
 ANALOG_PHOTONS = 16_384  # of the share of total reflection
 
@@ -141,6 +140,7 @@ class CommonChains(Restored):
     ) -> None:
         link, highest = campaign.link, highest or campaign.sea
         self.kinds, self.receiver, self.campaign = normal_kinds(normals), receiver, campaign
+        # half a metre finds the highest crest well enough, which bounds where chains may cross
         coarse = nested_mesh(link, highest, campaign.meshing.time, 0.5, np.zeros(2))
         self._typical = TypicalSea(float(coarse.bounds[1, 2]))
         require_whole(receiver, 0, len(link.receivers) - 1, "receiver")
@@ -160,7 +160,7 @@ class CommonChains(Restored):
         )  # fmt: skip
 
     def measure(self, case: MakeMesh, photons: int = 0) -> Floats:
-        """Return the numbers of a mesh in a row for each kind of normals.
+        """Return the numbers of a mesh for each kind of normals, shape (kinds, numbers).
 
         Gain by shift, unscattered gain, mean square slope, share of total reflection, and the
         seconds that mesh, BVH and gain took; `photons` are for the share of total reflection.
@@ -168,6 +168,7 @@ class CommonChains(Restored):
         began = clock.perf_counter()
         mesh = case()
         made = clock.perf_counter()
+        # built here, although the first ray would do it: its time is one of the results
         intersector = EmbreeIntersector(mesh, 1).built()
         times = made - began, clock.perf_counter() - made
         table = []
@@ -181,7 +182,7 @@ class CommonChains(Restored):
             table.append([*parts.shifts[0], parts.ballistic[0], slopes, reflected, *seconds])
         return np.array(table)
 
-    def over(
+    def measure_all(
         self, cases: Sequence[MakeMesh], recorded: dict[str, Any], photons: int = ANALOG_PHOTONS
     ) -> Floats:
         """Return the numbers of `measure` of each mesh, shape (kinds, cases, numbers).
@@ -189,20 +190,24 @@ class CommonChains(Restored):
         `photons` are those of the share of total reflection, 0 for none; `recorded` are the
         options that identify the meshes.
         """
-        chosen = {"kinds": list(self.kinds), "receiver": self.receiver}
-        identity = {**recorded, **chosen, "physics": self.link.physics.model_dump(mode="json")}
+        identity = recorded | {
+            "kinds": list(self.kinds),
+            "receiver": self.receiver,
+            "physics": self.link.physics.model_dump(mode="json"),
+        }
 
         def setup() -> Callable[[int], Floats]:
             return lambda i: self.measure(cases[i], photons)
 
+        # gain by shift, then the six numbers of `measure`
         shape = len(self.kinds), SHIFTS + 6
-        results = self.campaign.over(
+        results = self.campaign.evaluate(
             setup, range(len(cases)), "meshes", identity, lambda step: shape, "meshes"
         )
         return np.stack(list(results), axis=1)
 
     def exact(self, sea: WaveSum, spacing: float) -> Reference:
-        """Return the gain over the sum of waves, from crossings found on a mesh of some spacing."""
+        """Return the gain over the exact sum of waves, from crossings found on a mesh [m]."""
         forced, time = self._chains("vertex"), self.campaign.meshing.time
         link, mesh = forced.arrays, nested_mesh(self.link, sea, time, spacing, np.zeros(2))
         aimed, waves = forced.planner.aim_over(mesh), waves_at(sea, time, link.frame)
@@ -211,11 +216,15 @@ class CommonChains(Restored):
         for source, power in enumerate(link.power):
             scene = aimed.scene(link.emitters[source], link.targets[0])
             for chains in map(forced.drawer.whole, forced.scattered_sets[source]):
+                # the crossings of the mesh are the starts of Newton on the exact surface: so each
+                # chain keeps its crossing, and the difference of the gains is that of the surfaces
+                # alone
                 _, arrivals = aimed.aim(source, 0, chains, keep=True)
                 score = np.zeros(len(chains.audit))
                 analytic.move_crossings(chains.chains, arrivals, waves, scene, score, counters)
                 scattered += power * score.reshape(SHIFTS, -1).mean(axis=1)
             crossings = aimed.centroids[np.flatnonzero(aimed.direct_gains(source, 0))]
+            # two orders of one rule: their difference bounds the error of the finer one
             coarse, fine = (_direct(waves, scene, crossings, n) for n in (4, 8))
             if abs(fine - coarse) > _QUADRATURE_ERROR * fine:  # a caustic lies on the aperture
                 coarse, fine = _finely_meshed(forced, sea, time, source, crossings, spacing)
@@ -234,6 +243,7 @@ def _slope_variance(intersector: EmbreeIntersector, kind: Normals, reach: float)
     """Return the mean square slope of the normals that light meets, along plus across."""
     x, y = probes(reach)
     mesh = intersector.mesh
+    # rays straight down from above all crests hit the surface at the probes
     top = np.full(len(x), mesh.bounds[1, 2] + 1.0)
     down = np.broadcast_to((0.0, 0.0, -1.0), (len(x), 3))
     hits = intersector.intersect(np.stack([x, y, top], axis=1), down)
@@ -244,6 +254,7 @@ def _slope_variance(intersector: EmbreeIntersector, kind: Normals, reach: float)
     else:
         a, b, c = (mesh.vertex_normals[mesh.faces[facet, i]] for i in range(3))
         normal = (1.0 - u - v) * a + u * b + v * c
+    # slopes are -n_x / n_z and -n_y / n_z
     return float(np.mean((normal[:, 0] ** 2 + normal[:, 1] ** 2) / normal[:, 2] ** 2))
 
 
@@ -253,6 +264,7 @@ def _total_reflection(
     """Return the share of the photons coming from below that are totally reflected."""
     if photons == 0:
         return math.nan
+    # photons meet the surface once and keep their weight: the share is one of counts
     once = {"reflected": "kill", "second_hit": "ignore", "absorption": "analog"}
     link = link.model_copy(update={"physics": link.physics.model_copy(update=once)})
     sums = run_analog(link, intersector, photons=photons, seed=seed, normals=kind)
@@ -308,7 +320,7 @@ def _finely_meshed(
     crossings: Floats,
     spacing: float,
 ) -> tuple[float, float]:
-    """Return the unscattered gain of two meshes of the crossing region, extrapolated.
+    """Return the unscattered gain by a fine mesh of the crossing region, and extrapolated.
 
     The image of a mesh adds up at a caustic, where the light on a point has no bound.
     """
@@ -318,8 +330,10 @@ def _finely_meshed(
     center = tuple(0.5 * (low + high))
     gains = []
     for parts in (8, 16):
+        # at most 500 cells to the rim, so that memory is bounded
         mesh = sea.mesh(time, extent, max(spacing / parts, extent / 500.0), center=center)
         gains.append(float(forced.planner.aim_over(mesh).direct_gains(source, 0).sum()))
+    # the mesh errs as h^2: Richardson from h to h / 2 adds a third of the difference
     return gains[1], gains[1] + (gains[1] - gains[0]) / 3.0
 
 
@@ -337,6 +351,8 @@ def _aperture_points(rings: int) -> Chains:
     Gauss-Legendre in the square of the radius, equal steps in azimuth.
     """
     node, weight = gauss_legendre(rings)
+    # with s = r^2 the area element r dr dphi is ds dphi / 2: a rule in s has no weight r; three
+    # azimuths a ring resolve the angle as well as the ring the radius
     radius, azimuths = np.sqrt(0.5 * (1.0 + node)), 3 * rings
     azimuth = 2.0 * math.pi * (np.arange(azimuths) + 0.5) / azimuths
     disk = radius[:, None, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
@@ -354,12 +370,13 @@ def _aperture_points(rings: int) -> Chains:
 
 
 def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> analytic.Waves:
-    """Return the waves of a sea at one instant as arrays for the kernels, in a local frame."""
+    """Return arrays of the waves of a sea at one time, for the kernels, in a local frame."""
     waves = sea.components
     return analytic.Waves(
         np.ascontiguousarray(waves.amplitude) / frame.unit,
         np.ascontiguousarray(waves.kx) * frame.unit,
         np.ascontiguousarray(waves.ky) * frame.unit,
+        # an origin moved by (x, y) turns the phase of each wave by -k x
         waves.omega * time + waves.phase - waves.kx * frame.x - waves.ky * frame.y,
     )
 
@@ -414,19 +431,24 @@ def fit_law(step: Floats, differences: Floats, anchor: float, spread: Floats | N
     h = step / step[0]
     y, noise = differences.mean(axis=1), error_of_groups(differences, -1)
     shape, least = (h**2, 0.0) if spread is None else (spread, 1.0)
+    # the first fit trusts fine steps: what the law leaves out grows with the step
     sigma = h**2
+    # the misfit follows from the fit and the weights of the fit from the misfit: a few rounds do
     for _ in range(_REWEIGHTINGS):
         order, offset, slope = _least_squares(h, y[None], sigma)
         misfit = max(_misfit(y - offset - slope * h**order, noise, shape), least)
         sigma = np.hypot(noise, misfit * shape) + 1e-300
     order, offset, slope = _least_squares(h, y[None], sigma)
+    # a fixed seed: the same study has the same interval
     rng = np.random.default_rng(n * shifts)
     resampled = differences[:, rng.integers(shifts, size=(_REPLICATES, shifts))].mean(axis=2).T
     # a misfit that was fitted is itself known from n - 3 residuals only: Student's distribution
     fitted = misfit > least
     scale = np.sqrt((n - 3) / rng.chisquare(n - 3, (_REPLICATES, 1))) if fitted else 1.0
+    # beside the chains, which the bootstrap resamples, each step has its misfit
     left = misfit * shape * scale * rng.standard_normal((_REPLICATES, n))
     orders, offsets, _ = _least_squares(h, offset + slope * h**order + resampled - y + left, sigma)
+    # percentiles: the distribution of the order is skew where it is hardly known
     tail = 0.5 * (1.0 - _LEVEL)
     limits = np.quantile([orders, offsets], (tail, 1.0 - tail), axis=1)
     return Fit(
@@ -447,6 +469,7 @@ def _misfit(residual: Floats, noise: Floats, shape: Floats) -> float:
     def excess(m: float) -> float:
         return float(np.sum(residual**2 / (noise**2 + (m * shape) ** 2 + 1e-300))) - freedom
 
+    # without any noise the equation has this solution; noise only lowers it
     most = math.sqrt(float(np.sum((residual / shape) ** 2)) / freedom)
     if excess(0.0) <= 0.0 or excess(most) >= 0.0:
         return 0.0 if excess(0.0) <= 0.0 else most
@@ -458,6 +481,7 @@ def _least_squares(h: Floats, y: Floats, sigma: Floats) -> tuple[Floats, Floats,
 
     For a given order the law is linear: the best order is looked up on a fine grid.
     """
+    # scaled before the square: errors may be as small as 1e-300
     weight = (sigma / sigma.max()) ** -2
     weight /= weight.sum()
     power = h ** _ORDERS[:, None]
@@ -466,6 +490,7 @@ def _least_squares(h: Floats, y: Floats, sigma: Floats) -> tuple[Floats, Floats,
     mean = y @ weight
     covariance = (weight * (y - mean[:, None])) @ power.T  # (rows, orders)
     variance = (weight * power**2).sum(axis=1)
+    # what a straight line over h^p explains of the variance of y
     best = np.argmax(covariance**2 / variance, axis=1)
     slope = covariance[np.arange(len(y)), best] / variance[best]
     return _ORDERS[best], mean - slope * power_mean[best], slope
@@ -473,5 +498,7 @@ def _least_squares(h: Floats, y: Floats, sigma: Floats) -> tuple[Floats, Floats,
 
 def largest_step(step: Floats, error: Floats, limit: float) -> float:
     """Return the largest step with all errors from there on below a limit, or nan."""
+    # the largest error from a step on to finer ones: a chance zero crossing at a coarse step is no
+    # accuracy; errors follow power laws, so that logarithms are interpolated
     worst = np.log(np.maximum(np.maximum.accumulate(error[::-1]), 1e-300))
     return float(np.exp(np.interp(math.log(limit), worst, np.log(step[::-1]), left=math.nan)))

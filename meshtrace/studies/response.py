@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -14,8 +14,7 @@ from meshtrace.checks import check_call
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import SHORT, ChannelResponse, spread_of
 from meshtrace.comms.spectra import Curve, lit_band
-from meshtrace.engine.correlated import SpectralDetection
-from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
+from meshtrace.engine.forced import MANY_SEAS, TypicalSea
 from meshtrace.engine.outcome import FewSamplesWarning
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.meshing import surface_config
@@ -42,7 +41,7 @@ _PARTS = 3  # of the chains; the response of one of them gives the error of that
 
 
 class MeanResponse(NamedTuple):
-    """Mean response over some seas, each from its first light on, and its rms delay spread [s]."""
+    """Mean impulse response of several seas, aligned at first light, and its rms spread [s]."""
 
     response: ChannelResponse
     rms_spread: float
@@ -82,34 +81,24 @@ def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
 def _arrivals_over(
     campaign: Campaign, meshes: list[TriangleMesh]
 ) -> Callable[[TriangleMesh], Sequence[ArrivalTally]]:
-    """Return the function that gives the arrivals over a mesh at each wavelength of a campaign."""
+    """Return a function of a mesh, which gives the arrivals over it at each wavelength."""
     links, run, normals = list(campaign.links.values()), campaign.run, campaign.meshing.normals
     if isinstance(run.estimator, Analog):
-        options: dict[str, Any] = {
-            "estimator": run.estimator,
-            "photons": run.photons,
-            "seed": run.seed,
-        }
 
         def arrivals(mesh: TriangleMesh) -> Sequence[ArrivalTally]:
             with warnings.catch_warnings(action="ignore", category=FewSamplesWarning):
                 result = simulate(
-                    links[0], mesh, normals=normals, threads=1, record=[Arrivals()], **options
-                )
+                    links[0], mesh, normals=normals, threads=1, record=[Arrivals()],
+                    estimator=run.estimator, photons=run.photons, seed=run.seed,
+                )  # fmt: skip
             assert result.arrivals is not None
             return [result.arrivals]
 
         return arrivals
-    kind = SpectralDetection if campaign.spectral else ForcedDetection
-    paths: ForcedDetection | SpectralDetection = kind(
-        links if campaign.spectral else links[0],  # type: ignore[arg-type]
-        run.photons,
-        run.seed,
-        normals,
-        campaign.threads,
-        TypicalSea.of(meshes, MANY_SEAS),
-    )
-    return lambda mesh: [gains.table[0] for gains in paths.at_wavelengths(mesh, record=True)]
+    sea = TypicalSea.of(meshes, MANY_SEAS)
+    links = links if campaign.spectral else links[:1]
+    (chains,) = campaign.detections(links, sea, campaign.threads)
+    return lambda mesh: [gains.table[0] for gains in chains.at_wavelengths(mesh, record=True)]
 
 
 def over_colours(
@@ -123,7 +112,7 @@ def over_colours(
 
 
 def through_channel(ook: OokLink, campaign: Campaign, seas: int) -> OokLink:
-    """Return a transmission behind the response of the channel, unless it has its own."""
+    """Return a transmission with the response of the channel, unless it has its own."""
     seen = mean_response(ook, campaign, seas) if ook.response is None else None
     return ook if seen is None else ook.replace(response=seen.response)
 
@@ -141,14 +130,20 @@ def gain_spectrum(ook: OokLink, campaign: Campaign, seas: int) -> Curve | None:
     low, high = lit_band(ook)
     here = link.transmitters[0].wavelength_nm
     nodes = np.union1d(np.linspace(low, high, _COLOURS), here)
+    # beyond the data of the water its nearest value stands
     known = np.unique(np.clip(nodes, *spectrum.limits_nm)).tolist()
     links = {f"{nm!r} nm": link.at_wavelength(nm) for nm in known}
+    # optical thickness of a stratified water, by 64 steps of depth
     depth = np.linspace(0.0, max(-item.center[2] for _, item in link.items()), 65)
-    thickness = [depth[-1] * np.mean(np.add(*one.water.profile(depth))) for one in links.values()]
+    thickness = [
+        depth[-1] * np.mean(np.add(*spectral_link.water.profile(depth)))
+        for spectral_link in links.values()
+    ]
     if np.ptp(thickness) < _CLEAR:
         return None
     whole = campaign.alone._replace(links=links, spectral=True)
     gains = whole.gains(campaign.surfaces(min(seas, MOST_SEAS)))[0]
+    # the gain falls as exp(-c z): smooth in its logarithm
     logs = np.log(np.maximum(gains.reshape(len(known), -1).mean(axis=1), 1e-300))
     fine = np.union1d(np.linspace(low, high, 16 * _COLOURS), here)
     value = np.exp(PchipInterpolator(known, logs)(np.clip(fine, known[0], known[-1])))
@@ -157,20 +152,21 @@ def gain_spectrum(ook: OokLink, campaign: Campaign, seas: int) -> Curve | None:
 
 def _mean(responses: list[ImpulseResponse]) -> MeanResponse:
     """Return the mean of responses; the standard error holds chains and seas."""
-    arrivals = ((one.delay, one.weight, one.angle) for one in responses)
+    arrivals = ((response.delay, response.weight, response.angle) for response in responses)
     delay, weight, angle = map(np.concatenate, zip(*arrivals, strict=True))
-    error = float(np.mean([one.rms_delay_spread_stderr for one in responses]))
+    # chains are common to the seas: their error does not fall with the number of seas
+    error = float(np.mean([response.rms_delay_spread_stderr for response in responses]))
     if len(responses) > 1:
-        spreads = np.array([one.rms_delay_spread for one in responses])
+        spreads = np.array([response.rms_delay_spread for response in responses])
         error = math.hypot(error, float(error_of_groups(spreads)))
-    response = ChannelResponse.from_arrivals(delay, weight, angle)
-    return MeanResponse(response, spread_of(delay, weight), error)
+    mean = ChannelResponse.from_arrivals(delay, weight, angle)
+    return MeanResponse(mean, spread_of(delay, weight), error)
 
 
 def light_response(
     link: Link, lights: Sequence[Light], pulses: Sequence[float] | None = None
 ) -> ChannelResponse | None:
-    """Return the mean response of light over some seas, each from its first light on.
+    """Return the mean impulse response of the light of several seas, aligned at first light.
 
     None without light. `pulses` are the delays of its pulses [s], by default its own.
     """
@@ -193,11 +189,11 @@ class Responses:
 
     Parameters
     ----------
-    light : callable
+    light_of : callable
         Returns the light of a variant over each of some seas.
     base : Variant
         The one link.
-    common : bool
+    aligned : bool
         Whether the pulses of all have the delays of those of the base: differences between links
         that differ by little then follow their light without steps.
 
@@ -208,11 +204,14 @@ class Responses:
     """
 
     def __init__(
-        self, light: Callable[[Variant], list[Light]], base: Variant, common: bool = False
+        self,
+        light_of: Callable[[Variant], list[Light]],
+        base: Variant,
+        aligned: bool = False,
     ) -> None:
-        self._light, self._common = light, common
+        self._light_of, self._aligned = light_of, aligned
         self._pulses: tuple[float, ...] | None = None
-        self._kept: dict[str, tuple[ChannelResponse | None, ...]] = {}
+        self._responses: dict[str, tuple[ChannelResponse | None, ...]] = {}
         self._base = base
 
     def count(self, at: Variant) -> bool:
@@ -244,28 +243,33 @@ class Responses:
 
     def _of(self, at: Variant) -> tuple[ChannelResponse | None, ...]:
         """Return the response of a variant by all chains, and by a third of them."""
+        # the response follows from link, sea and airframe: electronics and daylight do not count
         models = [part and part.model_dump(mode="json") for part in (at.link, at.uav)]
         key = digest_of([*models, None if at.sea is None else surface_config(at.sea)])
-        if key not in self._kept:
-            lights = self._light(at)
-            if self._common and not self._kept:  # the first one is that of the base
+        if key not in self._responses:
+            lights = self._light_of(at)
+            if self._aligned and not self._responses:  # the first one is that of the base
                 self._pulses = _neighbours_pulses(light_response(at.link, lights))
-            both = lights, list(map(_third, lights))
-            self._kept[key] = tuple(light_response(at.link, some, self._pulses) for some in both)
-        return self._kept[key]
+            self._responses[key] = (
+                light_response(at.link, lights, self._pulses),
+                light_response(at.link, list(map(_third, lights)), self._pulses),
+            )
+        return self._responses[key]
 
 
 def _third(table: Light) -> Light:
-    """Return light by a third of the chains."""
+    """Return the light of a third of the chains, scaled up to all of them."""
+    # unscattered light belongs to no shift and stays whole
     chosen = table.shift % _PARTS == 0
     share = np.where(table.shift < 0, 1.0, chosen * SHIFTS / len(range(0, SHIFTS, _PARTS)))
     return table._replace(weight=table.weight * share)
 
 
 def _neighbours_pulses(response: ChannelResponse | None) -> tuple[float, ...] | None:
-    """Return delays of pulses for responses like one, and up to four times as long [s]."""
+    """Return delays [s] of pulses that also suit responses up to four times as long."""
     if response is None or len(response.delay) < 2:
         return None
+    # delays of the base and, beyond the longest, in the same ratio
     *_, before, last = response.delay
     ratio = min(max(last / max(before, 1e-300), 1.05), _BEYOND)
     more = math.ceil(math.log(_BEYOND) / math.log(ratio))

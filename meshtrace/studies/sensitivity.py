@@ -204,6 +204,7 @@ class Sensitivities(Stored):
 
         The common chains and seas correlate them.
         """
+        # a derivative is its logarithmic derivative times a factor without error
         factor = [row.derivative / row.log if row.log != 0.0 else 0.0 for row in self.table]
         return self.logs * np.outer(factor, factor)
 
@@ -266,11 +267,11 @@ def _step(row: Row, value: float) -> tuple[float, float]:
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
 
-_DIRECT = 1e-3  # step at which exact derivatives of the gain act on other quantities
+_DIRECT = 1e-3  # step in ln p by which exact derivatives of the gain act on other quantities
 _DOUBT = 3.0  # standard errors by which two steps may differ
 _BEND = 2e-3  # of the elasticity, by which they may differ as the square of the step
-_PARTS: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}  # beside link and sea
-_HALVED = 2  # windows from one to that of half its width
+_MODELS: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}  # beside link and sea
+_HALVED = 2  # places in `WINDOWS` from one to that of half its width: they shrink by sqrt(2)
 _KEPT = 4  # meshes of the base sea that stay in memory
 
 
@@ -372,9 +373,10 @@ def sensitivities(
     >>> [round(row.elasticity, 2) for row in s.table]
     [-1.14, -0.08]
     """
+    # means over the seas do not need the short waves, distributions do
     fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
     campaign = campaign_of(
-        link, surface, "sensitivities", fading, several=False, chains=DEFAULT_CHAINS, **run
+        link, surface, "sensitivities", run, fading=fading, several=False, chains=DEFAULT_CHAINS
     )
     if realizations > 1 and not isinstance(campaign.surface, SeededSurface):
         kind = getattr(campaign.surface, "kind", type(campaign.surface).__name__)
@@ -389,12 +391,14 @@ def sensitivities(
         uav = getattr(campaign.scenario, "uav", None)
         whole = electronics.channel(campaign.link)
         variant = Variant(whole, campaign.surface, electronics, light_of(campaign, None), uav)
+    # before the range is searched, which takes long: names may be wrong
     names = parameters(variant, wrt, step, normals)
     if of == "range" and variant.detector is not None:
         variant = _at_range(variant, campaign, realizations, quantity)
         names = parameters(variant, [p.name for p in names], step, normals)
     asked = [p.name for p in names]
     depth = depth_key(variant.link)
+    # the range follows from the derivative by the depth
     if of == "range" and depth not in asked:
         names += parameters(variant, [depth], None, normals)
     study = Study(variant, campaign, realizations, quantity)
@@ -425,11 +429,12 @@ def _at_range(
     return variant._replace(link=variant.link.at_depth(depth + left / fall))
 
 
-class _Rates(NamedTuple):
-    """Logarithmic derivatives of a quantity by one parameter.
+class _Derivative(NamedTuple):
+    """Derivative of the logarithm of a quantity by the logarithm of one parameter, or by its unit.
 
-    `rates` holds that of all gains, those without each shift, and those without each sea; `bias`
-    belongs to the error. From `method` on the fields are those of a `Row`.
+    `rates` holds that of all gains, those without each shift and those without each sea, for the
+    jackknife; `bias` is an error that these do not show. `second`, `method`, `suspicious` and
+    `notes` are those of a `Row`.
     """
 
     parameter: Parameter
@@ -441,24 +446,35 @@ class _Rates(NamedTuple):
     notes: str = ""
 
 
-@dataclass(eq=False)
 class Study:
-    """Evaluation of a quantity and its derivatives."""
+    """Evaluation of a quantity and its derivatives.
 
-    variant: Variant
-    campaign: Campaign
-    realizations: int
-    quantity: Quantity
-    where: str = ""
+    Parameters
+    ----------
+    variant : Variant
+        The base, at which derivatives are taken.
+    campaign : Campaign
+        Sea and options.
+    realizations : int
+        Seas; one is the sea as it is.
+    quantity : Quantity
+        The quantity.
+    where : str
+        End of the names in a store, which differ between studies.
+    """
 
-    def __post_init__(self) -> None:
-        self.campaign, several = self.campaign.of(self.variant.link), self.realizations > 1
+    def __init__(
+        self, variant: Variant, campaign: Campaign, realizations: int, quantity: Quantity,
+        where: str = "",
+    ) -> None:  # fmt: skip
+        self.variant, self.quantity, self.where = variant, quantity, where
+        self.campaign, several = campaign.for_link(variant.link), realizations > 1
         self.near = Neighbours(
-            self.campaign, self.realizations, phases=several, fading=several, kept=_KEPT
+            self.campaign, realizations, phases=several, fading=several, meshes_kept=_KEPT
         )
         self.lights = Lights(self.campaign)
         self._other_rays = Lights(self.campaign, self.campaign.run.seed + 1)
-        self.responses = Responses(self._light, self.variant, common=True)
+        self.responses = Responses(self._light, variant, aligned=True)
 
     def _tilt(self, variant: Variant) -> TiltFactors | None:
         """Return the law of the tilt factor of an aircraft that carries the receiver."""
@@ -467,9 +483,10 @@ class Study:
         return self.campaign.tilt_factors(Flight(variant.uav), variant.link.receivers[0].fov_deg)
 
     def _light(self, at: Variant) -> list[Light]:
-        """Return the light of a variant over some seas.
+        """Return the arrivals of a variant over up to four seas, for the response of its channel.
 
-        Of another field of view that of a wider one, cut off by a soft edge.
+        For another field of view than that of the base the arrivals of a wider one are cut off by a
+        soft edge.
         """
         link, base, near = at.link, self.variant.link.receivers[0], self.near
         sea = None if at.sea is self.variant.sea else at.sea
@@ -478,11 +495,14 @@ class Study:
         if soft:
             wide = min((1.0 + WINDOW) * fov, 180.0)
             link = link.replace(f"{_first(link)}.fov_deg", wide)
-        arrivals = [near.light(link, i, sea)[0] for i in range(min(near.seas, MOST_SEAS))]
+        arrivals = [near.arrivals(link, i, sea)[0] for i in range(min(near.seas, MOST_SEAS))]
         if not soft:
             return arrivals
+        # a hard edge would let single arrivals in and out of the response as the field of view
+        # changes
         half, lights = math.radians(0.5 * fov), []
         for arrival in arrivals:
+            # a cubic step from 1 to 0 over the edge, with the integral of a hard one
             inside = np.clip((1.0 - arrival.angle / half) / WINDOW, -1.0, 1.0)
             share = 0.5 + 0.25 * inside * (3.0 - inside**2)
             lights.append(arrival._replace(weight=arrival.weight * share))
@@ -490,13 +510,13 @@ class Study:
 
     def logs(self, gains: Floats, variant: Variant) -> Floats:
         """Return the logarithms of the quantity, see `Quantity.logs`, under the light of day."""
-        exposed = self.lights.lit(self.responses.behind(variant))
+        exposed = self.lights.exposed(self.responses.behind(variant))
         return self.quantity.logs(gains, exposed, self._tilt(variant))
 
     def log(self, gains: Floats, variant: Variant, other: bool = False) -> float:
         """Return the first of `logs`, or its value by other rays and a third of the chains."""
         lights = self._other_rays if other else self.lights
-        exposed = lights.lit(self.responses.behind(variant, other))
+        exposed = lights.exposed(self.responses.behind(variant, other))
         return self.quantity.log(gains, exposed, self._tilt(variant))
 
     def logs_of(self, variant: Variant) -> Floats:
@@ -507,29 +527,26 @@ class Study:
         """Return the gains of variants over all seas, shape (variants * seas, shifts)."""
         base, near = self.variant.sea, self.near
         if all(variant.sea is base and variant.link == self.variant.link for variant in variants):
-            if name != "base":  # keys that change no light
+            if name != "base":  # keys of electronics or daylight leave the gains as they are
                 return np.concatenate([self.base] * len(variants))
         inputs = [
             (variant.link, None if variant.sea is base else variant.sea) for variant in variants
         ]
 
-        def of_first(i: int) -> Floats:
+        def first_receiver_gains(i: int) -> Floats:
             link, surface = inputs[i // near.seas]
             return near.frozen.gains(link, near.mesh(i % near.seas, surface))[0]
 
-        return self._over(of_first, len(inputs), name, (SHIFTS,))
+        return self._evaluate(first_receiver_gains, len(inputs), name, (SHIFTS,))
 
-    def _over(
-        self,
-        evaluate: Callable[[int], Floats],
-        variants: int,
-        name: str,
-        shape: tuple[int, ...],
+    def _evaluate(
+        self, evaluate: Callable[[int], Floats], variants: int, name: str, shape: tuple[int, ...]
     ) -> Floats:
+        """Return the numbers of each step, variant by variant and sea by sea, from the store."""
         known = {"seas": self.near.seas, "variants": variants}
         steps, name = range(variants * self.near.seas), f"{name}{self.where}"
         campaign = self.near.campaign
-        results = campaign.over(lambda: evaluate, steps, name, known, lambda step: shape)
+        results = campaign.evaluate(lambda: evaluate, steps, name, known, lambda step: shape)
         return np.array(list(results))
 
     @cached_property
@@ -539,46 +556,58 @@ class Study:
 
     @cached_property
     def _moments(self) -> Floats:
-        """Return dh / d ln a and dh / d ln b, shape (2, seas, shifts)."""
+        """Return dh / d ln a and dh / d ln b by the score function, shape (2, seas, shifts)."""
         near, link = self.near, self.variant.link
 
-        def both(i: int) -> Floats:
-            return moments(link, near.light(link, i)[0])
+        def score_moments(i: int) -> Floats:
+            return moments(link, near.arrivals(link, i)[0])
 
-        return self._over(both, 1, "moments", (2, SHIFTS)).swapaxes(0, 1)
+        return self._evaluate(score_moments, 1, "moments", (2, SHIFTS)).swapaxes(0, 1)
 
-    def derivatives(self, p: Parameter) -> _Rates:
-        """Return the derivatives by a parameter."""
+    def derivatives(self, p: Parameter) -> _Derivative:
+        """Return the derivatives by a parameter, by the estimator with the least noise.
+
+        The score function where the parameter enters the weights of paths alone, the light at the
+        edge of the field of view, otherwise differences with common random numbers.
+        """
         link = self.variant.link
         if p.name in WATER and has_moments(link):
-            return self._exactly(p, self._moments[WATER.index(p.name)], "moment")
+            return self._by_chain_rule(p, self._moments[WATER.index(p.name)], "moment")
         if p.name == f"{_first(link)}.fov_deg" and link.physics.fov == "angle":
-            return self._at_edge(p)
-        return self._differences(p)
+            return self._by_view_edge(p)
+        return self._by_differences(p)
 
-    def _at_edge(self, p: Parameter) -> _Rates:
-        """Return the derivatives by the field of view, by the window that resolves the light there.
+    def _by_view_edge(self, p: Parameter) -> _Derivative:
+        """Return the derivatives by the field of view, from the light at its edge.
 
-        The difference of a window of half its width is taken as its bias.
+        The difference of a window of half the width is taken as the bias.
         """
+        # derivative, sizes and squares of the arrivals, see `edge_over`
         shape = 3, len(WINDOWS), SHIFTS
-        edges = self._over(partial(edge_over, self.near, p.name), 1, p.name, shape)
+        edges = self._evaluate(partial(edge_over, self.near, p.name), 1, p.name, shape)
         k, resolved = resolving_window(edges)
-        rates = self._exactly(p, edges[:, 0, k], "angle")
-        narrow = self._exactly(p, edges[:, 0, min(k + _HALVED, len(WINDOWS) - 1)], "angle")
+        rates = self._by_chain_rule(p, edges[:, 0, k], "angle")
+        narrow = self._by_chain_rule(p, edges[:, 0, min(k + _HALVED, len(WINDOWS) - 1)], "angle")
         bias = math.hypot(rates.bias, float(narrow.rates[0] - rates.rates[0]))
         notes = "" if resolved else "light at the edge varies within the narrowest window"
         return rates._replace(bias=bias, suspicious=not resolved, notes=notes)
 
-    def _exactly(self, p: Parameter, change: Floats, method: str) -> _Rates:
-        """Return the derivatives of the quantity by the chain rule, from dh (seas, shifts)."""
+    def _by_chain_rule(self, p: Parameter, change: Floats, method: str) -> _Derivative:
+        """Return the derivatives of the quantity from those of the gain, dh / d ln p.
+
+        d ln q / d ln p = (d ln q / dh) (dh / d ln p), with d ln q / dh by a difference over gains
+        that move by so little that q is linear there.
+        """
         pairs = []
         for side in (-1.0, 1.0):
+            # the parameter moves, too: light of day and electronics may depend on it
             at = p.at(self.variant, p.shifted(side * _DIRECT / p.step))
             pairs.append((self.base + side * _DIRECT * change, at))
-        return _Rates(p, *self._rates(pairs, _DIRECT), math.nan, method)
+        return _Derivative(p, *self._log_derivative(pairs, _DIRECT), math.nan, method)
 
-    def _rates(self, pairs: list[tuple[Floats, Variant]], step: float) -> tuple[Floats, float]:
+    def _log_derivative(
+        self, pairs: list[tuple[Floats, Variant]], step: float
+    ) -> tuple[Floats, float]:
         """Return the derivative of the logarithm: of all, without each shift, without each sea.
 
         `pairs` are gains (seas, shifts) and variant at a step to either side of the base. The
@@ -589,13 +618,15 @@ class Study:
         rates, sides = (high - low) / (2.0 * step), [variant for _, variant in pairs]
         seen = [self.lights.background(variant) for variant in sides]
         same = sides[0].detector is None or seen[0] is seen[1]
+        # light and response that do not change with the key have no error in the difference
         if same and not any(map(self.responses.spreads, sides)):
             return rates, 0.0
         other = [self.log(*pair, other=True) for pair in pairs]
         off = (other[1] - other[0]) / (2.0 * step) - float(rates[0])
+        # two independent estimates differ by sqrt(2) of their error
         return rates, abs(off) / math.sqrt(2.0)
 
-    def _differences(self, p: Parameter) -> _Rates:
+    def _by_differences(self, p: Parameter) -> _Derivative:
         """Return central differences over a step, compared with differences over a longer step.
 
         Thrice the step, and at least thrice the usual one: a small step sees none of the
@@ -608,11 +639,12 @@ class Study:
                 sides += [p.at(self.variant, p.shifted(side * factor)) for side in (-1.0, 1.0)]
             except Refused:  # the longer step leaves the range
                 break
+        # one loop for all sides: a store then has one entry a parameter
         gains = self.gains(f"{p.name} {p.step!r}", *sides)
         pairs = list(zip(gains.reshape(-1, self.near.seas, SHIFTS), sides, strict=True))
         steps = [factor * p.step for factor in factors[: len(pairs) // 2]]
         rates, biases = zip(
-            *(self._rates(pairs[2 * k : 2 * k + 2], step) for k, step in enumerate(steps)),
+            *(self._log_derivative(pairs[2 * k : 2 * k + 2], step) for k, step in enumerate(steps)),
             strict=True,
         )
         suspicious, notes = self._compared(rates, math.hypot(*biases))
@@ -626,7 +658,7 @@ class Study:
                 second = (high - 2.0 * mid + low) / steps[-1] ** 2
             else:
                 second = (math.exp(high - mid) - 2.0 + math.exp(low - mid)) / steps[-1] ** 2
-        return _Rates(p, rates[0], biases[0], second, "difference", suspicious, notes)
+        return _Derivative(p, rates[0], biases[0], second, "difference", suspicious, notes)
 
     def _compared(self, rates: Sequence[Floats], by_rays: float) -> tuple[bool, str]:
         """Return the disagreement of the derivatives over two steps, if any."""
@@ -634,55 +666,78 @@ class Study:
             return False, "one step: the longer one leaves the range"
         off = rates[1] - rates[0]
         error = math.hypot(error_of(off), by_rays)
+        # a central difference errs as the square of the step: 9 times as much over thrice of it
         bend = _BEND * max(abs(float(rates[1][0])), 1.0)
         if abs(off[0]) <= math.hypot(_DOUBT * error, bend):
             return False, ""
         return True, f"{rates[1][0]:.5g} +- {error_of(rates[1]):.1g} over the longer step"
 
 
-def _result(study: Study, all_rates: list[_Rates], asked: list[str]) -> Sensitivities:
-    """Return the table of the derivatives."""
+def _result(study: Study, derivatives: list[_Derivative], names: list[str]) -> Sensitivities:
+    """Return the table of the derivatives by the parameters of some names."""
     quantity, variant, campaign = study.quantity, study.variant, study.campaign
     logs = study.logs(study.base, variant)
     value, stderr = quantity.value(float(logs[0])), error_of(logs)
     if study.responses.spreads(variant):
         off = study.log(study.base, variant, other=True) - float(logs[0])
         stderr = math.hypot(stderr, off / math.sqrt(2.0))
-    rates, biases = (
-        np.array([one.rates for one in all_rates]),
-        np.array([one.bias for one in all_rates]),
-    )
     if quantity.of == "range":
-        # at a fixed need: dR / R = -(d ln q / d ln p) / (d ln q / d ln d)
         depth = depth_key(variant.link)
-        deeper = rates[[one.parameter.name for one in all_rates].index(depth)]
+        (by_depth,) = (d for d in derivatives if d.parameter.name == depth)
         value = variant.link.depth
-        stderr = abs(value * error_of(logs / deeper[0]))
-        rates = np.where(
-            [[one.parameter.name == depth] for one in all_rates], rates, -rates / deeper
-        )
-        biases = np.where(
-            [one.parameter.name == depth for one in all_rates], 0.0, biases / deeper[0]
-        )
-        all_rates = [one._replace(second=-one.second / deeper[0]) for one in all_rates]
+        stderr = abs(value * error_of(logs / by_depth.rates[0]))
+        derivatives = [_of_range(derivative, by_depth) for derivative in derivatives]
     else:
         stderr *= abs(quantity.slope(value))
-    asked_for = [i for i, one in enumerate(all_rates) if one.parameter.name in asked]
-    covariance = covariance_of(rates[asked_for]) + np.diag(biases[asked_for] ** 2)
-    slope, rows, factors = value if quantity.of == "range" else quantity.slope(value), [], []
-    for i, error in zip(asked_for, np.sqrt(np.diag(covariance)).tolist(), strict=True):
-        one, rate, p = all_rates[i], float(rates[i, 0]), all_rates[i].parameter
-        relative, nil = rate / p.scale, p.absolute and p.base == 0.0
-        factors.append(p.base if p.absolute and not nil else 1.0)
-        elastic = math.nan if nil else rate * factors[-1], abs(factors[-1]) * error, relative
-        derived = slope * relative, abs(slope / p.scale) * error, one.second
-        rows.append(Row(p.name, p.base, p.unit, *elastic, *derived, *one[4:]))
-    covariance *= np.outer(factors, factors)
+    derivatives = [d for d in derivatives if d.parameter.name in names]
+    covariance = covariance_of(np.array([d.rates for d in derivatives]))
+    covariance += np.diag([d.bias**2 for d in derivatives])
+    slope = value if quantity.of == "range" else quantity.slope(value)
+    factors = np.array([_elasticity_factor(d.parameter) for d in derivatives])
+    errors = np.sqrt(np.diag(covariance)).tolist()
+    table = Table(_row(d, error, slope) for d, error in zip(derivatives, errors, strict=True))
     origin = campaign.provenance(variant.link)
     origin |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
-    for name, part in zip(_PARTS, variant[2:], strict=True):
+    for name, part in zip(_MODELS, variant[2:], strict=True):
         origin[name] = part and part.model_dump(mode="json")
-    return Sensitivities(quantity.of, value, stderr, quantity.unit, Table(rows), covariance, origin)
+    covariance *= np.outer(factors, factors)
+    return Sensitivities(quantity.of, value, stderr, quantity.unit, table, covariance, origin)
+
+
+def _of_range(derivative: _Derivative, by_depth: _Derivative) -> _Derivative:
+    """Return the derivative of the range R from that of the reserve q of light at the depth R.
+
+    The range is where q(p, d) vanishes: at a fixed need
+    d ln R / d ln p = -(d ln q / d ln p) / (d ln q / d ln d).
+    """
+    deeper = by_depth.rates
+    if derivative is by_depth:  # the depth itself: nothing but the reserve, without a bias
+        return derivative._replace(bias=0.0, second=-derivative.second / deeper[0])
+    return derivative._replace(
+        rates=-derivative.rates / deeper,
+        bias=derivative.bias / deeper[0],
+        second=-derivative.second / deeper[0],
+    )
+
+
+def _elasticity_factor(p: Parameter) -> float:
+    """Return d ln q / d ln p over the derivative by the parameter's step; 1 at a base of 0."""
+    return p.base if p.absolute and p.base != 0.0 else 1.0
+
+
+def _row(derivative: _Derivative, error: float, slope: float) -> Row:
+    """Return the row of a derivative with its error; `slope` is d quantity / d ln q."""
+    p, rate = derivative.parameter, float(derivative.rates[0])
+    factor, relative = _elasticity_factor(p), rate / p.scale
+    no_elasticity = p.absolute and p.base == 0.0
+    return Row(
+        name=p.name, base=p.base, unit=p.unit,
+        elasticity=math.nan if no_elasticity else rate * factor, stderr=abs(factor) * error,
+        relative=relative,
+        derivative=slope * relative, derivative_stderr=abs(slope / p.scale) * error,
+        second=derivative.second, method=derivative.method,
+        suspicious=derivative.suspicious, notes=derivative.notes,
+    )  # fmt: skip
 
 
 class Swing(NamedTuple):
@@ -762,6 +817,7 @@ def swings(
             return DECIBELS * float(off[0]), DECIBELS * error_of(off)
         moved = -off / rate
         link = there.link.at_depth(there.link.depth + float(moved[0]))
+        # the reserve left at the new depth, over its fall: one step of Newton
         moved = moved[0] - (study.logs_of(there._replace(link=link)) - base) / rate
         return float(moved[0]), error_of(moved)
 
@@ -777,7 +833,7 @@ def _study_of(s: Sensitivities) -> Study:
     """Return the study of a result, set up again."""
     origin: dict[str, Any] = s.provenance
     scenario = Scenario.from_provenance(origin)
-    parts = (origin[name] and kind.model_validate(origin[name]) for name, kind in _PARTS.items())
+    parts = (origin[name] and kind.model_validate(origin[name]) for name, kind in _MODELS.items())
     inputs: Any = scenario.surface, scenario.run, scenario.meshing
     campaign = Campaign({"link": scenario.link}, *inputs)
     quantity = Quantity(s.of, origin["limit"])  # type: ignore[arg-type]

@@ -97,7 +97,7 @@ def time_series(
     if times is None and not isinstance(surface, MeshSource):
         surface, times = None, surface
     campaign = campaign_of(
-        link, surface, "time_series", fading=True, analog=True, wavelengths_nm=wavelengths_nm, **run
+        link, surface, "time_series", run, fading=True, analog=True, wavelengths_nm=wavelengths_nm
     )
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
     flight = flight and flight.checked()
@@ -107,11 +107,13 @@ def time_series(
     steps = in_flight(campaign, at, flight, route)
     if campaign.spectral:
         return by_wavelength(campaign, steps)
+    series = gain_series(campaign, steps, campaign.gains(steps))
+    if not (flight or route):
+        return _beside_closed_form(campaign, series)
     origin = campaign.of_flight(flight) if flight else {}
     if route is not None:
         origin["route"] = route.model_dump(mode="json")
-    series = gain_series(campaign, steps, campaign.gains(steps), **origin)
-    return series if flight or route else _beside_closed_form(campaign, series)
+    return replace(series, provenance=series.provenance | origin)
 
 
 @spectral
@@ -153,7 +155,7 @@ def ensemble(
     warning is issued if the band of waves omits more than a tenth of the fading.
     """
     campaign = campaign_of(
-        link, surface, "ensemble", fading=True, analog=True, wavelengths_nm=wavelengths_nm, **run
+        link, surface, "ensemble", run, fading=True, analog=True, wavelengths_nm=wavelengths_nm
     )
     if campaign.spectral:
         return by_wavelength(campaign, campaign.realizations(realizations))
@@ -191,7 +193,7 @@ def closed_form(link: Link, surface: Any, n: int, level: int = 3) -> dict[str, A
 def _beside_closed_form(campaign: Campaign, series: GainSeries) -> GainSeries:
     """Add the closed form of the scintillation index to a series; warn of a short band."""
     closed = closed_form(campaign.link, campaign.surface, len(series.coordinate))
-    return replace(series, provenance={**series.provenance, **closed})
+    return replace(series, provenance=series.provenance | closed)
 
 
 def in_flight(
@@ -200,6 +202,7 @@ def in_flight(
     """Return the sea at times (n,) [s], and the links at each of a flight or a route."""
     if flight is None and route is None:
         return campaign.in_time(times)
+    # a route replaces the place, a flight the tilt: both may act
     where = {} if route is None else route.at(times, campaign.link.air_end[1].height)._asdict()
     lean = {}
     if flight is not None:
@@ -209,12 +212,13 @@ def in_flight(
                 raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the flight tilts it")
         record = flight.uav.simulate_flight(campaign.wind_of(flight), times, campaign.run.seed)
         lean["tilt_deg"], lean["tilt_azimuth_deg"] = np.degrees(record.tilt)
+    # links of several wavelengths move together
     moving = [moved(link, lean | where) for link in campaign.links.values()]
     return campaign.in_time(times, list(zip(*moving, strict=True)))
 
 
 def moved(link: Link, changes: dict[str, Floats]) -> list[Link]:
-    """Return the links whose end in the air has the values of each row of the changes."""
+    """Return a link for each row of the changes, with those values of its end in the air."""
     name, end = link.air_end
     links = []
     for row in zip(*changes.values(), strict=True):
@@ -224,17 +228,15 @@ def moved(link: Link, changes: dict[str, Floats]) -> list[Link]:
 
 
 def gain_series(
-    campaign: Campaign, steps: Steps, gains: Floats, name: str | None = None, **origin: Any
+    campaign: Campaign, steps: Steps, gains: Floats, name: str | None = None
 ) -> GainSeries:
-    """Return the series of a link of a campaign, the first, from `Campaign.gains` over the steps.
-
-    `origin` is further provenance.
-    """
+    """Return the series of one link, by default the first, from `Campaign.gains` over the steps."""
     names = list(campaign.links)
     name = name or names[0]
     link = campaign.links[name]
-    mine = slice(None) if isinstance(link.receiver, tuple) else 0
-    gain, direct = gains[:, names.index(name), :, mine]
+    # a list of one receiver keeps its dimension
+    receivers = slice(None) if isinstance(link.receiver, tuple) else 0
+    gain, direct = gains[:, names.index(name), :, receivers]
     return GainSeries(
         steps.along,
         steps.labels,
@@ -242,5 +244,5 @@ def gain_series(
         error_of_groups(gain, -1),
         direct.mean(axis=-1),
         error_of_groups(gain.mean(axis=0), -1)[()],
-        campaign.provenance(link) | origin,
+        campaign.provenance(link),
     )

@@ -48,11 +48,13 @@ class Kept:
     def __init__(
         self,
         items: dict[str, Item],
-        of: str = "",
+        digest: str = "",
         file: IO[bytes] | None = None,
         turn: Lock | None = None,
+        path: Path | None = None,
     ) -> None:
-        self._items, self._of, self._file, self._turn = items, of, file, turn or Lock()
+        self._items, self._digest, self._path = items, digest, path
+        self._file, self._turn = file, turn or Lock()
         self._synchronized = time.monotonic()
 
     def __contains__(self, key: object) -> bool:
@@ -61,19 +63,31 @@ class Kept:
     def __getitem__(self, key: object) -> Item:
         return self._items[str(key)]
 
+    def of_shape(self, key: object, shape: tuple[int | None, ...]) -> Item:
+        """Return an item; refuse numbers of another shape than a study writes (None: any size)."""
+        item = self[key]
+        sizes = zip(item.numbers.shape, shape, strict=False)
+        if item.numbers.ndim != len(shape) or not all(n is None or n == m for m, n in sizes):
+            wanted = " x ".join("n" if n is None else str(n) for n in shape)
+            reason = Described(f"{str(self._path)!r}: an item of shape {item.numbers.shape}")
+            raise Refused("store", reason, f"items of {wanted} numbers, or a new path")
+        return item
+
     def keep(self, key: object, numbers: ArrayLike, text: str = "") -> Item:
         """Append an item, and return it."""
         item = Item(np.asarray(numbers, np.float64), text)
         if self._file is None:
             return item
-        content = b64encode(item.numbers.tobytes()).decode()
-        line = _line(
-            of=self._of, item=str(key), shape=item.numbers.shape, numbers=content, text=text
-        )
+        # all bits of the numbers, which decimal digits may lose
+        bits = b64encode(item.numbers.tobytes()).decode()
+        content = {"of": self._digest, "item": str(key), "shape": item.numbers.shape}
+        line = _line(content | {"numbers": bits, "text": text})
         with self._turn:
+            # one write of a whole line: a kill leaves it whole, or cut and without its checksum
             self._file.write(line)
             self._file.flush()
         if time.monotonic() - self._synchronized > _SYNCHRONIZED:
+            # not after each item: a flush to the disk takes as long as a fast step
             os.fsync(self._file.fileno())
             self._synchronized = time.monotonic()
         self._items[str(key)] = item
@@ -99,7 +113,7 @@ class Store:
         self._turn, self._loops, self._lock = Lock(), 0, ExitStack()
 
     def __reduce__(self) -> Any:
-        """Return the store as it is before it is read: workers keep nothing."""
+        """Pickle the store as it is before it is read: workers store nothing."""
         return Store, (self.path, self._study)
 
     @contextmanager
@@ -127,7 +141,7 @@ class Store:
         # other code may give other digits
         code = {"meshtrace": version("meshtrace"), "kernels": sources().hex()}
         # as it will be read back: tuples become lists
-        here = json.loads(json.dumps({**identity, **code, "study": self._study}))
+        here = json.loads(json.dumps(identity | code | {"study": self._study}))
         digest = digest_of(here, name)
         with self._held():
             with self._turn:
@@ -136,7 +150,7 @@ class Store:
                 file,
                 _brief_interruption(f"finished steps are in {self.path}: the same call resumes"),
             ):
-                yield Kept(self._items.setdefault(digest, {}), digest, file, self._turn)
+                yield Kept(self._items.setdefault(digest, {}), digest, file, self._turn, self.path)
                 with self._turn:
                     os.fsync(file.fileno())
                     self._end = max(self._end, file.tell())
@@ -147,6 +161,7 @@ class Store:
         assert self.path is not None
         with self._turn:
             if self._loops == 0:
+                # a lock of the file is one of the process: threads share it by counting their loops
                 self._lock.enter_context(locked(self.path))
             self._loops += 1
         try:
@@ -158,15 +173,16 @@ class Store:
                     self._lock.close()
 
     def _opened(self, name: str, here: dict[str, Any]) -> IO[bytes]:
-        """Return the file at its end, with the identity of a loop."""
+        """Open the file for appending, and write the identity of a new loop."""
         assert self.path is not None
-        first = _line(loop=name, identity=here)
+        first = _line({"loop": name, "identity": here})
         if not self.path.exists():
             # appears with a line: a file without any is no store
             with atomic(self.path) as temporary:
                 temporary.write_bytes(first)
         self.read()
         self._require_same(name, here)
+        # appended, never rewritten: what was finished cannot be lost by a later line
         file = self.path.open("ab")
         if name not in self.identities:
             file.write(first)
@@ -181,23 +197,16 @@ class Store:
             identity for identity in self.identities.values() if identity["study"] != self._study
         ]
         if others:
+            # another study altogether: the first differing key would only confuse
             there, here = ({"study": identity["study"]} for identity in (others[0], here))
         elif digest_of(there) == digest_of(here):
             return
         held = Described(f"{str(self.path)!r} holds another study ({_difference(there, here)})")
         raise Refused("store", held, "the same arguments, or another path")
 
-    def require_shape(self, numbers: Floats, shape: tuple[int | None, ...]) -> None:
-        """Refuse numbers of another shape than a study writes; None is any size."""
-        sizes = zip(numbers.shape, shape, strict=False)
-        if numbers.ndim != len(shape) or not all(n is None or n == size for size, n in sizes):
-            wanted = " x ".join("n" if n is None else str(n) for n in shape)
-            reason = Described(f"{str(self.path)!r}: an item of shape {numbers.shape}")
-            raise Refused("store", reason, f"items of {wanted} numbers, or a new path")
-
     def items(self, name: str) -> Kept:
-        """Return the finished items of a loop as they were read."""
-        return Kept(self._items.get(digest_of(self.identities[name], name), {}))
+        """Return the items of a loop that have been read."""
+        return Kept(self._items.get(digest_of(self.identities[name], name), {}), path=self.path)
 
     def read(self) -> None:
         """Read the lines that are new; drop damaged ones from the file, with a warning.
@@ -214,9 +223,11 @@ class Store:
                 lines = file.readlines()
         except OSError as error:
             raise _unusable(self.path, f"{str(self.path)!r}: {error.strerror}") from error
+        # a damaged line costs its item alone: each line has a checksum of its own
         sound = [line for line in lines if self._take(line)]
         if not self.identities and not self._items:
             raise _unusable(self.path, f"{str(self.path)!r} is not that of a study")
+        # a last line without its end was cut by a kill: it is dropped without a warning
         damaged = sum(line.endswith(b"\n") for line in lines) - len(sound)
         if damaged:
             what = f"{damaged} damaged line{'s' * (damaged > 1)}"
@@ -229,7 +240,7 @@ class Store:
         self._end += sum(map(len, sound))
 
     def _take(self, line: bytes) -> bool:
-        """Take up the identity or the item of a line; return False of a damaged one."""
+        """Take up the identity or the item of a line; return whether the line is sound."""
         digest, _, content = line.removesuffix(b"\n").partition(b" ")
         if not line.endswith(b"\n") or digest.decode("latin-1") != _digest(content):
             return False
@@ -253,8 +264,10 @@ class Store:
         if not all(isinstance(name, str) for name in names):
             raise TypeError("names and texts that are none")
         digest, item, text = names
+        # validated, since a checksum proves no good intent
         numbers = np.frombuffer(b64decode(content["numbers"], validate=True))
         shape = [operator.index(n) for n in content["shape"]]
+        # reshape would take -1 for any size
         if min(shape, default=0) < 0 or math.prod(shape) != numbers.size:
             raise ValueError(f"{numbers.size} numbers of shape {shape}")
         self._items.setdefault(digest, {})[item] = Item(numbers.reshape(shape), text)
@@ -265,11 +278,13 @@ def is_store(path: Path) -> bool:
     if not path.is_file():
         return False
     with path.open("rb") as file:
+        # 64 digits of SHA-256, a blank and the brace of an object
         head = file.read(66)
     return len(head) == 66 and head.endswith(b" {") and head[:64].isalnum()
 
 
-def _line(**content: Any) -> bytes:
+def _line(content: dict[str, Any]) -> bytes:
+    """Return an object as a line of a store: its digest and its JSON."""
     text = json.dumps(content).encode()
     return f"{_digest(text)} ".encode() + text + b"\n"
 
@@ -280,6 +295,7 @@ def _digest(content: bytes) -> str:
 
 def digest_of(values: Any, name: str = "") -> str:
     """Return a short digest of long plain data, or of the identity of a loop with its name."""
+    # 64 bits: one collision among 2^32 loops
     return _digest(json.dumps([name, values], sort_keys=True).encode())[:16]
 
 
@@ -332,11 +348,12 @@ def locked(store: Path) -> Iterator[None]:
 
 
 def _held(path: Path) -> IO[bytes]:
-    """Return the locked file of an open lock."""
+    """Open and lock a lock file; refuse one that another process holds."""
     from filelock import lock_descriptor
 
     while True:
         with ExitStack() as stack:
+            # not truncated: the file names its owner
             handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
             file = stack.enter_context(open(handle, "r+b", buffering=0))
             free = lock_descriptor(handle, blocking=False)
@@ -357,7 +374,7 @@ def _held(path: Path) -> IO[bytes]:
 
 
 def _owner(file: IO[bytes]) -> dict[str, Any]:
-    """Return the owner that a lock names, none of one just made or damaged."""
+    """Return the owner that a lock file names; empty for a new or damaged one."""
     for start in (0, 1):  # Windows locks the first byte, a blank
         with suppress(PermissionError, ValueError, TypeError):
             file.seek(start)
@@ -369,8 +386,10 @@ def _lives_elsewhere(owner: dict[str, Any]) -> bool:
     """Return whether the owner in a free lock may still run, elsewhere or without its lock."""
     import psutil
 
+    # the lock is free, and its file names nobody, or this process
     if not owner or owner.get("pid") == os.getpid():
         return False
+    # file systems over a network may not pass on locks: the file alone has to do
     if owner.get("host") != socket.gethostname():
         return True
     try:
@@ -383,7 +402,7 @@ def _lives_elsewhere(owner: dict[str, Any]) -> bool:
 
 @contextmanager
 def _brief_interruption(text: str) -> Iterator[None]:
-    """Raise an interruption of a block anew, with a text and without the frames of the block.
+    """Raise an interruption of the block again, with a text and without its frames.
 
     A step that is interrupted is some forty lines of frames deep, which tell a user nothing.
     """

@@ -16,7 +16,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -43,7 +43,6 @@ from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.models import import_modules, modules_of, trusting
-from meshtrace.parallel import paced
 from meshtrace.results.gain import GainResult
 from meshtrace.results.impulse import impulse_response
 from meshtrace.results.provenance import environment
@@ -53,6 +52,7 @@ from meshtrace.scenario.files import as_table, parse_toml, read_text
 from meshtrace.scenario.parts import changes_irradiance, daylight_recipe, gives_spectrum
 from meshtrace.stored import FORMAT_VERSION
 from meshtrace.studies.background import RAYS, checked_daylight, error_rate, transmission_of
+from meshtrace.studies.campaign import finished
 from meshtrace.studies.cluster import DEFAULT_TIMEOUT, Cluster, error_text
 from meshtrace.studies.store import Item, Store
 
@@ -68,22 +68,29 @@ BLOCK = 8
 """Realizations of one task."""
 
 MEASURED = ("gain", "gain_stderr", "gain_ballistic")
-"""Numbers of a realization for each receiver."""
+"""Names of the numbers of a realization for each receiver, attributes of a `GainResult`."""
 
-LIT = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
-"""More of them under daylight."""
+_IN_DAYLIGHT = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
+"""Names of further numbers under daylight."""
 
 
 class Task(NamedTuple):
-    """One point and a block of its realizations."""
+    """One point of a sweep and a block of its realizations.
 
-    point: tuple[int, ...]  # which value of each parameter
+    Attributes
+    ----------
+    point : tuple of int
+        Index of the value of each parameter.
+    first, last : int
+        Realizations first, first + 1, ..., last - 1.
+    """
+
+    point: tuple[int, ...]
     first: int
-    last: int  # behind the last realization
+    last: int
 
-    @property
-    def key(self) -> str:
-        """Name of the task in a store."""
+    def __str__(self) -> str:
+        """Return the name of the task in a store."""
         return f"{self.point} {self.first}"
 
     @property
@@ -101,16 +108,30 @@ def tasks_of(parameters: Mapping[str, list[Any]], realizations: int) -> Iterator
 
 @dataclass(frozen=True)
 class Sweep:
-    """All inputs of a sweep."""
+    """All inputs of a sweep.
 
-    base: str  # link file
+    Attributes
+    ----------
+    base : str
+        Text (TOML) of the link file that all points share.
+    parameters : dict of str to list
+        Values of each parameter by its dotted key.
+    realizations, rtol, photons, seed
+        As in `sweep`.
+    wavelengths_nm : tuple of float
+        Wavelengths [nm]; empty for that of the sources.
+    modules : tuple of str
+        Modules of classes of the user, which a worker imports before it reads `base`.
+    """
+
+    base: str
     parameters: dict[str, list[Any]]
     realizations: int = 1
     rtol: float | None = 0.01
     photons: int | None = None
     seed: int = 1
-    wavelengths_nm: tuple[float, ...] = ()  # that of the sources if empty
-    modules: tuple[str, ...] = ()  # of the user's classes, which another process imports first
+    wavelengths_nm: tuple[float, ...] = ()
+    modules: tuple[str, ...] = ()
 
     def check(self) -> None:
         """Refuse options out of range and parameters without any allowed value."""
@@ -122,7 +143,7 @@ class Sweep:
                 allowed = "no wavelength among the parameters, or no wavelengths_nm"
                 raise Refused("parameters", name, allowed)
         self._each_colour(base)
-        if self.lit:
+        if self.in_daylight:
             transmission_of(base.link.replace(receiver=base.link.receivers[0]), base.detector)
         if not self.parameters:
             raise Refused("parameters", Described("none"), "lists of values by dotted keys")
@@ -135,14 +156,15 @@ class Sweep:
                     self.scenario({name: value})
                 except ValueError as error:
                     problems.append(error)
+            # a value that does not suit others is a failed point of the sweep, not of all
             if len(problems) == len(values):
                 raise problems[0]
 
     def scenario(self, changes: Mapping[str, Any]) -> Scenario:
         """Return the scenario of a point; its values override the options of the sweep."""
         options = {"run.photons": self.photons, "run.rtol": self.rtol}
-        given = {key: value for key, value in options.items() if value is not None}
-        return Scenario.from_toml(self.base, changes={**given, **changes})
+        chosen = {key: value for key, value in options.items() if value is not None}
+        return Scenario.from_toml(self.base, changes=chosen | dict(changes))
 
     def tasks(self) -> Iterator[Task]:
         """Yield all tasks."""
@@ -163,29 +185,34 @@ class Sweep:
             seconds that it took, shape (n, measured * wavelengths * receivers + 1); their errors
             are a list as JSON.
         """
+        # classes of the user register themselves when their module is imported
         import_modules(self.modules)
         n, numbers = task.last - task.first, len(self.measured) * self.receivers
-        found = np.full((n, numbers * max(len(self.wavelengths_nm), 1) + 1), np.nan)
+        table = np.full((n, numbers * max(len(self.wavelengths_nm), 1) + 1), np.nan)
         error = [""] * n
         for i in range(n):
             start = time.perf_counter()
             try:
-                found[i, :-1] = self._measure(task, task.first + i).ravel()
+                table[i, :-1] = self._measure(task, task.first + i).ravel()
+            # a point that cannot be computed is a result, too: the sweep goes on
             except Exception as failure:
                 error[i] = error_text(failure)
-            found[i, -1] = time.perf_counter() - start
-        return Item(found, json.dumps(error))
+            table[i, -1] = time.perf_counter() - start
+        return Item(table, json.dumps(error))
 
     def _measure(self, task: Task, realization: int) -> NDArray[np.float64]:
         """Return the numbers of `measured`, each by wavelength and receiver."""
         scenario = self.scenario(self.changes(task))
         surface, key = scenario.surface, self.seed
         if self.realizations > 1:
+            # waves and chains of a realization are independent
             phases, key = (realization_seed(self.seed, realization, word) for word in (0, 1))
+            # a surface without phases is the same in each realization, its chains are not
             surface = surface.with_seed(phases) if hasattr(surface, "with_seed") else surface
         run = scenario.run.model_copy(update={"seed": key, "threads": 1})
         scenario = scenario.model_copy(update={"surface": surface, "run": run})
-        record = [Arrivals()] if self.lit else ()
+        # error rates need the response of the channel
+        record = [Arrivals()] if self.in_daylight else ()
         if not self.wavelengths_nm:
             return self._numbers(scenario, simulate(scenario, record=record))[:, None]
         results = simulate(scenario, wavelengths_nm=self.wavelengths_nm, record=record)
@@ -200,12 +227,12 @@ class Sweep:
         """Return the numbers of `measured` of a result, each by receiver."""
         measured = [getattr(result, name) for name in MEASURED]
         measured = [np.full(self.receivers, np.nan if row is None else row) for row in measured]
-        if self.lit:
+        if self.in_daylight:
             measured += list(_under_daylight(scenario, result))
         return np.stack(measured)
 
     @cached_property
-    def lit(self) -> bool:
+    def in_daylight(self) -> bool:
         """Whether points have background light and error rates."""
         tables = (name.partition(".")[0] for name in self.parameters)
         return "daylight" in tables or self.scenario({}).daylight is not None
@@ -213,10 +240,10 @@ class Sweep:
     @property
     def measured(self) -> tuple[str, ...]:
         """Names of the numbers of a realization."""
-        return MEASURED + LIT if self.lit else MEASURED
+        return MEASURED + _IN_DAYLIGHT if self.in_daylight else MEASURED
 
     @property
-    def light(self) -> str:
+    def light_text(self) -> str:
         """Light of the bit error rates."""
         day = self.scenario({}).daylight
         swept = [name for name in self.parameters if name.partition(".")[0] == "daylight"]
@@ -237,43 +264,41 @@ class Sweep:
     ) -> xr.Dataset:
         """Return the results, from the store or computed; options as in `sweep`."""
         cluster = Cluster(workers, timeout).checked()
-        advance = progress or (lambda done: None)
-        file, identity = Store(store, "sweep"), self.identity()
-        with file.loop("sweep", identity) as stored:
-            tasks = list(self.tasks())
-            finished = {task: stored[task.key] for task in tasks if task.key in stored}
-            _require_shapes(file, identity, finished)
-            waiting = [task for task in tasks if task not in finished]
-            for _ in finished:
-                advance(1)
-            with closing(cluster.map(lambda: self.compute, waiting)) as results:
-                for i, result in paced(results, len(waiting), f"{len(waiting):,} points"):
-                    task, n = waiting[i], waiting[i].last - waiting[i].first
-                    if isinstance(result, Exception):  # not kept: the next call tries again
-                        errors = json.dumps([error_text(result)] * n)
-                        finished[task] = Item(np.full((n, 1), np.nan), errors)
-                    else:
-                        finished[task] = stored.keep(task.key, *result)
-                    advance(1)
+        identity, items = self.identity(), dict[Task, Item]()
+        shape, tasks = partial(_shape_of, identity), list(self.tasks())
+        with (
+            Store(store, "sweep").loop("sweep", identity) as stored,
+            closing(
+                finished(stored, cluster.map, lambda: self.compute, tasks, shape, "points")
+            ) as results,
+        ):
+            for task, item in results:
+                if isinstance(item, Exception):
+                    # the worker may have failed, and not the point: such an item is not stored
+                    n = task.last - task.first
+                    item = Item(np.full((n, 1), np.nan), json.dumps([error_text(item)] * n))
+                items[task] = item
+                if progress is not None:
+                    progress(1)
+        # a store that passed all checks may yet hold texts that are no JSON
         with refusing("store", "items of this sweep, or a new path"):
-            return dataset(identity, finished)
+            return dataset(identity, items)
 
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies this sweep, as plain data."""
         fields = asdict(self)
         del fields["base"], fields["modules"]
-        return {
-            **fields,
+        return fields | {
             "link": tomllib.loads(self.base),
             "measured": list(self.measured),
             "receivers": self.receivers,
             "listed": isinstance(self.scenario({}).link.receiver, tuple),
-            "light": self.light if self.lit else "",
+            "light": self.light_text if self.in_daylight else "",
         }
 
 
 def _sizes(identity: dict[str, Any]) -> tuple[int, int, int]:
-    """Return how many quantities, wavelengths and receivers a realization has."""
+    """Return the numbers of quantities, wavelengths and receivers of a realization."""
     waves = max(len(identity["wavelengths_nm"]), 1)
     return len(identity["measured"]), waves, identity["receivers"]
 
@@ -287,6 +312,7 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
     dims, shape = tuple(coordinates), tuple(map(len, coordinates.values()))
     names, at = identity["measured"], identity["wavelengths_nm"]
     sizes = _sizes(identity)
+    # the last number of a realization is its seconds
     numbers = np.full((*shape, math.prod(sizes) + 1), np.nan)
     error = np.full(shape, "", object)
     for task, item in items.items():
@@ -299,12 +325,13 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
     for i, name in enumerate(names):
         background = {"light": identity["light"]} if name == "ber" else {}
         several = bool(at), identity["listed"]
+        # dimensions that the user did not ask for are of size 1 and go
         selection = tuple(slice(None) if each else 0 for each in several)
         along = (*dims, *itertools.compress(("wavelength", "receiver"), several))
         variables[name] = (
             along,
             measured[..., i, :, :][(..., *selection)],
-            {**attrs(name), **background},
+            attrs(name) | background,
         )
     about = {key: attrs(key.rpartition(".")[2]) for key in dims if key.rpartition(".")[2] in FIELDS}
     labelled = {key: (key, values, about.get(key, {})) for key, values in coordinates.items()}
@@ -321,28 +348,30 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
 
 
 def _labels(values: list[Any]) -> NDArray[Any]:
-    """Return values as coordinates: numbers, or else text."""
+    """Return values as the labels of a coordinate: numbers, or else text."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.array(values)
     return np.array([v if isinstance(v, str) else json.dumps(v) for v in values])
 
 
 def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float64]:
-    """Return the numbers of `LIT` (4, receivers) at the gains and responses of a scenario."""
+    """Return the numbers of `_IN_DAYLIGHT` at the gains of a result, shape (4, receivers)."""
     results = []
     numbers = zip(scenario.link.receivers, result.gains, result.stderrs, strict=True)
     for i, (receiver, h, error) in enumerate(numbers):
+        # each receiver has its own view of the sky
         link = scenario.link.replace(receiver=receiver)
-        ook, found = transmission_of(link, scenario.detector), None
+        ook, seen = transmission_of(link, scenario.detector), None
+        # without light there is no response to spread
         if h > 0.0 and ook.response is None:
-            seen = impulse_response(result, receiver=i)
-            response = ChannelResponse.from_arrivals(seen.delay, seen.weight, seen.angle)
+            impulse = impulse_response(result, receiver=i)
+            response = ChannelResponse.from_arrivals(impulse.delay, impulse.weight, impulse.angle)
             ook = ook.replace(response=response)
         if checked_daylight(scenario.daylight, link) is not None:
             alone = scenario.model_copy(update={"link": link})
-            found = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
-        radiance = (found.radiance, found.radiance_stderr) if found else (0.0, 0.0)
-        results.append([*radiance, *error_rate(ook, np.array([h]), float(error), found)])
+            seen = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
+        radiance = (seen.radiance, seen.radiance_stderr) if seen else (0.0, 0.0)
+        results.append([*radiance, *error_rate(ook, np.array([h]), float(error), seen)])
     return np.array(results).T
 
 
@@ -436,31 +465,36 @@ def sweep(
     configured = link.get("daylight") if isinstance(link, Mapping) else None
     options: dict[str, Any] = {"rtol": rtol, "photons": photons, "seed": seed}
     options |= {"realizations": realizations, "wavelengths_nm": wavelengths_nm}
-    study = _study(_base(link, surface), configured, parameters, **options)
+    study = _study(_base(link, surface), configured, parameters, options)
     return study.run(store, workers, timeout, progress)
 
 
 def _study(
     base: Scenario,
-    light: Any,
+    daylight_table: Any,
     parameters: Mapping[str, Sequence[Any]],
-    *,
-    wavelengths_nm: Any = None,
-    **options: Any,
+    options: dict[str, Any],
 ) -> Sweep:
-    """Return the checked study; `light` is the given table [daylight], None for a model."""
+    """Return the checked study, with options as in `sweep`.
+
+    `daylight_table` is the table [daylight] as a user wrote it, None of a model.
+    """
     import tomli_w
 
     plain = {name: _plain(values) for name, values in parameters.items()}
     config = base.to_config()
     if base.daylight is not None and any(map(changes_irradiance, plain)):
-        recipe = daylight_recipe(base.daylight) if light is None else light
+        # a moved sun needs the model of the light, not its irradiance at one place
+        recipe = daylight_recipe(base.daylight) if daylight_table is None else daylight_table
         config["daylight"] = as_table(recipe, "daylight", "model")
     if base.link.water.spectrum is None and any(map(gives_spectrum, plain)):
+        # the swept description of the water takes the place of its coefficients
         config["water"] = {k: v for k, v in config["water"].items() if k.startswith("bottom")}
+    # plain data for the workers and the store, of a class of a user, too
     text = tomli_w.dumps(config)
-    waves = () if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
-    study = Sweep(text, plain, **options, wavelengths_nm=tuple(waves))
+    at = options.get("wavelengths_nm")
+    options = options | {"wavelengths_nm": () if at is None else tuple(checked_wavelengths(at))}
+    study = Sweep(text, plain, **options)
     study.check()
     return replace(study, modules=tuple(modules_of(f"{text}{plain}")))
 
@@ -481,28 +515,37 @@ def read_store(path: Path) -> xr.Dataset:
     items, identity = store.items("sweep"), store.identities["sweep"]
     with refusing("store", "the items of a sweep"):
         tasks = tasks_of(identity["parameters"], identity["realizations"])
-        finished = {task: items[task.key] for task in tasks if task.key in items}
-        _require_shapes(store, identity, finished)
-        return dataset(identity, finished)
+        # a store of another program may have items of any shape
+        of_shape = partial(_shape_of, identity)
+        known = {task: items.of_shape(task, of_shape(task)) for task in tasks if task in items}
+        return dataset(identity, known)
 
 
-def _require_shapes(store: Store, identity: dict[str, Any], items: Mapping[Task, Item]) -> None:
-    """Refuse items of a store with other numbers than those of their realizations."""
-    width = math.prod(_sizes(identity)) + 1
-    for task, item in items.items():
-        store.require_shape(item.numbers, (task.last - task.first, width))
+def _shape_of(identity: dict[str, Any], task: Task) -> tuple[int, int]:
+    """Return the shape of the numbers of a task: its realizations by their numbers and seconds."""
+    return task.last - task.first, math.prod(_sizes(identity)) + 1
 
 
 @check_call
-def sweep_file(path: str | Path, **options: Any) -> xr.Dataset:
+def sweep_file(
+    path: str | Path,
+    *,
+    store: str | Path | None = None,
+    trust: bool = False,
+    workers: int | str | None = None,
+    timeout: float = DEFAULT_TIMEOUT,
+    progress: Callable[[int], None] | None = None,
+) -> xr.Dataset:
     """Run the sweep of a study file: a link file with a table [sweep].
 
     Parameters
     ----------
     path : path
         TOML file, see `read_study`.
-    **options
-        store and trust, as in `read_study`; workers, timeout and progress, as in `sweep`.
+    store, trust
+        As in `read_study`.
+    workers, timeout, progress
+        As in `sweep`.
 
     Returns
     -------
@@ -527,9 +570,8 @@ def sweep_file(path: str | Path, **options: Any) -> xr.Dataset:
         wind_speed = [5.0, 13.0]
         transmitter.depth = [5.0, 10.0, 20.0]
     """
-    of_file = {name: options.pop(name) for name in ("store", "trust") if name in options}
-    study, store = read_study(path, **of_file)
-    return study.run(store, **options)
+    study, store = read_study(path, store, trust)
+    return study.run(store, workers, timeout, progress)
 
 
 @check_call
@@ -569,12 +611,14 @@ def read_study(
             raise Refused("sweep.store", beside, "a path")
     except Refused as error:
         raise error.of(str(path)) from error.__cause__
+    # options of a sweep that may stand in either table
     run = config.get("run", {})
     shared = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
     parameters = dict(_dotted(table.pop("parameters", {})))
+    # modules that a file names are code of its author
     with trusting(trust):
         base = _base(Scenario.from_config(config, folder=path.parent), None)
-        study = _study(base, config.get("daylight"), parameters, **{**shared, **table})
+        study = _study(base, config.get("daylight"), parameters, shared | table)
     return study, path.parent / beside if store is None else Path(store)
 
 
@@ -583,6 +627,7 @@ def _base(
 ) -> Scenario:
     """Return the scenario that all points share, without the options that a sweep sets."""
     if isinstance(link, Link):
+        # the wind of the sea that is given, or else of the bubbles and whitecaps
         wind = getattr(sea, "wind_speed", None)
         wind = link.wind_speed or DEFAULT_WIND_SPEED if wind is None else wind
         default = Scenario.from_config({"wind_speed": wind})
@@ -594,15 +639,16 @@ def _base(
     if isinstance(sea, MeshSource):
         scenario = scenario.model_copy(update={"surface": sea, "meshing": Meshing()})
     elif sea is not None:
-        scenario = Scenario.from_config({**scenario.to_config(), "sea": dict(sea)})
+        scenario = Scenario.from_config(scenario.to_config() | {"sea": dict(sea)})
     run = scenario.run
+    # a first guess: each point goes on to its tolerance
     photons = FIRST_CHAINS if isinstance(run.estimator, Forced) else run.photons
     fields = run.model_dump(exclude={*_SHARED, "threads"}, exclude_none=True)
     return scenario.model_copy(update={"run": Run(**fields, photons=photons)})
 
 
 def _plain(values: Sequence[Any]) -> list[Any]:
-    """Return values as plain data: arrays and tuples as lists."""
+    """Return values as plain data, with lists in place of arrays and tuples."""
     if isinstance(values, str) or not hasattr(values, "__iter__"):
         raise Refused("parameters", values, "a list of values")
     return list(json.loads(json.dumps(list(values), default=lambda value: value.tolist())))

@@ -107,7 +107,7 @@ def test_scans_are_those_of_runs_of_their_own(calm, key, values):
 def test_mean_gains_are_those_of_many_resolved_seas():
     """Ratios by random slopes against 64 seas with all waves that make the light fade."""
     scenario = mt.Scenario.from_toml("")
-    campaign = campaign_of(scenario, None, "design", True, several=False, photons=512)
+    campaign = campaign_of(scenario, None, "design", {"photons": 512}, fading=True, several=False)
     link = campaign.link
     narrow, low = link.replace("receiver.fov_deg", 4.0), link.replace("receiver.height", 2.5)
     means = MeanGains(campaign, 64)

@@ -166,7 +166,9 @@ def test_reweighting_is_a_new_run():
     start = Variant(link, sea)
     unknowns = parameters(start, ["water.a", "water.b"], None, "vertex")
     data = read_measurements([{"gain": 1e-5, "stderr": 1e-7}])
-    model = Predictor(campaign_of(link, sea, photons=4096, threads=1), start, data, unknowns)
+    model = Predictor(
+        campaign_of(link, sea, run={"photons": 4096, "threads": 1}), start, data, unknowns
+    )
     x = np.log([1.3, 0.7])
     new = link.replace("water.a", 1.3 * 0.114).replace("water.b", 0.7 * 0.037)
     expected = mt.simulate(new, sea, photons=16384)

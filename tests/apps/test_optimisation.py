@@ -58,7 +58,7 @@ def test_the_start_at_the_optimum_is_not_improved():
 
 def test_field_of_view_from_one_run_is_that_of_its_own_run():
     link, hovering = mt.Link(), ((0.5, 0.5), None)
-    campaign = campaign_of(link.replace("receiver.fov_deg", 80.0), FlatSea(), photons=512)
+    campaign = campaign_of(link.replace("receiver.fov_deg", 80.0), FlatSea(), run={"photons": 512})
     quick = Sample(campaign, 6, *hovering, ("receiver.fov_deg", ANGLE))
     slow = Sample(campaign, 6, *hovering, ())
     for fov in (25.0, 3.0, 1.0):  # at the narrow ones the edge of the view cuts facets in the light
@@ -145,7 +145,7 @@ def test_weighted_quantile():
 
 
 def test_strata_of_hover_errors_have_the_law_of_a_normal_place():
-    campaign = campaign_of(mt.Link(), FlatSea(), photons=64)
+    campaign = campaign_of(mt.Link(), FlatSea(), run={"photons": 64})
     sample = Sample(campaign, 400, (1.0, 2.0), None, ())
     assert sample.weights.sum() == pytest.approx(1.0)
     square = sample.weights @ np.square(sample._offsets)

@@ -636,7 +636,7 @@ def forged_stores(random, folder):
                     random, content, [*VALUES, [1, 4], [2, 2], "AAAA", "AAAAAAAAAAA="]
                 )
         try:
-            lines.append(_line(**content))
+            lines.append(_line(content))
         except (ValueError, TypeError, RecursionError):  # no JSON holds it
             lines.append(line + b"\n")
     store.write_bytes(b"".join(lines))

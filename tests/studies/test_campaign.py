@@ -23,7 +23,7 @@ LINKS = {"a": mt.Link(), "b": mt.Link().replace("water.b", 0.1)}
 
 
 def test_gains_are_by_link_surface_receiver_and_shift():
-    campaign = campaign_of(mt.Link(), SEA, **FEW)._replace(links=LINKS)
+    campaign = campaign_of(mt.Link(), SEA, run=FEW)._replace(links=LINKS)
     steps = campaign.realizations(3)
     found = campaign.gains(steps)
     assert found.shape == (2, 2, 3, 1, 32)
@@ -66,7 +66,7 @@ def test_common_mesh_covers_links_apart():
     """Each link crosses within its own reach about its own place."""
     far = mt.Link().replace("receiver.position", (30.0, 0.0))
     far = far.replace("transmitter.position", (30.0, 0.0))
-    campaign = campaign_of(mt.Link(), FlatSea(), photons=64)
+    campaign = campaign_of(mt.Link(), FlatSea(), run={"photons": 64})
     mesh = FlatSea().mesh(0.0, **campaign.lines([mt.Link(), far], FlatSea()))
     for link in (mt.Link(), far):
         own = FlatSea().mesh(0.0, **campaign.lines([link], FlatSea()))
@@ -78,7 +78,7 @@ def test_common_mesh_covers_links_apart():
 
 
 def test_a_link_that_moves_is_alone_over_its_surface():
-    campaign = campaign_of(mt.Link(), WAVE, **FEW)
+    campaign = campaign_of(mt.Link(), WAVE, run=FEW)
     times = np.array([0.0, 0.5])
     links = [mt.Link(), mt.Link().replace("receiver.tilt_deg", 10.0)]
     found = campaign.gains(campaign.in_time(times, [(link,) for link in links]))

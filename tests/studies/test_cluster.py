@@ -61,7 +61,7 @@ def test_series_on_a_cluster(here):
 
 
 def test_a_failing_surface_ends_the_study(here):
-    campaign = campaign_of(LINK, WAVE, workers=here, **SMALL)
+    campaign = campaign_of(LINK, WAVE, run={"workers": here, **SMALL})
     steps = campaign.in_time(TIMES)
 
     def surface(i):

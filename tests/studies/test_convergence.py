@@ -38,7 +38,7 @@ WAVE = SinusoidalSea(amplitude=0.06, wavelength=4.0, direction_deg=30.0, phase=3
 
 
 def common(link, sea, photons=256, normals="vertex", time=0.0):
-    campaign = campaign_of(link, sea, photons=photons, mesh=mt.Meshing(time=time))
+    campaign = campaign_of(link, sea, run={"photons": photons, "mesh": mt.Meshing(time=time)})
     return CommonChains(campaign, (normals,), 0)
 
 

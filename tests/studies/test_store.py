@@ -420,7 +420,7 @@ def forged(**changes):
     }
     loop = {"loop": "sweep", "identity": {"study": "sweep"}}
     line = {key: value for key, value in {**item, **changes}.items() if value is not None}
-    return _line(**loop) + _line(**line)
+    return _line(loop) + _line(line)
 
 
 @pytest.mark.parametrize(
@@ -467,7 +467,7 @@ def changed(line, change):
         return line
     numbers = change(np.frombuffer(b64decode(content["numbers"])).reshape(content["shape"]))
     content.update(shape=numbers.shape, numbers=b64encode(numbers.tobytes()).decode())
-    return _line(**content)
+    return _line(content)
 
 
 def test_items_of_a_sweep_of_another_shape_are_refused(tmp_path, monkeypatch):

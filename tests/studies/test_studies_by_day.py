@@ -230,7 +230,7 @@ def test_the_light_of_a_narrow_view_is_the_mean_over_many_seas():
     stderr = np.std(rows, ddof=1) / math.sqrt(len(rows))
     found = []
     for k in range(3):
-        campaign = campaign_of(link, sea_in_wind(5.0).with_seed(k), photons=64)
+        campaign = campaign_of(link, sea_in_wind(5.0).with_seed(k), run={"photons": 64})
         seen = Lights(campaign).background(mt.studies.Variant(link, None, daylight=day))
         found.append(seen.radiance)
         assert z_test(np.mean(rows), stderr, seen.radiance) > ALPHA

@@ -40,6 +40,16 @@ def test_an_ensemble_has_common_paths(tmp_path):
     assert kept.at_wavelength(500.0).summary() == found.at_wavelength(500.0).summary()
 
 
+@pytest.mark.thorough
+def test_depths_and_wavelengths_share_a_store(tmp_path):
+    """Once the loops of all depths and wavelengths had one name, and the second was refused."""
+    options = {"photons": 64, "realizations": 2, "daylight": Daylight.night()}
+    options |= {"depths": [8.0, 10.0], "wavelengths_nm": AT[:2]}
+    stored = [link_performance(LINK, FlatSea(), store=tmp_path / "a", **options) for _ in range(2)]
+    expected = link_performance(LINK, FlatSea(), **options).summary()
+    assert [performance.summary() for performance in stored] == [expected, expected]
+
+
 def test_a_flight_tilts_the_receiver_at_all_wavelengths():
     flight = mt.Flight(mt.Uav(), mt.Dryden(wind_speed=13.0))
     kw = {"photons": 256, "wavelengths_nm": AT, "mesh": MESH}

@@ -111,7 +111,8 @@ class MeanGains:
         """Return the logarithms of gains (links, 1 + groups) of links with one lamp."""
         receivers = tuple(link.receivers[0] for link in links)
         whole = links[0].replace("receiver", receivers if len(links) > 1 else receivers[0])
-        gains = self.campaign.alone.of(whole).gains(self.steps)[0, 0]  # (seas, receivers, shifts)
+        # shape (seas, receivers, shifts)
+        gains = self.campaign.alone.for_link(whole).gains(self.steps)[0, 0]
         return log_means(np.moveaxis(gains, 1, 0))
 
 
@@ -185,7 +186,7 @@ class LinkModel:
         self.outage, self.limit = outage, limit
         receiver = OokLink.of_link(campaign.link, scenario.detector or "physical")
         self.link = receiver.channel(campaign.link)
-        self.campaign = campaign.of(self.link)
+        self.campaign = campaign.for_link(self.link)
         self.means = MeanGains(self.campaign, seas)
         self.dark = through_channel(receiver, self.campaign._replace(progress=None), seas)
         self._measured = receiver.response is None and self.dark.response is not None
@@ -233,7 +234,7 @@ class LinkModel:
         if self.turns:
             turned = (VIEW,)
             widest = max(90.0, self.link.only_receiver.fov_deg)
-            campaign = campaign.of(self.link.replace(VIEW, widest))
+            campaign = campaign.for_link(self.link.replace(VIEW, widest))
         return Sample(campaign, self.means.seas, (0.0, 0.0), None, turned)
 
     @property
@@ -321,7 +322,7 @@ class LinkModel:
     def _seen(self, period: str, link: Link) -> Background:
         """Return the background of a link over the seas."""
         seas = self.ensemble.n if period == DAY else min(self.ensemble.n, _NIGHT_SEAS)
-        campaign = self.campaign.of(link, _name_of(link))
+        campaign = self.campaign.for_link(link, _name_of(link))
         return background_over_seas(campaign, self.days[period], seas, self.flight)
 
     @cache  # noqa: B019
@@ -508,9 +509,9 @@ class LinkModel:
         """
         ends = tuple(dict.fromkeys((*self.link.receivers, *link.receivers)))
         whole = link.replace("receiver", ends if len(ends) > 1 else ends[0])
-        campaign = self.campaign.of(whole, f"link and {_name_of(link)}")._replace(progress=None)
+        campaign = self.campaign.for_link(whole, f"link and {_name_of(link)}")
         steps = campaign.surfaces(max(min(self.seas, _RUN_SEAS), 2))
-        gains = campaign.gains(steps)[0, 0, :, -1]  # (seas, shifts)
+        gains = campaign._replace(progress=None).gains(steps)[0, 0, :, -1]  # (seas, shifts)
         means, total = gains.mean(axis=1), float(gains.mean())
         if not total > 0.0:
             return -math.inf, math.nan

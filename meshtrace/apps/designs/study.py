@@ -119,7 +119,7 @@ def design(
     if not isinstance(scenario, Scenario):
         raise Refused("scenario", Described(type(scenario).__name__), "a Scenario")
     options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
-    campaign = campaign_of(scenario, None, "design", True, several=False, **options)
+    campaign = campaign_of(scenario, None, "design", options, fading=True, several=False)
     with campaign.workers():
         return _page(_Study(campaign, outage, limit, realizations), campaign, over)
 

@@ -243,7 +243,7 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
     Refused
         If the surface is no sea model, or only analog photons follow the link.
     """
-    campaign = campaign_of(state.channel, fading=True, photons=FADING_CHAINS)
+    campaign = campaign_of(state.channel, run={"photons": FADING_CHAINS}, fading=True)
     sea = campaign.surface
     if not isinstance(sea, SurfaceModel):
         raise Refused("surface", Described(type(sea).__name__), "a sea that moves")
