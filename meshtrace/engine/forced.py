@@ -32,12 +32,12 @@ from meshtrace.engine.chains.aimed import AimedChains, SearchMode
 from meshtrace.engine.chains.gain import Counter
 from meshtrace.engine.chains.sets import Drawing, Request, flat_mesh, points_of, shifted
 from meshtrace.engine.gains import Gains, Method
+from meshtrace.engine.photons.arriving import scattered_gains
 from meshtrace.engine.plan import Plan, Planner
 from meshtrace.engine.plan import Scattered as Scattered
 from meshtrace.engine.plan import TypicalSea as TypicalSea
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import Case
-from meshtrace.engine.setup.tinting import Common
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.tints import Tints
@@ -86,8 +86,6 @@ class ForcedDetection:
         Estimator of the scattered light; "auto" compares pilots over still water, with random
         slopes, for each receiver, see `meshtrace.engine.choice`. With "chains" light that the
         surface reflects first is omitted.
-    wavelengths : Common, optional
-        The wavelengths for all of which chains are allotted to the orders, and estimators chosen.
 
     Raises
     ------
@@ -105,9 +103,8 @@ class ForcedDetection:
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
         search: SearchMode = "usual",
         scattered: Scattered = "auto",
-        wavelengths: Common | None = None,
     ) -> None:
-        planner = Planner(link, seed, normals, threads, sea, search, scattered, wavelengths)
+        planner = Planner(link, seed, normals, threads, sea, search, scattered)
         self._draw(planner, planner.plan(photons, planner.compare()))
 
     @classmethod
@@ -205,10 +202,15 @@ class ForcedDetection:
         if plan.joined is not None:
             joined = plan.joined.at_wavelengths(mesh, shared.tinting, shared.links, record)
         groups = [(joined, plan.joined_to)]
-        if plan.arriving is not None:
-            groups.append(([plan.arriving.evaluate(mesh, record)], plan.arriving_at))
-        for photons, receivers in groups:
-            for i, by_photons in enumerate(photons):
+        if plan.arriving_at:
+            planner = self.planner
+            photons = scattered_gains(
+                planner.link_to(plan.arriving_at), mesh, plan.arriving, planner.seed,
+                planner.normals, planner.threads, record,
+            )  # fmt: skip
+            groups.append(([photons], plan.arriving_at))
+        for by_wavelength, receivers in groups:
+            for i, by_photons in enumerate(by_wavelength):
                 gains[i] = gains[i].with_photons(by_photons, receivers)
                 chains = gains[i].counts.drawn  # whose numbers come first
                 tables[i] += [table.moved(receivers, chains) for table in by_photons.table]
@@ -378,7 +380,8 @@ def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
     reach = ends.crossing_reach(link) + np.array(link.origin) * [[-1.0], [1.0]]
     if (low <= -reach[0]).all() and (high >= reach[1]).all():
         return np.zeros(len(link.receivers))
-    planner = Planner(link, **case.how, sea=TypicalSea.of([mesh]))
+    sea = TypicalSea.of([mesh])
+    planner = Planner(link, case.run.seed, case.meshing.normals, case.threads, sea)
     few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
     whole = few.at_wavelengths(planner.flat())[0].gain
     # the same chains over both: their noise cancels in the difference

@@ -169,7 +169,10 @@ def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Floats:
         intersector = EmbreeIntersector(mesh, case.threads)
         # weights below a thousandth of the largest hardly move the bound
         options = Analog(roulette=1e-3 * most)
-        sums = run_analog(case.link, intersector, options, photons=n, **case.how)
+        sums = run_analog(
+            case.link, intersector, options, photons=n, seed=case.run.seed,
+            normals=case.meshing.normals, threads=case.threads,
+        )  # fmt: skip
         error = standard_error(sums.score, sums.score_squared, n)
         bound = np.maximum(sums.score / n + 2.0 * error + 3.0 * most / n, bound)
     return np.where(gain > 0.0, np.nan, bound)

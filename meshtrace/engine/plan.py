@@ -22,10 +22,10 @@ from meshtrace.engine import choice
 from meshtrace.engine.chains.aimed import AimedChains, SearchMode
 from meshtrace.engine.chains.sets import ChainDrawer, Request, flat_mesh, levels
 from meshtrace.engine.gains import Method
-from meshtrace.engine.photons.arriving import ArrivingPhotons, largest_weight
+from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.setup import ends
-from meshtrace.engine.setup.tinting import UNTINTED, Common
+from meshtrace.engine.setup.tinting import CommonPaths, paths_alone
 from meshtrace.errors import Refused
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
@@ -102,8 +102,8 @@ class Plan:
         Chains by source and order.
     joined : JoinedPhotons or None
         Joined photons, to the receivers `joined_to`.
-    arriving : ArrivingPhotons or None
-        Analog photons, to the receivers `arriving_at`.
+    arriving : int
+        Analog photons, which serve the receivers `arriving_at`.
     reflects : bool
         Whether photons bring light that the surface reflects first.
     """
@@ -113,7 +113,7 @@ class Plan:
     chains: list[Request]
     joined: JoinedPhotons | None
     joined_to: list[int]
-    arriving: ArrivingPhotons | None
+    arriving: int
     arriving_at: list[int]
     reflects: bool
 
@@ -129,11 +129,11 @@ class Planner:
     sea: TypicalSea = TypicalSea()  # noqa: RUF009 - frozen
     search: SearchMode = "usual"
     scattered: Scattered = "auto"
-    wavelengths: Common | None = None
+    wavelengths: CommonPaths | None = None
 
     def __post_init__(self) -> None:
         self.arrays = ends.forced_link(self.link)
-        self.shared = self.wavelengths or Common(UNTINTED, [self.link], (1.0,))
+        self.shared = self.wavelengths or paths_alone(self.link)
         self.drawer = ChainDrawer(
             self.arrays, *levels(self.arrays, self.sea.crest), self.shared.ratios
         )
@@ -163,11 +163,7 @@ class Planner:
         method = comparison.method
         chains = self._allot(photons, comparison) if "chains" in method else []
         arriving_at = [r for r, name in enumerate(method) if name == "analog"]
-        arriving = None
-        if arriving_at:
-            number = round(choice.ANALOG_PER_CHAIN * photons)
-            link = self._link_to(arriving_at)
-            arriving = ArrivingPhotons(link, number, self.seed, self.normals, self.threads)
+        arriving = round(choice.ANALOG_PER_CHAIN * photons)
         joined, joined_to, reflects = self._plan_joined(photons, comparison)
         # without photons nothing has measured light reflected first
         reflects = reflects and bool(joined_to or arriving_at)
@@ -201,7 +197,7 @@ class Planner:
         compares = self.scattered == "auto" and any(orders)
         still, shared = self._still_water(), self.shared
         if not shared.tinting.follows:  # photons cannot be common to all wavelengths
-            shared = Common(UNTINTED, [self.link], (1.0,))
+            shared = paths_alone(self.link)
         surfaces: list[ChainDrawer | AimedChains] = [self.drawer]
         if compares and still.unresolved is not None:
             # chains are worst where random slopes are wider than a beam: compared with them, but
@@ -234,7 +230,7 @@ class Planner:
         by_chains: list[choice.ScatteredPilot],
         by_photons: list[choice.ScatteredPilot],
         doubtful: NDArray[np.bool_],
-        shared: Common,
+        shared: CommonPaths,
     ) -> Comparison:
         """Return the better estimators of doubtful receivers and of those they stand for."""
         expected = max(law.expected for law in self.drawer.nominals) * np.array(shared.ratios)
@@ -410,11 +406,11 @@ class Planner:
         self, photons: int, receivers: Sequence[int], crossings: Sequence[int] = ()
     ) -> JoinedPhotons:
         """Return joined photons to `receivers`, scored from the given crossing on (default: 1)."""
-        link = self._link_to(receivers)
+        link = self.link_to(receivers)
         first = [crossings[r] if crossings else 1 for r in receivers]
         return JoinedPhotons(link, photons, self.seed, self.normals, self.threads, first=first)
 
-    def _link_to(self, receivers: Iterable[int]) -> Link:
+    def link_to(self, receivers: Iterable[int]) -> Link:
         """Return the link reduced to `receivers`."""
         ends_of = tuple(self.link.receivers[r] for r in receivers)
         return self.link.model_copy(update={"receiver": ends_of})
@@ -422,7 +418,7 @@ class Planner:
     @cached_property
     def returned(self) -> Floats:
         """Estimated gain of light reflected first, of each receiver by that which stands for it."""
-        gain = choice.returned_gain(self._link_to(self._piloted))
+        gain = choice.returned_gain(self.link_to(self._piloted))
         return gain[np.searchsorted(self._piloted, self._first)]
 
     def key(self, source: int) -> tuple[int, int]:

@@ -34,7 +34,7 @@ from meshtrace.engine.setup.options import (
     RunOptions,
     resolve,
 )
-from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, photon_paths, scattering
+from meshtrace.engine.setup.tinting import CommonPaths, clearest, photon_paths, scattering
 from meshtrace.errors import (
     Described,
     Refused,
@@ -198,7 +198,7 @@ def coverage_map(
     with campaign.workers(), one_blas_thread():
         while waiting := [i for i in range(len(links)) if i not in maps]:
             base, shared = photon_paths(links, waiting)
-            part = campaign._replace(links={str(i): links[i] for i in shared.rows})
+            part = campaign._replace(links={str(i): links[i] for i in shared.wavelengths})
             maps |= _Mapped(part, shared, receiver, grid, at, exact).run(photons, rtol, base)
     for coverage in maps.values():
         coverage.provenance.update(case.origin)
@@ -246,7 +246,7 @@ class _Mapped(Restored):
         self._receiver, self._grid, self.times = receiver, grid, times
         options = campaign.run.estimator
         self.options = options if isinstance(options, Analog) else Analog()
-        self.tinting = shared.tinting or UNTINTED
+        self.tinting = shared.tinting
         shares = np.array([1.0 - shared.shares, shared.shares])
         self.ends = shares[: len(shared.bases)]  # of the smallest and the largest index
         self._links = links = list(campaign.links.values())
@@ -381,7 +381,7 @@ class _Mapped(Restored):
                     more, pairs = 0, [self._chained]
         self._warn(sums)
         return {
-            self._common.rows[k]: self._map(self._links[k], *pair, sums, each, rtol)
+            self._common.wavelengths[k]: self._map(self._links[k], *pair, sums, each, rtol)
             for k, pair in zip(sampled, pairs, strict=True)
         }
 
@@ -460,8 +460,8 @@ class _Mapped(Restored):
                 if illuminated.any()
                 else 0.0
             )
-        limit = min(FEW_PHOTONS, 0.5 * maps[self._common.rows.index(base)])
-        pairs = zip(self._common.rows, maps, strict=True)
+        limit = min(FEW_PHOTONS, 0.5 * maps[self._common.wavelengths.index(base)])
+        pairs = zip(self._common.wavelengths, maps, strict=True)
         return [k for k, (i, number) in enumerate(pairs) if i == base or number >= limit]
 
     def _map(

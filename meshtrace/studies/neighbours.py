@@ -115,7 +115,7 @@ class Neighbours(Restored):
             TypicalSea.of(self._meshes, MANY_SEAS if self.fading else 1.0),
             campaign.meshing.normals,
             # of more, in turn, none of the last is met again
-            kept=max(self.kept, _FEW) if self.kept <= _MANY else _FEW,
+            recent=max(self.kept, _FEW) if self.kept <= _MANY else _FEW,
         )
 
     def mesh(self, i: int, surface: Any = None) -> TriangleMesh:
@@ -130,7 +130,7 @@ class Neighbours(Restored):
 
     def light(self, link: Link, i: int, surface: Any = None) -> list[Light]:
         """Return the light that arrives at each receiver over realization i."""
-        return self.frozen.light(link, self.mesh(i, surface))
+        return self.frozen.arrivals(link, self.mesh(i, surface))
 
 
 def has_moments(link: Link) -> bool:
@@ -176,7 +176,7 @@ def edge_over(near: Neighbours, name: str, i: int) -> Floats:
     views = [min(fov * math.exp(side * _EDGE_STEP), 180.0) for side in (-1.0, 1.0)]
     frozen, mesh = near.frozen, near.mesh(i)
     low, high = (frozen.unscattered(link.replace(name, view), mesh)[0] for view in views)
-    wide = frozen.light(link.replace(name, min((1.0 + WINDOW) * fov, 180.0)), mesh)[0]
+    wide = frozen.arrivals(link.replace(name, min((1.0 + WINDOW) * fov, 180.0)), mesh)[0]
     off = np.degrees(wide.angle) / (0.5 * fov) - 1.0
     rates = np.empty((3, len(WINDOWS), SHIFTS))
     for k, width in enumerate(WINDOWS.tolist()):

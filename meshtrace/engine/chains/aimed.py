@@ -25,7 +25,7 @@ from meshtrace.engine.setup.arrays import (
     with_raster,
 )
 from meshtrace.engine.setup.ends import ForcedLink, expected_water, forced_link
-from meshtrace.engine.setup.tinting import UNTINTED, Common
+from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths
 from meshtrace.kernels.interface import Direction, MeshArrays, Roughness, Snell
 from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.scene import FACET, Emitter, Locator, Scene, Target, facet_summary
@@ -234,7 +234,7 @@ class AimedChains:
             return Aimed(out.score[None], arrivals)
         return Aimed(self._tinted_scores(source, chains, n, arrivals), arrivals)
 
-    def at_wavelengths(self, common: Common) -> AimedChains:
+    def at_wavelengths(self, common: CommonPaths) -> AimedChains:
         """Return the same surface at the wavelengths of common paths.
 
         Light of a facet has one length of its way, that at which it agrees with the light of the

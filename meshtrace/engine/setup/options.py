@@ -410,12 +410,6 @@ class Case(NamedTuple):
         """Threads of the run, all cores by default."""
         return default_threads(self.run.threads)
 
-    @property
-    def how(self) -> dict[str, Any]:
-        """Seed, normals and threads, as every estimator takes them."""
-        normals = self.meshing.normals
-        return {"seed": self.run.seed, "normals": normals, "threads": self.threads}
-
 
 @runtime_checkable
 class HasCase(Protocol):
