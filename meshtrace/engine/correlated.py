@@ -115,11 +115,13 @@ def _moved(gains: Gains, low: Gains, high: Gains, share: float) -> Gains:
 
     Their rows, if they are kept, get weights that add up to the gain.
     """
+    # fewer paths may miss the highest orders
     width = max(part.all_orders.shape[1] for part in (gains, low, high))
-    orders, first, last = (  # orders of scattering may be missing
+    orders, first, last = (
         np.pad(part.all_orders, ((0, 0), (0, width - part.all_orders.shape[1])))
         for part in (gains, low, high)
     )
+    # group by group: the same paths in all three, whose noise cancels in the difference
     groups = gains.groups + share * (high.groups - low.groups)
     moved = replace(gains, groups=groups, all_orders=orders + share * (last - first))
     return replace(moved, table=[table.with_gains(moved.gain) for table in gains.table])
@@ -171,6 +173,7 @@ def analog_sums(
             part = paths.shares if end else 1.0 - paths.shares
             scale = part * photons / of_end if ends > 1 else np.ones(len(paths.links))
             shares = numbers[:, end] / numbers[:, end].sum()
+            # balance heuristic over the bases, see `Tinting.mixed`
             mixed = partial(tinting.mixed, base=base, parts=shares)
             strata.append(tinted(sums, mixed, scale, cuts[k], bool(record)))
         each = (PhotonSums.of_strata(stratum) for stratum in zip(*strata, strict=True))
@@ -220,6 +223,7 @@ class FrozenForced:
         search: SearchMode = "thorough",
         recent: int = 8,
     ) -> None:
+        # chains alone: joined photons are followed under one surface and one link
         base = ForcedDetection(
             link, photons, seed, normals, sea=sea, search=search, scattered="chains"
         )
@@ -296,6 +300,7 @@ class FrozenForced:
 
     def _aimed(self, link: Link, mesh: TriangleMesh) -> tuple[ForcedLink, AimedChains]:
         """Return the arrays of a link and its surface (cached for recent ones)."""
+        # in the frame of the base: its own would scale chains and facets anew
         arrays = forced_link(link, self._base.arrays.frame)
         if len(arrays.emitters) != len(self._base.arrays.emitters):
             name = "receiver" if arrays.down else "transmitter"
@@ -321,6 +326,7 @@ class FrozenForced:
         # chains do not depend on the coefficients of the water, nor on receivers but by their ends
         models = [part and part.model_dump_json() for part in parts]
         key = repr((lamps, ends, models, link.water.n, link.n_air, aimed.sampled))
+        # a thread that finds the chains of its link under way waits for them
         with self._lock:
             known = self._drawn.get(key)
             if known is None:

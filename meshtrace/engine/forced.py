@@ -54,9 +54,13 @@ MANY_SEAS = 1.5
 """Margin of a typical sea for those that are not known yet: they may be higher."""
 
 _CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is summed
-_FEW_POINTS, _SMOOTH = 2, 5e-4  # of each shift, which suffice for this relative error
+# first points of each shift, and the relative standard error below which they suffice: seen from
+# afar an extended source is hardly more than a point
+_FEW_POINTS, _SMOOTH = 2, 5e-4
 _CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
-_UNLIT = 0.03  # chains of an order over those of the order with most: its light is some 0.1 %
+# allotment goes with the square root of the variance: an order with 3 % of the chains of the
+# largest one has some 0.1 % of the light
+_UNLIT = 0.03
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
 
@@ -119,6 +123,7 @@ class ForcedDetection:
         self.planner, self.plan = planner, plan
         self.photons, self.threads = plan.photons, planner.threads
         self.link, self.arrays, self.drawer = planner.link, planner.arrays, planner.drawer
+        # before any surface is known: one set of chains serves every frame of a moving sea
         drawings = self.drawer.draw_all(plan.chains, self.threads)
         self.scattered_sets = [
             [drawing for drawing in drawings if drawing.request.source == s]
@@ -170,6 +175,7 @@ class ForcedDetection:
         """Return unscattered chains by source, which differ by their random slopes only."""
         if self._unscattered:
             return self._unscattered
+        # each receiver of a downlink has chains of its own, sources of an uplink share theirs
         emitters = len(self.arrays.emitters)
         per_source = self.photons / (1 if self.arrays.down else emitters)
         n = max(math.ceil(_UNSCATTERED_SHARE * per_source / SHIFTS), 2)
@@ -189,6 +195,7 @@ class ForcedDetection:
         `surface` is the mesh with the receivers of a link that differs in the water alone; `record`
         keeps every row of light.
         """
+        # collisions are drawn below the expected crest: higher waves would miss light above it
         higher = self._reaching(mesh)
         if higher is not self:
             return higher.at_wavelengths(mesh, surface, record)
@@ -227,6 +234,7 @@ class ForcedDetection:
         link, sampled = self.arrays, list[tuple[int, int]]()
         orders = max((request.order for request in self.plan.chains), default=0) + 1
         gains = Gains.zeros(aimed.wavelengths, len(self.method), orders)
+        # slopes too narrow for an integral are sampled; extended sources are summed anyway
         exact = [p for p in link.pairs if not aimed.sampled or link.sizes[p[0]] > 0.0]
         dark = [pair for pair in link.pairs if pair not in exact]
         served = [pair for pair in link.pairs if self.method[link.receiver(*pair)] == "chains"]
@@ -243,6 +251,7 @@ class ForcedDetection:
             in_groups = alone or aimed.meets_rim(s, r)
             gains.add_direct(link.receiver(s, r), link.share(s, r) * gain, error, in_groups)
             cut_short += aimed.is_cut_short(s, r)
+            # an extended source is sampled by its points, one value a shift
             if gain.shape[-1] > 1:
                 sampled.append((s, r))
             elif not gain.any():
@@ -252,6 +261,7 @@ class ForcedDetection:
         for job, scores in zip(chain_jobs, results, strict=True):
             self._add_scores(gains, job, scores)
             pace.add()
+        # a beam may pass between the rules of all facets: random slopes of chains find its light
         rest = parts.chain_jobs(dark, [[drawing] for drawing in self.unscattered()] if dark else [])
         results = ordered_map(partial(self._scores, aimed), rest, self.threads)
         bright = set(sampled)
@@ -297,6 +307,7 @@ class ForcedDetection:
             raise Refused("transmitter", narrow, allowed)
         points = self._lamp_points(s)
         gains: Floats = np.zeros((SHIFTS, 0, aimed.wavelengths))
+        # all points only where the first ones differ: each costs an integral over the facets
         for part in (points[:, :_FEW_POINTS], points[:, _FEW_POINTS:]):
             if not part.size:
                 break
@@ -311,9 +322,11 @@ class ForcedDetection:
 
     def _lamp_points(self, s: int) -> Floats:
         """Return points of an extended source, shape (shifts, points, 3)."""
+        # the sixth stream of the source: none of its chains
         per_shift = max(self.photons // (_CHAINS_PER_POINT * SHIFTS), 2)
         u = shifted(*points_of(Request(s, -1, per_shift, (self.planner.seed, s, 0, 6))))
         emitter, size = self.arrays.emitters[s], self.arrays.sizes[s]
+        # inverse distribution functions of the waist: an even disk, or exp(-2 r^2 / size^2)
         if emitter.kind == SourceKind.TOP_HAT_BEAM:
             radius = size * np.sqrt(u[:, 0])
         else:
@@ -337,7 +350,7 @@ class ForcedDetection:
         tables = [list[ArrivalTally]() for _ in links]
         for e, t in self.arrays.pairs:
             for arrivals in self._light_of(aimed, e, t, tinting.tints):
-                factors = tinting.factors(arrivals.tint)
+                factors = tinting.factors(arrivals.log_weights)
                 for table, factor, link in zip(tables, factors, links, strict=True):
                     table.append(arrivals.table(self.arrays.receiver(e, t), factor, link))
         return tables
@@ -376,11 +389,12 @@ class ForcedDetection:
 def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
     """Return the share of the light of a flat sea that crosses outside a mesh, by receiver."""
     link = case.link
+    # a mesh that reaches over all crossings cuts nothing: no chains are drawn for most links
     low, high = mesh.bounds[:, :2]
     reach = ends.crossing_reach(link) + np.array(link.origin) * [[-1.0], [1.0]]
     if (low <= -reach[0]).all() and (high >= reach[1]).all():
         return np.zeros(len(link.receivers))
-    sea = TypicalSea.of([mesh])
+    sea = TypicalSea.of_meshes([mesh])
     planner = Planner(link, case.run.seed, case.meshing.normals, case.threads, sea)
     few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
     whole = few.at_wavelengths(planner.flat())[0].gain

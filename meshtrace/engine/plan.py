@@ -57,8 +57,9 @@ class TypicalSea(NamedTuple):
     unresolved: UnresolvedSlopes | None = None
 
     @classmethod
-    def of(cls, meshes: Iterable[TriangleMesh], margin: float = 1.0) -> TypicalSea:
+    def of_meshes(cls, meshes: Iterable[TriangleMesh], margin: float = 1.0) -> TypicalSea:
         """Return the typical sea of some surfaces, its crest by a margin above the highest."""
+        # random slopes are those of the spectrum, alike for all surfaces of a sea
         crests, slopes = zip(*((float(m.bounds[1, 2]), m.unresolved) for m in meshes), strict=True)
         return cls(margin * max(crests), slopes[0])
 
@@ -143,6 +144,7 @@ class Planner:
 
     def at_index(self, n: float) -> Planner:
         """Return the same for water of another index, with chains of the same numbers."""
+        # laws and key stay: neighbouring chains, whose noise cancels in differences
         planner = copy(self)
         planner.link = self.link.replace("water.n", n)
         planner.arrays = ends.forced_link(planner.link)
@@ -184,6 +186,7 @@ class Planner:
 
     def compare(self) -> Comparison:
         """Choose the estimators by pilots over still water."""
+        # where chains do not follow the link, photons alone are compared with each other
         orders = self._orders()
         if orders is None or self.scattered == "joined":
             every = np.ones(len(self._piloted), bool)
@@ -205,6 +208,7 @@ class Planner:
             surfaces.append(self.aim_over(still).at_wavelengths(shared))
         pilots = self.pilots(surfaces, orders)
         chained, compared = pilots[0][0], pilots[-1]
+        # of several wavelengths the one that scatters most is the hardest for chains
         most = 0 if len(compared) == 1 else int(np.argmax(shared.ratios))
         pilot = choice.chain_pilot(compared[most], self.arrays)
         names: list[Method] = ["chains"] * len(self.link.receivers)
@@ -221,7 +225,7 @@ class Planner:
         if len(compared) < len(by_photons):
             # pilots over the drawer's own still water know one wavelength alone
             (compared,) = self.pilots([self.aim_over(still).at_wavelengths(shared)], orders)
-        by_chains = [choice.chain_pilot(p, self.arrays).of(doubtful) for p in compared]
+        by_chains = [choice.chain_pilot(p, self.arrays).select(doubtful) for p in compared]
         return self._choose(chains, by_chains, by_photons, doubtful, shared)
 
     def _choose(
@@ -267,10 +271,12 @@ class Planner:
         Refused
             If neither chains nor photons follow it.
         """
+        # joined photons follow light off the bottom, but not over forms as published
         try:
             ends.require_points(self.link)
             if self.link.water.bottom_depth is not None and not self._photons_follow():
-                ends.refuse_bottom(self.link)
+                depth = self.link.water.bottom_depth
+                raise Refused("water.bottom_depth", depth, ends.POINTS_ONLY)
             return [self.drawer.last_order(s) for s in range(len(self.arrays.emitters))]
         except Refused:  # a feature, or too many orders, for chains
             if not self._photons_follow():
@@ -316,6 +322,7 @@ class Planner:
         if not doubtful.any() or not self._photons_follow():
             return None
         photons = self._joined(choice.PILOT_PHOTONS, self._piloted[doubtful].tolist())
+        # a pilot that chose by the photons of the run itself would bias it
         photons.seed ^= _PILOT_SEED
         if chained and self.link.water.bottom_depth is not None:
             # chains are compared with the light that misses it
@@ -326,6 +333,7 @@ class Planner:
         """Return the gain of each receiver with a pilot over still water."""
         gain = np.array([pilot.mean.sum(axis=1) for pilot in pilots])
         for s, to_targets in enumerate(gain):
+            # closed over flat water but for the point of the aperture: few chains suffice
             request = Request(s, 0, _STILL_CHAINS, (*self.key(s), 0, 3))
             unscattered = self.drawer.draw(request, self._targets)
             for i, t in enumerate(self._targets):
@@ -345,14 +353,16 @@ class Planner:
         share = photons if link.down else max(photons // emitters, SHIFTS)
         requests = []
         for s, pilot in enumerate(comparison.chained):
+            # a pilot counts as often as receivers stand behind it
             number = self._number[served]
             if not link.down:
-                pilot, scale = pilot.of(served), gain[served]
+                pilot, scale = pilot.select(served), gain[served]
             elif served[s]:
                 pilot, scale = pilot.joined(link.power), gain[s : s + 1]
                 number = np.ones(1, int)
             else:
                 continue
+            # one set of chains for all wavelengths: each counts as a receiver of its own
             if len(self.shared.links) > 1 and known is not None:
                 bright = known[s : s + 1] if link.down else known[served]
                 pilot, scale = pilot.at_wavelengths(np.array(self.shared.ratios), bright)
@@ -378,6 +388,7 @@ class Planner:
         # light of the first crossing is that of the chains where these serve
         crossings = [1 if name == "joined" else 2 for name in method]
         if every and water.bottom_depth is not None and water.bottom_albedo > 0.0:
+            # no closed estimate of the light off the bottom: all have the full number of photons
             number = round(choice.PER_CHAIN * photons)
             return self._joined(number, every, crossings), every, reflects
         served = every if reflects else joined
@@ -439,6 +450,7 @@ class Planner:
 
     def flat(self) -> TriangleMesh:
         """Return a flat sea larger than the footprint of the light."""
+        # ten metres (units) of margin, so that no slanted light misses the rim
         far = ends.crossing_reach(self.link) + 10.0 * self.arrays.frame.unit
         origin = np.array(self.link.origin)
         return flat_mesh(origin - far, origin + far)

@@ -170,6 +170,7 @@ def simulate(
         with one_blas_thread():
             # one mesh for all wavelengths: the clearest water needs the finest and widest one
             case, triangles, config = _over_mesh(case._replace(link=clearest(links)))
+            # warnings are those of the clearest link: the others have the same mesh and paths
             records, first = read_records(record, case.run.estimator), links.index(case.link)
             if at and "irradiance-map" in records:
                 allowed = "arrivals, with wavelengths_nm; maps by coverage_map"
@@ -221,7 +222,7 @@ def _traced(
     seed, normals, threads = case.run.seed, case.meshing.normals, case.threads
     results: list[GainResult] = []
     returned: Floats | None = None
-    sea = TypicalSea.of([mesh])
+    sea = TypicalSea.of_meshes([mesh])
     single = len(links) == 1
     if single and isinstance(case.run.estimator, Forced):
         # pilots do not depend on the number of chains: one comparison serves all repetitions
@@ -269,6 +270,7 @@ def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:
 
     Over a surface that overhangs the estimator is analog unless chosen.
     """
+    # a surface says whether it overhangs before it is triangulated, or not at all
     chosen = "estimator" in case.run.model_fields_set
     if not chosen and not getattr(case.surface, "single_valued", True):
         case = case._replace(run=case.run.replace(estimator="analog"))
@@ -339,6 +341,7 @@ def trace_paths(
     -------
     PhotonPaths
     """
+    # all paths are held at once, each with room for as many vertices
     require_whole(max_vertices, 2, _MOST_VERTICES // n, "max_vertices")
     fields: dict[str, Any] = dict(options) if seed is None else {"seed": seed, **options}
     photons = Analog()

@@ -400,7 +400,7 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     if isinstance(run.estimator, Analog):
         return lambda i: _analog_gains(campaign, links_at(i), mesh(i))
     first = {i: mesh(i) for i in range(min(1 if steps.links else probed, n))}
-    typical = TypicalSea.of(first.values(), MANY_SEAS)
+    typical = TypicalSea.of_meshes(first.values(), MANY_SEAS)
 
     def chains(link: Link) -> ForcedDetection:
         return ForcedDetection(link, run.photons, run.seed, normals, sea=typical)

@@ -112,7 +112,7 @@ class Neighbours(Restored):
             campaign.link,
             campaign.run.photons,
             campaign.run.seed,
-            TypicalSea.of(self._meshes, MANY_SEAS if self.fading else 1.0),
+            TypicalSea.of_meshes(self._meshes, MANY_SEAS if self.fading else 1.0),
             campaign.meshing.normals,
             # of more, in turn, none of the last is met again
             recent=max(self.kept, _FEW) if self.kept <= _MANY else _FEW,

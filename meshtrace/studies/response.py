@@ -107,7 +107,7 @@ def _arrivals_over(
         run.seed,
         normals,
         campaign.threads,
-        TypicalSea.of(meshes, MANY_SEAS),
+        TypicalSea.of_meshes(meshes, MANY_SEAS),
     )
     return lambda mesh: [gains.table[0] for gains in paths.at_wavelengths(mesh, record=True)]
 
