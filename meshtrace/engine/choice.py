@@ -32,8 +32,9 @@ from meshtrace.stored import SHIFTS
 
 PILOT = 128
 """Chains of each order in the first pilot."""
-_PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order with fewer hits
-_PILOT_HITS = 4
+# chains that bring light, below which a pilot of as many times the chains replaces it, and pilots
+# of an order at most
+_PILOT_HITS, _PILOT_GROWTH, _PILOT_STEPS = 4, 4, 3
 _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
 
 PILOT_PHOTONS = 8192
@@ -73,7 +74,10 @@ class Pilot(NamedTuple):
         return Pilot(*(array[receivers] for array in self))
 
     def joined(self, power: Floats) -> Pilot:
-        """Return the pilot of one receiver with targets of shares of the power."""
+        """Return the pilot of a receiver in the water from those of its targets, the lamps.
+
+        `power` (targets,) has their shares of the power.
+        """
         return Pilot(self.chains[:1], (power @ self.mean)[None], (power @ self.spread)[None])
 
     def at_wavelengths(self, ratios: Floats, gain: Floats) -> tuple[Pilot, Floats]:
@@ -320,7 +324,7 @@ def choose_common(
     return method, PER_CHAIN if every[joined].all() else _SHARED_PER_CHAIN
 
 
-_RINGS, _AZIMUTHS = 48, 12
+_RINGS, _AZIMUTHS = 48, 12  # rays of a source in the closed estimate
 LITTLE = 1e-3
 """Share of a gain below which light that is reflected first is left out."""
 MUCH = 0.02

@@ -81,7 +81,7 @@ class SpectralDetection:
             _, paths = photon_paths(self.links, waiting, chains=True)
             # the middle index halves the longest way of the linear correction
             planner = Planner(paths.middle(), seed, normals, threads, sea, wavelengths=paths)
-            detection = ForcedDetection.following(planner, planner.plan(photons, planner.compare()))
+            detection = ForcedDetection.planned(planner, photons)
             # some of the paths at the smallest and the largest index, if these differ
             ends = [
                 detection.at_index(link.water.n, _INDEX_SHARE)
@@ -224,9 +224,8 @@ class FrozenForced:
         recent: int = 8,
     ) -> None:
         # chains alone: joined photons are followed under one surface and one link
-        base = ForcedDetection(
-            link, photons, seed, normals, sea=sea, search=search, scattered="chains"
-        )
+        planner = Planner(link, seed, normals, sea=sea, search=search, scattered="chains")
+        base = ForcedDetection.planned(planner, photons)
         warn_of_chains(base, ForcedDetection(link, SHIFTS, seed, normals, sea=sea))
         self._base, self._seed = base, seed
         self._normals, self._search, self._recent = normals, search, recent

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from meshtrace.engine import parts
-from meshtrace.engine.chains.aimed import AimedChains, SearchMode
+from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.gain import Counter
 from meshtrace.engine.chains.sets import Drawing, Request, flat_mesh, points_of, shifted
 from meshtrace.engine.gains import Gains, Method
@@ -84,8 +84,6 @@ class ForcedDetection:
         Threads; results do not depend on them.
     sea : TypicalSea
         What is known of the surfaces.
-    search : {"usual", "thorough"}
-        Search of crossings, see `AimedChains`.
     scattered : {"auto", "chains", "joined"}
         Estimator of the scattered light; "auto" compares pilots over still water, with random
         slopes, for each receiver, see `meshtrace.engine.choice`. With "chains" light that the
@@ -105,11 +103,15 @@ class ForcedDetection:
         normals: str = "vertex",
         threads: int = 1,
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
-        search: SearchMode = "usual",
         scattered: Scattered = "auto",
     ) -> None:
-        planner = Planner(link, seed, normals, threads, sea, search, scattered)
+        planner = Planner(link, seed, normals, threads, sea, scattered=scattered)
         self._draw(planner, planner.plan(photons, planner.compare()))
+
+    @classmethod
+    def planned(cls, planner: Planner, photons: int) -> ForcedDetection:
+        """Return the chains and photons of a planner, for a number of chains in all."""
+        return cls.following(planner, planner.plan(photons, planner.compare()))
 
     @classmethod
     def following(cls, planner: Planner, plan: Plan) -> ForcedDetection:
@@ -245,17 +247,17 @@ class ForcedDetection:
         jobs += [partial(self._scores, aimed, job) for job in chain_jobs]
         results = ordered_map(call, jobs, self.threads, ahead=len(jobs))
         cut_short = 0
-        for s, r in exact:
+        for pair in exact:
             from_points, error = next(results)
             gain = from_points.mean(axis=1).T
-            in_groups = alone or aimed.meets_rim(s, r)
-            gains.add_direct(link.receiver(s, r), link.share(s, r) * gain, error, in_groups)
-            cut_short += aimed.is_cut_short(s, r)
+            in_groups = alone or aimed.meets_rim(*pair)
+            gains.add_direct(link.receiver(*pair), link.share(*pair) * gain, error, in_groups)
+            cut_short += aimed.is_cut_short(*pair)
             # an extended source is sampled by its points, one value a shift
             if gain.shape[-1] > 1:
-                sampled.append((s, r))
+                sampled.append(pair)
             elif not gain.any():
-                dark.append((s, r))
+                dark.append(pair)
         drawn = sum(request.number for request in self.plan.chains)
         pace = Pace(len(chain_jobs), f"{drawn:,} chains over one surface")
         for job, scores in zip(chain_jobs, results, strict=True):
@@ -291,21 +293,21 @@ class ForcedDetection:
             share = self.arrays.share(request.source, t) / request.number
             gains.add_chains(receiver, request.order, block.shifts_in, score, share)
 
-    def _from_source(self, aimed: AimedChains, s: int, r: int) -> tuple[Floats, float]:
+    def _from_source(self, aimed: AimedChains, e: int, t: int) -> tuple[Floats, float]:
         """Return the unscattered light of the points of a source, (shifts, points, wavelengths).
 
-        For an extended one, from the first points of each shift, and from all unless these
-        suffice; else (1, 1, wavelengths). With the relative error of its quadrature over the
-        surface.
+        From emitter e to target t. For an extended one, from the first points of each shift, and
+        from all unless these suffice; else (1, 1, wavelengths). With the relative error of its
+        quadrature over the surface.
         """
         # light of a point source is an integral without noise: all shifts share one value
-        if self.arrays.sizes[s] == 0.0:
-            return aimed.direct_light(s, r)[None, None], aimed.relative_error(s, r)
+        if self.arrays.sizes[e] == 0.0:
+            return aimed.direct_light(e, t)[None, None], aimed.relative_error(e, t)
         if aimed.sampled:
-            narrow = Described(f"a radius of {self.arrays.sizes[s] * self.arrays.frame.unit:g} m")
+            narrow = Described(f"a radius of {self.arrays.sizes[e] * self.arrays.frame.unit:g} m")
             allowed = f"a point source below random slopes this narrow; {ends.ANALOG}"
             raise Refused("transmitter", narrow, allowed)
-        points = self._lamp_points(s)
+        points = self._lamp_points(e)
         gains: Floats = np.zeros((SHIFTS, 0, aimed.wavelengths))
         # all points only where the first ones differ: each costs an integral over the facets
         for part in (points[:, :_FEW_POINTS], points[:, _FEW_POINTS:]):
@@ -313,16 +315,16 @@ class ForcedDetection:
                 break
             by_point = []
             for p in part.reshape(-1, 3):
-                by_point.append(aimed.direct_light(s, r, Vec3(*p.tolist())))
+                by_point.append(aimed.direct_light(e, t, Vec3(*p.tolist())))
             gains = np.concatenate([gains, np.reshape(by_point, (*part.shape[:2], -1))], axis=1)
             error = error_of_groups(gains.mean(axis=1))
             if (error < _SMOOTH * gains.mean(axis=(0, 1))).all():
                 break
-        return gains, aimed.relative_error(s, r)
+        return gains, aimed.relative_error(e, t)
 
     def _lamp_points(self, s: int) -> Floats:
         """Return points of an extended source, shape (shifts, points, 3)."""
-        # the sixth stream of the source: none of its chains
+        # the last number of the key parts these points from those of chains, which have others
         per_shift = max(self.photons // (_CHAINS_PER_POINT * SHIFTS), 2)
         u = shifted(*points_of(Request(s, -1, per_shift, (self.planner.seed, s, 0, 6))))
         emitter, size = self.arrays.emitters[s], self.arrays.sizes[s]
@@ -337,12 +339,12 @@ class ForcedDetection:
         return (np.array(emitter.position) + radius[:, None] * circle).reshape(SHIFTS, -1, 3)
 
     def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
-        """Return chains that reach the mesh; new ones if it is far higher than expected."""
+        """Return chains that reach the mesh: new ones if it is higher than the ceiling of these."""
         top = float(mesh.bounds[1, 2])
         if top <= self.drawer.ceiling * self.arrays.frame.unit or "chains" not in self.method:
             return self
         planner = replace(self.planner, sea=self.planner.sea._replace(crest=top))
-        return ForcedDetection.following(planner, planner.plan(self.photons, planner.compare()))
+        return ForcedDetection.planned(planner, self.photons)
 
     def _tables(self, aimed: AimedChains) -> list[list[ArrivalTally]]:
         """Return the arrivals of unscattered light and of chains at each wavelength."""
@@ -396,7 +398,7 @@ def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
         return np.zeros(len(link.receivers))
     sea = TypicalSea.of_meshes([mesh])
     planner = Planner(link, case.run.seed, case.meshing.normals, case.threads, sea)
-    few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
+    few = ForcedDetection.planned(planner, _CUT_CHAINS)
     whole = few.at_wavelengths(planner.flat())[0].gain
     # the same chains over both: their noise cancels in the difference
     cut = whole - few.at_wavelengths(flat_mesh(low, high))[0].gain

@@ -138,6 +138,8 @@ class Planner:
         self.drawer = ChainDrawer(
             self.arrays, *levels(self.arrays, self.sea.crest), self.shared.ratios
         )
+        # of an analog photon, over still water
+        self._largest_score = largest_weight(self.link, 0.0)
         # of receivers close to each other one has pilots, which stand for a number of receivers
         self._first = self.arrays.stands_for_receivers
         self._piloted, self._number = np.unique(self._first, return_counts=True)
@@ -181,7 +183,7 @@ class Planner:
         if pilot is None or gain is None:
             return most
         method = [comparison.method[r] for r in self._piloted]
-        n = choice.samples_for(rtol, pilot, gain, largest_weight(self.link, 0.0), method)
+        n = choice.samples_for(rtol, pilot, gain, self._largest_score, method)
         return int(min(max(n, _FEWEST), most))
 
     def compare(self) -> Comparison:
@@ -195,7 +197,8 @@ class Planner:
             photons = self._pilot_photons(every, []) if alone else None
             if photons is not None:
                 gains = photons.evaluate(self._still_water())
-                method = self._or_analog(choice.ScatteredPilot.of_photons(gains), method)
+                pilot = choice.ScatteredPilot.of_photons(gains)
+                method = choice.prefer_analog(pilot, self._largest_score, method)
             return Comparison(self._by_receiver(every, method, "joined"))
         compares = self.scattered == "auto" and any(orders)
         still, shared = self._still_water(), self.shared
@@ -248,13 +251,9 @@ class Planner:
             pilot = choice.ScatteredPilot(*(column.copy() for column in pilot))
             for column, values in zip(pilot, chosen, strict=True):
                 column[doubtful] = values
-            better = self._or_analog(chosen, better)
+            better = choice.prefer_analog(chosen, self._largest_score, better)
         method = self._by_receiver(doubtful, better, "chains")
         return replace(chains, method=method, per_chain=per_chain, pilot=pilot)
-
-    def _or_analog(self, pilot: choice.ScatteredPilot, method: list[Method]) -> list[Method]:
-        """Return the estimators of receivers with pilots, analog photons where these are better."""
-        return choice.prefer_analog(pilot, largest_weight(self.link, 0.0), method)
 
     def _by_receiver(
         self, piloted: NDArray[np.bool_], method: list[Method], default: Method

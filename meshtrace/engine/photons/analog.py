@@ -35,12 +35,13 @@ from meshtrace.parallel import ordered_map, paced
 from meshtrace.results.tallies import standard_error
 from meshtrace.stored import SHIFTS
 
-_HEADROOM = 6  # bits
+_HEADROOM = 6  # bits by which weights at other wavelengths may exceed that of the base
 _GUIDED = 100  # crossings of light that a jet guides
 # integer tallies, whose sums do not depend on the order of additions; those of floating point are
 # added block by block in the order of the ids
 _EXACT = ("ledger", "map", "map_squared", "radiance")  # fields of `PhotonSums` and of tallies
 _ADDED = ("photons", "score", "score_squared", "count", "misses", *_EXACT, "arrivals")
+# tallies of the kernels that each chunk starts at 0
 _SUMS = (*_EXACT, "map_tint", "n_photons", "misses", "n_arrivals")
 
 
@@ -56,7 +57,7 @@ def options_over(mesh: TriangleMesh, options: Analog) -> Analog:
 
 
 class FixedPointSum:
-    """Exact sum of integer arrays in units of 2^-44, without overflow."""
+    """Exact sum of integer arrays in units of 2^-44 (`kernels.tally.UNIT`), without overflow."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.array = np.zeros((2, *shape), np.int64)  # whole numbers, and units below one
@@ -85,15 +86,15 @@ class PhotonSums:
     """Tallies of a run of photons; tallies of disjoint photons add."""
 
     photons: int
-    score: Floats
-    score_squared: Floats
-    count: NDArray[np.int64]
-    misses: NDArray[np.int64]
-    ledger: FixedPointSum
-    map_scale: Floats
-    map: FixedPointSum
-    map_squared: FixedPointSum
-    radiance: FixedPointSum
+    score: Floats  # (scores,) sum over the photons, see `Setup.n_scores`
+    score_squared: Floats  # (scores,) sum of the squares of each photon's score
+    count: NDArray[np.int64]  # (fates,) photons by `Fate`
+    misses: NDArray[np.int64]  # rays by `flight.Miss`
+    ledger: FixedPointSum  # (fates,) weight that ended by each
+    map_scale: Floats  # (wavelengths,) factor on the scores of a map, see `_cells_of`
+    map: FixedPointSum  # (x, y, wavelengths)
+    map_squared: FixedPointSum  # (x, y, wavelengths)
+    radiance: FixedPointSum  # (groups, planes, cosines, azimuths)
     arrivals: list[NDArray[np.void]] = field(default_factory=list)
 
     def __add__(self, other: PhotonSums) -> PhotonSums:

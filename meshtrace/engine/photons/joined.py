@@ -55,13 +55,13 @@ _FREQUENT = 0.7  # collisions on the way up, at least
 _TURBID = 1.0  # b (1 - g) depth beyond which light is diffuse
 _SPREAD = 1.3  # width of the law of crossings, over that of the slopes
 _DECAY = 0.8  # of the chance of a connection, over c, with random slopes or in turbid water
-_START = 0.8  # factor on the next shares for the directions in which photons start
+_START = 0.8  # factor on the next shares for the directions in which photons leave a source
 # share of directions drawn about the targets, over still water and over random slopes
 _LOBE, _ROUGH_LOBE = 0.5, 0.3
 _CONE = 0.5  # directions drawn over what the targets see
-_HIGHEST = 2.0  # weight times importance, from which photons are split in turbid water
-_CLEAR_HIGHEST = 1.5
-_AIMED_HIGHEST = 2.0
+# weight times importance, over that of the start, from which photons are split: in turbid water, in
+# clear water, and where beams hit their targets
+_HIGHEST, _CLEAR_HIGHEST, _AIMED_HIGHEST = 2.0, 1.5, 2.0
 _BENT = 0.3  # fall of the importance with the bend of light over random slopes
 _BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
 _GUIDES = 64  # targets at most to which directions are guided: their densities are sums over all
@@ -69,6 +69,7 @@ _TOGETHER = 16  # targets to which the rows of a block of photons are few enough
 _ROOM = 32  # arrivals of a photon at each target, else a block is followed again
 _EVENTS = 10_000_000  # of a photon and its copies
 _OPAQUE = 1e4  # largest optical depth: diffuse photons collide up to its square times (1 - g)
+# forms of physics that joined photons follow
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
 
 
@@ -233,8 +234,9 @@ class JoinedPhotons:
         is_smooth = not is_level and max(surface.roughness[:2]) == 0.0
         crest = frame.unit * float(surface.high[2])
         medium = arrays.with_raster(frame.medium(ends.expected_water(link, crest)), intersector)
-        sources = arrays.source_arrays(link, crest, frame)
-        if start:  # an aperture in the water, whose photons run backwards
+        if start is None:
+            sources = arrays.source_arrays(link, crest, frame)
+        else:  # an aperture in the water as the one source of photons that run backwards
             end = start.kind, start.position, start.axis, start.spread, start.radius
             in_water, share = True, 1.0
             sources = Sources(*(np.array([value]) for value in (*end, in_water, share)))
@@ -270,20 +272,24 @@ class JoinedPhotons:
         a, b = (frame.unit * x for x in arrays.mean_water(link.water, frame.unit * depth))
         # transport coefficient b (1 - g): by it light forgets its direction
         turned = b * (1.0 - link.water.phase.mean_cosine)
-        # clear water has few collisions, at which alone photons are joined: more are drawn, and
-        # weighted. Other forms of absorption end photons at collisions, so that these are counted
+        # clear water has few collisions, at which photons are joined: more are drawn, and weighted.
+        # Where collisions absorb their number is given
         often = 1.0
         if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
             often = max(1.0, _FREQUENT / (b * depth)) if b > 0.0 else 1.0
         # view attenuated by a + b (1 - g), what scattering forwards leaves of the beam
-        window = Window(False, a + turned, 0.0, 0.0, _CLEAR_HIGHEST, 0.0)
+        window = Window(
+            diffuse=False, kappa=a + turned, length=0.0, beyond=0.0, highest=_CLEAR_HIGHEST,
+            bent=0.0,
+        )  # fmt: skip
         # diffusion theory: D = 1 / (3 (a + b (1 - g))), decay (a / D)^(1/2), and an extrapolated
         # boundary beyond the surface, where the fluence would vanish
         if turned * depth > _TURBID:
-            diffusion, length = 1.0 / (3.0 * (a + turned)), 1.0 / (a + turned)
+            diffusion = 1.0 / (3.0 * (a + turned))
             window = Window(
-                True, math.sqrt(a / diffusion), length, _BOUNDARY * diffusion, _HIGHEST, 0.0
-            )
+                diffuse=True, kappa=math.sqrt(a / diffusion), length=1.0 / (a + turned),
+                beyond=_BOUNDARY * diffusion, highest=_HIGHEST, bent=0.0,
+            )  # fmt: skip
         # crossings are drawn somewhat wider than slopes of waves and random ones carry them
         spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
         if rough > 0.0 and not window.diffuse and self._is_aimed(sources, run.targets, spread):
@@ -329,6 +335,7 @@ class JoinedPhotons:
         ):
             if kind not in beams or n * wide > 2.0 * (n - n_air) * spread or axis[2] <= 0.0:
                 return False
+            # from where the axis meets still water
             way = np.array([t.center for t in targets]) - (p - axis * (p[2] / axis[2]))
             big = n * axis - n_air * way / np.linalg.norm(way, axis=1)[:, None]
             if not (np.hypot(big[:, 0], big[:, 1]) < 2.0 * spread * big[:, 2]).any():

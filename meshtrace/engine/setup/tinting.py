@@ -17,9 +17,9 @@ from meshtrace.kernels.tints import ALONE, NO_TINTS, TINTS, Mixture, Tints, comm
 from meshtrace.link import Link
 from meshtrace.models import Floats
 
-_NODES = 2049  # of layered water
-_PER_LOG = 50.0  # cells over the logarithm of the scattering angle
-_NONE = -700.0  # logarithm of no scattering
+_NODES = 2049  # depths of layered water
+_PER_LOG = 50.0  # cells per unit of the logarithm of the scattering angle
+_NONE = -700.0  # logarithm of no scattering: exp(-700) is almost the smallest float
 _CACHED = 512  # paths whose factors are formed together
 _EXACT = 1e-6  # error of a logarithm: of a scattering, and of the way through the water
 
@@ -48,7 +48,10 @@ class Tinting(NamedTuple):
     density: Floats = _ALONE
 
     def factors(self, sums: Floats) -> Floats:
-        """Return the factors (wavelengths, paths) on the weights of paths with sums (paths, >=)."""
+        """Return the factors (wavelengths, paths) on the weights of paths, exp(shares . sums).
+
+        `sums` (paths, tints or more) of the common functions over each path.
+        """
         if not self.shares.any():
             return np.ones((len(self.shares), len(sums)))
         factors = np.zeros((len(self.shares), len(sums)))
@@ -65,7 +68,7 @@ class Tinting(NamedTuple):
     def mixed(
         self, sums: Floats, base: int, parts: Floats, importance: Floats | None = None
     ) -> Floats:
-        """Return the factors on the weights of paths of one base.
+        """Return the factors (wavelengths, paths) on the weights of paths of one of the bases.
 
         `parts` (bases,) are the shares of the photons. The balance heuristic counts a path with the
         density of the mixture: no wavelength between the bases lacks paths. Photons of a weight
@@ -162,6 +165,7 @@ def tinting(
     Tinting or None
         None where the base has no paths of a link: where it does not scatter, or not by an angle.
     """
+    # down to the deepest layer, and scaled by the way that light goes: the depth of the deepest end
     layers = [link.water.layers for link in (base, *links)]
     deepest = max((table[-1][0] for table in layers if table), default=0.0)
     deep = max(-item.center[2] for _, item in base.items()) or 1.0  # of sun and sky: any length
@@ -237,7 +241,7 @@ def _logs(values: Floats) -> Floats | None:
 
 
 _OWN_PATHS = {"absorption": "paper", "free_path": "local_c"}  # forms whose weights are no products
-_APART = 2.5  # of twice the square roots of the scatterings expected, between bases in turn
+_APART = 2.5  # distance of bases in turn, in standard deviations of the number of scatterings
 _MOST_BASES = 4
 
 
