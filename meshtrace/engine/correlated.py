@@ -81,7 +81,7 @@ class SpectralDetection:
             _, paths = photon_paths(self.links, waiting, chains=True)
             # the middle index halves the longest way of the linear correction
             planner = Planner(paths.middle(), seed, normals, threads, sea, wavelengths=paths)
-            detection = ForcedDetection.planned(planner, photons)
+            detection = ForcedDetection.following(planner, planner.plan(photons, planner.compare()))
             # some of the paths at the smallest and the largest index, if these differ
             ends = [
                 detection.at_index(link.water.n, _INDEX_SHARE)
@@ -225,7 +225,7 @@ class FrozenForced:
     ) -> None:
         # chains alone: joined photons are followed under one surface and one link
         planner = Planner(link, seed, normals, sea=sea, search=search, scattered="chains")
-        base = ForcedDetection.planned(planner, photons)
+        base = ForcedDetection.following(planner, planner.plan(photons, planner.compare()))
         warn_of_chains(base, ForcedDetection(link, SHIFTS, seed, normals, sea=sea))
         self._base, self._seed = base, seed
         self._normals, self._search, self._recent = normals, search, recent

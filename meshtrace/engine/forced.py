@@ -31,7 +31,7 @@ from meshtrace.engine import parts
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.gain import Counter
 from meshtrace.engine.chains.sets import Drawing, Request, flat_mesh, points_of, shifted
-from meshtrace.engine.gains import Gains, Method
+from meshtrace.engine.gains import Gains
 from meshtrace.engine.photons.arriving import scattered_gains
 from meshtrace.engine.plan import Plan, Planner
 from meshtrace.engine.plan import Scattered as Scattered
@@ -109,11 +109,6 @@ class ForcedDetection:
         self._draw(planner, planner.plan(photons, planner.compare()))
 
     @classmethod
-    def planned(cls, planner: Planner, photons: int) -> ForcedDetection:
-        """Return the chains and photons of a planner, for a number of chains in all."""
-        return cls.following(planner, planner.plan(photons, planner.compare()))
-
-    @classmethod
     def following(cls, planner: Planner, plan: Plan) -> ForcedDetection:
         """Return the chains and photons of a plan."""
         forced = cls.__new__(cls)
@@ -123,7 +118,7 @@ class ForcedDetection:
     def _draw(self, planner: Planner, plan: Plan) -> None:
         """Draw the chains of a plan."""
         self.planner, self.plan = planner, plan
-        self.photons, self.threads = plan.photons, planner.threads
+        self.photons, self.threads, self.method = plan.photons, planner.threads, plan.method
         self.link, self.arrays, self.drawer = planner.link, planner.arrays, planner.drawer
         # before any surface is known: one set of chains serves every frame of a moving sea
         drawings = self.drawer.draw_all(plan.chains, self.threads)
@@ -155,11 +150,6 @@ class ForcedDetection:
         return ForcedDetection.following(self.planner.at_index(n), plan)
 
     @property
-    def method(self) -> list[Method]:
-        """Estimator of the scattered light of each receiver."""
-        return self.plan.method
-
-    @property
     def serves_neighbours(self) -> bool:
         """Whether its chains alone, of point sources, make the gain: `FrozenForced` keeps them."""
         # joined photons are followed under one surface; chains are drawn without it
@@ -181,7 +171,7 @@ class ForcedDetection:
         emitters = len(self.arrays.emitters)
         per_source = self.photons / (1 if self.arrays.down else emitters)
         n = max(math.ceil(_UNSCATTERED_SHARE * per_source / SHIFTS), 2)
-        requests = [Request(s, 0, n, (*self.planner.key(s), 0, 1)) for s in range(emitters)]
+        requests = [Request(s, 0, n, (*self.planner.keys[s], 0, 1)) for s in range(emitters)]
         self._unscattered = self.drawer.draw_all(requests)
         return self._unscattered
 
@@ -344,7 +334,7 @@ class ForcedDetection:
         if top <= self.drawer.ceiling * self.arrays.frame.unit or "chains" not in self.method:
             return self
         planner = replace(self.planner, sea=self.planner.sea._replace(crest=top))
-        return ForcedDetection.planned(planner, self.photons)
+        return ForcedDetection.following(planner, planner.plan(self.photons, planner.compare()))
 
     def _tables(self, aimed: AimedChains) -> list[list[ArrivalTally]]:
         """Return the arrivals of unscattered light and of chains at each wavelength."""
@@ -398,7 +388,7 @@ def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
         return np.zeros(len(link.receivers))
     sea = TypicalSea.of_meshes([mesh])
     planner = Planner(link, case.run.seed, case.meshing.normals, case.threads, sea)
-    few = ForcedDetection.planned(planner, _CUT_CHAINS)
+    few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
     whole = few.at_wavelengths(planner.flat())[0].gain
     # the same chains over both: their noise cancels in the difference
     cut = whole - few.at_wavelengths(flat_mesh(low, high))[0].gain

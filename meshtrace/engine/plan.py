@@ -138,11 +138,13 @@ class Planner:
         self.drawer = ChainDrawer(
             self.arrays, *levels(self.arrays, self.sea.crest), self.shared.ratios
         )
-        # of an analog photon, over still water
-        self._largest_score = largest_weight(self.link, 0.0)
         # of receivers close to each other one has pilots, which stand for a number of receivers
         self._first = self.arrays.stands_for_receivers
         self._piloted, self._number = np.unique(self._first, return_counts=True)
+        self._targets: list[int] = np.unique(self.arrays.stands_for).tolist()
+        # key of the chains of each source: receivers of a downlink share one, in any order
+        down, sources = self.arrays.down, range(len(self.arrays.emitters))
+        self.keys = [(self.seed, 0 if down else s) for s in sources]
 
     def at_index(self, n: float) -> Planner:
         """Return the same for water of another index, with chains of the same numbers."""
@@ -295,7 +297,7 @@ class Planner:
     ) -> list[list[list[choice.Pilot]]]:
         """Return the pilots of the sources up to their orders, by surface and wavelength."""
         requests = [
-            Request(s, k, choice.PILOT // SHIFTS, (*self.key(s), k))
+            Request(s, k, choice.PILOT // SHIFTS, (*self.keys[s], k))
             for s, last in enumerate(orders)
             for k in range(1, last + 1)
         ]
@@ -308,11 +310,6 @@ class Planner:
             by_source = (np.split(part, cuts) for part in table)
             pilots.append([[choice.Pilot.of_orders(p) for p in parts] for parts in by_source])
         return pilots
-
-    @property
-    def _targets(self) -> list[int]:
-        """Targets with pilots."""
-        return list(np.unique(self.arrays.stands_for).tolist())
 
     def _pilot_photons(
         self, doubtful: NDArray[np.bool_], chained: list[choice.Pilot]
@@ -333,7 +330,7 @@ class Planner:
         gain = np.array([pilot.mean.sum(axis=1) for pilot in pilots])
         for s, to_targets in enumerate(gain):
             # closed over flat water but for the point of the aperture: few chains suffice
-            request = Request(s, 0, _STILL_CHAINS, (*self.key(s), 0, 3))
+            request = Request(s, 0, _STILL_CHAINS, (*self.keys[s], 0, 3))
             unscattered = self.drawer.draw(request, self._targets)
             for i, t in enumerate(self._targets):
                 to_targets[i] += self.drawer.aim(s, t, unscattered).score.mean()
@@ -368,8 +365,9 @@ class Planner:
                 number = np.tile(number, len(self.shared.ratios))
             expected = self.drawer.nominals[s].expected
             counts = choice.allotment(share, expected, pilot, scale, number)
-            key = self.key(s)
-            requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
+            requests += [
+                Request(s, k, int(n), (*self.keys[s], k, 1)) for k, n in enumerate(counts, 1)
+            ]
         return requests
 
     def _plan_joined(
@@ -426,14 +424,15 @@ class Planner:
         return self.link.model_copy(update={"receiver": ends_of})
 
     @cached_property
+    def _largest_score(self) -> float:
+        """Largest score of an analog photon over still water."""
+        return largest_weight(self.link, 0.0)
+
+    @cached_property
     def returned(self) -> Floats:
         """Estimated gain of light reflected first, of each receiver by that which stands for it."""
         gain = choice.returned_gain(self.link_to(self._piloted))
         return gain[np.searchsorted(self._piloted, self._first)]
-
-    def key(self, source: int) -> tuple[int, int]:
-        """Return the key of the chains of a source: receivers share one, in any order."""
-        return self.seed, 0 if self.arrays.down else source
 
     def aim_over(self, mesh: TriangleMesh) -> AimedChains:
         """Return the chains aimed over a mesh.

@@ -158,7 +158,7 @@ class CommonChains(Restored):
         planner = Planner(
             self.link, run.seed, kind, sea=self._typical, search="thorough", scattered="chains"
         )
-        return ForcedDetection.planned(planner, run.photons)
+        return ForcedDetection.following(planner, planner.plan(run.photons, planner.compare()))
 
     def measure(self, case: MakeMesh, photons: int = 0) -> Floats:
         """Return the numbers of a mesh in a row for each kind of normals.
