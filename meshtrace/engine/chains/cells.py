@@ -132,14 +132,15 @@ def _part_cells(part, cells, poly, shot, scene, colours, gain):
         return
     triangles, (a, b, c), (d, e, g) = unscattered.in_view(a, b, c)
     if triangles > 0:
-        _triangle_cells(a, b, c, f, cells, poly, shot, scene, colours, gain)
+        _triangle_cells((a, b, c), f, cells, poly, shot, scene, colours, gain)
     if triangles > 1:
-        _triangle_cells(d, e, g, f, cells, poly, shot, scene, colours, gain)
+        _triangle_cells((d, e, g), f, cells, poly, shot, scene, colours, gain)
 
 
 @outlined
-def _triangle_cells(a, b, c, f, cells, poly, shot, scene, colours, gain):
-    """Add the light of a triangle on facet f to the cells that its image meets."""
+def _triangle_cells(triangle, f, cells, poly, shot, scene, colours, gain):
+    """Add the light of a triangle, three corners on facet f, to the cells of its image."""
+    a, b, c = triangle
     # the cells that the bounding box of the image meets
     west = _cell_of(min(a.at.x, b.at.x, c.at.x), cells.x, cells)
     east = _cell_of(max(a.at.x, b.at.x, c.at.x), cells.x, cells)
