@@ -67,20 +67,20 @@ class Vertex(IntEnum):
 
     SOURCE = 0
     SCATTER = 1
-    SURFACE_OUT = 2
-    SURFACE_IN = 3
+    SURFACE_OUT = 2  # met from the water
+    SURFACE_IN = 3  # met from the air
     BOTTOM = 4
     RECEIVED = 5
     LANDED = 6
     END = 7
-    BRANCH = 8
+    BRANCH = 8  # start of what the surface has reflected into the water
 
 
 class Miss(IntEnum):
     """Rays that missed the surface inside the mesh, `Tallies.misses`."""
 
     CAST_AGAIN = 0
-    GIVEN_UP = 1
+    GIVEN_UP = 1  # the photon has leaked through the mesh
 
 
 GOES_ON = -1  # else a function returns the fate that ends the photon

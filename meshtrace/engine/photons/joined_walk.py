@@ -367,7 +367,8 @@ def _bounce(q, world):
     q.returns += 1
     if q.weight == 0.0:
         return False
-    # joined before its direction is drawn, like a collision: by Lambert's law in place of a phase
+    # joined before its direction is drawn, like a collision; by Lambert's law in place of a phase
+    # function
     join_collision(q, YES, world)
     if not _is_worth(q, NO, world):
         return False

@@ -67,7 +67,7 @@ from meshtrace.kernels.vectors import (
 
 _HAIR = 1e-4  # by which a path is shortened at its ends, over 1 + its length
 _SAME = 3e-4  # [m], distance of two results of Newton for one crossing
-_MOST_TRIALS = 100_000
+_MOST_TRIALS = 100_000  # a bound on the time: crossings that are rarer count too little
 _CLOSE = 1.0  # depths over the size of the facets up to which each is searched
 _STREAMS = 64  # purposes between those of two trials
 

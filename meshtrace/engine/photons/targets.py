@@ -83,7 +83,7 @@ TARGET = record_type(
         ("share", float),  # factor on its scores
         ("first", np.int64),  # 1: scores all light; 2: that which surface or bottom reflect first
         ("sloped", float),  # share of the points that drawn slopes land on, instead of even ones
-        ("seen", float, (3,)),  # point of still water that it sees, and its surroundings [m]
+        ("seen", float, (3,)),  # disk of still water that it sees: x, y and radius [m]
     ]
 )
 """An end that photons are joined to, see `meshtrace.kernels.scene.Target`."""
@@ -95,7 +95,7 @@ class Window(NamedTuple):
     diffuse: bool  # the flux of diffuse light, else the attenuated view
     kappa: float  # attenuation of either [m-1]
     length: float  # transport mean free path [m]
-    beyond: float  # extrapolated boundary [m]
+    beyond: float  # height of the extrapolated boundary above still water [m]
     highest: float  # weight times importance, over that of the start, from which photons split
     bent: float  # fall of the importance with the bend of the light at the crossing
 
@@ -107,17 +107,17 @@ class Joins(NamedTuple):
     guide: NDArray[np.void]  # (m,) TARGET, those to which directions are guided: all, or some
     first: int  # least of the targets' `first`
     direct: bool  # score unscattered light, too
-    water: AngleTable
-    bubble: AngleTable
+    water: AngleTable  # phase function of the water [sr-1]
+    bubble: AngleTable  # of the bubbles
     locator: Locator  # of a mesh that is no grid
     facets: NDArray[np.void]  # FACET; none but for smooth waves
-    spread: float  # standard deviation of the law of slopes
+    spread: float  # standard deviation of the slopes by which crossings are drawn
     decay: float  # of the chance of a connection with the depth [m-1]
-    b: float  # mean rate of collisions [m-1]
+    b: float  # mean rate of the collisions that are drawn [m-1]
     often: float  # rate of collisions, over that of light
     start: float  # factor on the next shares for the directions in which photons start
-    lobe: float  # share of directions drawn about the ways to the targets
-    cone: float  # share of those drawn even over the cones to what they see
+    lobe: float  # directions drawn about the ways to the guides, per collision
+    cone: float  # those drawn even over the cones to what they see
     window: Window
 
 
@@ -132,7 +132,7 @@ _LEAST_ANGLE = 1e-8  # [rad], see `angle_between`
 _AHEAD = 4.0  # connections ahead for one that analog photons would have
 # floor of their chance where no slope bends the light to a target: a chance of 0 would be a bias
 _LEAST_BENT = 0.01
-_MOST_BEND = 100.0  # ten standard deviations, squared: hopeless
+_MOST_BEND = 100.0  # squared slope over its variance: none of ten standard deviations occurs
 _BENT = 0.1  # fall of their chance with the squared slope over its variance
 # room on the stack, below which directions are not guided any more: the copies that splitting
 # makes come first
@@ -271,7 +271,7 @@ def still_crossing(p, goal, level, scene):
     cos_w, cos_a = z / a, h / b
     # straight above the start any direction is along the way
     ux, uy = (gx / r, gy / r) if r > 1e-9 else (1.0, 0.0)
-    # n d_w - d_a in the vertical, Snell's law as vectors: the lever of the height under a slope
+    # vertical component of n d_w - d_a: what the path changes by a unit of height
     bend = n * cos_w - cos_a
     # A slope ds adds bend ds to the gradient of the path: dP = bend / (second derivative) ds.
     lever = bend / (n * cos_w * cos_w / a + cos_a * cos_a / b)
