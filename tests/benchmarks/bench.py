@@ -341,7 +341,9 @@ def resolved_sea(
     gain = new_sea(link, sea, rtol, rounds)
     reach, chains = crossing_reach(link), gain["chains"]
     mesh, _ = mesh_for(link, sea, reach=reach, per_wave=FADING_SPACING)
-    forced = ForcedDetection(link, chains, 1, threads=1, sea=TypicalSea.of_meshes([mesh], MANY_SEAS))
+    forced = ForcedDetection(
+        link, chains, 1, threads=1, sea=TypicalSea.of_meshes([mesh], MANY_SEAS)
+    )
     aimed = forced.planner.aim_over(mesh)
     (direct,) = best_of(3, lambda: aimed.direct_gains(0, 0))
     each = realization(link, sea, chains, realizations)

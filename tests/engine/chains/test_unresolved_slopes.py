@@ -324,7 +324,9 @@ def test_estimators_agree_for_skewed_slopes(distance, azimuth_deg):
     analog = mt.simulate(link, mesh, "analog", photons=4_000_000, seed=2)
     assert analog.gain_stderr < 0.03 * analog.gain
     for scattered in ("chains", "joined"):
-        forced = ForcedDetection(link, 16384, 1, sea=TypicalSea.of_meshes([mesh]), scattered=scattered)
+        forced = ForcedDetection(
+            link, 16384, 1, sea=TypicalSea.of_meshes([mesh]), scattered=scattered
+        )
         found = forced.evaluate(mesh)
         p = z_test(found.gain[0], found.stderr[0], analog.gain, analog.gain_stderr)
         assert p > sidak(ALPHA, 12)
@@ -367,9 +369,9 @@ def test_skewed_slopes_from_the_air(azimuth_deg):
         ),
     )
     a, b = (
-        ForcedDetection(link, 4096, 1, sea=TypicalSea.of_meshes([LEVEL]), scattered="chains").evaluate(
-            skewed(LEVEL)
-        )
+        ForcedDetection(
+            link, 4096, 1, sea=TypicalSea.of_meshes([LEVEL]), scattered="chains"
+        ).evaluate(skewed(LEVEL))
         for link in (up, up.mirrored())
     )
     np.testing.assert_allclose(b.ballistic, 1.33**2 * a.ballistic, rtol=5e-4)
