@@ -314,11 +314,8 @@ def choose_common(
         chosen, every = chosen | vote, every & vote
         missed |= vote & (chained.variance * chain_cost(number) <= seen.variance)
         with np.errstate(all="ignore"):
-            relative = [
-                chained.variance / chained.mean**2,
-                seen.variance / seen.mean**2 / PER_CHAIN,
-            ]
-        total += np.nan_to_num(relative, nan=1e300, posinf=1e300)
+            both = [chained.variance / chained.mean**2, seen.variance / seen.mean**2 / PER_CHAIN]
+        total += np.nan_to_num(both, nan=1e300, posinf=1e300)
     joined = chosen & (missed | (total[1] < total[0]))
     method: list[Method] = ["joined" if b else "chains" for b in joined]
     return method, PER_CHAIN if every[joined].all() else _SHARED_PER_CHAIN

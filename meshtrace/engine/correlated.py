@@ -83,11 +83,8 @@ class SpectralDetection:
             planner = Planner(paths.middle(), seed, normals, threads, sea, wavelengths=paths)
             detection = ForcedDetection.following(planner, planner.plan(photons, planner.compare()))
             # some of the paths at the smallest and the largest index, if these differ
-            ends = [
-                detection.at_index(link.water.n, _INDEX_SHARE)
-                for link in paths.bases
-                if len(paths.bases) > 1
-            ]
+            extremes = paths.bases if len(paths.bases) > 1 else []
+            ends = [detection.at_index(link.water.n, _INDEX_SHARE) for link in extremes]
             self._groups.append((paths, detection, ends))
             waiting = [i for i in waiting if i not in paths.wavelengths]
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from operator import call
 from typing import Any
 
@@ -126,8 +126,6 @@ class ForcedDetection:
             [drawing for drawing in drawings if drawing.request.source == s]
             for s in range(len(self.arrays.emitters))
         ]
-        # needed where slopes are too narrow for an integral, or where facets bring no light
-        self._unscattered: list[Drawing] = []  # drawn on demand
 
     def at_index(self, n: float, share: float) -> ForcedDetection:
         """Return a share of the chains and photons, the same ones, in water of another index.
@@ -160,20 +158,19 @@ class ForcedDetection:
         """Return the chains by source, on demand with unscattered ones."""
         if not unscattered:
             return self.scattered_sets
-        pairs = zip(self.unscattered(), self.scattered_sets, strict=True)
+        pairs = zip(self.unscattered, self.scattered_sets, strict=True)
         return [[first, *others] for first, others in pairs]
 
+    @cached_property
     def unscattered(self) -> list[Drawing]:
-        """Return unscattered chains by source, which differ by their random slopes only."""
-        if self._unscattered:
-            return self._unscattered
+        """Unscattered chains by source, which differ by their random slopes only."""
+        # on demand: where slopes are too narrow for an integral, or facets bring no light
         # each receiver of a downlink has chains of its own, sources of an uplink share theirs
         emitters = len(self.arrays.emitters)
         per_source = self.photons / (1 if self.arrays.down else emitters)
         n = max(math.ceil(_UNSCATTERED_SHARE * per_source / SHIFTS), 2)
         requests = [Request(s, 0, n, (*self.planner.keys[s], 0, 1)) for s in range(emitters)]
-        self._unscattered = self.drawer.draw_all(requests)
-        return self._unscattered
+        return self.drawer.draw_all(requests)
 
     def evaluate(self, mesh: TriangleMesh) -> Gains:
         """Return the gain over a mesh."""
@@ -254,7 +251,7 @@ class ForcedDetection:
             self._add_scores(gains, job, scores)
             pace.add()
         # a beam may pass between the rules of all facets: random slopes of chains find its light
-        rest = parts.chain_jobs(dark, [[drawing] for drawing in self.unscattered()] if dark else [])
+        rest = parts.chain_jobs(dark, [[drawing] for drawing in self.unscattered] if dark else [])
         results = ordered_map(partial(self._scores, aimed), rest, self.threads)
         bright = set(sampled)
         for job, scores in zip(rest, results, strict=True):
@@ -364,18 +361,21 @@ class ForcedDetection:
             yield parts.direct_light(aimed, e, t, gains, tints)
         else:
             # sampled, or dark through facets: chains without scatterings may bring light
-            sets = [self.unscattered()[e], *sets]
+            sets = [self.unscattered[e], *sets]
         for drawing in sets:
             for block in drawing.blocks():
                 chains = self.drawer.drawn(block)
-                first = self._first_chain(drawing.request)
                 arrivals = parts.chain_light(aimed, e, t, chains, tints, block)
+                # chains are numbered through all requests; those without scatterings are last
+                requests = self.plan.chains
+                if drawing.request not in requests:
+                    requests = [
+                        *requests,
+                        *(unscattered.request for unscattered in self.unscattered),
+                    ]
+                before = requests[: requests.index(drawing.request)]
+                first = sum(request.number for request in before)
                 yield arrivals._replace(sample=first + arrivals.sample)
-
-    def _first_chain(self, request: Request) -> int:
-        """Return the number of the first chain of a request; those without scatterings are last."""
-        requests = [*self.plan.chains, *(drawing.request for drawing in self._unscattered)]
-        return sum(before.number for before in requests[: requests.index(request)])
 
 
 def cut_share(case: Case, mesh: TriangleMesh) -> Floats:

@@ -142,12 +142,10 @@ def relative_mesh_error(
 
 
 def _compare(
-    arrays: ForcedLink,
-    sheet: _Sheet,
-    unscattered: Callable[[ForcedLink, _Sheet], tuple[Floats, bool]],
+    arrays: ForcedLink, sheet: _Sheet, gains: Callable[[ForcedLink, _Sheet], tuple[Floats, bool]]
 ) -> tuple[Floats, Floats]:
     """Return the relative change of unscattered light over `_DIVISOR`, and the light itself."""
-    fine, blurred = unscattered(arrays, sheet)
+    fine, blurred = gains(arrays, sheet)
     coarse = []
     # sums without blur may agree by chance
     enough = (_BLURRED if blurred else -1.0), _LITTLE, -1.0, math.inf
@@ -155,7 +153,7 @@ def _compare(
     # the change is large enough to matter
     for (i, j), little in zip(_STARTS, enough, strict=True):
         second = _Sheet(sheet.points[i::2, j::2], sheet.normals[i::2, j::2])
-        coarse.append(unscattered(arrays, second)[0])
+        coarse.append(gains(arrays, second)[0])
         # light that only the coarse meshes see counts too
         scale = np.maximum(fine, np.mean(coarse, axis=0))
         change = np.sqrt(np.mean(np.square(np.array(coarse) - fine), axis=0)) / _DIVISOR

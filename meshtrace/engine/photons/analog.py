@@ -179,18 +179,16 @@ def tinted(
     `factors` (wavelengths, arrivals) follow from these, times a `scale` (wavelengths,); `first` is
     the id of the first photon. `arrivals` are kept on demand.
     """
-    all_arrivals = sums.all_arrivals
+    hits = sums.all_arrivals
     # a photon that arrives several times has one score: squares are those of its sum
     n, by_wavelength = len(sums.score), []
-    place, cell = np.unique(
-        (all_arrivals["photon"] - first) * n + all_arrivals["receiver"], return_inverse=True
-    )
+    place, cell = np.unique((hits["photon"] - first) * n + hits["receiver"], return_inverse=True)
     aperture = place % n
-    for weight in factors(all_arrivals["tint"]) * scale[:, None] * all_arrivals["weight"]:
+    for weight in factors(hits["tint"]) * scale[:, None] * hits["weight"]:
         score = np.bincount(cell, weight, len(place))
         total: Floats = np.bincount(aperture, score, n).astype(float)
         square: Floats = np.bincount(aperture, score * score, n).astype(float)
-        recorded = all_arrivals[: len(all_arrivals) * arrivals].copy()
+        recorded = hits[: len(hits) * arrivals].copy()
         recorded["weight"] = weight[: len(recorded)]
         by_wavelength.append(replace(sums, score=total, score_squared=square, arrivals=[recorded]))
     return by_wavelength

@@ -413,9 +413,7 @@ class _Run(NamedTuple):
 
 def _with_buffers(manifold: Manifold | None) -> Manifold | None:
     """Return a search with separate buffers, for another thread."""
-    if manifold is None:
-        return None
-    return Manifold(manifold.search, *(np.zeros_like(room) for room in manifold[1:]))
+    return manifold and Manifold(manifold.search, *map(np.zeros_like, manifold[1:]))
 
 
 def _kept_importance(phase: AngleTable, n: float, spread: float) -> float:
