@@ -330,6 +330,7 @@ class FrozenForced:
                 while len(self._drawn) >= _RECENT_LINKS:
                     del self._drawn[next(iter(self._drawn))]
                 drawn = self._drawn[key] = Future()
+        # drawn outside of the lock: other links are not held up
         if known is not None:
             return known.result()  # no bound: work of another thread, which always sets it
         try:
