@@ -448,7 +448,7 @@ class Planner:
 
     def flat(self) -> TriangleMesh:
         """Return a flat sea larger than the footprint of the light."""
-        # ten metres (units) of margin, so that no slanted light misses the rim
+        # a margin of ten units of length: no slanted light misses the rim
         far = ends.crossing_reach(self.link) + 10.0 * self.arrays.frame.unit
         origin = np.array(self.link.origin)
         return flat_mesh(origin - far, origin + far)
