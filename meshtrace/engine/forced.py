@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from operator import call
 from typing import Any
 
@@ -120,6 +120,7 @@ class ForcedDetection:
         self.planner, self.plan = planner, plan
         self.photons, self.threads, self.method = plan.photons, planner.threads, plan.method
         self.link, self.arrays, self.drawer = planner.link, planner.arrays, planner.drawer
+        self._unscattered: list[Drawing] = []  # drawn on demand, see `unscattered`
         # before any surface is known: one set of chains serves every frame of a moving sea
         drawings = self.drawer.draw_all(plan.chains, self.threads)
         self.scattered_sets = [
@@ -158,19 +159,21 @@ class ForcedDetection:
         """Return the chains by source, on demand with unscattered ones."""
         if not unscattered:
             return self.scattered_sets
-        pairs = zip(self.unscattered, self.scattered_sets, strict=True)
+        pairs = zip(self.unscattered(), self.scattered_sets, strict=True)
         return [[first, *others] for first, others in pairs]
 
-    @cached_property
     def unscattered(self) -> list[Drawing]:
-        """Unscattered chains by source, which differ by their random slopes only."""
-        # on demand: where slopes are too narrow for an integral, or facets bring no light
+        """Return unscattered chains by source, which differ by their random slopes only."""
+        # needed where slopes are too narrow for an integral, or facets bring no light
+        if self._unscattered:
+            return self._unscattered
         # each receiver of a downlink has chains of its own, sources of an uplink share theirs
         emitters = len(self.arrays.emitters)
         per_source = self.photons / (1 if self.arrays.down else emitters)
         n = max(math.ceil(_UNSCATTERED_SHARE * per_source / SHIFTS), 2)
         requests = [Request(s, 0, n, (*self.planner.keys[s], 0, 1)) for s in range(emitters)]
-        return self.drawer.draw_all(requests)
+        self._unscattered = self.drawer.draw_all(requests)
+        return self._unscattered
 
     def evaluate(self, mesh: TriangleMesh) -> Gains:
         """Return the gain over a mesh."""
@@ -251,7 +254,7 @@ class ForcedDetection:
             self._add_scores(gains, job, scores)
             pace.add()
         # a beam may pass between the rules of all facets: random slopes of chains find its light
-        rest = parts.chain_jobs(dark, [[drawing] for drawing in self.unscattered] if dark else [])
+        rest = parts.chain_jobs(dark, [[drawing] for drawing in self.unscattered()] if dark else [])
         results = ordered_map(partial(self._scores, aimed), rest, self.threads)
         bright = set(sampled)
         for job, scores in zip(rest, results, strict=True):
@@ -361,18 +364,13 @@ class ForcedDetection:
             yield parts.direct_light(aimed, e, t, gains, tints)
         else:
             # sampled, or dark through facets: chains without scatterings may bring light
-            sets = [self.unscattered[e], *sets]
+            sets = [self.unscattered()[e], *sets]
         for drawing in sets:
             for block in drawing.blocks():
                 chains = self.drawer.drawn(block)
                 arrivals = parts.chain_light(aimed, e, t, chains, tints, block)
                 # chains are numbered through all requests; those without scatterings are last
-                requests = self.plan.chains
-                if drawing.request not in requests:
-                    requests = [
-                        *requests,
-                        *(unscattered.request for unscattered in self.unscattered),
-                    ]
+                requests = [*self.plan.chains, *(empty.request for empty in self._unscattered)]
                 before = requests[: requests.index(drawing.request)]
                 first = sum(request.number for request in before)
                 yield arrivals._replace(sample=first + arrivals.sample)

@@ -18,7 +18,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from meshtrace.engine.bvh import Intersector
+from meshtrace.engine.bvh import Hits, Intersector
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels import interface
 from meshtrace.kernels.medium import SMALLEST_ANGLE, Absorption, AngleTable, DepthMode, Medium
@@ -234,23 +234,28 @@ def with_raster(medium: Medium, intersector: Intersector) -> Medium:
     y = np.clip(low[1] + step * np.arange(nodes), low[1] + 1e-4, high[1] - 1e-4)
     places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
 
-    def first_heights(start: Floats | float, way: float, missed: Floats | float) -> Floats:
-        """Return the heights of the first crossings of vertical rays up (1) or down (-1)."""
+    def rays(start: Floats | float, way: float) -> tuple[Floats, Floats]:
+        """Return vertical rays up (1) or down (-1)."""
         z = np.broadcast_to(start, (nodes, nodes))
         origins = np.concatenate([places, z[..., None]], axis=-1).reshape(-1, 3)
-        hits = intersector.intersect(origins, np.broadcast_to((0.0, 0.0, way), origins.shape))
+        return origins, np.broadcast_to((0.0, 0.0, way), origins.shape)
+
+    def heights(hits: Hits, start: Floats | float, way: float, missed: Floats | float) -> Floats:
+        """Return the heights of the first crossings, `missed` where a ray has none."""
         distance = hits.distance.reshape(nodes, nodes)
         return np.where(np.isfinite(distance), start + way * distance, missed)
 
-    top = first_heights(high[2] + 1.0, -1.0, 0.0)
+    start = high[2] + 1.0
+    top = heights(intersector.intersect(*rays(start, -1.0)), start, -1.0, 0.0)
     x0, y0 = (float(side) for side in low[:2])
     medium = medium._replace(raster_x=x0, raster_y=y0, raster_step=step, raster=top)
     if intersector.mesh.single_valued:
         return medium
     # an overhang has three crossings on a vertical: the jet is told from the sea below it
-    lowest = first_heights(low[2] - 1.0, 1.0, top)
-    # from just above it to the underside of the jet, if there is one
-    above = first_heights(lowest + 1e-4, 1.0, lowest)
+    start = low[2] - 1.0
+    lowest = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, top)
+    start = lowest + 1e-4  # to the underside of the jet, if there is one
+    above = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, lowest)
     below = np.where(above > lowest, lowest, top)
     split = np.where(above > lowest, 0.5 * (lowest + above), top)
     return medium._replace(overhangs=True, raster_low=below, raster_split=split)
