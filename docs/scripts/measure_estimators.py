@@ -49,7 +49,7 @@ def _forced(scattered: str) -> Callable[..., Parts]:
     """Return a run of chains alone."""
 
     def run(link: mt.Link, mesh: mt.TriangleMesh, photons: int, seed: int) -> Parts:
-        sea = TypicalSea.of([mesh])
+        sea = TypicalSea.of_meshes([mesh])
         forced = ForcedDetection(link, photons, seed, sea=sea, scattered=scattered)
         found = forced.evaluate(mesh).scattered
         error = found.std(axis=1, ddof=1) / math.sqrt(SHIFTS)

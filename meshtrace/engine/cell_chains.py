@@ -14,7 +14,6 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -66,20 +65,20 @@ FIRST = 512
 _STREAM = 8  # of the points of chains to tiles, apart from those of the pilots
 
 
-class Tile(NamedTuple):
-    """Cells of a map with common chains."""
-
-    rows: slice
-    columns: slice
+Tile = tuple[slice, slice]
+"""Cells of a map with common chains, by their numbers along x and y."""
 
 
 @dataclass(frozen=True)
 class TileSums:
-    """Scattered light of the cells of a tile, by a number of chains."""
+    """Scattered light of the cells of a tile, by a number of chains.
+
+    A container of its own: `Gains` would hold three parts and all orders for each of 10^4 cells.
+    """
 
     chains: int
-    gain: Floats  # (shifts, cells)
-    square: Floats  # (cells,) variance of the mean of as many independent chains
+    gain: Floats  # (shifts, cells), each shift an estimate of its own; the mean is the gain
+    square: Floats  # (cells,) sum of the squares of what each chain brings to the gain
 
     def to_row(self) -> Floats:
         """Return the sums as one row of numbers."""
@@ -94,6 +93,7 @@ class TileSums:
     def __add__(self, other: TileSums) -> TileSums:
         """Return the sums of both sets of chains, which weigh by their numbers."""
         n, share = self.chains + other.chains, other.chains / (self.chains + other.chains)
+        # both are means: that of all chains weighs them by their numbers, and squares by the square
         gain = (1.0 - share) * self.gain + share * other.gain
         return TileSums(n, gain, (1.0 - share) ** 2 * self.square + share**2 * other.square)
 
@@ -109,22 +109,23 @@ class TileSums:
 
     @property
     def effective(self) -> Floats:
-        """Number of equal chains with the variance of each cell."""
+        """Number of equal chains with the variance of each cell (Kish's effective sample size)."""
+        # (sum w)^2 / sum w^2; no 0 / 0 in the dark
         return np.asarray(self.mean**2 / np.maximum(self.square, 1e-300))
 
 
-def mean_of_times(rows: Sequence[TileSums]) -> TileSums:
+def mean_of_times(times: Sequence[TileSums]) -> TileSums:
     """Return the mean light over surfaces that the same chains cross."""
-    gain = np.mean([one.gain for one in rows], axis=0)
-    # errors of common chains may add up
-    square = np.mean([np.sqrt(one.square) for one in rows], axis=0) ** 2
-    return TileSums(rows[0].chains, gain, square)
+    gain = np.mean([at_time.gain for at_time in times], axis=0)
+    # errors of common chains may add up: standard deviations are averaged, not variances
+    square = np.mean([np.sqrt(at_time.square) for at_time in times], axis=0) ** 2
+    return TileSums(times[0].chains, gain, square)
 
 
-def further(found: Sequence[TileSums], lack: Floats) -> dict[int, int]:
+def further(by_tile: Sequence[TileSums], lack: Floats) -> dict[int, int]:
     """Return the further chains of tiles that lack some, by tile."""
     wanted = dict[int, int]()
-    for tile, (sums, factor) in enumerate(zip(found, lack.tolist(), strict=True)):
+    for tile, (sums, factor) in enumerate(zip(by_tile, lack.tolist(), strict=True)):
         # an error of few chains is itself uncertain: never more than sixteenfold at once
         total = min(math.ceil(sums.chains * min(_MARGIN * factor, 16.0)), _MOST_CHAINS)
         if factor > 1.0 and total > sums.chains:
@@ -137,16 +138,17 @@ class _SquareDrawer(ChainDrawer):
 
     def place_points(self, chains: Chains) -> None:
         """Replace points of the unit disk by those of the unit square about the origin."""
+        # points of the disk are r = u^(1/2), phi = 2 pi v: both uniforms come back
         x, y = chains.disk.T
         radial, angular = x * x + y * y, np.arctan2(y, x) / (2.0 * math.pi)
         chains.disk[:] = np.column_stack([radial - 0.5, angular])
 
     def of_tile(self, tile: int) -> _SquareDrawer:
         """Return a sampler of chains with crossings of still water to one tile."""
-        found = copy(self)
+        drawer = copy(self)
         every = np.full(len(self.link.targets), tile)
-        found.link = self.link._replace(stands_for=every)
-        return found
+        drawer.link = self.link._replace(stands_for=every)
+        return drawer
 
 
 class CellChains:
@@ -193,6 +195,7 @@ class CellChains:
         sites = tuple(receiver.replace(position=place) for place in middles)
         self._link = link.replace(receiver=sites)
         arrays = _squares(forced_link(self._link), grid.step)
+        # chains of all times are the same: collisions up to the highest of all crests
         crest = max(float(mesh.bounds[1, 2]) for mesh in meshes)
         self._drawer = _SquareDrawer(arrays, *levels(arrays, crest))
         self._orders = [self._drawer.last_order(s) for s in range(len(arrays.emitters))]
@@ -203,22 +206,24 @@ class CellChains:
     @property
     def serves(self) -> bool:
         """Whether there is scattered light, in clear water and over slopes that tiles can share."""
+        # without random slopes each cell has crossings of its own; in turbid water photons are
+        # the better estimator anywhere, see `choice`
         clear = max(law.expected for law in self._drawer.nominals) < TURBID
         return clear and all(self._orders) and all(aimed.blurred for aimed in self._aimed)
 
     @cached_property
     def pilots(self) -> list[Pilot]:
         """Pilot of each source over the first surface, by tile and order."""
-        targets, found = list(range(len(self.tiles))), []
+        targets, pilots = list(range(len(self.tiles))), []
         for s, last in enumerate(self._orders):
             requests = [
                 Request(s, k, PILOT // SHIFTS, (self._seed, s, k, _STREAM))
                 for k in range(1, last + 1)
             ]
             job = partial(pilot_statistics, self._drawer, [self._aimed[0]], targets)
-            rows = ordered_map(job, requests, self._threads)
-            found.append(Pilot.of_orders(np.array([row[0][0] for row in rows])))
-        return found
+            statistics = ordered_map(job, requests, self._threads)
+            pilots.append(Pilot.of_orders(np.array([row[0][0] for row in statistics])))
+        return pilots
 
     @property
     def n(self) -> int:
@@ -234,15 +239,15 @@ class CellChains:
         least = LITTLE * np.maximum(middle, LIT * gain.max())
         return bool((returned_gain(self._link) > least).any())
 
-    def scattered(self, found: Sequence[TileSums]) -> tuple[Floats, Floats]:
+    def scattered(self, by_tile: Sequence[TileSums]) -> tuple[Floats, Floats]:
         """Return gain and standard error of all cells (n, n) from the sums of their tiles."""
         gain, stderr = np.zeros((2, self._grid.n, self._grid.n))
-        for tile, sums in zip(self.tiles, found, strict=True):
+        for tile, sums in zip(self.tiles, by_tile, strict=True):
             shape = gain[tile].shape
             gain[tile], stderr[tile] = sums.mean.reshape(shape), sums.stderr.reshape(shape)
         return gain, stderr
 
-    def agree(self, found: Sequence[TileSums], gain: Floats, stderr: Floats) -> bool:
+    def agree(self, by_tile: Sequence[TileSums], gain: Floats, stderr: Floats) -> bool:
         """Return whether the scattered gains of the cells by photons differ by chance alone.
 
         In each of some regions of the map: chains may miss light, as that of large angles, without
@@ -250,37 +255,41 @@ class CellChains:
         """
         n = min(_REGIONS, self.n)
         total, square = np.zeros((2, n, n))
-        for k, (tile, sums) in enumerate(zip(self.tiles, found, strict=True)):
+        for k, (tile, sums) in enumerate(zip(self.tiles, by_tile, strict=True)):
+            # cells of a tile share chains: their errors add up, and only that of the sum is known
             i, j = divmod(k, self.n)
             region = i * n // self.n, j * n // self.n
-            light = sums.gain.sum(axis=1)
-            total[region] += gain[tile].sum() - light.mean()
-            square[region] += np.square(stderr[tile]).sum() + error_of_groups(light) ** 2
+            by_shift = sums.gain.sum(axis=1)
+            total[region] += gain[tile].sum() - by_shift.mean()
+            square[region] += np.square(stderr[tile]).sum() + error_of_groups(by_shift) ** 2
         return bool((np.abs(total) <= _DOUBT * np.sqrt(square)).all())
 
     def cost(self, chains: Floats) -> float:
         """Return the time of a map whose tiles take such numbers of chains, in analog photons."""
+        # times in those of an analog photon; a strided map stands for all of its tiles
         cells = self._grid.n**2 / self._number
         each = float(np.mean(chains)) * (_TO_CELL * cells + _TO_TILE) + _OF_TILE
         return len(self._aimed) * self._number * each
 
-    def lack(self, found: Sequence[TileSums], direct: Floats, rtol: float) -> Floats:
+    def lack(self, by_tile: Sequence[TileSums], direct: Floats, rtol: float) -> Floats:
         """Return the ratio of the chains that each tile needs to those that it has.
 
         For a relative error of all of its cells, and scattered light worth `_FEWEST` equal chains
         where it matters; `direct` is the unscattered gain of the cells (n, n).
         """
-        gain, _ = self.scattered(found)
+        gain, _ = self.scattered(by_tile)
         gain = gain + direct
-        least, rows = LIT * gain.max(), []
-        for tile, sums in zip(self.tiles, found, strict=True):
+        least, ratios = LIT * gain.max(), []
+        # cells below `LIT` of the brightest need no accuracy of their own
+        for tile, sums in zip(self.tiles, by_tile, strict=True):
             whole = np.maximum(gain[tile].ravel(), least)
+            # variances fall with the number of chains: their ratio is that of the numbers
             square = (sums.stderr / (rtol * whole)) ** 2
             few = np.where(
                 sums.mean > _SMALL * whole, _FEWEST / np.maximum(sums.effective, 1e-9), 0.0
             )
-            rows.append(float(np.maximum(square, few).max()))
-        return np.array(rows)
+            ratios.append(float(np.maximum(square, few).max()))
+        return np.array(ratios)
 
     def sums(self, time: int, tile: int, chains: int, first: int) -> TileSums:
         """Return the light of chains over the surface of a time.
@@ -295,43 +304,45 @@ class CellChains:
             Chains that the tile had before: others follow.
         """
         places = self._places(self.tiles[tile])
-        found = TileSums(0, np.zeros((SHIFTS, len(places))), np.zeros(len(places)))
+        total = TileSums(0, np.zeros((SHIFTS, len(places))), np.zeros(len(places)))
+        # each source has an equal part of the chains: no pilot has compared their light
         drawer, share = self._drawer.of_tile(tile), max(chains // len(self.pilots), SHIFTS)
-        alone, one = np.arange(len(self.tiles)) == tile, np.ones(1)
+        alone, unit = np.arange(len(self.tiles)) == tile, np.ones(1)
         for s, pilot in enumerate(self.pilots):
             expected = self._drawer.nominals[s].expected
-            counts = allotment(share, expected, pilot.of(alone), one, one.astype(np.int64))
+            counts = allotment(share, expected, pilot.select(alone), unit, unit.astype(np.int64))
             for k, n in enumerate(counts.tolist(), 1):
                 request = Request(s, k, n, (self._seed, s, k, _STREAM, tile, first))
-                found = replace(found, chains=found.chains + request.number)
+                total = replace(total, chains=total.chains + request.number)
                 for block in Drawing(request, None).blocks():
-                    self._add(found, block, drawer.drawn(block), time, tile, places)
-        return found
+                    self._add(total, block, drawer.drawn(block), time, tile, places)
+        return total
 
     def _add(
-        self, found: TileSums, block: Block, chains: ChainSet, time: int, tile: int, places: Floats
+        self, total: TileSums, block: Block, chains: ChainSet, time: int, tile: int, places: Floats
     ) -> None:
         """Add the light of the chains of a block to places of a tile."""
         aimed, request, shifts = self._aimed[time], block.request, block.shifts_in
         scene = aimed.scene(aimed.link.emitters[request.source], aimed.link.targets[tile])
         flat, share = chains.crossings(tile), aimed.link.share(request.source, tile)
         near, n = np.zeros(flat.shape[1], FLAT), len(flat)
+        # all chains to a few cells at a time: their scores stay in the cache of a core
         at_once = max(_TOGETHER // n, 1)
         for i in range(0, len(places), at_once):
-            some = slice(i, min(i + at_once, len(places)))
+            cells = slice(i, min(i + at_once, len(places)))
             out = kernel.Output(
-                score=np.zeros((some.stop - i) * n),
+                score=np.zeros((cells.stop - i) * n),
                 arrivals=np.empty(0, kernel.ARRIVAL),
                 counters=np.zeros(len(kernel.Counter), np.int64),
                 roots=np.zeros(1, ROOT),
             )
             kernel.blurred_contributions(
-                chains.chains, flat, places[some], near, aimed.spread, scene, out
+                chains.chains, flat, places[cells], near, aimed.spread, scene, out
             )
-            score = out.score.reshape(some.stop - i, shifts.stop - shifts.start, -1)
-            found.gain[shifts, some] += share / request.per_shift * score.sum(axis=2).T
+            score = out.score.reshape(cells.stop - i, shifts.stop - shifts.start, -1)
+            total.gain[shifts, cells] += share / request.per_shift * score.sum(axis=2).T
             square = np.einsum("ijk,ijk->i", score, score)
-            found.square[some] += square * (share / request.number) ** 2
+            total.square[cells] += square * (share / request.number) ** 2
 
     def _places(self, tile: Tile) -> Floats:
         """Return the middles of the cells of a tile in the frame of the link, (cells, 3)."""
@@ -345,15 +356,16 @@ def _tiles(
 ) -> tuple[list[Tile], list[tuple[float, float]], int]:
     """Return tiles of a map, their middles [m], and the number of all tiles.
 
-    They have some equal numbers of cells along each side, at least one.
+    All have about the same number of cells along each side, at least one.
     """
+    # light from below is blurred in proportion to its way: tiles are a share of it
     level = max(source.center[2] for source in link.transmitters)
     across = max(math.floor(_TILE * (grid.height - level) / grid.step), 1)
     cuts = np.linspace(0, grid.n, math.ceil(grid.n / across) + 1).round().astype(int).tolist()
     parts = [slice(*ends) for ends in pairwise(cuts)]
-    number, some = len(parts) ** 2, parts[min(stride // 2, len(parts) - 1) :: stride]
-    middle = {part.start: float(grid.axes[part].mean()) for part in some}
-    tiles = [Tile(a, b) for a in some for b in some]
+    number, chosen = len(parts) ** 2, parts[min(stride // 2, len(parts) - 1) :: stride]
+    middle = {part.start: float(grid.axes[part].mean()) for part in chosen}
+    tiles = [(a, b) for a in chosen for b in chosen]
     return tiles, [(middle[a.start], middle[b.start]) for a, b in tiles], number
 
 

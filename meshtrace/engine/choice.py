@@ -32,8 +32,9 @@ from meshtrace.stored import SHIFTS
 
 PILOT = 128
 """Chains of each order in the first pilot."""
-_PILOT_GROWTH, _PILOT_STEPS = 4, 3  # further pilots of an order with fewer hits
-_PILOT_HITS = 4
+# chains that bring light, below which a pilot of as many times the chains replaces it, and pilots
+# of an order at most
+_PILOT_HITS, _PILOT_GROWTH, _PILOT_STEPS = 4, 4, 3
 _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
 
 PILOT_PHOTONS = 8192
@@ -68,12 +69,15 @@ class Pilot(NamedTuple):
         chains, mean, spread, _ = table.transpose(1, 2, 0)
         return cls(chains, mean, spread)
 
-    def of(self, receivers: NDArray[np.bool_]) -> Pilot:
+    def select(self, receivers: NDArray[np.bool_]) -> Pilot:
         """Select receivers by a mask."""
         return Pilot(*(array[receivers] for array in self))
 
     def joined(self, power: Floats) -> Pilot:
-        """Return the pilot of one receiver with targets of shares of the power."""
+        """Return the pilot of a receiver in the water from those of its targets, the lamps.
+
+        `power` (targets,) has their shares of the power.
+        """
         return Pilot(self.chains[:1], (power @ self.mean)[None], (power @ self.spread)[None])
 
     def at_wavelengths(self, ratios: Floats, gain: Floats) -> tuple[Pilot, Floats]:
@@ -86,9 +90,9 @@ class Pilot(NamedTuple):
         power = ratios[:, None, None] ** np.arange(1, orders + 1)
         direct = np.maximum(gain - self.mean.sum(axis=1), 0.0)
         mean, spread = power * self.mean, power * self.spread
-        rows = (np.broadcast_to(self.chains, mean.shape), mean, spread)
-        found = Pilot(*(x.reshape(-1, orders) for x in rows))
-        return found, (direct + mean.sum(axis=2)).ravel()
+        columns = (np.broadcast_to(self.chains, mean.shape), mean, spread)
+        pilot = Pilot(*(x.reshape(-1, orders) for x in columns))
+        return pilot, (direct + mean.sum(axis=2)).ravel()
 
 
 def pilot_statistics(
@@ -101,31 +105,32 @@ def pilot_statistics(
 
     Of shape (wavelengths, 4, targets); targets that few chains reach get more of them.
     """
-    found = [np.zeros((over.wavelengths, 4, len(targets))) for over in surfaces]
+    # each surface repeats the targets that its own chains reach too rarely
+    statistics = [np.zeros((surface.wavelengths, 4, len(targets))) for surface in surfaces]
     few = [list(range(len(targets))) for _ in surfaces]
     for step in range(_PILOT_STEPS):
         # a later pilot replaces the earlier one: joining both would favour those that saw light
         per_shift = request.per_shift * _PILOT_GROWTH**step
         wanted = request._replace(per_shift=per_shift, key=(*request.key, 2 + step))
         chains = drawer.draw(wanted, [targets[i] for i in sorted(set().union(*few))])
-        for over, rows, some in zip(surfaces, found, few, strict=True):
-            for i in some:
-                score = over.aim(request.source, targets[i], chains).score
-                rows[:, 0, i] = score.shape[-1]
-                rows[:, 1, i] = score.mean(axis=-1)
-                rows[:, 2, i] = score.std(axis=-1)
-                rows[:, 3, i] = np.count_nonzero(score, axis=-1)
+        for surface, of_surface, indices in zip(surfaces, statistics, few, strict=True):
+            for i in indices:
+                score = surface.aim(request.source, targets[i], chains).score
+                of_surface[:, 0, i] = score.shape[-1]
+                of_surface[:, 1, i] = score.mean(axis=-1)
+                of_surface[:, 2, i] = score.std(axis=-1)
+                of_surface[:, 3, i] = np.count_nonzero(score, axis=-1)
         few = [
-            [i for i in some if rows[:, 3, i].max() < _PILOT_HITS]
-            for rows, some in zip(found, few, strict=True)
+            [i for i in indices if of_surface[:, 3, i].max() < _PILOT_HITS]
+            for of_surface, indices in zip(statistics, few, strict=True)
         ]
         if not any(few):
             break
-    return found
+    return statistics
 
 
 def allotment(
-    photons: int, expected: float, found: Pilot, gain: Floats, number: NDArray[np.int64]
+    photons: int, expected: float, pilot: Pilot, gain: Floats, number: NDArray[np.int64]
 ) -> NDArray[np.int64]:
     """Return the number of chains of each order and shift.
 
@@ -148,12 +153,12 @@ def allotment(
     n_K ~ sqrt(sum_r (sigma_rK / h_r)^2 / cost_K). A share of the chains follows the Poisson law
     of the number of scatterings instead: an order that its pilot missed keeps a share.
     """
-    order = np.arange(1, found.mean.shape[1] + 1)
+    order = np.arange(1, pilot.mean.shape[1] + 1)
     # sum_K sigma_K^2 / n_K is smallest in a given time for n_K ~ sigma_K / cost_K^(1/2)
     cost = 1.0 + 0.3 * order
-    light = np.maximum(gain, 1e-300)[:, None]
+    scale = np.maximum(gain, 1e-300)[:, None]
     # sorted, so that rounding does not depend on the order of the receivers
-    squares = number[:, None] * np.square(found.spread / light)
+    squares = number[:, None] * np.square(pilot.spread / scale)
     share = np.sqrt(np.sort(squares / cost, axis=0).sum(axis=0))
     law = poisson_law(max(expected, 1e-6))[order]
     law = law / max(law.sum(), 1e-300)
@@ -169,7 +174,7 @@ class ScatteredPilot(NamedTuple):
     variance: Floats
     stderr: Floats
 
-    def of(self, receivers: NDArray[np.bool_]) -> ScatteredPilot:
+    def select(self, receivers: NDArray[np.bool_]) -> ScatteredPilot:
         """Select receivers by a mask."""
         return ScatteredPilot(*(row[receivers] for row in self))
 
@@ -299,6 +304,8 @@ def choose_common(
     """
     if len(chains) == 1:
         return choose(chains[0], photons[0], float(expected[0])), PER_CHAIN
+    # chosen: photons are the better at some wavelength; every: at all; missed: not for their time
+    # alone, but because chains are not trusted
     receivers = len(chains[0].mean)
     chosen, missed = np.zeros(receivers, bool), np.zeros(receivers, bool)
     total, every = np.zeros((2, receivers)), np.ones(receivers, bool)
@@ -307,14 +314,14 @@ def choose_common(
         chosen, every = chosen | vote, every & vote
         missed |= vote & (chained.variance * chain_cost(number) <= seen.variance)
         with np.errstate(all="ignore"):
-            rows = [chained.variance / chained.mean**2, seen.variance / seen.mean**2 / PER_CHAIN]
-        total += np.nan_to_num(rows, nan=1e300, posinf=1e300)
+            both = [chained.variance / chained.mean**2, seen.variance / seen.mean**2 / PER_CHAIN]
+        total += np.nan_to_num(both, nan=1e300, posinf=1e300)
     joined = chosen & (missed | (total[1] < total[0]))
     method: list[Method] = ["joined" if b else "chains" for b in joined]
     return method, PER_CHAIN if every[joined].all() else _SHARED_PER_CHAIN
 
 
-_RINGS, _AZIMUTHS = 48, 12
+_RINGS, _AZIMUTHS = 48, 12  # rays of a source in the closed estimate
 LITTLE = 1e-3
 """Share of a gain below which light that is reflected first may be left out."""
 MEASURED = 0.2 * LITTLE
@@ -377,8 +384,8 @@ def returned_gain(link: Link) -> Floats:
     if link.physics.reflected != "trace":
         return gain
     water, back = link.water, link.water.phase.backscatter_fraction
-    rows = [(0.0, water.a, water.b)] if water.layers is None else list(water.layers)
-    x = max(back * b / max(a + back * b, 1e-12) for _, a, b in rows)
+    layers = [(0.0, water.a, water.b)] if water.layers is None else list(water.layers)
+    x = max(back * b / max(a + back * b, 1e-12) for _, a, b in layers)
     # (1 - (1 - x^2)^(1/2)) / x without cancellation at small x (Kubelka and Munk, see above)
     albedo = x / (1.0 + math.sqrt(1.0 - x * x))
     down = link.direction == "down"
@@ -398,14 +405,15 @@ def returned_gain(link: Link) -> Floats:
             etendue = (math.pi * end.radius * math.sin(math.radians(end.fov_deg) / 2.0)) ** 2
         depth = -low_end.center[2]
         a, b = mean_water(water, depth)
+        # an even source in the water is seen as if from this depth: the half of 1 / (a + b_b)
         below = 0.5 / max(a + back * b, 1e-12)
         rays = _rays(low_end)
         length = depth / rays[:, 2]
         unturned = np.exp(-2.0 * back * b * length)
         power = scale * source.power_mw / total / (_RINGS * _AZIMUTHS) * out
-        lit = power * np.exp(-a * length) / (1.0 + back * b * length)
-        mirrored = lit * unturned * fresnel_reflectance(rays[:, 2], water.n, link.n_air)
-        diffuse = lit * (1.0 - unturned) * diffuse_reflectance
+        arriving = power * np.exp(-a * length) / (1.0 + back * b * length)
+        mirrored = arriving * unturned * fresnel_reflectance(rays[:, 2], water.n, link.n_air)
+        diffuse = arriving * (1.0 - unturned) * diffuse_reflectance
         for sent, low in ((mirrored, below), (diffuse, below + 0.75 * depth)):
             place = rays[:, :2] * ((depth + below) / rays[:, 2:]) + low_end.position
             gain[i] += etendue * float(sent @ _seen(high_end, place, low))
@@ -444,8 +452,9 @@ def _seen(receiver: Any, place: Floats, below: float) -> Floats:
     distance = np.linalg.norm(away, axis=1)
     rise = -away[:, 2] / distance
     if isinstance(receiver, AirLamp):
-        light = lamp_intensity(receiver, away @ np.array(receiver.axis) / distance)
-        return np.asarray(light * rise / (math.pi * distance**2))
+        intensity = lamp_intensity(receiver, away @ np.array(receiver.axis) / distance)
+        return np.asarray(intensity * rise / (math.pi * distance**2))
+    # Lambert's law at the place, cos / pi, and the projected area of the aperture
     view = -(away @ np.array(receiver.axis)) / distance
     seen = view > math.cos(math.radians(receiver.fov_deg) / 2.0)
     area = math.pi * receiver.radius**2

@@ -18,7 +18,6 @@ from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
 from threading import Lock
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,9 +30,10 @@ from meshtrace.engine.gains import Gains, with_error
 from meshtrace.engine.outcome import warn_of_chains
 from meshtrace.engine.parts import Light, chain_light, direct_light, merged
 from meshtrace.engine.photons.analog import PhotonSums, run_analog, tinted
+from meshtrace.engine.plan import Planner
 from meshtrace.engine.setup.ends import ForcedLink, forced_link
 from meshtrace.engine.setup.options import Analog, Arrivals, Record
-from meshtrace.engine.setup.tinting import Common, photon_paths, scattering
+from meshtrace.engine.setup.tinting import CommonPaths, photon_paths
 from meshtrace.errors import Refused
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -43,25 +43,7 @@ from meshtrace.stored import SHIFTS
 _INDEX_SHARE = 0.0625
 """Share of the paths that are refracted again by the extreme indices: their noise cancels."""
 
-_KEPT = 4  # sets of chains for the last geometries
-
-
-class _Group(NamedTuple):
-    """Wavelengths with common paths."""
-
-    rows: list[int]
-    detection: ForcedDetection
-    ends: list[ForcedDetection]  # some of the paths at the extreme indices, if these differ
-    shares: Floats  # (rows,) of their difference, by the index
-
-    def at_wavelengths(self, mesh: TriangleMesh, record: bool) -> list[Gains]:
-        if not self.ends:
-            return self.detection.at_wavelengths(mesh, record=record)
-        # the mesh is prepared once: the three waters differ in their index alone
-        aimed = self.detection.planner.aim_over(mesh)
-        gains = self.detection.at_wavelengths(mesh, aimed, record)
-        low, high = (end.at_wavelengths(mesh, aimed) for end in self.ends)
-        return [_moved(*row) for row in zip(gains, low, high, self.shares.tolist(), strict=True)]
+_RECENT_LINKS = 4  # last geometries whose chains are held
 
 
 class SpectralDetection:
@@ -93,26 +75,18 @@ class SpectralDetection:
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
     ) -> None:
         self.links = list(links)
-        self._groups: list[_Group] = []
-        found = [scattering(link)[0] for link in links]
+        self._groups: list[tuple[CommonPaths, ForcedDetection, list[ForcedDetection]]] = []
         waiting = list(range(len(self.links)))
         while waiting:
-            base, common = photon_paths(self.links, waiting, chains=True)
+            _, paths = photon_paths(self.links, waiting, chains=True)
             # the middle index halves the longest way of the linear correction
-            first, alike = common.middle(), [self.links[i] for i in common.rows]
-            ratios = [found[i] / (found[base] or 1.0) for i in common.rows]
-            shared = None if common.tinting is None else Common(common.tinting, alike, ratios)
-            detection = ForcedDetection(
-                first, photons, seed, normals, threads, sea, wavelengths=shared
-            )
-            ends = [
-                detection.at_index(link.water.n, _INDEX_SHARE)
-                for link in common.bases
-                if len(common.bases) > 1
-            ]
-            # from the middle index: shares run from -1/2 to 1/2
-            self._groups.append(_Group(common.rows, detection, ends, common.shares - 0.5))
-            waiting = [i for i in waiting if i not in common.rows]
+            planner = Planner(paths.middle(), seed, normals, threads, sea, wavelengths=paths)
+            detection = ForcedDetection.following(planner, planner.plan(photons, planner.compare()))
+            # some of the paths at the smallest and the largest index, if these differ
+            extremes = paths.bases if len(paths.bases) > 1 else []
+            ends = [detection.at_index(link.water.n, _INDEX_SHARE) for link in extremes]
+            self._groups.append((paths, detection, ends))
+            waiting = [i for i in waiting if i not in paths.wavelengths]
 
     def at_wavelengths(self, mesh: TriangleMesh, record: bool = False) -> list[Gains]:
         """Return the gain over a mesh at each wavelength, on demand with every row of its light.
@@ -120,9 +94,17 @@ class SpectralDetection:
         Unscattered light has the length of its way to the centroid of a facet.
         """
         gains: dict[int, Gains] = {}
-        for group in self._groups:
-            gains |= dict(zip(group.rows, group.at_wavelengths(mesh, record), strict=True))
-        return [gains[row] for row in range(len(self.links))]
+        for paths, detection, ends in self._groups:
+            # the mesh is prepared once: the three waters differ in their index alone
+            aimed = detection.planner.aim_over(mesh) if ends else None
+            at_paths = detection.at_wavelengths(mesh, aimed, record)
+            if ends:
+                low, high = (end.at_wavelengths(mesh, aimed) for end in ends)
+                # paths have the middle index, from which shares run from -1/2 to 1/2
+                shares = (paths.shares - 0.5).tolist()
+                at_paths = list(map(_moved, at_paths, low, high, shares))
+            gains |= dict(zip(paths.wavelengths, at_paths, strict=True))
+        return [gains[i] for i in range(len(self.links))]
 
 
 def _moved(gains: Gains, low: Gains, high: Gains, share: float) -> Gains:
@@ -130,11 +112,13 @@ def _moved(gains: Gains, low: Gains, high: Gains, share: float) -> Gains:
 
     Their rows, if they are kept, get weights that add up to the gain.
     """
+    # fewer paths may miss the highest orders
     width = max(part.all_orders.shape[1] for part in (gains, low, high))
-    orders, first, last = (  # orders of scattering may be missing
+    orders, first, last = (
         np.pad(part.all_orders, ((0, 0), (0, width - part.all_orders.shape[1])))
         for part in (gains, low, high)
     )
+    # group by group: the same paths in all three, whose noise cancels in the difference
     groups = gains.groups + share * (high.groups - low.groups)
     moved = replace(gains, groups=groups, all_orders=orders + share * (last - first))
     return replace(moved, table=[table.with_gains(moved.gain) for table in gains.table])
@@ -147,7 +131,10 @@ def analog_sums(
     photons: int,
     progress: Callable[[int], None] | None,
     record: Collection[Record] = (),
-    **how: Any,
+    *,
+    seed: int,
+    normals: str = "vertex",
+    threads: int = 1,
 ) -> list[PhotonSums]:
     """Return the tallies of analog photons at each wavelength, of common photons where possible.
 
@@ -155,40 +142,40 @@ def analog_sums(
     largest index of the water; so are their fates. Below bubbles that differ in number each
     wavelength has its own photons. Of several wavelengths arrivals alone are recorded.
     """
-    waiting, found = list(range(len(links))), dict[int, PhotonSums]()
+    waiting, by_wavelength = list(range(len(links))), dict[int, PhotonSums]()
     first = options.first_photon
+    trace = partial(run_analog, seed=seed, normals=normals, threads=threads, progress=progress)
     while waiting:
-        _, common = photon_paths(links, waiting)
-        waiting = [i for i in waiting if i not in common.rows]
-        tinting, ends = common.tinting, len(common.bases)
-        if tinting is None:
-            (row,) = common.rows
-            of = {**how, "photons": photons, "progress": progress, "record": record}
-            found[row] = run_analog(links[row], intersector, options, **of)
+        _, paths = photon_paths(links, waiting)
+        waiting = [i for i in waiting if i not in paths.wavelengths]
+        tinting, ends = paths.tinting, len(paths.bases)
+        if len(paths.links) == 1:
+            sums = trace(paths.links[0], intersector, options, photons=photons, record=record)
+            by_wavelength[paths.wavelengths[0]] = sums
             continue
-        several = [links[common.rows[i]] for i in tinting.bases] or [common.bases[0]]
+        several = [paths.links[i] for i in tinting.bases] or [paths.bases[0]]
         # disjoint ids: the strata are independent, so that their variances add
         runs = [(base, end) for base in range(len(several)) for end in range(ends)]
         cuts = [first + k * photons // len(runs) for k in range(len(runs) + 1)]
         numbers = np.diff(cuts).reshape(len(several), ends)
         strata: list[list[PhotonSums]] = []
         for k, (base, end) in enumerate(runs):
-            link = several[base].replace("water.n", common.bases[end].water.n)
-            sums = run_analog(
+            link = several[base].replace("water.n", paths.bases[end].water.n)
+            sums = trace(
                 link, intersector, options.replace(first_photon=cuts[k]),
-                photons=cuts[k + 1] - cuts[k], progress=progress, record=[Arrivals()],
-                tinting=tinting, **how,
+                photons=cuts[k + 1] - cuts[k], record=[Arrivals()], tinting=tinting,
             )  # fmt: skip
             of_end = int(numbers[:, end].sum())
             # linear in the index between the two ends, as the gains of chains are
-            part = common.shares if end else 1.0 - common.shares
-            scale = part * photons / of_end if ends > 1 else np.ones(len(common.rows))
+            part = paths.shares if end else 1.0 - paths.shares
+            scale = part * photons / of_end if ends > 1 else np.ones(len(paths.links))
             shares = numbers[:, end] / numbers[:, end].sum()
+            # balance heuristic over the bases, see `Tinting.mixed`
             mixed = partial(tinting.mixed, base=base, parts=shares)
             strata.append(tinted(sums, mixed, scale, cuts[k], bool(record)))
-        each = (PhotonSums.of_strata(rows) for rows in zip(*strata, strict=True))
-        found |= dict(zip(common.rows, each, strict=True))
-    return [found[i] for i in range(len(links))]
+        each = (PhotonSums.of_strata(stratum) for stratum in zip(*strata, strict=True))
+        by_wavelength |= dict(zip(paths.wavelengths, each, strict=True))
+    return [by_wavelength[i] for i in range(len(links))]
 
 
 class FrozenForced:
@@ -206,8 +193,8 @@ class FrozenForced:
         Normals interpolated from the corners, or those of the facets.
     search : {"thorough", "usual"}
         Search of crossings over surfaces without random slopes, see `AimedChains`.
-    kept : int
-        Last surfaces of which facets and Embree scenes are kept.
+    recent : int
+        Last surfaces of which facets and Embree scenes are held.
 
     Raises
     ------
@@ -231,14 +218,14 @@ class FrozenForced:
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
         normals: str = "vertex",
         search: SearchMode = "thorough",
-        kept: int = 8,
+        recent: int = 8,
     ) -> None:
-        base = ForcedDetection(
-            link, photons, seed, normals, sea=sea, search=search, scattered="chains"
-        )
+        # chains alone: joined photons are followed under one surface and one link
+        planner = Planner(link, seed, normals, sea=sea, search=search, scattered="chains")
+        base = ForcedDetection.following(planner, planner.plan(photons, planner.compare()))
         warn_of_chains(base, ForcedDetection(link, SHIFTS, seed, normals, sea=sea))
         self._base, self._seed = base, seed
-        self._normals, self._search, self._kept = normals, search, kept
+        self._normals, self._search, self._recent = normals, search, recent
         self._nodes: dict[tuple[int, int], Nodes] = {}
         self._drawn: dict[str, Future[list[list[ChainSet]]]] = {}
         self._seas: dict[tuple[int, str], tuple[TriangleMesh, AimedChains]] = {}
@@ -264,20 +251,20 @@ class FrozenForced:
         """Return `gains`, and their unscattered part, shapes (receivers, shifts)."""
         arrays, aimed = self._aimed(link, mesh)
         sets = self._sets(link, arrays, aimed)
-        found, direct = np.zeros((2, len(link.receivers), SHIFTS))
+        scattered, direct = np.zeros((2, len(link.receivers), SHIFTS))
         for e, t in arrays.pairs:
             r, share = arrays.receiver(e, t), arrays.share(e, t)
             if not aimed.sampled:
-                light = aimed.direct_gains(e, t).sum(keepdims=True)
+                gain = aimed.direct_gains(e, t).sum(keepdims=True)
                 # beside chains, whose errors are far larger, the rim of a view alone counts
                 counts = aimed.meets_rim(e, t) or not any(sets)
                 error = aimed.relative_error(e, t) if counts else 0.0
-                direct[r] += share * with_error(light, error)
+                direct[r] += share * with_error(gain, error)
             for chains in sets[e]:
                 score = aimed.aim(e, t, chains).score
-                part = direct if chains.order == 0 else found
+                part = direct if chains.order == 0 else scattered
                 part[r] += share * score.reshape(SHIFTS, -1).mean(axis=1)
-        return found + direct, direct
+        return scattered + direct, direct
 
     def unscattered(
         self, link: Link, mesh: TriangleMesh, facets: Sequence[NDArray[np.int64]] | None = None
@@ -287,29 +274,30 @@ class FrozenForced:
         Through all facets, or through some for each receiver; 0 where it is sampled with the
         chains.
         """
-        found = np.zeros(len(link.receivers))
+        gain = np.zeros(len(link.receivers))
         arrays, aimed = self._aimed(link, mesh)
         for e, t in [] if aimed.sampled else arrays.pairs:
             r = arrays.receiver(e, t)
             if facets is None or len(facets[r]):
-                some = None if facets is None else facets[r]
-                found[r] += arrays.share(e, t) * aimed.direct_gains(e, t, facets=some).sum()
-        return found
+                chosen = None if facets is None else facets[r]
+                gain[r] += arrays.share(e, t) * aimed.direct_gains(e, t, facets=chosen).sum()
+        return gain
 
-    def light(self, link: Link, mesh: TriangleMesh) -> list[Light]:
-        """Return the light that arrives at each receiver of a neighbouring link."""
+    def arrivals(self, link: Link, mesh: TriangleMesh) -> list[Light]:
+        """Return the rows of light that arrive at each receiver of a neighbouring link."""
         arrays, aimed = self._aimed(link, mesh)
         sets = self._sets(link, arrays, aimed)
-        rows: list[list[Light]] = [[] for _ in link.receivers]
+        by_receiver: list[list[Light]] = [[] for _ in link.receivers]
         for e, t in arrays.pairs:
-            row = rows[arrays.receiver(e, t)]
+            pieces = by_receiver[arrays.receiver(e, t)]
             if not aimed.sampled:
-                row.append(direct_light(aimed, e, t, aimed.direct_gains(e, t)))
-            row += [chain_light(aimed, e, t, chains) for chains in sets[e]]
-        return [merged(row) for row in rows]
+                pieces.append(direct_light(aimed, e, t, aimed.direct_gains(e, t)))
+            pieces += [chain_light(aimed, e, t, chains) for chains in sets[e]]
+        return [merged(pieces) for pieces in by_receiver]
 
     def _aimed(self, link: Link, mesh: TriangleMesh) -> tuple[ForcedLink, AimedChains]:
         """Return the arrays of a link and its surface (cached for recent ones)."""
+        # in the frame of the base: its own would scale chains and facets anew
         arrays = forced_link(link, self._base.arrays.frame)
         if len(arrays.emitters) != len(self._base.arrays.emitters):
             name = "receiver" if arrays.down else "transmitter"
@@ -321,7 +309,7 @@ class FrozenForced:
         else:
             aimed = AimedChains(arrays, mesh, self._normals, key[1], self._search)
             with self._lock:
-                while len(self._seas) >= self._kept:
+                while len(self._seas) >= self._recent:
                     del self._seas[next(iter(self._seas))]
                 self._seas[key] = mesh, aimed  # the mesh lives as long as its number
         aimed.nodes = self._nodes
@@ -332,14 +320,17 @@ class FrozenForced:
         lamps = [(e.position, e.axis, e.radius) for e in arrays.emitters]
         ends = [(t.center, t.axis, t.radius) for t in arrays.targets]
         parts = link.water.phase, link.bubbles, link.physics
+        # chains do not depend on the coefficients of the water, nor on receivers but by their ends
         models = [part and part.model_dump_json() for part in parts]
         key = repr((lamps, ends, models, link.water.n, link.n_air, aimed.sampled))
+        # a thread that finds the chains of its link under way waits for them
         with self._lock:
             known = self._drawn.get(key)
             if known is None:
-                while len(self._drawn) >= _KEPT:
+                while len(self._drawn) >= _RECENT_LINKS:
                     del self._drawn[next(iter(self._drawn))]
                 drawn = self._drawn[key] = Future()
+        # drawn outside of the lock: other links are not held up
         if known is not None:
             return known.result()  # no bound: work of another thread, which always sets it
         try:
@@ -350,9 +341,9 @@ class FrozenForced:
 
     def _draw(self, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
         """Draw the chains of a link by the laws and numbers of the base."""
-        drawer, found = self._base.drawer.of_link(arrays), list[list[ChainSet]]()
-        for s, row in enumerate(self._base.sets(aimed.sampled)):
-            requests = (drawing.request for drawing in row)
-            keyed = (one._replace(key=(self._seed, s, one.order, 1)) for one in requests)
-            found.append([drawer.draw(one) for one in keyed])
-        return found
+        drawer, by_source = self._base.drawer.of_link(arrays), list[list[ChainSet]]()
+        for s, drawings in enumerate(self._base.sets(aimed.sampled)):
+            requests = (drawing.request for drawing in drawings)
+            keyed = (r._replace(key=(self._seed, s, r.order, 1)) for r in requests)
+            by_source.append([drawer.draw(request) for request in keyed])
+        return by_source

@@ -28,16 +28,16 @@ from typing import Any
 import numpy as np
 
 from meshtrace.engine import parts
-from meshtrace.engine.chains.aimed import AimedChains, SearchMode
+from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.gain import Counter
 from meshtrace.engine.chains.sets import Drawing, Request, flat_mesh, points_of, shifted
-from meshtrace.engine.gains import Gains, Method
+from meshtrace.engine.gains import Gains
+from meshtrace.engine.photons.arriving import scattered_gains
 from meshtrace.engine.plan import Plan, Planner
 from meshtrace.engine.plan import Scattered as Scattered
 from meshtrace.engine.plan import TypicalSea as TypicalSea
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import Case
-from meshtrace.engine.setup.tinting import Common
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.tints import Tints
@@ -54,9 +54,13 @@ MANY_SEAS = 1.5
 """Margin of a typical sea for those that are not known yet: they may be higher."""
 
 _CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is summed
-_FEW_POINTS, _SMOOTH = 2, 5e-4  # of each shift, which suffice for this relative error
+# first points of each shift, and the relative standard error below which they suffice: seen from
+# afar an extended source is hardly more than a point
+_FEW_POINTS, _SMOOTH = 2, 5e-4
 _CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
-_UNLIT = 0.03  # chains of an order over those of the order with most: its light is some 0.1 %
+# allotment goes with the square root of the variance: an order with 3 % of the chains of the
+# largest one has some 0.1 % of the light
+_UNLIT = 0.03
 _UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
 
 
@@ -80,14 +84,10 @@ class ForcedDetection:
         Threads; results do not depend on them.
     sea : TypicalSea
         What is known of the surfaces.
-    search : {"usual", "thorough"}
-        Search of crossings, see `AimedChains`.
     scattered : {"auto", "chains", "joined"}
         Estimator of the scattered light; "auto" compares pilots over still water, with random
         slopes, for each receiver, see `meshtrace.engine.choice`. With "chains" light that the
         surface reflects first is omitted.
-    wavelengths : Common, optional
-        The wavelengths for all of which chains are allotted to the orders, and estimators chosen.
 
     Raises
     ------
@@ -103,11 +103,9 @@ class ForcedDetection:
         normals: str = "vertex",
         threads: int = 1,
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
-        search: SearchMode = "usual",
         scattered: Scattered = "auto",
-        wavelengths: Common | None = None,
     ) -> None:
-        planner = Planner(link, seed, normals, threads, sea, search, scattered, wavelengths)
+        planner = Planner(link, seed, normals, threads, sea, scattered=scattered)
         self._draw(planner, planner.plan(photons, planner.compare()))
 
     @classmethod
@@ -120,15 +118,15 @@ class ForcedDetection:
     def _draw(self, planner: Planner, plan: Plan) -> None:
         """Draw the chains of a plan."""
         self.planner, self.plan = planner, plan
-        self.photons, self.threads = plan.photons, planner.threads
+        self.photons, self.threads, self.method = plan.photons, planner.threads, plan.method
         self.link, self.arrays, self.drawer = planner.link, planner.arrays, planner.drawer
+        self._unscattered: list[Drawing] = []  # drawn on demand, see `unscattered`
+        # before any surface is known: one set of chains serves every frame of a moving sea
         drawings = self.drawer.draw_all(plan.chains, self.threads)
         self.scattered_sets = [
             [drawing for drawing in drawings if drawing.request.source == s]
             for s in range(len(self.arrays.emitters))
         ]
-        # needed where slopes are too narrow for an integral, or where facets bring no light
-        self._unscattered: list[Drawing] = []  # drawn on demand
 
     def at_index(self, n: float, share: float) -> ForcedDetection:
         """Return a share of the chains and photons, the same ones, in water of another index.
@@ -151,11 +149,6 @@ class ForcedDetection:
         return ForcedDetection.following(self.planner.at_index(n), plan)
 
     @property
-    def method(self) -> list[Method]:
-        """Estimator of the scattered light of each receiver."""
-        return self.plan.method
-
-    @property
     def serves_neighbours(self) -> bool:
         """Whether its chains alone, of point sources, make the gain: `FrozenForced` keeps them."""
         # joined photons are followed under one surface; chains are drawn without it
@@ -171,12 +164,14 @@ class ForcedDetection:
 
     def unscattered(self) -> list[Drawing]:
         """Return unscattered chains by source, which differ by their random slopes only."""
+        # needed where slopes are too narrow for an integral, or facets bring no light
         if self._unscattered:
             return self._unscattered
+        # each receiver of a downlink has chains of its own, sources of an uplink share theirs
         emitters = len(self.arrays.emitters)
         per_source = self.photons / (1 if self.arrays.down else emitters)
         n = max(math.ceil(_UNSCATTERED_SHARE * per_source / SHIFTS), 2)
-        requests = [Request(s, 0, n, (*self.planner.key(s), 0, 1)) for s in range(emitters)]
+        requests = [Request(s, 0, n, (*self.planner.keys[s], 0, 1)) for s in range(emitters)]
         self._unscattered = self.drawer.draw_all(requests)
         return self._unscattered
 
@@ -192,6 +187,7 @@ class ForcedDetection:
         `surface` is the mesh with the receivers of a link that differs in the water alone; `record`
         keeps every row of light.
         """
+        # collisions are drawn below the expected crest: higher waves would miss light above it
         higher = self._reaching(mesh)
         if higher is not self:
             return higher.at_wavelengths(mesh, surface, record)
@@ -205,10 +201,15 @@ class ForcedDetection:
         if plan.joined is not None:
             joined = plan.joined.at_wavelengths(mesh, shared.tinting, shared.links, record)
         groups = [(joined, plan.joined_to)]
-        if plan.arriving is not None:
-            groups.append(([plan.arriving.evaluate(mesh, record)], plan.arriving_at))
-        for photons, receivers in groups:
-            for i, by_photons in enumerate(photons):
+        if plan.arriving_at:
+            planner = self.planner
+            photons = scattered_gains(
+                planner.link_to(plan.arriving_at), mesh, plan.arriving, planner.seed,
+                planner.normals, planner.threads, record,
+            )  # fmt: skip
+            groups.append(([photons], plan.arriving_at))
+        for by_wavelength, receivers in groups:
+            for i, by_photons in enumerate(by_wavelength):
                 gains[i] = gains[i].with_photons(by_photons, receivers)
                 chains = gains[i].counts.drawn  # whose numbers come first
                 tables[i] += [table.moved(receivers, chains) for table in by_photons.table]
@@ -225,6 +226,7 @@ class ForcedDetection:
         link, sampled = self.arrays, list[tuple[int, int]]()
         orders = max((request.order for request in self.plan.chains), default=0) + 1
         gains = Gains.zeros(aimed.wavelengths, len(self.method), orders)
+        # slopes too narrow for an integral are sampled; extended sources are summed anyway
         exact = [p for p in link.pairs if not aimed.sampled or link.sizes[p[0]] > 0.0]
         dark = [pair for pair in link.pairs if pair not in exact]
         served = [pair for pair in link.pairs if self.method[link.receiver(*pair)] == "chains"]
@@ -235,21 +237,23 @@ class ForcedDetection:
         jobs += [partial(self._scores, aimed, job) for job in chain_jobs]
         results = ordered_map(call, jobs, self.threads, ahead=len(jobs))
         cut_short = 0
-        for s, r in exact:
+        for pair in exact:
             from_points, error = next(results)
             gain = from_points.mean(axis=1).T
-            in_groups = alone or aimed.meets_rim(s, r)
-            gains.add_direct(link.receiver(s, r), link.share(s, r) * gain, error, in_groups)
-            cut_short += aimed.is_cut_short(s, r)
+            in_groups = alone or aimed.meets_rim(*pair)
+            gains.add_direct(link.receiver(*pair), link.share(*pair) * gain, error, in_groups)
+            cut_short += aimed.is_cut_short(*pair)
+            # an extended source is sampled by its points, one value a shift
             if gain.shape[-1] > 1:
-                sampled.append((s, r))
+                sampled.append(pair)
             elif not gain.any():
-                dark.append((s, r))
+                dark.append(pair)
         drawn = sum(request.number for request in self.plan.chains)
         pace = Pace(len(chain_jobs), f"{drawn:,} chains over one surface")
         for job, scores in zip(chain_jobs, results, strict=True):
             self._add_scores(gains, job, scores)
             pace.add()
+        # a beam may pass between the rules of all facets: random slopes of chains find its light
         rest = parts.chain_jobs(dark, [[drawing] for drawing in self.unscattered()] if dark else [])
         results = ordered_map(partial(self._scores, aimed), rest, self.threads)
         bright = set(sampled)
@@ -279,39 +283,42 @@ class ForcedDetection:
             share = self.arrays.share(request.source, t) / request.number
             gains.add_chains(receiver, request.order, block.shifts_in, score, share)
 
-    def _from_source(self, aimed: AimedChains, s: int, r: int) -> tuple[Floats, float]:
+    def _from_source(self, aimed: AimedChains, e: int, t: int) -> tuple[Floats, float]:
         """Return the unscattered light of the points of a source, (shifts, points, wavelengths).
 
-        For an extended one, from the first points of each shift, and from all unless these
-        suffice; else (1, 1, wavelengths). With the relative error of its quadrature over the
-        surface.
+        From emitter e to target t. For an extended one, from the first points of each shift, and
+        from all unless these suffice; else (1, 1, wavelengths). With the relative error of its
+        quadrature over the surface.
         """
         # light of a point source is an integral without noise: all shifts share one value
-        if self.arrays.sizes[s] == 0.0:
-            return aimed.direct_light(s, r)[None, None], aimed.relative_error(s, r)
+        if self.arrays.sizes[e] == 0.0:
+            return aimed.direct_light(e, t)[None, None], aimed.relative_error(e, t)
         if aimed.sampled:
-            narrow = Described(f"a radius of {self.arrays.sizes[s] * self.arrays.frame.unit:g} m")
+            narrow = Described(f"a radius of {self.arrays.sizes[e] * self.arrays.frame.unit:g} m")
             allowed = f"a point source below random slopes this narrow; {ends.ANALOG}"
             raise Refused("transmitter", narrow, allowed)
-        points = self._lamp_points(s)
+        points = self._lamp_points(e)
         gains: Floats = np.zeros((SHIFTS, 0, aimed.wavelengths))
+        # all points only where the first ones differ: each costs an integral over the facets
         for part in (points[:, :_FEW_POINTS], points[:, _FEW_POINTS:]):
             if not part.size:
                 break
             by_point = []
             for p in part.reshape(-1, 3):
-                by_point.append(aimed.direct_light(s, r, Vec3(*p.tolist())))
+                by_point.append(aimed.direct_light(e, t, Vec3(*p.tolist())))
             gains = np.concatenate([gains, np.reshape(by_point, (*part.shape[:2], -1))], axis=1)
             error = error_of_groups(gains.mean(axis=1))
             if (error < _SMOOTH * gains.mean(axis=(0, 1))).all():
                 break
-        return gains, aimed.relative_error(s, r)
+        return gains, aimed.relative_error(e, t)
 
     def _lamp_points(self, s: int) -> Floats:
         """Return points of an extended source, shape (shifts, points, 3)."""
+        # the last number of the key parts these points from those of chains, which have others
         per_shift = max(self.photons // (_CHAINS_PER_POINT * SHIFTS), 2)
         u = shifted(*points_of(Request(s, -1, per_shift, (self.planner.seed, s, 0, 6))))
         emitter, size = self.arrays.emitters[s], self.arrays.sizes[s]
+        # inverse distribution functions of the waist: an even disk, or exp(-2 r^2 / size^2)
         if emitter.kind == SourceKind.TOP_HAT_BEAM:
             radius = size * np.sqrt(u[:, 0])
         else:
@@ -322,7 +329,7 @@ class ForcedDetection:
         return (np.array(emitter.position) + radius[:, None] * circle).reshape(SHIFTS, -1, 3)
 
     def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
-        """Return chains that reach the mesh; new ones if it is far higher than expected."""
+        """Return chains that reach the mesh: new ones if it is higher than the ceiling of these."""
         top = float(mesh.bounds[1, 2])
         if top <= self.drawer.ceiling * self.arrays.frame.unit or "chains" not in self.method:
             return self
@@ -335,7 +342,7 @@ class ForcedDetection:
         tables = [list[ArrivalTally]() for _ in links]
         for e, t in self.arrays.pairs:
             for arrivals in self._light_of(aimed, e, t, tinting.tints):
-                factors = tinting.factors(arrivals.tint)
+                factors = tinting.factors(arrivals.log_weights)
                 for table, factor, link in zip(tables, factors, links, strict=True):
                     table.append(arrivals.table(self.arrays.receiver(e, t), factor, link))
         return tables
@@ -361,24 +368,24 @@ class ForcedDetection:
         for drawing in sets:
             for block in drawing.blocks():
                 chains = self.drawer.drawn(block)
-                first = self._first_chain(drawing.request)
                 arrivals = parts.chain_light(aimed, e, t, chains, tints, block)
+                # chains are numbered through all requests; those without scatterings are last
+                requests = [*self.plan.chains, *(empty.request for empty in self._unscattered)]
+                before = requests[: requests.index(drawing.request)]
+                first = sum(request.number for request in before)
                 yield arrivals._replace(sample=first + arrivals.sample)
-
-    def _first_chain(self, request: Request) -> int:
-        """Return the number of the first chain of a request; those without scatterings are last."""
-        requests = [*self.plan.chains, *(drawing.request for drawing in self._unscattered)]
-        return sum(before.number for before in requests[: requests.index(request)])
 
 
 def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
     """Return the share of the light of a flat sea that crosses outside a mesh, by receiver."""
     link = case.link
+    # a mesh that reaches over all crossings cuts nothing: no chains are drawn for most links
     low, high = mesh.bounds[:, :2]
     reach = ends.crossing_reach(link) + np.array(link.origin) * [[-1.0], [1.0]]
     if (low <= -reach[0]).all() and (high >= reach[1]).all():
         return np.zeros(len(link.receivers))
-    planner = Planner(link, **case.how, sea=TypicalSea.of([mesh]))
+    sea = TypicalSea.of_meshes([mesh])
+    planner = Planner(link, case.run.seed, case.meshing.normals, case.threads, sea)
     few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
     whole = few.at_wavelengths(planner.flat())[0].gain
     # the same chains over both: their noise cancels in the difference

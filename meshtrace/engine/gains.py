@@ -71,6 +71,7 @@ class Gains:
     @classmethod
     def zeros(cls, wavelengths: int, receivers: int, orders: int) -> Gains:
         """Return gains without samples."""
+        # each wavelength first, so that one of them is a contiguous slice
         shape = wavelengths, N_PARTS, receivers
         return cls(
             groups=np.zeros((*shape, SHIFTS)),
@@ -83,6 +84,7 @@ class Gains:
 
     def add(self, other: Gains, receivers: Sequence[int]) -> Gains:
         """Add the sums over other samples to the given receivers, which may repeat."""
+        # `add.at`, as an indexed += would add once to a receiver that repeats
         last: Any = (..., np.array(receivers, np.intp))
         np.add.at(self.groups, (*last, slice(None)), other.groups)
         np.add.at(self.all_orders, (*last, slice(None)), other.all_orders)
@@ -114,6 +116,7 @@ class Gains:
     @property
     def part_stderr(self) -> Floats:
         """Standard errors of the parts, shape (3, receivers)."""
+        # scatter of independent groups: those of one sample's rows are correlated
         return error_of_groups(self.groups, axis=-1)
 
     @property
@@ -224,6 +227,7 @@ class Gains:
 
     def of_photons(self, photons: int) -> Gains:
         """Return the gains per photon from sums over photons 0, 1, ..., `photons` - 1."""
+        # a group estimates the gain from its own photons; the first ones may have one more
         in_group = np.bincount(np.arange(photons) % SHIFTS, minlength=SHIFTS)
         return replace(
             self,
@@ -238,6 +242,7 @@ class Gains:
 
         Where chains serve, scattered light of photons is that of the bottom alone.
         """
+        # photons have a fixed number of orders, of which high ones mostly bring nothing
         seen = np.flatnonzero(photons.all_orders.any(axis=0)).max(initial=0) + 1
         more = max(seen - self.all_orders.shape[1], 0)
         orders, index = np.pad(self.all_orders, ((0, 0), (0, more))), np.array(receivers)
@@ -246,6 +251,7 @@ class Gains:
         for part in (SCATTERED, REFLECTED):
             self.groups[part, index] += photons.groups[part]
             self.square[part, index] += photons.square[part]
+            # samples are those of the estimator that the receiver rests on
             counted = np.array([part == REFLECTED or self.method[r] != "chains" for r in receivers])
             for mine, other in ((self.scored, photons.scored), (self.samples, photons.samples)):
                 mine[part, index[counted]] = other[part, counted]

@@ -74,11 +74,11 @@ def with_mesh_errors(
     if np.isnan(error).all():
         return results
     # the relative error is that of the mesh, common to the wavelengths
-    errors = [error / np.maximum(gain, 1e-300) * one.gains for one in results]
-    errors[first] = error
+    errors = [error / np.maximum(gain, 1e-300) * result.gains for result in results]
+    errors[first] = error  # without the rounding of a quotient times its divisor
     return [
-        replace(one, mesh_error=per_receiver(link, own))
-        for one, link, own in zip(results, links, errors, strict=True)
+        replace(result, mesh_error=per_receiver(link, absolute))
+        for result, link, absolute in zip(results, links, errors, strict=True)
     ]
 
 
@@ -130,20 +130,22 @@ def relative_mesh_error(
         clamped = arrays.medium._replace(depth_mode=int(DepthMode.CLAMPED))
         arrays = arrays._replace(medium=clamped)
     physics = link.physics.unresolved
-    light = partial(_unscattered, slopes=mesh.unresolved, normals=normals, physics=physics)
-    found, gain = _compare(arrays, _patch(link, mesh, sheet), light)
-    for r in np.flatnonzero(
-        np.isnan(found) & (arrays.stands_for_receivers == np.arange(receivers))
-    ):
-        found[r] = _compare(_facing(arrays, int(r)), sheet, light)[0][r if arrays.down else 0]
-    return found[arrays.stands_for_receivers], gain[arrays.stands_for_receivers]
+    unscattered = partial(_unscattered, slopes=mesh.unresolved, normals=normals, physics=physics)
+    relative, gain = _compare(arrays, _patch(link, mesh, sheet), unscattered)
+    # receivers close to each other see about the same mesh: one of them is compared
+    first = arrays.stands_for_receivers
+    for r in np.flatnonzero(np.isnan(relative) & (first == np.arange(receivers))):
+        # of a downlink all receivers stay; of an uplink this one alone
+        changes, _ = _compare(_facing(arrays, int(r)), sheet, unscattered)
+        relative[r] = changes[r if arrays.down else 0]
+    return relative[first], gain[first]
 
 
 def _compare(
-    arrays: ForcedLink, sheet: _Sheet, light: Callable[[ForcedLink, _Sheet], tuple[Floats, bool]]
+    arrays: ForcedLink, sheet: _Sheet, gains: Callable[[ForcedLink, _Sheet], tuple[Floats, bool]]
 ) -> tuple[Floats, Floats]:
     """Return the relative change of unscattered light over `_DIVISOR`, and the light itself."""
-    fine, blurred = light(arrays, sheet)
+    fine, blurred = gains(arrays, sheet)
     coarse = []
     # sums without blur may agree by chance
     enough = (_BLURRED if blurred else -1.0), _LITTLE, -1.0, math.inf
@@ -151,7 +153,7 @@ def _compare(
     # the change is large enough to matter
     for (i, j), little in zip(_STARTS, enough, strict=True):
         second = _Sheet(sheet.points[i::2, j::2], sheet.normals[i::2, j::2])
-        coarse.append(light(arrays, second)[0])
+        coarse.append(gains(arrays, second)[0])
         # light that only the coarse meshes see counts too
         scale = np.maximum(fine, np.mean(coarse, axis=0))
         change = np.sqrt(np.mean(np.square(np.array(coarse) - fine), axis=0)) / _DIVISOR
@@ -184,22 +186,24 @@ def _sheet(mesh: TriangleMesh) -> _Sheet | None:
     shape = grid_shape(mesh)
     if shape is None or min(shape) < 4:
         return None
-    return _Sheet(*(rows.reshape(*shape, 3) for rows in (mesh.vertices, mesh.vertex_normals)))
+    return _Sheet(*(values.reshape(*shape, 3) for values in (mesh.vertices, mesh.vertex_normals)))
 
 
 def _patch(link: Link, mesh: TriangleMesh, sheet: _Sheet) -> _Sheet:
     """Return the lines where unscattered light can cross to a receiver."""
+    # `lit_patch` covers 4.5 deviations of a Gaussian slope: asked for the steepest one instead
     random = max(mesh.unresolved.vertex) if mesh.unresolved is not None else 0.0
     steepest = mesh.max_slope + _RANDOM_SLOPES * math.sqrt(random)
     center, half = link.lit_patch(steepest / _LIT_SLOPES)
-    kept = []
+    lines = []
     for axis in (0, 1):
-        rows = sheet.points[..., axis]
-        low, high = rows.min(axis=1 - axis), rows.max(axis=1 - axis)
+        # lines of a turned or graded grid are not equally spaced: each one's own range decides
+        values = sheet.points[..., axis]
+        low, high = values.min(axis=1 - axis), values.max(axis=1 - axis)
         inside = np.flatnonzero((high >= center[axis] - half) & (low <= center[axis] + half))
         first, last = (inside[0], inside[-1]) if len(inside) else (0, len(low) - 1)
-        kept.append(slice(max(first - _BESIDE, 0), last + _BESIDE + 1))
-    return _Sheet(*(rows[kept[0], kept[1]] for rows in sheet))
+        lines.append(slice(max(first - _BESIDE, 0), last + _BESIDE + 1))
+    return _Sheet(*(values[lines[0], lines[1]] for values in sheet))
 
 
 def _facing(arrays: ForcedLink, receiver: int) -> ForcedLink:
@@ -216,6 +220,7 @@ def _facing(arrays: ForcedLink, receiver: int) -> ForcedLink:
 def _moved(emitter: Emitter, target: Target) -> Emitter:
     """Return an isotropic source below the place to which the axis of a receiver points."""
     axis, center = target.axis, target.center
+    # back along the axis, down to the depth of the source; almost level axes end within ten heights
     reach = (center.z - emitter.position.z) / max(axis.z, 0.1)
     x, y = center.x - reach * axis.x, center.y - reach * axis.y
     position = Vec3(x, y, emitter.position.z)

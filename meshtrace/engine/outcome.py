@@ -34,6 +34,8 @@ from meshtrace.results.tallies import (
 from meshtrace.stored import SHIFTS
 
 LEFT_DOMAIN_WARNING = 1e-4
+"""Share of the light beside the mesh above which a wider one is asked for."""
+
 MESH_ERROR_WARNING = 3e-3
 """Share of a gain above which the error of the mesh is warned of."""
 
@@ -75,6 +77,7 @@ def analog_result(
     link: Link, sums: PhotonSums, origin: dict[str, Any], records: Mapping[str, Record]
 ) -> GainResult:
     """Return the result of analog photons."""
+    # scores are sums over photons, the first columns those of the receivers, then those of planes
     n, n_rx = sums.photons, len(link.receivers)
     mean = sums.score / n
     stderr = standard_error(sums.score, sums.score_squared, n)
@@ -107,6 +110,7 @@ def forced_result(
 ) -> GainResult:
     """Return the result of forced detection over a mesh."""
     link = case.link
+    # a result without these fields says that such light was not followed, not that it is 0
     extra: dict[str, Any] = {}
     if gains.reflects:
         extra["gain_reflected"] = per_receiver(link, gains.parts[REFLECTED])
@@ -126,6 +130,7 @@ def forced_result(
         arrivals=gains.table[0] if gains.table else None,
         **extra,
     )
+    # where both hold the larger; `fmax` passes over the nan of the other
     bound = np.fmax(_bound_of_dark(case, mesh, gains.gain), _bound_of_few(result))
     if not np.isfinite(bound).any():
         return result
@@ -141,11 +146,12 @@ def _bound_of_few(result: GainResult) -> Floats:
     It is taken for (sum w_i^2)^(1/2), which no score exceeds, so that w / n = h_k / n_eff^(1/2) for
     a part h_k of the gain with an effective sample size n_eff.
     """
+    # scattered and reflected light are estimated apart: paths of both may be missing
     rare = np.full(len(result.gains), np.nan)
-    for r, row, light in _samples(result):
+    for r, row, part in _samples(result):
         if _is_few(row):
             # rule of three: 3 / n bounds at 95 % the rate of an event that n trials do not show
-            rare[r] = np.nan_to_num(rare[r]) + 3.0 * light / math.sqrt(max(row.effective, 1.0))
+            rare[r] = np.nan_to_num(rare[r]) + 3.0 * part / math.sqrt(max(row.effective, 1.0))
     return result.gains + 2.0 * result.stderrs + rare
 
 
@@ -159,6 +165,7 @@ def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Floats:
     With mean m and standard error s of the scores of n photons, the bound is m + 2 s + 3 w / n:
     3 w / n at 95 % confidence (rule of three) where none arrives.
     """
+    # of most links: no photons are traced for nothing
     if (gain > 0.0).all():
         return np.full(len(gain), np.nan)
     most = largest_weight(case.link, float(mesh.bounds[0, 2]))
@@ -169,7 +176,10 @@ def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Floats:
         intersector = EmbreeIntersector(mesh, case.threads)
         # weights below a thousandth of the largest hardly move the bound
         options = Analog(roulette=1e-3 * most)
-        sums = run_analog(case.link, intersector, options, photons=n, **case.how)
+        sums = run_analog(
+            case.link, intersector, options, photons=n, seed=case.run.seed,
+            normals=case.meshing.normals, threads=case.threads,
+        )  # fmt: skip
         error = standard_error(sums.score, sums.score_squared, n)
         bound = np.maximum(sums.score / n + 2.0 * error + 3.0 * most / n, bound)
     return np.where(gain > 0.0, np.nan, bound)
@@ -188,6 +198,7 @@ def lack_of_samples(result: GainResult) -> float:
 
 def warn_of_few(results: list[GainResult], links: list[Link], first: int) -> None:
     """Warn of small effective sample sizes: of the first link and of the worst."""
+    # not each of many wavelengths, whose samples are the same
     worst = max(range(len(results)), key=lambda i: (lack_of_samples(results[i]), i == first))
     for i in dict.fromkeys((first, worst)):
         nm = links[i].transmitters[0].wavelength_nm
@@ -205,9 +216,10 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
     usual : ForcedDetection
         The same with the estimators of `simulate`.
     """
+    # over still water: the link is judged once, before any of its seas is known
     gains = chains.evaluate(chains.planner.flat())
     samples = gains.samples_of(SCATTERED)
-    found = _that_matter(samples, gains.parts[SCATTERED], gains.gain)
+    counted = _that_matter(samples, gains.parts[SCATTERED], gains.gain)
     worse = [r for r, method in enumerate(usual.method) if method != "chains"]
     for r in worse:
         _warn(
@@ -216,12 +228,12 @@ def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
             f"{usual.method[r]} photons",
             FewSamplesWarning,
         )
-    _warn_of_few([row for row in found if row[0] not in worse])
+    _warn_of_few([row for row in counted if row[0] not in worse])
     warn_of_omitted(chains.link, gains.gain, chains.planner.returned)
 
 
-def _warn_of_few(found: list[tuple[int, ScatteredSamples, float]], where: str = "") -> None:
-    for r, row, _ in found:
+def _warn_of_few(counted: list[tuple[int, ScatteredSamples, float]], where: str = "") -> None:
+    for r, row, _ in counted:
         if _is_few(row):
             _warn(
                 f"{where}receiver {r}: {row.scored:,} of {row.samples:,} {row.estimator} "
@@ -233,25 +245,26 @@ def _warn_of_few(found: list[tuple[int, ScatteredSamples, float]], where: str = 
 
 def _is_few(row: ScatteredSamples) -> bool:
     """Return whether the effective samples are too few for their standard error."""
+    # few of very few samples are no surprise: their number is in the user's hand
     return row.effective < min(_FEW[row.estimator], _FEW_SHARE[row.estimator] * row.samples)
 
 
 def _samples(result: GainResult) -> list[tuple[int, ScatteredSamples, float]]:
     """Return receivers, samples and gain of scattered light, and of light reflected first."""
     scattered = _that_matter(result.scattered, result.gain_scattered, result.gains)
-    known = {r: light for r, row, light in scattered if row.estimator == "analog photons"}
+    known = {r: part for r, row, part in scattered if row.estimator == "analog photons"}
     reflected = _that_matter(result.reflected, result.gain_reflected, result.gains)
     # analog photons of both are the same: the more tell how many there are
     return scattered + [row for row in reflected if row[2] > known.get(row[0], 0.0)]
 
 
 def _that_matter(
-    rows: list[ScatteredSamples], share: Any, gain: Floats
+    samples: list[ScatteredSamples], share: Any, gain: Floats
 ) -> list[tuple[int, ScatteredSamples, float]]:
     """Return the receivers for which a share of the gain matters, its samples and the share."""
     share = np.atleast_1d(0.0 if share is None else share)
-    matters = (r for r in range(len(rows)) if share[r] > _SMALL * gain[r])
-    return [(r, rows[r], float(share[r])) for r in matters]
+    matters = (r for r in range(len(samples)) if share[r] > _SMALL * gain[r])
+    return [(r, samples[r], float(share[r])) for r in matters]
 
 
 def warn_of_cut_short(result: GainResult) -> None:
@@ -271,6 +284,7 @@ def warn_of_omitted(link: Link, gain: Floats, returned: Floats | None = None) ->
     `returned` is the estimate of that light, if it is known.
     """
     returned = returned_gain(link) if returned is None else returned
+    # one digit: the closed estimate is good to a factor of 3
     for r in np.flatnonzero(counts(returned, gain)):
         percent = float(f"{100.0 * returned[r] / (gain[r] + returned[r]):.1g}")
         _warn(
@@ -287,6 +301,7 @@ def warn_of_mesh(result: GainResult, case: Case, mesh: TriangleMesh) -> None:
         limit = max(result.stderrs[r], MESH_ERROR_WARNING * result.gains[r])
         if error > limit:
             cure = "a finer mesh"
+            # the error is taken to fall with the square of the spacing
             if not isinstance(case.surface, TriangleMesh):
                 first, second = mesh.vertices[mesh.faces[:, 0]], mesh.vertices[mesh.faces[:, 1]]
                 shortest = float(np.linalg.norm((second - first)[:, :2], axis=1).min())
@@ -310,9 +325,11 @@ def warn_of_cut(cut: Floats) -> None:
 def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> Planes | None:
     if not link.planes:
         return None
+    # four scores a plane follow one another: see `kernels.tally.score_planes`
     columns = [values[i::4] for values in (mean, stderr) for i in range(4)]
     radiance = {}
     if link.planes.n_cosines:
+        # groups of photons by their id, of which the first ones have one photon more
         flux, photons = sums.radiance.value(), np.full(SHIFTS, sums.photons // SHIFTS)
         photons[: sums.photons % SHIFTS] += 1
         error = np.full(flux.shape[1:], np.nan)
@@ -358,17 +375,19 @@ def warn_of_dark_map(
     grid = records.get("irradiance-map")
     if not isinstance(grid, options.IrradianceMap) or result.map is None:
         return
+    # the same cells, turned round and with the view of a hemisphere
     x, y, z = grid.axis
     back = grid.replace(axis=(-x, -y, -z), fov_deg=180.0)
     photons = min(result.photons, max(_BACK_PHOTONS, result.photons // 100))
-    found = irradiance_map(back, follow(photons=photons, record=[back]))
-    behind = found.irradiance.sum() - 3.0 * math.hypot(*found.irradiance_stderr.ravel())
-    lit = result.map.irradiance.sum()
-    if lit > behind / _BEHIND or (lit > 0.0 and behind <= 0.0):
+    behind_map = irradiance_map(back, follow(photons=photons, record=[back]))
+    # three standard errors less: noise alone makes no warning
+    behind = behind_map.irradiance.sum() - 3.0 * math.hypot(*behind_map.irradiance_stderr.ravel())
+    in_front = result.map.irradiance.sum()
+    if in_front > behind / _BEHIND or (in_front > 0.0 and behind <= 0.0):
         return
     received = f"received none of {result.photons:,} photons"
-    if lit > 0.0:
-        share = lit / found.irradiance.sum()
+    if in_front > 0.0:
+        share = in_front / behind_map.irradiance.sum()
         received = f"received {share:.2g} of the light that comes from behind it"
     _warn(
         f"the map at {grid.height:g} m {received}: its axis {grid.axis} is the direction in which "

@@ -23,11 +23,12 @@ ChainJob = tuple[list[int], Block]
 
 def chain_jobs(pairs: list[tuple[int, int]], sets: list[list[Drawing]]) -> list[ChainJob]:
     """Return the jobs that aim the chains of each source at the targets of `pairs`."""
+    # a block of chains is drawn once and aimed at all targets of its source
     jobs = []
-    for e, row in enumerate(sets):
-        targets = [t for f, t in pairs if f == e]
+    for e, drawings in enumerate(sets):
+        targets = [t for emitter, t in pairs if emitter == e]
         if targets:
-            jobs += [(targets, block) for drawing in row for block in drawing.blocks()]
+            jobs += [(targets, block) for drawing in drawings for block in drawing.blocks()]
     return jobs
 
 
@@ -46,7 +47,7 @@ class Light(NamedTuple):
     lamp: Floats  # cosine of the emission to the axis of the source
     shift: NDArray[np.int64]
     sample: NDArray[np.int64]  # number of the chain in its set, -1 without one
-    tint: Floats  # (n, tints), see `kernels.tints`
+    log_weights: Floats  # (n, functions): what paths sum up, see `kernels.tints`
     facet: NDArray[np.int64]  # that of unscattered light without random slopes, else -1
 
     def table(self, receiver: int, factor: Floats, link: Link) -> ArrivalTally:
@@ -93,6 +94,7 @@ def direct_light(
     source = link.emitters[emitter]
     if at is not None:
         source = source._replace(position=at)
+    # straight to the centroid of the facet, straight on to the centre of the aperture
     start = np.array(source.position)
     up, way = crossing - start, np.array(link.targets[target].center) - crossing
     water, air = (unit * np.linalg.norm(part, axis=1) for part in (up, way))
@@ -106,7 +108,7 @@ def direct_light(
         lamp=lamp,
         shift=np.full(len(nonzero), shift),
         sample=np.full(len(nonzero), -1),
-        tint=aimed.straight_tints(source, crossing, tints),
+        log_weights=aimed.straight_tints(source, crossing, tints),
         facet=nonzero,
     )
 
@@ -121,8 +123,10 @@ def chain_light(
 ) -> Light:
     """Return the arrivals of a set of chains, or of a block of one."""
     link, unit = aimed.link, aimed.link.frame.unit
+    # chains in all, of which a block has some; `audit` has one entry a chain
     first, n = (block.rows.start, block.request.number) if block else (0, len(chains.audit))
     arrivals = aimed.aim(emitter, target, chains, keep=True).arrivals
+    # each chain aims at a point of its own on the aperture
     end, chain = link.targets[target], arrivals["chain"]
     way = on_disk(end.center, end, chains.chains.disk[chain]) - arrivals["point"]
     angle, lamp = _angles(link, emitter, target, arrivals["emission"], way)
@@ -136,7 +140,7 @@ def chain_light(
         # chains of a request are stored shift by shift, equally many of each
         shift=(first + chain) // (n // SHIFTS),
         sample=first + chain,
-        tint=aimed.chain_tints(emitter, chains, arrivals, tints),
+        log_weights=aimed.chain_tints(emitter, chains, arrivals, tints),
         facet=np.full(len(arrivals), -1),
     )
 
@@ -148,6 +152,7 @@ def _angles(
 
     Chains of light that goes down start at the receiver and end at the lamp.
     """
+    # chains leave the lower end: a source that emits, or a receiver whose axis they run against
     low, high = arrays.emitters[emitter], arrays.targets[target]
     first = _cosine(start, low.axis)
     if arrays.down:

@@ -69,6 +69,7 @@ class PhotonPaths:
         """Return points (n, 3) and VTK cells: the count of each line before its points."""
         used = self.what >= 0
         points = self.vertex[used]
+        # counts go before the points of each line, where the lines before it end
         starts = np.cumsum(self.length) - self.length
         return points, np.insert(np.arange(len(points)), starts, self.length)
 
@@ -103,6 +104,7 @@ def record_paths(
     run_analog(
         link,
         EmbreeIntersector(mesh, 1),
+        # one chunk, as the recorder has room for its photons only: whole blocks, rounded up
         options.replace(batch_size=max(-(-n // BLOCK) * BLOCK, BLOCK)),
         photons=n,
         seed=seed,
@@ -120,7 +122,7 @@ def _empty(longest: int, photon: NDArray[np.int64]) -> PhotonPaths:
 
 def _split(recorder: Recorder) -> PhotonPaths:
     """Split the records after each flight through the air; reflected light starts a new path."""
-    rows: list[tuple[int, int, int]] = []
+    pieces: list[tuple[int, int, int]] = []
     for i, n in enumerate(recorder.length):
         codes = recorder.what[i, :n]
         starts = [0, *np.flatnonzero(codes == Vertex.BRANCH)]
@@ -129,10 +131,11 @@ def _split(recorder: Recorder) -> PhotonPaths:
             left = np.flatnonzero((codes[a:b] == Vertex.RECEIVED) | (codes[a:b] == Vertex.LANDED))
             end = a + left[0] + 1 if len(left) else b
             if end - a > 1:
-                rows.append((i, int(a), int(end)))
-    longest = max((b - a for _, a, b in rows), default=1)
-    out = _empty(longest, np.array([i for i, _, _ in rows], np.int64))
-    for k, (i, a, b) in enumerate(rows):
+                pieces.append((i, int(a), int(end)))
+    # paths of unequal length share one array: the rest stays nan and -1
+    longest = max((b - a for _, a, b in pieces), default=1)
+    out = _empty(longest, np.array([i for i, _, _ in pieces], np.int64))
+    for k, (i, a, b) in enumerate(pieces):
         for name in ("vertex", "weight", "what"):
             getattr(out, name)[k, : b - a] = getattr(recorder, name)[i, a:b]
     return out
@@ -146,31 +149,33 @@ def received_paths(
     From the source over its scatterings and the crossing to the aperture; all carry the same share
     of the gain. Scattered light is that of chains, also where its gain rests on joined photons.
     """
-    sea, rng = TypicalSea.of([mesh]), np.random.default_rng([seed, 1])
+    sea, rng = TypicalSea.of_meshes([mesh]), np.random.default_rng([seed, 1])
     forced = ForcedDetection(link, chains, seed, normals, sea=sea, scattered="chains")
-    aimed, sets, arrays = (
-        forced.planner.aim_over(mesh),
-        forced.sets(unscattered=True),
-        forced.arrays,
-    )
-    light, paths = list[float](), list[Floats]()
+    # chains without a scattering, too: light through facets has no paths of its own
+    aimed, sets = forced.planner.aim_over(mesh), forced.sets(unscattered=True)
+    arrays = forced.arrays
+    shares, paths = list[float](), list[Floats]()
+    # to the first receiver: of an uplink target 0 of each source, of a downlink emitter 0
     for s, power in enumerate(arrays.power):
         e, t = (0, s) if arrays.down else (s, 0)
-        for some in map(forced.drawer.whole, sets[e]):
-            found = aimed.aim(e, t, some, keep=True).arrivals
-            weight = power * found["weight"] / len(some.audit)
+        for chain_set in map(forced.drawer.whole, sets[e]):
+            arrivals = aimed.aim(e, t, chain_set, keep=True).arrivals
+            # `audit` has one entry a chain: the gain is the mean over them all
+            weight = power * arrivals["weight"] / len(chain_set.audit)
             if not weight.sum() > 0.0:
                 continue
             # in proportion to weight, so that every drawn path stands for the same light
-            kept = rng.choice(len(found), min(n, len(found)), p=weight / weight.sum())
+            drawn = rng.choice(len(arrivals), min(n, len(arrivals)), p=weight / weight.sum())
             ends = arrays.emitters[e], arrays.targets[t]
-            paths += [_placed(some.chains, found[k], *ends) for k in kept]
-            light += [float(weight.sum()) / max(len(kept), 1)] * len(kept)
+            paths += [_placed(chain_set.chains, arrivals[k], *ends) for k in drawn]
+            # those drawn share the light of the order among them
+            shares += [float(weight.sum()) / max(len(drawn), 1)] * len(drawn)
     if not paths:
         dark = Described("no light is received")
         raise Refused("received_only", dark, "a link that receives some")
-    total = float(sum(light))
-    chosen = rng.choice(len(paths), n, p=np.array(light) / total)
+    # a second draw over all orders and sources, again in proportion to the light
+    total = float(sum(shares))
+    chosen = rng.choice(len(paths), n, p=np.array(shares) / total)
     out = _empty(max(len(paths[i]) for i in chosen), np.arange(n, dtype=np.int64))
     for k, i in enumerate(chosen):
         m = len(paths[i])
@@ -189,6 +194,7 @@ def received_paths(
 
 def _placed(chains: Chains, arrival: np.void, emitter: Emitter, target: Target) -> Floats:
     """Return the points of a chain turned to its emission direction, up to the aperture."""
+    # chains are drawn about the z axis: turned as a whole, they start in the emission direction
     i = int(arrival["chain"])
     vertices = np.transpose(_turned(Vec3(*arrival["emission"]), Vec3(*chains.vertex[i].T)))
     start = on_disk(emitter.position, emitter, chains.disk[i : i + 1])

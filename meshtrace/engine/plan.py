@@ -22,10 +22,10 @@ from meshtrace.engine import choice
 from meshtrace.engine.chains.aimed import AimedChains, SearchMode
 from meshtrace.engine.chains.sets import ChainDrawer, Request, flat_mesh, levels
 from meshtrace.engine.gains import Method
-from meshtrace.engine.photons.arriving import ArrivingPhotons, largest_weight
+from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.setup import ends
-from meshtrace.engine.setup.tinting import UNTINTED, Common
+from meshtrace.engine.setup.tinting import CommonPaths, paths_alone
 from meshtrace.errors import Refused
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
@@ -57,8 +57,9 @@ class TypicalSea(NamedTuple):
     unresolved: UnresolvedSlopes | None = None
 
     @classmethod
-    def of(cls, meshes: Iterable[TriangleMesh], margin: float = 1.0) -> TypicalSea:
+    def of_meshes(cls, meshes: Iterable[TriangleMesh], margin: float = 1.0) -> TypicalSea:
         """Return the typical sea of some surfaces, its crest by a margin above the highest."""
+        # random slopes are those of the spectrum, alike for all surfaces of a sea
         crests, slopes = zip(*((float(m.bounds[1, 2]), m.unresolved) for m in meshes), strict=True)
         return cls(margin * max(crests), slopes[0])
 
@@ -102,8 +103,8 @@ class Plan:
         Chains by source and order.
     joined : JoinedPhotons or None
         Joined photons, to the receivers `joined_to`.
-    arriving : ArrivingPhotons or None
-        Analog photons, to the receivers `arriving_at`.
+    arriving : int
+        Analog photons, which serve the receivers `arriving_at`.
     reflects : bool
         Whether photons bring light that the surface reflects first.
     """
@@ -113,7 +114,7 @@ class Plan:
     chains: list[Request]
     joined: JoinedPhotons | None
     joined_to: list[int]
-    arriving: ArrivingPhotons | None
+    arriving: int
     arriving_at: list[int]
     reflects: bool
 
@@ -129,20 +130,25 @@ class Planner:
     sea: TypicalSea = TypicalSea()  # noqa: RUF009 - frozen
     search: SearchMode = "usual"
     scattered: Scattered = "auto"
-    wavelengths: Common | None = None
+    wavelengths: CommonPaths | None = None
 
     def __post_init__(self) -> None:
         self.arrays = ends.forced_link(self.link)
-        self.shared = self.wavelengths or Common(UNTINTED, [self.link], (1.0,))
+        self.shared = self.wavelengths or paths_alone(self.link)
         self.drawer = ChainDrawer(
             self.arrays, *levels(self.arrays, self.sea.crest), self.shared.ratios
         )
         # of receivers close to each other one has pilots, which stand for a number of receivers
         self._first = self.arrays.stands_for_receivers
         self._piloted, self._number = np.unique(self._first, return_counts=True)
+        self._targets: list[int] = np.unique(self.arrays.stands_for).tolist()
+        # key of the chains of each source: receivers of a downlink share one, in any order
+        down, sources = self.arrays.down, range(len(self.arrays.emitters))
+        self.keys = [(self.seed, 0 if down else s) for s in sources]
 
     def at_index(self, n: float) -> Planner:
         """Return the same for water of another index, with chains of the same numbers."""
+        # laws and key stay: neighbouring chains, whose noise cancels in differences
         planner = copy(self)
         planner.link = self.link.replace("water.n", n)
         planner.arrays = ends.forced_link(planner.link)
@@ -163,11 +169,7 @@ class Planner:
         method = comparison.method
         chains = self._allot(photons, comparison) if "chains" in method else []
         arriving_at = [r for r, name in enumerate(method) if name == "analog"]
-        arriving = None
-        if arriving_at:
-            number = round(choice.ANALOG_PER_CHAIN * photons)
-            link = self._link_to(arriving_at)
-            arriving = ArrivingPhotons(link, number, self.seed, self.normals, self.threads)
+        arriving = round(choice.ANALOG_PER_CHAIN * photons)
         joined, joined_to, reflects = self._plan_joined(photons, comparison)
         # without photons nothing has measured light reflected first
         reflects = reflects and bool(joined_to or arriving_at)
@@ -183,11 +185,12 @@ class Planner:
         if pilot is None or gain is None:
             return most
         method = [comparison.method[r] for r in self._piloted]
-        n = choice.samples_for(rtol, pilot, gain, largest_weight(self.link, 0.0), method)
+        n = choice.samples_for(rtol, pilot, gain, self._largest_score, method)
         return int(min(max(n, _FEWEST), most))
 
     def compare(self) -> Comparison:
         """Choose the estimators by pilots over still water."""
+        # where chains do not follow the link, photons alone are compared with each other
         orders = self._orders()
         if orders is None or self.scattered == "joined":
             every = np.ones(len(self._piloted), bool)
@@ -196,12 +199,13 @@ class Planner:
             photons = self._pilot_photons(every, []) if alone else None
             if photons is not None:
                 gains = photons.evaluate(self._still_water())
-                method = self._or_analog(choice.ScatteredPilot.of_photons(gains), method)
+                pilot = choice.ScatteredPilot.of_photons(gains)
+                method = choice.prefer_analog(pilot, self._largest_score, method)
             return Comparison(self._by_receiver(every, method, "joined"))
         compares = self.scattered == "auto" and any(orders)
         still, shared = self._still_water(), self.shared
         if not shared.tinting.follows:  # photons cannot be common to all wavelengths
-            shared = Common(UNTINTED, [self.link], (1.0,))
+            shared = paths_alone(self.link)
         surfaces: list[ChainDrawer | AimedChains] = [self.drawer]
         if compares and still.unresolved is not None:
             # chains are worst where random slopes are wider than a beam: compared with them, but
@@ -209,6 +213,7 @@ class Planner:
             surfaces.append(self.aim_over(still).at_wavelengths(shared))
         pilots = self.pilots(surfaces, orders)
         chained, compared = pilots[0][0], pilots[-1]
+        # of several wavelengths the one that scatters most is the hardest for chains
         most = 0 if len(compared) == 1 else int(np.argmax(shared.ratios))
         pilot = choice.chain_pilot(compared[most], self.arrays)
         names: list[Method] = ["chains"] * len(self.link.receivers)
@@ -225,7 +230,7 @@ class Planner:
         if len(compared) < len(by_photons):
             # pilots over the drawer's own still water know one wavelength alone
             (compared,) = self.pilots([self.aim_over(still).at_wavelengths(shared)], orders)
-        by_chains = [choice.chain_pilot(p, self.arrays).of(doubtful) for p in compared]
+        by_chains = [choice.chain_pilot(p, self.arrays).select(doubtful) for p in compared]
         return self._choose(chains, by_chains, by_photons, doubtful, shared)
 
     def _choose(
@@ -234,7 +239,7 @@ class Planner:
         by_chains: list[choice.ScatteredPilot],
         by_photons: list[choice.ScatteredPilot],
         doubtful: NDArray[np.bool_],
-        shared: Common,
+        shared: CommonPaths,
     ) -> Comparison:
         """Return the better estimators of doubtful receivers and of those they stand for."""
         expected = max(law.expected for law in self.drawer.nominals) * np.array(shared.ratios)
@@ -248,13 +253,9 @@ class Planner:
             pilot = choice.ScatteredPilot(*(column.copy() for column in pilot))
             for column, values in zip(pilot, chosen, strict=True):
                 column[doubtful] = values
-            better = self._or_analog(chosen, better)
+            better = choice.prefer_analog(chosen, self._largest_score, better)
         method = self._by_receiver(doubtful, better, "chains")
         return replace(chains, method=method, per_chain=per_chain, pilot=pilot)
-
-    def _or_analog(self, pilot: choice.ScatteredPilot, method: list[Method]) -> list[Method]:
-        """Return the estimators of receivers with pilots, analog photons where these are better."""
-        return choice.prefer_analog(pilot, largest_weight(self.link, 0.0), method)
 
     def _by_receiver(
         self, piloted: NDArray[np.bool_], method: list[Method], default: Method
@@ -271,10 +272,12 @@ class Planner:
         Refused
             If neither chains nor photons follow it.
         """
+        # joined photons follow light off the bottom, but not over forms as published
         try:
             ends.require_points(self.link)
             if self.link.water.bottom_depth is not None and not self._photons_follow():
-                ends.refuse_bottom(self.link)
+                depth = self.link.water.bottom_depth
+                raise Refused("water.bottom_depth", depth, ends.POINTS_ONLY)
             return [self.drawer.last_order(s) for s in range(len(self.arrays.emitters))]
         except Refused:  # a feature, or too many orders, for chains
             if not self._photons_follow():
@@ -294,7 +297,7 @@ class Planner:
     ) -> list[list[list[choice.Pilot]]]:
         """Return the pilots of the sources up to their orders, by surface and wavelength."""
         requests = [
-            Request(s, k, choice.PILOT // SHIFTS, (*self.key(s), k))
+            Request(s, k, choice.PILOT // SHIFTS, (*self.keys[s], k))
             for s, last in enumerate(orders)
             for k in range(1, last + 1)
         ]
@@ -308,11 +311,6 @@ class Planner:
             pilots.append([[choice.Pilot.of_orders(p) for p in parts] for parts in by_source])
         return pilots
 
-    @property
-    def _targets(self) -> list[int]:
-        """Targets with pilots."""
-        return list(np.unique(self.arrays.stands_for).tolist())
-
     def _pilot_photons(
         self, doubtful: NDArray[np.bool_], chained: list[choice.Pilot]
     ) -> JoinedPhotons | None:
@@ -320,6 +318,7 @@ class Planner:
         if not doubtful.any() or not self._photons_follow():
             return None
         photons = self._joined(choice.PILOT_PHOTONS, self._piloted[doubtful].tolist())
+        # a pilot that chose by the photons of the run itself would bias it
         photons.seed ^= _PILOT_SEED
         if chained and self.link.water.bottom_depth is not None:
             # chains are compared with the light that misses it
@@ -330,7 +329,8 @@ class Planner:
         """Return the gain of each receiver with a pilot over still water."""
         gain = np.array([pilot.mean.sum(axis=1) for pilot in pilots])
         for s, to_targets in enumerate(gain):
-            request = Request(s, 0, _STILL_CHAINS, (*self.key(s), 0, 3))
+            # closed over flat water but for the point of the aperture: few chains suffice
+            request = Request(s, 0, _STILL_CHAINS, (*self.keys[s], 0, 3))
             unscattered = self.drawer.draw(request, self._targets)
             for i, t in enumerate(self._targets):
                 to_targets[i] += self.drawer.aim(s, t, unscattered).score.mean()
@@ -349,22 +349,25 @@ class Planner:
         share = photons if link.down else max(photons // emitters, SHIFTS)
         requests = []
         for s, pilot in enumerate(comparison.chained):
+            # a pilot counts as often as receivers stand behind it
             number = self._number[served]
             if not link.down:
-                pilot, scale = pilot.of(served), gain[served]
+                pilot, scale = pilot.select(served), gain[served]
             elif served[s]:
                 pilot, scale = pilot.joined(link.power), gain[s : s + 1]
                 number = np.ones(1, int)
             else:
                 continue
+            # one set of chains for all wavelengths: each counts as a receiver of its own
             if len(self.shared.links) > 1 and known is not None:
                 bright = known[s : s + 1] if link.down else known[served]
                 pilot, scale = pilot.at_wavelengths(np.array(self.shared.ratios), bright)
                 number = np.tile(number, len(self.shared.ratios))
             expected = self.drawer.nominals[s].expected
             counts = choice.allotment(share, expected, pilot, scale, number)
-            key = self.key(s)
-            requests += [Request(s, k, int(n), (*key, k, 1)) for k, n in enumerate(counts, 1)]
+            requests += [
+                Request(s, k, int(n), (*self.keys[s], k, 1)) for k, n in enumerate(counts, 1)
+            ]
         return requests
 
     def _plan_joined(
@@ -382,6 +385,7 @@ class Planner:
         # light of the first crossing is that of the chains where these serve
         crossings = [1 if name == "joined" else 2 for name in method]
         if every and water.bottom_depth is not None and water.bottom_albedo > 0.0:
+            # no closed estimate of the light off the bottom: all have the full number of photons
             number = round(choice.PER_CHAIN * photons)
             return self._joined(number, every, crossings), every, reflects
         served = every if reflects else joined
@@ -410,24 +414,25 @@ class Planner:
         self, photons: int, receivers: Sequence[int], crossings: Sequence[int] = ()
     ) -> JoinedPhotons:
         """Return joined photons to `receivers`, scored from the given crossing on (default: 1)."""
-        link = self._link_to(receivers)
+        link = self.link_to(receivers)
         first = [crossings[r] if crossings else 1 for r in receivers]
         return JoinedPhotons(link, photons, self.seed, self.normals, self.threads, first=first)
 
-    def _link_to(self, receivers: Iterable[int]) -> Link:
+    def link_to(self, receivers: Iterable[int]) -> Link:
         """Return the link reduced to `receivers`."""
         ends_of = tuple(self.link.receivers[r] for r in receivers)
         return self.link.model_copy(update={"receiver": ends_of})
 
     @cached_property
+    def _largest_score(self) -> float:
+        """Largest score of an analog photon over still water."""
+        return largest_weight(self.link, 0.0)
+
+    @cached_property
     def returned(self) -> Floats:
         """Estimated gain of light reflected first, of each receiver by that which stands for it."""
-        gain = choice.returned_gain(self._link_to(self._piloted))
+        gain = choice.returned_gain(self.link_to(self._piloted))
         return gain[np.searchsorted(self._piloted, self._first)]
-
-    def key(self, source: int) -> tuple[int, int]:
-        """Return the key of the chains of a source: receivers share one, in any order."""
-        return self.seed, 0 if self.arrays.down else source
 
     def aim_over(self, mesh: TriangleMesh) -> AimedChains:
         """Return the chains aimed over a mesh.
@@ -443,6 +448,7 @@ class Planner:
 
     def flat(self) -> TriangleMesh:
         """Return a flat sea larger than the footprint of the light."""
+        # a margin of ten units of length: no slanted light misses the rim
         far = ends.crossing_reach(self.link) + 10.0 * self.arrays.frame.unit
         origin = np.array(self.link.origin)
         return flat_mesh(origin - far, origin + far)

@@ -157,45 +157,53 @@ def simulate(
     >>> round(r.gain * 1e5, 1)
     6.0
     """
-    own = {"estimator": estimator, "photons": photons, "rtol": rtol, "seed": seed}
-    given: dict[str, Any] = {**own, "threads": threads}
-    given = {key: value for key, value in given.items() if value is not None}
-    case = resolve(link, surface, mesh=mesh, **given, **options)
+    chosen = {"estimator": estimator, "photons": photons, "rtol": rtol, "seed": seed}
+    chosen["threads"] = threads
+    # an argument that is not given leaves the option of a scenario as it is
+    fields: dict[str, Any] = dict(options)
+    fields |= {name: value for name, value in chosen.items() if value is not None}
+    case = resolve(link, surface, mesh=mesh, **fields)
     case = case._replace(run=case.run.replace(threads=default_threads(case.run.threads)))
     at = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     links = [case.link.at_wavelength(nm) for nm in at] or [case.link]
     try:
         with one_blas_thread():
-            case, made, config = _over_mesh(case._replace(link=clearest(links)))
+            # one mesh for all wavelengths: the clearest water needs the finest and widest one
+            case, triangles, config = _over_mesh(case._replace(link=clearest(links)))
+            # warnings are those of the clearest link: the others have the same mesh and paths
             records, first = read_records(record, case.run.estimator), links.index(case.link)
             if at and "irradiance-map" in records:
                 allowed = "arrivals, with wavelengths_nm; maps by coverage_map"
                 raise Refused("record", Described("a map"), allowed)
-            results, returned = _followed(case, links, made, config, records, progress)
+            results, returned = _traced(case, links, triangles, config, records, progress)
             outcome.warn_of_few(results, links, first)
             if isinstance(case.run.estimator, Analog):
                 outcome.warn_of_lost(results[first])
-                over = EmbreeIntersector(made, case.threads)
-                follow = partial(run_analog, case.link, over, case.run.estimator, **case.how)
+                follow = partial(
+                    run_analog, case.link, EmbreeIntersector(triangles, case.threads),
+                    case.run.estimator, seed=case.run.seed, normals=case.meshing.normals,
+                    threads=case.threads,
+                )  # fmt: skip
                 outcome.warn_of_dark_map(results[first], records, follow)
             else:
-                relative = relative_mesh_error(case.link, made, case.meshing.normals)
+                relative = relative_mesh_error(case.link, triangles, case.meshing.normals)
                 results = with_mesh_errors(results, links, first, relative)
-                outcome.warn_of_mesh(results[first], case, made)
+                outcome.warn_of_mesh(results[first], case, triangles)
                 outcome.warn_of_cut_short(results[first])
                 if results[first].gain_reflected is None:
                     outcome.warn_of_omitted(case.link, results[first].gains, returned)
-                outcome.warn_of_cut(cut_share(case, made))
+                outcome.warn_of_cut(cut_share(case, triangles))
     except ArithmeticError as error:
         raise Refused("link", Described(f"{error}"), "numbers that do not overflow") from error
-    for one in results:
-        if not np.isfinite(one.gain).all():
-            gain = Described(f"a gain of {one.gain}")
+    # numpy overflows to inf without an exception
+    for result in results:
+        if not np.isfinite(result.gain).all():
+            gain = Described(f"a gain of {result.gain}")
             raise Refused("link", gain, "numbers that do not overflow")
     return ByWavelength(np.array(at), tuple(results)) if at else results[0]
 
 
-def _followed(
+def _traced(
     case: Case,
     links: list[Link],
     mesh: TriangleMesh,
@@ -208,48 +216,52 @@ def _followed(
     With the estimated gain of light reflected first, where forced detection has made it.
 
     They are repeated with more photons until a relative standard error is met and certain itself.
-    Analog photons add to those already traced; chains are drawn again.
     """
     recorded = [r.model_dump(mode="json") for r in records.values()]
     run: Run | None = case.run
+    seed, normals, threads = case.run.seed, case.meshing.normals, case.threads
     results: list[GainResult] = []
     returned: Floats | None = None
-    sea = TypicalSea.of([mesh])
+    sea = TypicalSea.of_meshes([mesh])
     single = len(links) == 1
     if single and isinstance(case.run.estimator, Forced):
-        planner = Planner(case.link, **case.how, sea=sea)
+        # pilots do not depend on the number of chains: one comparison serves all repetitions
+        planner = Planner(case.link, seed, normals, threads, sea)
         comparison = planner.compare()
         if case.run.rtol is not None and "photons" not in case.run.model_fields_set:
-            most = case.run.photons
-            photons = planner.photons_for(case.run.rtol, most, comparison)
+            photons = planner.photons_for(case.run.rtol, case.run.photons, comparison)
             run = case.run.replace(photons=photons)
     while run is not None:
-        whole = {**run.to_config(), **case.meshing.model_dump(), "record": recorded}
-        origins = [{**provenance(link, config, whole), **case.origin} for link in links]
+        options = run.to_config() | case.meshing.model_dump() | {"record": recorded}
+        origins = [provenance(link, config, options) | dict(case.origin) for link in links]
         if isinstance(run.estimator, Analog):
-            intersector = EmbreeIntersector(mesh, case.threads)
-            of: dict[str, Any] = {**case.how, "photons": run.photons, "progress": progress}
-            sums = analog_sums(links, intersector, run.estimator, record=records.values(), **of)
-            found = [
-                outcome.analog_result(link, one, origin, records)
-                for link, one, origin in zip(links, sums, origins, strict=True)
+            sums = analog_sums(
+                links, EmbreeIntersector(mesh, threads), run.estimator, run.photons, progress,
+                records.values(), seed=seed, normals=normals, threads=threads,
+            )  # fmt: skip
+            further = [
+                outcome.analog_result(link, tallies, origin, records)
+                for link, tallies, origin in zip(links, sums, origins, strict=True)
             ]
-            pairs = zip(results, found, strict=True) if results else ()
-            results = [merge(list(pair)) for pair in pairs] or found
+            # photons are independent: those already traced count on
+            pairs = zip(results, further, strict=True) if results else ()
+            results = [merge(list(pair)) for pair in pairs] or further
         else:
+            # more chains are allotted anew to the orders: all are drawn again
             paths: ForcedDetection | SpectralDetection
             if single:
                 paths = ForcedDetection.following(planner, planner.plan(run.photons, comparison))
                 returned = None if paths.plan.reflects else planner.returned
             else:
-                paths = SpectralDetection(links, run.photons, **case.how, sea=sea)
+                paths = SpectralDetection(links, run.photons, seed, normals, threads, sea)
             gains = paths.at_wavelengths(mesh, record=bool(records))
             results = [
                 outcome.forced_result(case._replace(run=run, link=link), mesh, gain, origin)
                 for link, gain, origin in zip(links, gains, origins, strict=True)
             ]
-        wanted = [more for one in results if (more := _further(case.run, one)) is not None]
-        run = max(wanted, key=lambda more: more.photons, default=None)
+        # all wavelengths share the photons: the one that lacks most decides
+        longer = [more for result in results if (more := _further(case.run, result)) is not None]
+        run = max(longer, key=lambda more: more.photons, default=None)
     return results, returned
 
 
@@ -258,6 +270,7 @@ def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:
 
     Over a surface that overhangs the estimator is analog unless chosen.
     """
+    # a surface says whether it overhangs before it is triangulated, or not at all
     chosen = "estimator" in case.run.model_fields_set
     if not chosen and not getattr(case.surface, "single_valued", True):
         case = case._replace(run=case.run.replace(estimator="analog"))
@@ -271,6 +284,7 @@ def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:
     if chosen or mesh.single_valued:
         require_height_field(mesh)
         return case, mesh, config
+    # only the mesh shows that a user's surface overhangs
     return _over_mesh(case._replace(run=case.run.replace(estimator="analog")))
 
 
@@ -285,7 +299,8 @@ def _further(run: Run, result: GainResult) -> Run | None:
     n, options = result.photons, run.estimator
     if lack <= 1.0 or n >= options.most_photons:
         return None
-    # an error of few hits is itself uncertain: never more than sixteenfold at once
+    # errors fall with n^(-1/2); 10 % more, as the error of the longer run scatters, too. That of
+    # few hits is hardly known: never more than sixteenfold at once
     more = min(math.ceil(n * min(1.1 * lack, 16.0)), options.most_photons)
     if isinstance(options, Analog):
         return run.replace(photons=more - n, first_photon=options.first_photon + n)
@@ -326,16 +341,18 @@ def trace_paths(
     -------
     PhotonPaths
     """
+    # all paths are held at once, each with room for as many vertices
     require_whole(max_vertices, 2, _MOST_VERTICES // n, "max_vertices")
     fields: dict[str, Any] = dict(options) if seed is None else {"seed": seed, **options}
     photons = Analog()
     if not received_only:
-        of_photons = [key for key in fields if key in Analog.model_fields]
-        photons = photons.replace(**{key: fields.pop(key) for key in of_photons})
+        analog = {key: fields.pop(key) for key in Analog.model_fields if key in fields}
+        photons = photons.replace(**analog)
     case = resolve(link, surface, mesh=mesh, **fields)
     key, normals = case.run.seed, case.meshing.normals
     with one_blas_thread():
-        made, _ = mesh_for(case.link, case.surface, case.meshing, math.inf)
+        # fine where the chains cross, and as wide as photons go: pictures show both
+        triangles, _ = mesh_for(case.link, case.surface, case.meshing, math.inf)
         if received_only:
-            return received_paths(case.link, made, n, key, normals)
-        return record_paths(case.link, made, n, key, normals, max_vertices, photons)
+            return received_paths(case.link, triangles, n, key, normals)
+        return record_paths(case.link, triangles, n, key, normals, max_vertices, photons)

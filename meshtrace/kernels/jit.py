@@ -154,6 +154,7 @@ def _environments(module: Any) -> list[str]:
 
 def _modules(libraries: list[Any]) -> list[Any]:
     """Return the modules of libraries and of all that they call, each once."""
+    # a dictionary keeps the order, in which numba has met them: the code is the same in every run
     modules: dict[Any, Any] = {}
     waiting = list(libraries)
     while waiting:

@@ -215,6 +215,7 @@ def bubble_scattering(medium, p):
     """
     if medium.depth_mode == DepthMode.NONE:
         return 0.0
+    # MEAN_LEVEL counts from z = 0, CLAMPED does too, LOCAL from the wave above
     depth = -p.z
     if medium.depth_mode == DepthMode.LOCAL:
         depth = local_elevation(medium, p) - p.z
@@ -303,6 +304,7 @@ def mean_between(table, path, step, d0, d1):
 @inlined
 def _cumulative(table, path, step, depth):
     """Return the integral of a linearly interpolated table, constant outside, up to a depth."""
+    # beyond both ends of the table the coefficient is that of its end
     last = (len(table) - 1) * step
     if depth <= 0.0:
         return depth * table[0]

@@ -453,7 +453,7 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     probes = min(1 if steps.links else probed, len(steps.labels))
     # the probed meshes are used again: each once, so that memory is freed as the loop goes on
     probed_meshes = {i: make_mesh(i) for i in range(probes)}
-    typical = TypicalSea.of(probed_meshes.values(), MANY_SEAS)
+    typical = TypicalSea.of_meshes(probed_meshes.values(), MANY_SEAS)
 
     def mesh(i: int) -> TriangleMesh:
         return probed_meshes.pop(i) if i in probed_meshes else make_mesh(i)

@@ -194,7 +194,7 @@ def coverage_map(
         # each turn serves the wavelengths that the photons of one base sample well
         while waiting := [i for i in range(len(links)) if i not in maps]:
             base, shared = photon_paths(links, waiting)
-            part = campaign._replace(links={str(i): links[i] for i in shared.rows})
+            part = campaign._replace(links={str(i): links[i] for i in shared.wavelengths})
             maps |= _Mapped(part, shared, receiver, grid, at, exact).run(photons, rtol, base)
     for coverage in maps.values():
         coverage.provenance.update(case.origin)
@@ -233,7 +233,7 @@ class _Mapped(Restored):
         self._receiver, self._grid, self.times = receiver, grid, times
         options = campaign.run.estimator
         self.options = options if isinstance(options, Analog) else Analog()
-        self.tinting = shared.tinting or UNTINTED
+        self.tinting = shared.tinting
         # gains are linear in the index of the water between its two ends
         shares = np.array([1.0 - shared.shares, shared.shares])
         self.end_shares = shares[: len(shared.bases)]  # of the smallest and the largest index
@@ -389,7 +389,7 @@ class _Mapped(Restored):
                     more, pairs = 0, [self._by_chains]
         self._warn(sums)
         return {
-            self._common.rows[k]: self._map(self._links[k], *pair, sums, each, rtol)
+            self._common.wavelengths[k]: self._map(self._links[k], *pair, sums, each, rtol)
             for k, pair in zip(sampled, pairs, strict=True)
         }
 
@@ -481,8 +481,8 @@ class _Mapped(Restored):
                 else 0.0
             )
         # no more is asked of others than half of what the base itself reaches
-        limit = min(FEW_PHOTONS, 0.5 * maps[self._common.rows.index(base)])
-        pairs = zip(self._common.rows, maps, strict=True)
+        limit = min(FEW_PHOTONS, 0.5 * maps[self._common.wavelengths.index(base)])
+        pairs = zip(self._common.wavelengths, maps, strict=True)
         return [k for k, (i, number) in enumerate(pairs) if i == base or number >= limit]
 
     def _map(

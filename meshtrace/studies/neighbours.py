@@ -107,10 +107,10 @@ class Neighbours(Restored):
             campaign.link,
             campaign.run.photons,
             campaign.run.seed,
-            TypicalSea.of(self._meshes, MANY_SEAS if self.fading else 1.0),
+            TypicalSea.of_meshes(self._meshes, MANY_SEAS if self.fading else 1.0),
             campaign.meshing.normals,
             # of more meshes than fit, in turn, none of the last is met again
-            kept=max(self.meshes_kept, _FEW) if self.meshes_kept <= _MANY else _FEW,
+            recent=max(self.meshes_kept, _FEW) if self.meshes_kept <= _MANY else _FEW,
         )
 
     def mesh(self, i: int, surface: Any = None) -> TriangleMesh:
@@ -125,7 +125,7 @@ class Neighbours(Restored):
 
     def arrivals(self, link: Link, i: int, surface: Any = None) -> list[Light]:
         """Return the rows of light at each receiver over realization i."""
-        return self.frozen.light(link, self.mesh(i, surface))
+        return self.frozen.arrivals(link, self.mesh(i, surface))
 
 
 def has_moments(link: Link) -> bool:
@@ -179,7 +179,7 @@ def edge_over(near: Neighbours, name: str, i: int) -> Floats:
     frozen, mesh = near.frozen, near.mesh(i)
     low, high = (frozen.unscattered(link.replace(name, view), mesh)[0] for view in views)
     # all arrivals that any window weighs
-    wide = frozen.light(link.replace(name, min((1.0 + WINDOW) * fov, 180.0)), mesh)[0]
+    wide = frozen.arrivals(link.replace(name, min((1.0 + WINDOW) * fov, 180.0)), mesh)[0]
     # distance from the edge, over the half-angle
     off = np.degrees(wide.angle) / (0.5 * fov) - 1.0
     rates = np.empty((3, len(WINDOWS), SHIFTS))

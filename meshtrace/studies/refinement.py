@@ -17,6 +17,7 @@ from meshtrace.engine.chains.sampling import Chains
 from meshtrace.engine.crossing import ROOT
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import run_analog
+from meshtrace.engine.plan import Planner
 from meshtrace.engine.setup.arrays import IDENTITY, Frame
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
@@ -154,10 +155,10 @@ class CommonChains(Restored):
     def _chains(self, kind: Normals) -> ForcedDetection:
         """Return the chains over surfaces with one kind of normals."""
         run = self.campaign.run
-        return ForcedDetection(
-            self.link, run.photons, run.seed, kind, sea=self._typical, search="thorough",
-            scattered="chains",
-        )  # fmt: skip
+        planner = Planner(
+            self.link, run.seed, kind, sea=self._typical, search="thorough", scattered="chains"
+        )
+        return ForcedDetection.following(planner, planner.plan(run.photons, planner.compare()))
 
     def measure(self, case: MakeMesh, photons: int = 0) -> Floats:
         """Return the numbers of a mesh for each kind of normals, shape (kinds, numbers).

@@ -95,7 +95,7 @@ def _arrivals_over(
             return [result.arrivals]
 
         return arrivals
-    sea = TypicalSea.of(meshes, MANY_SEAS)
+    sea = TypicalSea.of_meshes(meshes, MANY_SEAS)
     links = links if campaign.spectral else links[:1]
     (chains,) = campaign.detections(links, sea, campaign.threads)
     return lambda mesh: [gains.table[0] for gains in chains.at_wavelengths(mesh, record=True)]

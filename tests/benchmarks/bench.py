@@ -225,7 +225,7 @@ def figure_of_merit(
         over the root mean square of their standard errors; gains and standard errors.
     """
     intersector = EmbreeIntersector(mesh, 1)
-    sea = TypicalSea.of([mesh])
+    sea = TypicalSea.of_meshes([mesh])
     gains, stated, setup = [], [], []
     for seed in range(seeds):
         forced, seconds = timed(partial(ForcedDetection, link, chains, seed, threads=1, sea=sea))
@@ -284,7 +284,7 @@ def new_sea(link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5) -> dict[s
     def gain(seed: int, chains: int) -> dict[str, Any]:
         phases = sea.with_seed(1000 + seed)
         (mesh, _), meshed = timed(partial(mesh_for, link, phases, reach=reach))
-        typical = TypicalSea.of([mesh])
+        typical = TypicalSea.of_meshes([mesh])
         forced, made = timed(partial(ForcedDetection, link, chains, seed, threads=1, sea=typical))
         parts, aimed = timed(partial(forced.evaluate, mesh))
         _, built = timed(EmbreeIntersector(mesh, 1).built)
@@ -331,7 +331,9 @@ def resolved_sea(
     gain = new_sea(link, sea, rtol, rounds)
     reach, chains = crossing_reach(link), gain["chains"]
     mesh, _ = mesh_for(link, sea, reach=reach, per_wave=FADING_SPACING)
-    forced = ForcedDetection(link, chains, 1, threads=1, sea=TypicalSea.of([mesh], MANY_SEAS))
+    forced = ForcedDetection(
+        link, chains, 1, threads=1, sea=TypicalSea.of_meshes([mesh], MANY_SEAS)
+    )
     aimed = forced.planner.aim_over(mesh)
     (direct,) = best_of(3, lambda: aimed.direct_gains(0, 0))
     each = realization(link, sea, chains, realizations)
@@ -482,7 +484,7 @@ def thread_scaling(
         `speedup_by_jobs`, for 2 and 16 threads.
     """
     threads = counts_up_to(default_threads(most))
-    typical = TypicalSea.of([near])
+    typical = TypicalSea.of_meshes([near])
     seeds = count(1)  # kept chains would not be made
 
     def trace(n: int) -> None:

@@ -57,7 +57,7 @@ def test_the_order_of_many_receivers_changes_nothing():
     found = []
     for some, threads in ((np.arange(len(rows)), 1), (order, 2)):
         link = mt.Link(receiver=tuple(rows[i] for i in some))
-        sea = TypicalSea.of([mesh])
+        sea = TypicalSea.of_meshes([mesh])
         parts = ForcedDetection(link, 512, 1, threads=threads, sea=sea).evaluate(mesh)
         assert {"chains", "joined"} == set(parts.method)
         back = np.argsort(some)
@@ -92,7 +92,7 @@ def test_errors_of_many_receivers_are_true():
     link, seeds = mt.Link(receiver=tuple(rows)), 64
     mesh = SEA.mesh(extent=25.0, spacing=0.25)
     parts = [
-        ForcedDetection(link, 512, seed, sea=TypicalSea.of([mesh])).evaluate(mesh)
+        ForcedDetection(link, 512, seed, sea=TypicalSea.of_meshes([mesh])).evaluate(mesh)
         for seed in range(seeds)
     ]
     gain, error = (np.array([getattr(p, k)[some] for p in parts]) for k in ("gain", "stderr"))

@@ -60,7 +60,7 @@ BEAM = mt.AirBeam(height=20.0)
 )
 def test_the_mirrored_link_has_the_square_of_the_index_times_the_gain(up, sea):
     mesh, _ = mesh_for(up, sea, reach=crossing_reach(up))
-    sea = TypicalSea.of([mesh])
+    sea = TypicalSea.of_meshes([mesh])
     a, b = (
         ForcedDetection(link, 4096, 1, sea=sea, scattered="chains").evaluate(mesh)
         for link in (up, up.mirrored())
@@ -351,7 +351,7 @@ def test_a_lamp_close_to_the_water_reaches_a_receiver_aside():
 def test_joined_photons_to_the_lamp_agree_with_chains():
     link = down(mt.AirLed(half_angle_deg=40.0), position=(6.0, 0.0), fov_deg=120.0)
     mesh, _ = mesh_for(link.in_wind(8.0), sea_in_wind(8.0), reach=crossing_reach(link))
-    sea = TypicalSea.of([mesh])
+    sea = TypicalSea.of_meshes([mesh])
     a, b = (
         ForcedDetection(link.in_wind(8.0), n, 1, sea=sea, scattered=how).evaluate(mesh)
         for how, n in (("chains", 8192), ("joined", 16384))

@@ -52,13 +52,13 @@ def compare(found, direct, tests):
 
 
 def forced(links, mesh, photons=4096, seed=1):
-    sea = TypicalSea.of([mesh])
+    sea = TypicalSea.of_meshes([mesh])
     parts = SpectralDetection(links, photons, seed, sea=sea).at_wavelengths(mesh)
     return [(p.gain[0], p.stderr[0]) for p in parts]
 
 
 def one_by_one(links, mesh, photons=4096, seed=100):
-    sea, found = TypicalSea.of([mesh]), []
+    sea, found = TypicalSea.of_meshes([mesh]), []
     for k, link in enumerate(links):  # independent of each other
         parts = ForcedDetection(link, photons, seed + k, sea=sea).evaluate(mesh)
         found.append((parts.gain[0], parts.stderr[0]))
@@ -254,7 +254,7 @@ def test_a_wavelength_far_from_the_base_has_its_paths():
     """An eighth of the scattering: its error is no larger than that of the base."""
     links = links_of([{"a": 0.1, "b": 1.2}, {"a": 0.1, "b": 1.15}, {"a": 0.5, "b": 0.15}])
     mesh = mesh_of(links[0], SEAS["flat"])
-    sea = TypicalSea.of([mesh])
+    sea = TypicalSea.of_meshes([mesh])
     found = SpectralDetection(links, 8192, 1, sea=sea).at_wavelengths(mesh)
     alone = ForcedDetection(links[2], 8192, 7, sea=sea).evaluate(mesh)
     error = [(p.stderr / p.gain)[0] for p in found]
@@ -326,7 +326,7 @@ def test_errors_of_a_far_wavelength_are_true():
     turbid = [{"a": 0.3, "b": 1.8}, {"a": 0.2, "b": 0.7}]
     links, opaque = links_of(far), links_of(turbid)
     mesh = mesh_of(links[0], SEAS["wavy"])
-    sea = TypicalSea.of([mesh])
+    sea = TypicalSea.of_meshes([mesh])
     wide = links_of(far, mt.Link(receiver=mt.Receiver(radius=10.0)))
     surface = mt.EmbreeIntersector(mesh_for(wide[1], SEAS["wavy"], mt.Meshing(spacing=0.4))[0], 1)
     common = common_paths(opaque, 0, range(2)).tinting

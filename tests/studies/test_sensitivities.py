@@ -172,7 +172,7 @@ def test_field_of_view_from_angles_of_arrival():
     off, error = angle.elasticity - difference[0], math.hypot(angle.stderr, error_of(difference))
     assert error < 0.15 * angle.elasticity
     assert abs(off) < 3.0 * error
-    light = frozen.light(link.replace("receiver.fov_deg", 60.0), mesh)[0]
+    light = frozen.arrivals(link.replace("receiver.fov_deg", 60.0), mesh)[0]
     halves = np.radians([1.0, 3.0, 5.0, 10.0, 20.0, 30.0])
     curve = [light.weight[light.angle <= half].sum() for half in halves]
     assert np.all(np.diff(curve) > 0.0)

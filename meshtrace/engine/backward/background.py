@@ -182,7 +182,7 @@ def walked(
     waiting = list(range(len(links)))
     while waiting:
         _, common = photon_paths(links, waiting)
-        rows = common.rows
+        rows = common.wavelengths
         some, lit = [links[i] for i in rows], [days[i] for i in rows]
         walk = _Walk(case, mesh, view, in_water)
         found[rows] = (
@@ -215,7 +215,6 @@ class _Walk(NamedTuple):
         `engine.correlated.analog_sums`.
         """
         tinting = common.tinting
-        assert tinting is not None
         several = [links[i] for i in tinting.bases] or [common.bases[0]]
         per_shift = self.view.per_shift
         runs = [(base, end) for base in range(len(several)) for end in range(len(common.bases))]

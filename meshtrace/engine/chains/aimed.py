@@ -25,7 +25,7 @@ from meshtrace.engine.setup.arrays import (
     with_raster,
 )
 from meshtrace.engine.setup.ends import ForcedLink, expected_water, forced_link
-from meshtrace.engine.setup.tinting import UNTINTED, Common
+from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths
 from meshtrace.kernels.interface import Direction, MeshArrays, Roughness, Snell
 from meshtrace.kernels.medium import DepthMode, Medium
 from meshtrace.kernels.scene import FACET, Emitter, Locator, Scene, Target, facet_summary
@@ -69,10 +69,10 @@ class Quadrature(NamedTuple):
     at: Vec3 | None  # point of the source, None for its centre
     lenses: bool = False  # whether the view ends within the aperture, or light there
     cut_short: float = 0.0  # light through facets that were not cut as finely as they should be
-    # over smooth surfaces, every `stride`-th facet that brings light, and what it brings
+    # over smooth surfaces alone, every `stride`-th facet that brings light, and what it brings
     sampled_facets: NDArray[np.int64] = np.zeros(0, np.int64)
     sampled_gain: Floats = np.zeros(0)
-    stride: int = 1
+    stride: int = 0
 
 
 class AimedChains:
@@ -240,7 +240,7 @@ class AimedChains:
             return Aimed(out.score[None], arrivals)
         return Aimed(self._tinted_scores(source, chains, n, arrivals), arrivals)
 
-    def at_wavelengths(self, common: Common) -> AimedChains:
+    def at_wavelengths(self, common: CommonPaths) -> AimedChains:
         """Return the same surface at the wavelengths of common paths.
 
         Light of a facet has one length of its way, that at which it agrees with the light of the
@@ -370,31 +370,27 @@ class AimedChains:
         last = self._last.get((source, receiver))
         if last is None or last.light == 0.0:
             return 0.0
-        if len(last.sampled_facets):
+        if last.stride:
             # Images differ from triangles in second order: parts twice as long err four times as
             # much, three times the error more. Half of the change leaves room for edges of beams
             # and views, which err in first order. Facets too small to be cut have no longer parts:
             # halves of them then err by a quarter, and the change is 3/4 of the error.
-            change = 0.5 * self._change_of_images(source, receiver, last, 2.0)
-            if change == 0.0:
-                change = 1.5 * self._change_of_images(source, receiver, last, 0.5)
-            return max(change / last.light, LEAST_IMAGE_ERROR)
+            facets, error = last.sampled_facets, 0.0
+            for longer, share in ((2.0, 0.5), (0.5, 1.5)):
+                gain = self.direct_gains(source, receiver, last.at, facets, longer)[facets]
+                difference, n = gain - last.sampled_gain, last.stride
+                # the sum estimated from every n-th facet, and its noise, which also bounds what
+                # changes of both signs hide from the sum
+                sum_of_squares = float(difference @ difference)
+                error = share * math.hypot(n * difference.sum(), math.sqrt(n * sum_of_squares))
+                if error > 0.0:
+                    break
+            return max(error / last.light, LEAST_IMAGE_ERROR)
         change = LEAST_ERROR
         if last.lenses:
             coarser = self.direct_gains(source, receiver, last.at, longer=_LONGER).sum()
             change = max(change, abs(coarser / last.light - 1.0))
         return math.hypot(change, last.cut_short / last.light)
-
-    def _change_of_images(
-        self, source: int, receiver: int, last: Quadrature, longer: float
-    ) -> float:
-        """Return how much parts of another length change the gain, from the sampled facets."""
-        facets = last.sampled_facets
-        gains = self.direct_gains(source, receiver, last.at, facets, longer)[facets]
-        change, n = gains - last.sampled_gain, last.stride
-        # the sum estimated from every n-th facet, and its noise, which also bounds what changes of
-        # both signs hide from the sum
-        return math.hypot(n * change.sum(), math.sqrt(n * (change @ change)))
 
     def meets_rim(self, source: int, receiver: int) -> bool:
         """Return whether the view ends within the aperture, for the last unscattered light."""

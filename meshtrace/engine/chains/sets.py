@@ -24,7 +24,7 @@ from meshtrace.engine.chains import sampling as kernel
 from meshtrace.engine.chains.gain import ARRIVAL, flat_contributions, flat_crossings
 from meshtrace.engine.chains.sampling import Chains, Nominal
 from meshtrace.engine.crossing import FLAT
-from meshtrace.engine.setup.arrays import empty_locator, integral, surface_arrays
+from meshtrace.engine.setup.arrays import NO_BINS, integral, surface_arrays
 from meshtrace.engine.setup.ends import ForcedLink
 from meshtrace.errors import Refused
 from meshtrace.kernels.interface import MeshArrays
@@ -297,7 +297,7 @@ class ChainDrawer:
         """
         link, sea = self.link, _still_surface()
         emitter, target = link.emitters[source], link.targets[receiver]
-        bins, facets = empty_locator(), np.zeros(0, FACET)
+        bins, facets = NO_BINS, np.zeros(0, FACET)
         scene = Scene(emitter, target, sea, bins, facets, link.medium, link.interface)
         raised = scene._replace(surface=sea._replace(level=self.ceiling))
         return starts_of(emitter, target), scene, raised

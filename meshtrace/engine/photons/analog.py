@@ -35,10 +35,13 @@ from meshtrace.parallel import ordered_map, paced
 from meshtrace.results.tallies import standard_error
 from meshtrace.stored import SHIFTS
 
-_HEADROOM = 6  # bits
+_HEADROOM = 6  # bits by which weights at other wavelengths may exceed that of the base
 _GUIDED = 100  # crossings of light that a jet guides
+# integer tallies, whose sums do not depend on the order of additions; those of floating point are
+# added block by block in the order of the ids
 _EXACT = ("ledger", "map", "map_squared", "radiance")  # fields of `PhotonSums` and of tallies
 _ADDED = ("photons", "score", "score_squared", "count", "misses", *_EXACT, "arrivals")
+# tallies of the kernels that each chunk starts at 0
 _SUMS = (*_EXACT, "map_tint", "n_photons", "misses", "n_arrivals")
 
 
@@ -47,13 +50,14 @@ def options_over(mesh: TriangleMesh, options: Analog) -> Analog:
 
     A jet guides light by dozens of total reflections.
     """
+    # an option that the user has set stays, whatever the surface
     if mesh.single_valued or "max_surface_events" in options.model_fields_set:
         return options
     return options.replace(max_surface_events=_GUIDED)
 
 
 class FixedPointSum:
-    """Exact sum of integer arrays in units of 2^-44, without overflow."""
+    """Exact sum of integer arrays in units of 2^-44 (`kernels.tally.UNIT`), without overflow."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.array = np.zeros((2, *shape), np.int64)  # whole numbers, and units below one
@@ -67,10 +71,10 @@ class FixedPointSum:
 
     def __add__(self, other: FixedPointSum) -> FixedPointSum:
         """Return the sum of both."""
-        found = deepcopy(self)
-        found.add(other.array[1])
-        found.array[0] += other.array[0]
-        return found
+        total = deepcopy(self)
+        total.add(other.array[1])
+        total.array[0] += other.array[0]
+        return total
 
     def value(self) -> Floats:
         """Return the sum as floating point numbers."""
@@ -82,36 +86,38 @@ class PhotonSums:
     """Tallies of a run of photons; tallies of disjoint photons add."""
 
     photons: int
-    score: Floats
-    score_squared: Floats
-    count: NDArray[np.int64]
-    misses: NDArray[np.int64]
-    ledger: FixedPointSum
-    map_scale: Floats
-    map: FixedPointSum
-    map_squared: FixedPointSum
-    radiance: FixedPointSum
+    score: Floats  # (scores,) sum over the photons, see `Setup.n_scores`
+    score_squared: Floats  # (scores,) sum of the squares of each photon's score
+    count: NDArray[np.int64]  # (fates,) photons by `Fate`
+    misses: NDArray[np.int64]  # rays by `flight.Miss`
+    ledger: FixedPointSum  # (fates,) weight that ended by each
+    map_scale: Floats  # (wavelengths,) factor on the scores of a map, see `_cells_of`
+    map: FixedPointSum  # (x, y, wavelengths)
+    map_squared: FixedPointSum  # (x, y, wavelengths)
+    radiance: FixedPointSum  # (groups, planes, cosines, azimuths)
     arrivals: list[NDArray[np.void]] = field(default_factory=list)
 
     def __add__(self, other: PhotonSums) -> PhotonSums:
         """Return the tallies of the photons of both."""
-        found = {name: getattr(self, name) + getattr(other, name) for name in _ADDED}
-        return replace(self, **found)
+        totals = {name: getattr(self, name) + getattr(other, name) for name in _ADDED}
+        return replace(self, **totals)
 
     def to_row(self) -> Floats:
         """Return all tallies but arrivals as one row of 64-bit numbers."""
+        # integers keep their bits as floating point numbers: a store knows rows of one type alone
         photons = np.array([self.photons])
         return np.concatenate([x.ravel().view(np.float64) for x in (photons, *self._arrays())])
 
     def of_row(self, row: Floats) -> PhotonSums:
         """Return the tallies of a row, of the shapes of these."""
-        found, start = deepcopy(self), 1
-        found.photons = int(row[:1].view(np.int64)[0])
-        for array in found._arrays():
+        sums, start = deepcopy(self), 1
+        sums.photons = int(row[:1].view(np.int64)[0])
+        # written into the arrays of the copy, in the order of `to_row`
+        for array in sums._arrays():
             part = row[start : start + array.size].view(array.dtype)
             array[...] = part.reshape(array.shape)
             start += array.size
-        return found
+        return sums
 
     def _arrays(self) -> list[NDArray[Any]]:
         exact = (getattr(self, name).array for name in _EXACT)
@@ -125,7 +131,7 @@ class PhotonSums:
         that all have the mean of the sum, and scatter as within the strata.
         """
         whole = reduce(add, strata)
-        within = sum(one.score**2 / max(one.photons, 1) for one in strata)
+        within = sum(stratum.score**2 / max(stratum.photons, 1) for stratum in strata)
         # subtract the squares of the strata's means, add that of the common mean
         square = whole.score_squared - within + whole.score**2 / max(whole.photons, 1)
         return replace(whole, score_squared=square)
@@ -144,6 +150,7 @@ class PhotonSums:
     def add(self, photons: int, tallies: Tallies) -> None:
         """Add a finished chunk with the next photons."""
         self.photons += photons
+        # blocks of a fixed size, so that sums do not depend on the size of a chunk
         for start in range(0, photons, BLOCK):
             block = tallies.score[start : min(start + BLOCK, photons)]
             self.score += block.sum(axis=0)
@@ -154,9 +161,10 @@ class PhotonSums:
             getattr(self, name).add(getattr(tallies, name))
         n = min(int(tallies.n_arrivals[0]), len(tallies.arrivals))
         if n:
-            rows = tallies.arrivals[:n]
-            order = np.lexsort((rows["water"], rows["receiver"], rows["photon"]))
-            self.arrivals.append(rows[order])
+            arrivals = tallies.arrivals[:n]
+            # the kernel writes a photon's arrivals in its order; a total order makes files alike
+            order = np.lexsort((arrivals["water"], arrivals["receiver"], arrivals["photon"]))
+            self.arrivals.append(arrivals[order])
 
 
 def tinted(
@@ -171,18 +179,19 @@ def tinted(
     `factors` (wavelengths, arrivals) follow from these, times a `scale` (wavelengths,); `first` is
     the id of the first photon. `arrivals` are kept on demand.
     """
-    light = sums.all_arrivals
-    n, found = len(sums.score), []
-    place, cell = np.unique((light["photon"] - first) * n + light["receiver"], return_inverse=True)
+    hits = sums.all_arrivals
+    # a photon that arrives several times has one score: squares are those of its sum
+    n, by_wavelength = len(sums.score), []
+    place, cell = np.unique((hits["photon"] - first) * n + hits["receiver"], return_inverse=True)
     aperture = place % n
-    for weight in factors(light["tint"]) * scale[:, None] * light["weight"]:
+    for weight in factors(hits["tint"]) * scale[:, None] * hits["weight"]:
         score = np.bincount(cell, weight, len(place))
         total: Floats = np.bincount(aperture, score, n).astype(float)
         square: Floats = np.bincount(aperture, score * score, n).astype(float)
-        rows = light[: len(light) * arrivals].copy()
-        rows["weight"] = weight[: len(rows)]
-        found.append(replace(sums, score=total, score_squared=square, arrivals=[rows]))
-    return found
+        recorded = hits[: len(hits) * arrivals].copy()
+        recorded["weight"] = weight[: len(recorded)]
+        by_wavelength.append(replace(sums, score=total, score_squared=square, arrivals=[recorded]))
+    return by_wavelength
 
 
 class Setup(NamedTuple):
@@ -255,6 +264,7 @@ def run_analog(
     """
     records = read_records(record, options)
     options = options_over(intersector.mesh, options)
+    # kernels are compiled for one type: no record is one without room
     recorder = recorder or new_recorder(0, 0)
     setup = setup_of(
         link, intersector, options, seed, normals, unscattered=unscattered, records=records,
@@ -279,6 +289,7 @@ def run_analog(
 def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
     """Trace the photons first <= id < last; repeat with a larger buffer if arrivals overflow."""
     first, last = span
+    # one arrival of each photon at each receiver; few arrive twice
     room = (last - first) * setup.arrivals
     while True:
         none = setup.world.tallies
@@ -317,6 +328,7 @@ def setup_of(
 ) -> Setup:
     """Return the inputs of the chunks, in the frame of the link unless one is given."""
     frame = frame or arrays.frame_of(link)
+    # a map is in metres of the world, the frame is that of the link
     cells = _cells_of(records.get("irradiance-map"), link, frame, tinting, turn)
     if frame != arrays.IDENTITY:
         intersector = intersector.over(frame.mesh(intersector.mesh))
@@ -325,10 +337,12 @@ def setup_of(
     surface = arrays.surface_arrays(mesh, normals, link.physics.unresolved)
     crest = float(surface.high[2])
     sources = arrays.source_arrays(link, frame.unit * (crest + 1e-3), frame)
+    # survival 0: with the chance weight / limit, after which all weigh the same
     roulette, survival = options.roulette, 0.0
     if roulette is None and link.physics.absorption == "paper":
         roulette, survival = 1e-3, 0.1  # the paper ends no photon in water (E13)
     if roulette is None:
+        # planes and light from the air count photons at depths where all are weak
         roulette = 1e-3
         if sources.in_water.all() and link.planes is None:
             depth = frame.unit * max(-z for z in sources.position[:, 2])
@@ -369,6 +383,7 @@ def new_recorder(photons: int, vertices: int) -> kernel.Recorder:
 
 def _no_tallies(link: Link, frame: arrays.Frame, cells: MapGrid) -> Tallies:
     """Return empty tallies with the given map."""
+    # arrays that a link does not need have no elements: the kernels then skip their scores
     planes, shape = link.planes, (cells.n, cells.n, len(cells.scale))
     depths = np.array(planes.depths if planes else ())
     bins = (planes.n_cosines, planes.n_azimuths) if planes else (0, 1)
@@ -400,6 +415,7 @@ def _cells_of(
     """
     if not isinstance(grid, IrradianceMap):
         return MapGrid()
+    # the clearest layer: the shortest way is absorbed least there, and no weight is larger
     mixture, tints, layers = tinting.mixture(*turn), tinting.tints, link.water.layers
     levels = [source.center[2] for source in link.transmitters]
     way = min(abs(min(z, 0.0) - min(grid.height, 0.0)) for z in levels)
@@ -414,6 +430,7 @@ def _cells_of(
         y=(-grid.extent - frame.y) / frame.unit,
         step=grid.step / frame.unit,
         axis=Vec3(*grid.axis),
+        # not 0: light along the plane does not cross it
         cos=max(math.cos(math.radians(grid.fov_deg) / 2.0), 1e-12),
         mixture=mixture,
         scale=np.exp2(np.floor(-np.clip(logs, -600.0, 0.0) / math.log(2.0)) - _HEADROOM),

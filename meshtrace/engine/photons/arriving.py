@@ -7,7 +7,6 @@ way, so that their errors have no heavy tail, whatever the phase function and th
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.gains import Gains, shares_of, table_of
@@ -31,19 +30,25 @@ def largest_weight(link: Link, trough: float) -> float:
     """
     if link.physics.absorption != "continuous":
         return 1.0
+    # of layers the clearest: no path is absorbed less
     water = link.water
     a = water.a if water.layers is None else min(row[1] for row in water.layers)
     depth = min(-item.center[2] for _, item in link.items() if item.center[2] < 0.0)
     return math.exp(-a * max(depth + trough, 0.0))
 
 
-class ArrivingPhotons(NamedTuple):
-    """Analog photons of a link, for any surface, without its unscattered light.
+def scattered_gains(
+    link: Link, mesh: TriangleMesh, photons: int, seed: int, normals: str, threads: int,
+    record: bool = False,
+) -> Gains:  # fmt: skip
+    """Return the gains of scattered light over a mesh, by analog photons that hit the receivers.
 
     Parameters
     ----------
     link : Link
         The link, with the receivers that the photons serve.
+    mesh : TriangleMesh
+        The surface.
     photons : int
         Photons, >= 32.
     seed : int
@@ -52,27 +57,22 @@ class ArrivingPhotons(NamedTuple):
         Normals interpolated from the corners, or those of the facets.
     threads : int
         Threads; results do not depend on them.
+    record : bool
+        Keep every row of light.
     """
-
-    link: Link
-    photons: int
-    seed: int
-    normals: str = "vertex"
-    threads: int = 1
-
-    def evaluate(self, mesh: TriangleMesh, record: bool = False) -> Gains:
-        """Return the gain over a mesh, on demand with every row of its light."""
-        options = Analog(roulette=_ROULETTE * largest_weight(self.link, float(mesh.bounds[0, 2])))
-        sums = run_analog(
-            self.link, EmbreeIntersector(mesh, self.threads), options, photons=self.photons,
-            seed=self.seed, normals=self.normals, threads=self.threads, unscattered=False,
-            record=[Arrivals()],
-        )  # fmt: skip
-        arrivals = sums.all_arrivals
-        orders = int(arrivals["order"].max(initial=0)) + 1
-        gains = Gains.zeros(1, len(self.link.receivers), orders)
-        gains.add_arrivals(arrivals, arrivals["weight"][None], 0, self.photons)
-        if record:
-            weight = arrivals["weight"] * shares_of(arrivals, self.photons)
-            gains.table.append(table_of(arrivals, weight, 1.0, self.link))
-        return gains.of_photons(self.photons).by_wavelength()[0]
+    # a photon lighter than half of the heaviest that can arrive costs as much as that one, and
+    # brings less
+    options = Analog(roulette=_ROULETTE * largest_weight(link, float(mesh.bounds[0, 2])))
+    # light without a scattering is known from the facets, without noise
+    sums = run_analog(
+        link, EmbreeIntersector(mesh, threads), options, photons=photons, seed=seed,
+        normals=normals, threads=threads, unscattered=False, record=[Arrivals()],
+    )  # fmt: skip
+    arrivals = sums.all_arrivals
+    orders = int(arrivals["order"].max(initial=0)) + 1
+    gains = Gains.zeros(1, len(link.receivers), orders)
+    gains.add_arrivals(arrivals, arrivals["weight"][None], 0, photons)
+    if record:
+        weight = arrivals["weight"] * shares_of(arrivals, photons)
+        gains.table.append(table_of(arrivals, weight, 1.0, link))
+    return gains.of_photons(photons).by_wavelength()[0]

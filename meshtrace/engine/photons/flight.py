@@ -4,6 +4,11 @@
 flights in the air until they end. The facet ahead is found on the grid of the mesh where
 `grid_facet` knows it, else by a ray. At the surface light is refracted and reflected; what leaves
 for good is scored at once. Records and steps that joined photons have in common come first.
+
+Names of these kernels: q is the photon under way, a record that is changed in place; p a point, d a
+unit direction; g the normal of a facet and n that which refracts light, both up; u, v uniform
+numbers in [0, 1). The z axis points up from still water; lengths are in the unit of the frame of
+the link, 1 m but for very small and large ones.
 """
 
 from __future__ import annotations
@@ -37,7 +42,7 @@ UNDER_WAY = [
     ("free", float),  # way to the next collision [m]
     ("water", float),  # path in the water [m]
     ("id", np.int64),
-    ("event", np.int64),
+    ("event", np.int64),  # number of the event under way: with the id it selects random numbers
     ("tint", float, (TINTS,)),  # see `meshtrace.kernels.tints`
 ]
 """What is known of every photon."""
@@ -45,11 +50,11 @@ UNDER_WAY = [
 PHOTON = record_type(
     [
         *UNDER_WAY,
-        ("air", float),
-        ("crossings", np.int64),
-        ("facet", np.int64),
-        ("in_water", np.int64),
-        ("retry", np.int64),
+        ("air", float),  # path in the air [m]
+        ("crossings", np.int64),  # of the surface, refracted or reflected
+        ("facet", np.int64),  # ahead, -1: none
+        ("in_water", np.int64),  # 0 or 1
+        ("retry", np.int64),  # rays that missed the surface since the last step
         ("turned", np.int64),  # scatterings, and reflections by the bottom
         ("outcome", np.int64),  # RECEIVED or LANDED once light left the sea, else -1
     ]
@@ -62,20 +67,20 @@ class Vertex(IntEnum):
 
     SOURCE = 0
     SCATTER = 1
-    SURFACE_OUT = 2
-    SURFACE_IN = 3
+    SURFACE_OUT = 2  # met from the water
+    SURFACE_IN = 3  # met from the air
     BOTTOM = 4
     RECEIVED = 5
     LANDED = 6
     END = 7
-    BRANCH = 8
+    BRANCH = 8  # start of what the surface has reflected into the water
 
 
 class Miss(IntEnum):
     """Rays that missed the surface inside the mesh, `Tallies.misses`."""
 
     CAST_AGAIN = 0
-    GIVEN_UP = 1
+    GIVEN_UP = 1  # the photon has leaked through the mesh
 
 
 GOES_ON = -1  # else a function returns the fate that ends the photon
@@ -86,8 +91,8 @@ class Limits(NamedTuple):
 
     weight: float  # Russian roulette below
     survival: float  # 0: survive with weight / limit; else with this probability
-    events: int
-    surface_events: int
+    events: int  # collisions, crossings and reflections, at most
+    surface_events: int  # crossings, at most
     unscattered: bool  # whether light that has met its first crossing alone is scored
 
 
@@ -114,7 +119,7 @@ class World(NamedTuple):
     limits: Limits
     tallies: tally.Tallies
     recorder: Recorder
-    back: Backward
+    back: Backward  # receivers from which photons run backwards, `FORWARD` for photons of sources
     tints: Tints | None
     bvh: Bvh
     photon: NDArray[np.void]  # (1,) PHOTON, the one under way
@@ -154,6 +159,7 @@ def record(recorder, q, what):
 @outlined
 def write_vertex(recorder, photon, p, weight, what):
     """Append a vertex to a recorded path."""
+    # vertices beyond the room are left out: the end of a long path is missing, not its start
     n = recorder.length[photon]
     if n < recorder.vertex.shape[1]:
         write(recorder.vertex[photon, n], p)
@@ -172,7 +178,7 @@ def set_weight(q, weight, fate, world):
 @inlined
 def roulette(q, u_survival, world):
     """Play Russian roulette with a low-weight photon; a negative `u_survival` is drawn anew."""
-    if q.weight >= world.limits.weight:
+    if q.weight >= world.limits.weight:  # most photons
         return GOES_ON
     # Unbiased for any p: survivors carry weight / p.
     p = world.limits.survival if world.limits.survival > 0.0 else q.weight / world.limits.weight
@@ -187,6 +193,7 @@ def roulette(q, u_survival, world):
 @inlined
 def steeper_than_waves(d, surface):
     """Return whether a direction is steeper than every facet: away from the surface it stays so."""
+    # tan of the elevation, |d_z| / |d_xy|, squared: no root and no division
     slope = surface.max_slope
     return d.z * d.z > slope * slope * (d.x * d.x + d.y * d.y)
 
@@ -202,6 +209,7 @@ def facet_ahead(q, in_water, retry, world):
     A ray starts at the entry of the photon into the slab of the surface.
     """
     p, d = place(q), heading(q)
+    # a walk over grid lines where it is sure of the facet; else, and after a miss, Embree
     if len(world.grid.x.line) > 0 and retry == 0:
         facet = grid_facet(world.grid, world.surface.vertices, p, d)
         if facet != UNKNOWN:
@@ -213,6 +221,7 @@ def facet_ahead(q, in_water, retry, world):
         t = (world.surface.high[2] - p.z) / d.z
     # A short way before the slab, and near to it: Embree has single precision.
     t = max(t - 1e-3 * (1.0 + t), 0.0)
+    # aside by unequal steps, so that a ray along an edge leaves it, and off the surface
     nudge = _NUDGE * retry
     aside = Vec3(nudge, 0.7 * nudge, -nudge if in_water else nudge)
     return first_facet(world.bvh, plus(along(p, d, t), aside), d)
@@ -224,6 +233,7 @@ def bending_normal(q, facet, world):
 
     Array twin: `roughened`.
     """
+    # light is refracted by the interpolated normal; what it cuts off is told by the facet's own
     g = row(world.surface.face_normals, facet)
     n = interface.normal_on(place(q), facet, world.surface)
     if interface.takes_slopes(g, world.surface.roughness):
@@ -243,7 +253,9 @@ def _is_scored(q, world):
 @inlined
 def to_sky(q, d, weight, world):
     """Score light that leaves the surface for good and deposit its weight."""
+    # a ray without end: nothing is in its way any more
     flight = Segment(place(q), d, math.inf, weight, q.water, q.air)
+    # of a photon that runs backwards from a receiver: what the sky sends along its way
     if sources.is_backward(world.back) and (q.water > 0.0 or not world.back.after_water):
         scored_radiance = weight * sources.radiance(world.back.sky, d)
         world.tallies.score[q.id - world.first, sources.SKY_SCORE] += scored_radiance
@@ -252,12 +264,14 @@ def to_sky(q, d, weight, world):
                 world.tallies, q.id, sources.SKY_SCORE, scored_radiance, world.tints, q.tint
             )
     scored = _is_scored(q, world)
+    # in the air an aperture stops light, a map does not
     received = scored and tally.score_apertures(q, False, flight, world)
     if scored:
         tally.score_map(world.tallies, flight, world.medium, world.tints, q.tint)
     deposit(world.tallies, Fate.RECEIVED.value if received else Fate.LANDED.value, weight)
     if received:
         q.outcome = Fate.RECEIVED.value
+    # once received a photon counts as such, whatever its reflected parts do later
     elif q.outcome < 0:
         q.outcome = Fate.LANDED.value
     if q.id < len(world.recorder.length):
@@ -291,6 +305,7 @@ def cross(q, world):
         if foam == 0.0:
             return Fate.WHITECAP.value
     record(world.recorder, q, Vertex.SURFACE_OUT if in_water else Vertex.SURFACE_IN)
+    # reflectance rho: of light from below 1 - rho goes on in the air, of light from above in water
     rho, g, air, water, u_survival = _split(q, in_water, world)
     w_air, w_water = q.weight * (1.0 - rho), q.weight * rho
     if not in_water:
@@ -334,6 +349,7 @@ def cross(q, world):
 def _split(q, in_water, world):
     """Return reflectance, facet normal, directions in air and water and a spare uniform."""
     g, n, u_spare = bending_normal(q, q.facet, world)
+    # normals point up; the law of refraction wants them along the light
     side, n1, n2 = 1.0, world.medium.n_water, world.medium.n_air
     if not in_water:
         side, n1, n2 = -1.0, n2, n1
@@ -362,6 +378,7 @@ def _leave(q, d, g, world):
 def fly_water(q, length, world):
     """Move a photon in water: absorption, planes and apertures along the path."""
     p = along(place(q), heading(q), length)
+    # other forms of absorption act at collisions
     a_path = 0.0
     if world.medium.absorption == Absorption.CONTINUOUS:
         a_path = absorption_path(world.medium, q.z, p.z, length)
@@ -377,6 +394,7 @@ def fly_water(q, length, world):
 @inlined
 def lowest(world):
     """Return a height below every plane, map and aperture in the water."""
+    # below it a photon that sinks can score nothing more
     low = min(world.surface.low[2], world.tallies.grid.z)
     for h in world.tallies.planes:
         low = min(low, h)
@@ -409,6 +427,7 @@ def _continue(q, u_path, world):
 @inlined
 def _meet_sun(q, world):
     """Score the sunlight that a collision scatters into a path."""
+    # water and bubbles apart: their phase functions change with the wavelength in other ways
     scattered = sources.sunlight(world.back, world.medium, place(q), heading(q), q.weight)
     for i in range(2):
         score = sources.SUN_SCORE + i
@@ -434,6 +453,7 @@ def scatter(q, world):
             return Fate.ABSORBED.value
     if s >= 0.0:
         head(q, turn(heading(q), s, u_phi))
+        # s = sin^2(theta / 2); the angle itself is needed at other wavelengths alone
         theta = 2.0 * math.asin(math.sqrt(s)) if is_tinted(world.tints) else 0.0
         tint_scattering(world.tints, q.tint, q.z, theta, by_bubble)
         q.turned += 1
@@ -446,6 +466,7 @@ def bounce(q, world):
     """Apply the reflection or absorption at the bottom; not inlined: rarely used."""
     fly_water(q, (world.medium.bottom_z - q.z) / q.dz, world)
     q.z = world.medium.bottom_z
+    # a weight for the albedo, no roulette: a bright bottom sends most photons back
     remaining = q.weight * world.medium.bottom_albedo
     if remaining == 0.0:
         return Fate.BOTTOM.value
@@ -491,6 +512,7 @@ def _needs_ray(q, world):
     """Return whether the next flight of a photon may meet the surface."""
     if q.in_water == 0:
         return True
+    # collisions in deep water need no search for a facet
     low = world.surface.low[2]
     z1 = q.z + q.free * q.dz if q.dz != 0.0 else q.z
     # below the waves: only a path that starts among them, and not steep, may meet one
@@ -508,6 +530,7 @@ def _settle_miss(q, seen, world):
     downwards or lies outside the mesh. `seen`: a facet was met from behind, since the ray
     started on the wrong side.
     """
+    # t: where the path leaves the slab between the lowest trough and the highest crest
     t = math.inf
     low, high = world.surface.low[2], world.surface.high[2]
     if not seen and q.in_water == 0 and q.dz > 0.0:
@@ -545,6 +568,7 @@ def _settle(q, world):
         if (dot(heading(q), n) > 0.0) == (q.in_water == 1):
             t = max(interface.plane_distance(place(q), heading(q), facet, world.surface), 0.0)
     if math.isinf(t):
+        # no facet ahead: to the sky, out of the slab, or lost
         fate, length = _settle_miss(q, facet >= 0, world)
         if fate == Fate.LANDED.value:
             to_sky(q, heading(q), q.weight, world)

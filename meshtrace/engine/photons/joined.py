@@ -55,12 +55,13 @@ _FREQUENT = 0.7  # collisions on the way up, at least
 _TURBID = 1.0  # b (1 - g) depth beyond which light is diffuse
 _SPREAD = 1.3  # width of the law of crossings, over that of the slopes
 _DECAY = 0.8  # of the chance of a connection, over c, with random slopes or in turbid water
-_START = 0.8  # factor on the next shares for the directions in which photons start
-_LOBE, _ROUGH_LOBE = 0.5, 0.3  # share of directions drawn about the targets
-_CONE = 0.5  # share of those drawn over what the targets see
-_HIGHEST = 2.0  # weight times importance, from which photons are split in turbid water
-_CLEAR_HIGHEST = 1.5
-_AIMED_HIGHEST = 2.0
+_START = 0.8  # factor on the next shares for the directions in which photons leave a source
+# share of directions drawn about the targets, over still water and over random slopes
+_LOBE, _ROUGH_LOBE = 0.5, 0.3
+_CONE = 0.5  # directions drawn over what the targets see
+# weight times importance, over that of the start, from which photons are split: in turbid water, in
+# clear water, and where beams hit their targets
+_HIGHEST, _CLEAR_HIGHEST, _AIMED_HIGHEST = 2.0, 1.5, 2.0
 _BENT = 0.3  # fall of the importance with the bend of light over random slopes
 _BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
 _GUIDES = 64  # targets at most to which directions are guided: their densities are sums over all
@@ -68,6 +69,7 @@ _TOGETHER = 16  # targets to which the rows of a block of photons are few enough
 _ROOM = 32  # arrivals of a photon at each target, else a block is followed again
 _EVENTS = 10_000_000  # of a photon and its copies
 _OPAQUE = 1e4  # largest optical depth: diffuse photons collide up to its square times (1 - g)
+# forms of physics that joined photons follow
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
 
 
@@ -117,19 +119,20 @@ class JoinedPhotons:
         direct: bool = False,
     ) -> None:
         ends.require_followable(link)
-        for name, kept in _SWITCHES.items():
-            if getattr(link.physics, name) != kept:
-                raise Refused(f"physics.{name}", getattr(link.physics, name), f'"{kept}"')
+        for name, physical in _SWITCHES.items():
+            if getattr(link.physics, name) != physical:
+                raise Refused(f"physics.{name}", getattr(link.physics, name), f'"{physical}"')
+        # photons run backwards to a lamp, which they meet in a point
         for path, item in link.items():
-            if isinstance(item, AirLamp) and item.size > 0.0:  # they are points to the photons
+            if isinstance(item, AirLamp) and item.size > 0.0:
                 raise Refused(path, Described(f"a radius of {item.size:g} m"), ends.POINTS_ONLY)
         # the steps of delta tracking must not be tiny beside the depth
         medium = ends.expected_water(link, crest=0.0)
         rate = medium.b_max if medium.absorption == Absorption.CONTINUOUS else medium.c_max
         most = rate * max(-item.center[2] for _, item in link.items())
         if most > _OPAQUE:
-            found = Described(f"an optical depth of {most:.3g}, at its densest place")
-            raise Refused("water", found, f"up to {_OPAQUE:g}; {ends.ANALOG}")
+            depth = Described(f"an optical depth of {most:.3g}, at its densest place")
+            raise Refused("water", depth, f"up to {_OPAQUE:g}; {ends.ANALOG}")
         self.link, self.photons, self.seed = link, photons, seed
         self._normals, self._threads = normals, threads
         self._first = [int(k) for k in np.broadcast_to(first, len(link.receivers))]
@@ -161,23 +164,24 @@ class JoinedPhotons:
 
     def _in_water_of(self, link: Link) -> JoinedPhotons:
         """Return the same photons in the water of another link, but for its index."""
-        found, n = copy(self), self.link.water.n
-        found.link = link.model_copy(update={"receiver": self.link.receiver})
+        photons, n = copy(self), self.link.water.n
+        photons.link = link.model_copy(update={"receiver": self.link.receiver})
         if link.water.n != n:
-            found.link = found.link.replace("water.n", n)
-        return found
+            photons.link = photons.link.replace("water.n", n)
+        return photons
 
     def at_index(self, n: float, photons: int) -> JoinedPhotons:
         """Return `photons` photons with the same random numbers in water of another index."""
-        found = copy(self)
-        found.link, found.photons = self.link.replace("water.n", n), photons
-        return found
+        photons_at = copy(self)
+        photons_at.link, photons_at.photons = self.link.replace("water.n", n), photons
+        return photons_at
 
     def _evaluated(
         self, mesh: TriangleMesh, links: Sequence[Link], tinting: Tinting, record: bool
     ) -> list[Gains]:
         ends.require_height_field(mesh)
         frame, bases = arrays.frame_of(self.link), [self]
+        # every base has photons of its own, by the scattering of its water
         if tinting.bases:
             bases = [self._in_water_of(links[i]) for i in tinting.bases]
         intersector = EmbreeIntersector(frame.mesh(mesh), 1)
@@ -187,6 +191,7 @@ class JoinedPhotons:
             worlds = list[JoinedWorld]()
             for base in bases:
                 worlds.append(base._world(frame, intersector, run))
+            # targets of a backward run are lamps, all of whose light is that of one receiver
             receivers = run.receivers if run.start is None else run.receivers * len(run.targets)
             for sums, arrivals, weights in self._follow(worlds, intersector, tinting, record):
                 gains.add(sums, receivers)
@@ -209,6 +214,7 @@ class JoinedPhotons:
             targets = [ends.target_of(link.receivers[i], frame) for i in order]
             first = [self._first[i] for i in order]
             return [_Run(None, order, targets, np.ones(len(order)), first)]
+        # photons from each receiver, weighted by what its view collects, to every lamp
         power = np.array([t.power_mw for t in link.transmitters])
         lamps = [
             ends.lamp_target(t, link, frame) for t in link.transmitters if isinstance(t, AirLamp)
@@ -228,9 +234,15 @@ class JoinedPhotons:
         is_smooth = not is_level and max(surface.roughness[:2]) == 0.0
         crest = frame.unit * float(surface.high[2])
         medium = arrays.with_raster(frame.medium(ends.expected_water(link, crest)), intersector)
-        sources = _reversed(start) if start else arrays.source_arrays(link, crest, frame)
+        if start is None:
+            sources = arrays.source_arrays(link, crest, frame)
+        else:  # an aperture in the water as the one source of photons that run backwards
+            end = start.kind, start.position, start.axis, start.spread, start.radius
+            in_water, share = True, 1.0
+            sources = Sources(*(np.array([value]) for value in (*end, in_water, share)))
         grid = arrays.grid_arrays(intersector.mesh)
-        bins, facets, manifold = arrays.empty_locator(), np.zeros(0, FACET), None
+        bins, facets, manifold = arrays.NO_BINS, np.zeros(0, FACET), None
+        # a grid finds the facet over a point by its lines; Newton over smooth waves by bins
         if is_smooth or not len(grid.x.line):
             bins = arrays.locator(surface, run.targets)
         if is_smooth:
@@ -251,33 +263,46 @@ class JoinedPhotons:
     ) -> Joins:  # fmt: skip
         """Return the targets and the guides of the photons."""
         link = self.link
+        # densities at any angle, beside the quantiles of `Medium` by which angles are drawn
         water = arrays.angle_table(link.water.phase)
         bubble = arrays.angle_table(link.bubbles.phase_function()) if link.bubbles else water
+        # mean square of one component of the random slopes
         rough = 0.5 * (surface.roughness.along**2 + surface.roughness.across**2)
         depth = max(-item.center[2] for _, item in link.items()) / frame.unit
         a, b = (frame.unit * x for x in arrays.mean_water(link.water, frame.unit * depth))
+        # transport coefficient b (1 - g): by it light forgets its direction
         turned = b * (1.0 - link.water.phase.mean_cosine)
+        # clear water has few collisions, at which photons are joined: more are drawn, and weighted.
+        # Where collisions absorb their number is given
         often = 1.0
         if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
             often = max(1.0, _FREQUENT / (b * depth)) if b > 0.0 else 1.0
-        window = Window(False, a + turned, 0.0, 0.0, _CLEAR_HIGHEST, 0.0)
+        # view attenuated by a + b (1 - g), what scattering forwards leaves of the beam
+        window = Window(
+            diffuse=False, kappa=a + turned, length=0.0, beyond=0.0, highest=_CLEAR_HIGHEST,
+            bent=0.0,
+        )  # fmt: skip
         # diffusion theory: D = 1 / (3 (a + b (1 - g))), decay (a / D)^(1/2), and an extrapolated
         # boundary beyond the surface, where the fluence would vanish
         if turned * depth > _TURBID:
-            diffusion, length = 1.0 / (3.0 * (a + turned)), 1.0 / (a + turned)
+            diffusion = 1.0 / (3.0 * (a + turned))
             window = Window(
-                True, math.sqrt(a / diffusion), length, _BOUNDARY * diffusion, _HIGHEST, 0.0
-            )
+                diffuse=True, kappa=math.sqrt(a / diffusion), length=1.0 / (a + turned),
+                beyond=_BOUNDARY * diffusion, highest=_HIGHEST, bent=0.0,
+            )  # fmt: skip
+        # crossings are drawn somewhat wider than slopes of waves and random ones carry them
         spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
         if rough > 0.0 and not window.diffuse and self._is_aimed(sources, run.targets, spread):
-            kept = _kept(water, link.water.n / link.n_air, spread)
-            kappa = a + b * (1.0 - kept)
+            # beams onto targets: a collision turns light away from what slopes can bend to them
+            share_kept = _kept_importance(water, link.water.n / link.n_air, spread)
+            kappa = a + b * (1.0 - share_kept)
             window = window._replace(kappa=kappa, highest=_AIMED_HIGHEST, bent=_BENT)
-        rows = np.zeros(len(run.targets), TARGET)
+        records = np.zeros(len(run.targets), TARGET)
+        # area over which slopes spread light, per squared height: 2 pi sigma_a sigma_c (n - 1)^2
         blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
         blur *= (link.water.n / link.n_air - 1.0) ** 2
-        rows["first"] = run.first
-        for row, target, part in zip(rows, run.targets, run.share, strict=True):
+        records["first"] = run.first
+        for row, target, part in zip(records, run.targets, run.share, strict=True):
             _fill(row, target, part, 1.0 / max(a + b, 1e-300))
             if not target.is_lamp and rough > 0.0:
                 # the wider an aperture against the blur by slopes, the more of its points slopes
@@ -285,14 +310,15 @@ class JoinedPhotons:
                 sloped = target.area / (target.area + blur * target.center.z**2)
                 row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
         # ceiling division: evenly spaced, at most _GUIDES
-        guides = rows[:: -(-len(rows) // _GUIDES)].copy()
+        guides = records[:: -(-len(records) // _GUIDES)].copy()
+        # without random slopes collisions alone are joined, and no connection is left out
         still = rough == 0.0
         decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
         lobe = _LOBE if still else 0.0 if window.bent > 0.0 else _ROUGH_LOBE
         cone = 0.0 if window.diffuse else _CONE
         first = min(run.first)
         return Joins(
-            rows, guides, first, self._direct, water, bubble, bins, facets, spread, decay,
+            records, guides, first, self._direct, water, bubble, bins, facets, spread, decay,
             often * b, often, _START if first == 1 else 0.0, lobe, cone, window,
         )  # fmt: skip
 
@@ -301,6 +327,7 @@ class JoinedPhotons:
 
         Array twin of `bend_ahead` for the axes of the sources.
         """
+        # Snell's law in vectors: the normal that bends d_w to d_a is along n d_w - n_air d_a
         n, n_air = self.link.water.n, self.link.n_air
         beams = (SourceKind.GAUSSIAN_BEAM, SourceKind.TOP_HAT_BEAM)
         for kind, p, axis, wide in zip(
@@ -308,6 +335,7 @@ class JoinedPhotons:
         ):
             if kind not in beams or n * wide > 2.0 * (n - n_air) * spread or axis[2] <= 0.0:
                 return False
+            # from where the axis meets still water
             way = np.array([t.center for t in targets]) - (p - axis * (p[2] / axis[2]))
             big = n * axis - n_air * way / np.linalg.norm(way, axis=1)[:, None]
             if not (np.hypot(big[:, 0], big[:, 1]) < 2.0 * spread * big[:, 2]).any():
@@ -335,13 +363,13 @@ class JoinedPhotons:
             for start in range(0, self.photons, BLOCK)
             for i in range(start, min(start + BLOCK, self.photons), step)
         ]
+        # photons of each base, for the balance heuristic
         numbers = np.zeros(len(worlds))
         for first, last in spans:
             numbers[first // BLOCK % len(worlds)] += last - first
         kappa = np.array([world.joins.window.kappa for world in worlds])
-        depth = (
-            max(-item.center[2] for _, item in self.link.items()) / arrays.frame_of(self.link).unit
-        )
+        deepest = max(-item.center[2] for _, item in self.link.items())
+        depth = deepest / arrays.frame_of(self.link).unit
         # importance exp(-kappa depth) at the start, over the first base's: see `Tinting.mixed`
         importance = np.exp((kappa[0] - kappa) * depth)
 
@@ -355,7 +383,7 @@ class JoinedPhotons:
                     block = world._replace(
                         bvh=bvh,
                         photon=np.zeros_like(world.photon),
-                        manifold=_own(world.manifold),
+                        manifold=_with_buffers(world.manifold),
                         arrivals=np.empty(room, ARRIVAL),
                         n_arrivals=np.zeros(1, np.int64),
                     )
@@ -383,36 +411,33 @@ class _Run(NamedTuple):
     first: list[int]  # crossing from which on each is scored
 
 
-def _own(manifold: Manifold | None) -> Manifold | None:
+def _with_buffers(manifold: Manifold | None) -> Manifold | None:
     """Return a search with separate buffers, for another thread."""
-    if manifold is None:
-        return None
-    return Manifold(manifold.search, *(np.zeros_like(room) for room in manifold[1:]))
+    return manifold and Manifold(manifold.search, *map(np.zeros_like, manifold[1:]))
 
 
-def _kept(phase: AngleTable, n: float, spread: float) -> float:
-    """Return the mean share of its importance that light keeps at a collision."""
+def _kept_importance(phase: AngleTable, n: float, spread: float) -> float:
+    """Return the mean share of its importance that light keeps at a collision.
+
+    `spread` is the standard deviation of the slopes, n the relative index of the water.
+    """
     theta = 0.5 * (phase.edge[1:] + phase.edge[:-1])
-    light = 2.0 * math.pi * phase.beta * np.sin(theta) * np.diff(phase.edge)
+    scattered = 2.0 * math.pi * phase.beta * np.sin(theta) * np.diff(phase.edge)
+    # squared slope over its variance that bends light back by theta: (n - 1) s = n theta
     bend = (n * theta / ((n - 1.0) * spread)) ** 2
-    return float((light / (1.0 + _BENT * bend)).sum() / light.sum())
+    return float((scattered / (1.0 + _BENT * bend)).sum() / scattered.sum())
 
 
-def _reversed(emitter: Emitter) -> Sources:
-    """Return an aperture in the water as the source of photons that run backwards."""
-    end = emitter.kind, emitter.position, emitter.axis, emitter.spread, emitter.radius
-    in_water, share = True, 1.0
-    return Sources(*(np.array([value]) for value in (*end, in_water, share)))
-
-
-def _fill(row: np.void, target: Target, share: float, deep: float) -> None:
-    """Write a target as a record; `deep` is the mean free path."""
+def _fill(row: np.void, target: Target, share: float, free_path: float) -> None:
+    """Write a target as a record; `free_path` is the mean one [m]."""
     for name, value in target._asdict().items():
         row[name] = value
     row["share"] = share
+    # the part of still water that it sees: where its axis leads, as wide as its cone and aperture
     axis = np.array(target.lamp.axis) if target.is_lamp else -np.array(target.axis)
     fall = target.center.z / max(-axis[2], 0.1)
     row["seen"][:2] = np.array(target.center)[:2] + fall * axis[:2]
     half = math.acos(target.cos_half_fov)
     wide = min(fall * math.tan(min(half, 1.4)), target.reach) + target.radius
-    row["seen"][2] = wide + 0.3 * deep
+    # light of the last collision below comes from somewhat farther
+    row["seen"][2] = wide + 0.3 * free_path

@@ -5,7 +5,7 @@ expected by `photons.next_event` at each crossing and collision. A weight window
 roulette with photons of small weight times importance and splits those of a large one [1]_.
 Behind collisions copies take directions about the ways to the targets; all directions that are
 drawn count by the balance heuristic. In clear water collisions are `Joins.often` times as frequent
-as those of light, and count by the inverse.
+as those of light, and count by the inverse. Names are those of `photons.flight`.
 
 References
 ----------
@@ -30,9 +30,9 @@ from meshtrace.kernels.sources import SourceKind, lambert_reflection, launch
 from meshtrace.kernels.tints import is_tinted, reset_tint, tint_way
 from meshtrace.kernels.vectors import TWO_PI, Vec2, along, dot, row, turn
 
-_LOWEST = 0.3  # weight times importance, over that of the start
-_LEAST_CHANCE = 0.1
-_MOST_COPIES = 10
+_LOWEST = 0.3  # weight times importance, over that of the start, below which roulette is played
+_LEAST_CHANCE = 0.1  # of survival: no photon becomes more than tenfold heavier at once
+_MOST_COPIES = 10  # of one splitting: a burst of copies shares the errors of its stem
 
 
 @inlined
@@ -44,6 +44,7 @@ def _emitted(cos_theta, kind, spread):
         return 0.0
     if kind == SourceKind.LED:
         return (spread + 1.0) / TWO_PI * cos_theta**spread
+    # an aperture as a source: cos / (pi sin^2 of its half-angle), even in projected solid angle
     seen = math.sin(spread) ** 2
     return cos_theta / (math.pi * seen) if 1.0 - cos_theta * cos_theta <= seen else 0.0
 
@@ -64,6 +65,7 @@ def guide_start(d, p, source, photon, uv, world):
     beam = kind != SourceKind.LED and kind != SourceKind.ISOTROPIC and kind != SourceKind.APERTURE
     if lobe + cone == 0.0 or beam:
         return d, 1.0
+    # one uniform chooses law and guide: [0, lobe) and [lobe, lobe + cone) in n equal parts each
     level = targets.level_over(p, world)
     u_guide, u, v, _ = uniforms(world.seed, photon, 0, Purpose.GUIDE.value)
     if u_guide < lobe:
@@ -123,6 +125,7 @@ def redirect(q, s, u_phi, world):
 @inlined
 def _choose_guide(q, u, lobe, cone, n):
     """Choose law and guide of a guided direction by u < lobe + cone."""
+    # u runs through n equal parts of each law
     if u < lobe:
         q.law, q.guide = Law.LOBE.value, min(int(u / lobe * n), n - 1)
     else:
@@ -175,6 +178,7 @@ def ratio_of(q, p, joins):
 
     Array twin: none.
     """
+    # light that no slope can bend to a target is worth less
     bent = 1.0 + joins.window.bent * q.bend
     return q.weight * importance(p, joins) / (bent * q.importance)
 
@@ -213,7 +217,7 @@ def copies_of(q, world):
 
 
 _HAIR = 1e-5  # [m], distance of a ray's start from the facet that it leaves
-_LEANING = 2.0
+_LEANING = 2.0  # standard deviations by which waves lean in a bound on their reflectance
 
 
 @inlined
@@ -242,6 +246,7 @@ def _start(q, photon, world):
 @outlined
 def _facet_ahead(q, world):
     """Return (facet, distance) of the surface ahead of a photon; facet -1 off the mesh."""
+    # met from above: the start is on the wrong side of it by rounding
     p, d, facet = place(q), heading(q), facet_ahead(q, YES, ZERO, world)
     if facet < 0 or dot(d, row(world.surface.face_normals, facet)) <= 0.0:
         return np.int64(-1), math.inf
@@ -259,6 +264,7 @@ def _look_ahead(q, world, manifold):
         return
     # for the weight window, whether or not a connection follows
     q.bend = targets.bend_ahead(place(q), heading(q), q.level, world)
+    # unscattered light is that of the facets, unless it is wanted of photons
     if q.order == 0 and q.reflections == 0 and not joins.direct:
         return
     if q.dz <= 0.0 and q.z < world.surface.low[2]:
@@ -361,6 +367,8 @@ def _bounce(q, world):
     q.returns += 1
     if q.weight == 0.0:
         return False
+    # joined before its direction is drawn, like a collision; by Lambert's law in place of a phase
+    # function
     join_collision(q, YES, world)
     if not _is_worth(q, NO, world):
         return False
@@ -430,6 +438,7 @@ def _walk(q, world):
     low, high, bottom = world.surface.low[2], world.surface.high[2], world.medium.bottom_z
     alive = q.weight > 0.0
     while alive and q.event < world.events:
+        # facets are searched only where the path rises into the slab of the waves, or starts in it
         t, facet = q.free, np.int64(-1)
         if q.z + t * q.dz > low or (q.z >= low and q.dz > -1.0):
             # beyond the highest crest: it meets the surface on any sea

@@ -18,6 +18,9 @@ from a start drawn about it [3]_: a crossing r that is drawn so with the chance 
 counted, at the cost of one draw more than there are crossings. With faceted normals all facets are
 searched, as those of scattering chains (`meshtrace.engine.crossing`).
 
+Names are those of `photons.flight`. Light goes from a start along w to the crossing P (p), and
+along r to the goal, a point of the aperture of target i; `still` is the crossing of still water.
+
 References
 ----------
 .. [1] E. Veach and L. J. Guibas, "Optimally combining sampling techniques for Monte Carlo
@@ -32,7 +35,6 @@ References
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -65,7 +67,7 @@ from meshtrace.kernels.vectors import (
 
 _HAIR = 1e-4  # by which a path is shortened at its ends, over 1 + its length
 _SAME = 3e-4  # [m], distance of two results of Newton for one crossing
-_MOST_TRIALS = 100_000
+_MOST_TRIALS = 100_000  # a bound on the time: crossings that are rarer count too little
 _CLOSE = 1.0  # depths over the size of the facets up to which each is searched
 _STREAMS = 64  # purposes between those of two trials
 
@@ -173,6 +175,7 @@ def _is_clear(p, d, length, facet, world):
     slope = world.surface.max_slope
     if d.z > slope * math.sqrt(d.x * d.x + d.y * d.y):
         return True
+    # neither the facets at its ends nor their neighbours are in the way
     hair = _HAIR * (1.0 + length)
     hit = first_facet(world.bvh, along(p, d, hair), d)
     if hit < 0 or hit == facet:
@@ -180,25 +183,22 @@ def _is_clear(p, d, length, facet, world):
     return interface.plane_distance(p, d, hit, world.surface) > length - 2.0 * hair
 
 
-class Passage(NamedTuple):
-    """Passage of a unit photon through a crossing to a point of the aperture."""
-
-    density: float  # of landing points [m-2]
-    share: float  # transmittance, exposure and acceptance
-
-
 @outlined
 def _through(p, n, g, d, goal, facet, scene, world):
-    """Return the `Passage` along d through P by its random slope."""
-    dark = Passage(0.0, 0.0)
+    """Return (density, share) of light along d through P to a goal, by its random slope.
+
+    The density is that of landing points about the goal [m-2], the share what transmittance,
+    exposure of the facet and acceptance of the aperture leave.
+    """
     s = slope_towards(p, n, d, d, 0.0, goal, scene)
+    # no slope refracts d to the goal, or the facet is seen from behind
     if s.density <= 0.0 or dot(d, g) <= 0.0:
-        return dark
+        return 0.0, 0.0
     share = crossing.passed(1.0, s.aim, p, n, facet, s.tilt, scene)
     if share > 0.0 and world.interface.follow_second_hit:
         if not _is_clear(p, s.aim.r, s.aim.flight, facet, world):
-            return dark
-    return Passage(s.density, share)
+            return 0.0, 0.0
+    return s.density, share
 
 
 @outlined
@@ -216,26 +216,30 @@ def _landing(p, n, d, u, v, scene, world):
 
 
 @inlined
-def _point_density(i, light, world):
-    """Return the density of the points of target i that are drawn at a crossing [m-2]."""
+def _point_density(i, by_slopes, world):
+    """Return the density of the points of target i that are drawn at a crossing [m-2].
+
+    `by_slopes` is that of landing points of drawn slopes.
+    """
     t = world.joins.target[i]
     # mixture of even points of the aperture and of landing points of drawn slopes
-    return (1.0 - t.sloped) / t.area + t.sloped * light.density
+    return (1.0 - t.sloped) / t.area + t.sloped * by_slopes
 
 
 @inlined
-def _score(q, i, light, theta, p, goal, water, world):
+def _score(q, i, weight, theta, p, goal, water, world):
     """Score light of a photon on a point of target i, by a way of `water` to a crossing at P.
 
     `theta` is the angle of a scattering at the start of the way [rad], < 0 without one.
     """
-    light *= world.joins.target[i].share
+    weight *= world.joins.target[i].share
     part = SCATTERED if q.order > 0 else DIRECT
     if q.reflections > 0:
         part = REFLECTED
-    n = keep_arrival(world, q.id, i, light, world.tints, q.tint)
+    n = keep_arrival(world, q.id, i, weight, world.tints, q.tint)
     if n >= 0:
         a, target = world.arrivals[n], targets.scene_to(world.joins.target[i], world).target
+        # from the crossing to the point of the aperture, off its centre
         off = plus(scaled(goal.x, target.e1), scaled(goal.y, target.e2))
         way = minus(plus(target.center, off), p)
         a.water, a.air, a.part, a.order = q.water + water, norm(way), part, q.order
@@ -269,10 +273,11 @@ def join_crossing(q, facet, length, chance, world):
             lands, goal = _landing(p, n, d, u, v, scene, world)
         if not lands:
             continue
-        light = _through(p, n, g, d, goal, facet, scene, world)
-        if light.share <= 0.0:
+        density, share = _through(p, n, g, d, goal, facet, scene, world)
+        if share <= 0.0:
             continue
-        own, other = chance * _point_density(i, light, world), 0.0
+        # balance heuristic: `here` for this connection, `other` for that of the last collision
+        here, other = chance * _point_density(i, density, world), 0.0
         if q.density > 0.0:
             still = targets.still_crossing(start, goal, q.level, scene)
             other = targets.collision_chance(still.depth, joins) * targets.crossing_density(
@@ -281,7 +286,7 @@ def join_crossing(q, facet, length, chance, world):
             # Density of the other connection per landing area: dP = length^2 / cos dOmega on the
             # facet, seen from above by g_z.
             other *= length * length * g.z / (dot(d, g) * scene.target.area * q.density)
-        score = weight * light.density * light.share / (own + other)
+        score = weight * density * share / (here + other)
         _score(q, i, score, -1.0, p, goal, length, world)
 
 
@@ -342,7 +347,7 @@ def _scattered(w, q, world):
 @outlined
 def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
     """Join an event to target i by the slope at a crossing over (x, y), see `join_collision`."""
-    if manifold is not None:
+    if manifold is not None:  # an argument: for smooth waves the rest is not compiled
         return
     joins, start = world.joins, place(q)
     x, y = at.x, at.y
@@ -358,26 +363,27 @@ def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
     if facing <= 0.0:
         return
     n = interface.normal_at(x, y, facet, world.surface)
-    light = _through(p, n, g, w, goal, facet, scene, world)
-    if light.share <= 0.0 or not _is_clear(start, w, length, facet, world):
+    density, share = _through(p, n, g, w, goal, facet, scene, world)
+    if share <= 0.0 or not _is_clear(start, w, length, facet, world):
         return
     turned, theta = _scattered(w, q, world)
     drawn = turned
     if q.at_bottom == 0:
         drawn = targets.drawn_density(w, turned, q, world)
+    # the drawn crossing as a density of directions: dOmega = cos dA / length^2, dA = dx dy / g_z
     here = q.chance * targets.crossing_density(x, y, still, joins) * length * length * g.z
     here /= facing * scene.target.area
     bend = targets.bend_ahead(start, w, q.level, world)
     other = (
         drawn
         * targets.chance_ahead(start, w, q.level, bend, joins)
-        * _point_density(i, light, world)
+        * _point_density(i, density, world)
     )
     # balance heuristic: `here` for this connection, `other` for one at the crossing ahead
     turned *= math.exp(-depth_between(world.medium, start, p, length))
-    light_in = turned * light.density * light.share / (here + other)
-    if light_in > 0.0:
-        _score(q, i, q.weight * light_in, theta, p, goal, length, world)
+    share_in = turned * density * share / (here + other)
+    if share_in > 0.0:
+        _score(q, i, q.weight * share_in, theta, p, goal, length, world)
 
 
 @outlined
@@ -403,23 +409,24 @@ def _join_at(at, facet, multiplicity, q, i, shot, scene, world):
     if per_area == 0.0:
         return
     p = Vec3(at.x, at.y, height_on(at.x, at.y, facet, world.surface))
-    light = crossing.acceptance(m, p, scene.target, world.interface.fov)
-    if light <= 0.0:
+    weight = crossing.acceptance(m, p, scene.target, world.interface.fov)
+    if weight <= 0.0:
         return
     if facet >= 0:
         g = row(world.surface.face_normals, facet)
         if dot(m.w, g) <= 0.0 or dot(m.r, g) <= 0.0:
             return
         if scene.target.is_lamp:
-            light *= crossing.forwards(m, p, facet, shot.tilt, world.surface)
+            weight *= crossing.forwards(m, p, facet, shot.tilt, world.surface)
         if not _is_clear(start, m.w, m.length, facet, world):
             return
         if world.interface.follow_second_hit and not _is_clear(p, m.r, m.flight, facet, world):
             return
-    light *= scene.target.area * per_area * crossing.transmittance(m, world.interface) / q.chance
+    # all points of the aperture: |A| dOmega / dx at the one that photons are joined to
+    weight *= scene.target.area * per_area * crossing.transmittance(m, world.interface) / q.chance
     turned, theta = _scattered(m.w, q, world)
-    light *= turned
-    light *= math.exp(-depth_between(world.medium, start, p, m.length))
-    light *= multiplicity
-    if light > 0.0:
-        _score(q, i, q.weight * light, theta, p, shot.goal, m.length, world)
+    weight *= turned
+    weight *= math.exp(-depth_between(world.medium, start, p, m.length))
+    weight *= multiplicity
+    if weight > 0.0:
+        _score(q, i, q.weight * weight, theta, p, shot.goal, m.length, world)

@@ -1,4 +1,9 @@
-"""Joined photons and the ends that they are joined to: records, chances, directions drawn."""
+"""Joined photons and the ends that they are joined to: records, chances, directions drawn.
+
+Targets are apertures in the air, or lamps for photons that run backwards; some of them are guides,
+about whose ways directions are drawn. A goal is a point of an aperture, by its coordinates along
+the two axes across it. Names are those of `photons.flight`.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +83,7 @@ TARGET = record_type(
         ("share", float),  # factor on its scores
         ("first", np.int64),  # 1: scores all light; 2: that which surface or bottom reflect first
         ("sloped", float),  # share of the points that drawn slopes land on, instead of even ones
-        ("seen", float, (3,)),  # point of still water that it sees, and its surroundings [m]
+        ("seen", float, (3,)),  # disk of still water that it sees: x, y and radius [m]
     ]
 )
 """An end that photons are joined to, see `meshtrace.kernels.scene.Target`."""
@@ -90,7 +95,7 @@ class Window(NamedTuple):
     diffuse: bool  # the flux of diffuse light, else the attenuated view
     kappa: float  # attenuation of either [m-1]
     length: float  # transport mean free path [m]
-    beyond: float  # extrapolated boundary [m]
+    beyond: float  # height of the extrapolated boundary above still water [m]
     highest: float  # weight times importance, over that of the start, from which photons split
     bent: float  # fall of the importance with the bend of the light at the crossing
 
@@ -102,30 +107,36 @@ class Joins(NamedTuple):
     guide: NDArray[np.void]  # (m,) TARGET, those to which directions are guided: all, or some
     first: int  # least of the targets' `first`
     direct: bool  # score unscattered light, too
-    water: AngleTable
-    bubble: AngleTable
+    water: AngleTable  # phase function of the water [sr-1]
+    bubble: AngleTable  # of the bubbles
     locator: Locator  # of a mesh that is no grid
     facets: NDArray[np.void]  # FACET; none but for smooth waves
-    spread: float  # standard deviation of the law of slopes
+    spread: float  # standard deviation of the slopes by which crossings are drawn
     decay: float  # of the chance of a connection with the depth [m-1]
-    b: float  # mean rate of collisions [m-1]
+    b: float  # mean rate of the collisions that are drawn [m-1]
     often: float  # rate of collisions, over that of light
     start: float  # factor on the next shares for the directions in which photons start
-    lobe: float  # share of directions drawn about the ways to the targets
-    cone: float  # share of those drawn even over the cones to what they see
+    lobe: float  # directions drawn about the ways to the guides, per collision
+    cone: float  # those drawn even over the cones to what they see
     window: Window
 
 
-WIDE, WIDE_SHARE = 3.0, 0.15  # second part of the law of crossings
-_LEAST_WIDTH = 0.02  # of that law, over the depth of the collision
-LEAST_DEPTH = 1e-3  # [m], of a collision below the surface
+# width, over the first part's, and share of the second part of the law of crossings: tails of
+# slopes are heavier than those of a Gaussian
+WIDE, WIDE_SHARE = 3.0, 0.15
+# of that law, over the depth of the collision: almost flat water has a width, too
+_LEAST_WIDTH = 0.02
+LEAST_DEPTH = 1e-3  # [m], of a collision below the surface: levers divide by it
 _NEAR = 3.0  # troughs below which depths are those below still water
-_LEAST_ANGLE = 1e-8  # [rad]
+_LEAST_ANGLE = 1e-8  # [rad], see `angle_between`
 _AHEAD = 4.0  # connections ahead for one that analog photons would have
-_LEAST_BENT = 0.01  # of their chance, where no slope bends the light to a target
-_MOST_BEND = 100.0
-_BENT = 0.1  # of the square of such a slope over its variance
-SPARE = 16  # places for copies at which none is aimed any more
+# floor of their chance where no slope bends the light to a target: a chance of 0 would be a bias
+_LEAST_BENT = 0.01
+_MOST_BEND = 100.0  # squared slope over its variance: none of ten standard deviations occurs
+_BENT = 0.1  # fall of their chance with the squared slope over its variance
+# room on the stack, below which directions are not guided any more: the copies that splitting
+# makes come first
+SPARE = 16
 
 
 class Manifold(NamedTuple):
@@ -165,6 +176,8 @@ def vector_of(a):
 @inlined
 def scene_to(t, world):
     """Return the surface with a target; nothing is read of its emitter."""
+    # records have no nested tuples: the emitter and the target are put together again; what photons
+    # never read of them is 0
     pattern, center, axis = t.lamp, vector_of(t.center), vector_of(t.axis)
     lamp = Emitter(
         center, vector_of(pattern.axis), pattern.kind, pattern.spread, pattern.norm, 1.0, 0.0,
@@ -182,6 +195,7 @@ def scene_to(t, world):
 @inlined
 def goal_on(target, u, v):
     """Return a point of the aperture from two uniforms."""
+    # even over the disk: P(r < R x) = x^2, inverted
     r = target.radius * math.sqrt(u)
     c, s = on_circle(v)
     return Vec2(r * c, r * s)
@@ -198,6 +212,7 @@ def facet_below(x, y, world):
 @inlined
 def level_over(p, world):
     """Return the height of the surface over a point near it, and of still water over others."""
+    # far below, the height of one wave matters less than the time to find it
     if p.z < _NEAR * world.surface.low[2] or world.surface.low[2] == world.surface.high[2]:
         return world.surface.level
     facet = facet_below(p.x, p.y, world)
@@ -243,8 +258,10 @@ def still_crossing(p, goal, level, scene):
             high = u
         else:
             low = u
+        # Newton's step by the second derivative, which is positive: the path is convex in u
         step = g / (n * z * z / (a * a * a) + h * h / (b * b * b))
         u -= step
+        # bisection where Newton leaves the bracket, as for grazing light
         if not low <= u <= high:
             u = 0.5 * (low + high)
         if abs(step) < 1e-9 * (1e-3 + r):
@@ -252,7 +269,9 @@ def still_crossing(p, goal, level, scene):
     q = r - u
     a, b = math.sqrt(u * u + z * z), math.sqrt(q * q + h * h)
     cos_w, cos_a = z / a, h / b
+    # straight above the start any direction is along the way
     ux, uy = (gx / r, gy / r) if r > 1e-9 else (1.0, 0.0)
+    # vertical component of n d_w - d_a: what the path changes by a unit of height
     bend = n * cos_w - cos_a
     # A slope ds adds bend ds to the gradient of the path: dP = bend / (second derivative) ds.
     lever = bend / (n * cos_w * cos_w / a + cos_a * cos_a / b)
@@ -279,6 +298,7 @@ def beside(still, r, u, joins):
 def crossing_density(x, y, still, joins):
     """Return the density of the crossings drawn about the flat-sea crossing [m-2]."""
     sa, sc = widths_of(still, joins)
+    # coordinates along and across the way, in standard deviations
     dx, dy = x - still.x, y - still.y
     p = (dx * still.ux + dy * still.uy) / sa
     q = (dy * still.ux - dx * still.uy) / sc
@@ -291,6 +311,7 @@ def crossing_density(x, y, still, joins):
 @inlined
 def collision_chance(depth, joins):
     """Return the chance of a connection of a collision: deep ones bring exp(-c depth)."""
+    # 1.5: collisions of the upper 0.4 / decay are always joined, as ln 1.5 = 0.4
     return min(1.0, 1.5 * math.exp(-joins.decay * depth))
 
 
@@ -301,6 +322,7 @@ def angle_between(d, w):
     By the chord: the cosine of small angles is rounded to 1, and the phase function of water has a
     pole there. Ways to a point of an aperture agree within the least angle along a way.
     """
+    # |d - w| = 2 sin(theta / 2)
     chord = 0.5 * norm(minus(d, w))
     return max(2.0 * math.asin(min(chord, 1.0)), _LEAST_ANGLE)
 
@@ -349,6 +371,7 @@ def bend_ahead(p, d, level, world):
         t = joins.guide[i]
         to = minus(vector_of(t.center), at)
         flight = norm(to)
+        # normal that refracts d to the target, and its slope: (x, y) / z
         big = along(scaled(medium.n_water, d), to, -medium.n_air / flight)
         if big.z > 0.0:
             # the aperture itself accepts a range of slopes
@@ -387,6 +410,7 @@ def guided_directions(q, world):
         for i in range(len(joins.guide)):
             seen = joins.guide[i].seen
             x, y = seen[0] - start.x, seen[1] - start.y
+            # from inside the view the cone would be the whole sphere
             if x * x + y * y + start.z * start.z < seen[2] * seen[2]:
                 cone = 0.0
     return lobe, cone
@@ -398,6 +422,7 @@ def cone_to(i, p, world):
     t = world.joins.guide[i]
     way = Vec3(t.seen[0] - p.x, t.seen[1] - p.y, -p.z)
     distance = norm(way)
+    # a disk of still water, as a sphere of its radius: the cone covers it from any side
     sine = min(t.seen[2] / distance, 1.0)
     # (1 - cos) / 2 without cancellation for narrow cones
     edge = 0.5 * sine * sine / (1.0 + math.sqrt(1.0 - sine * sine))

@@ -35,7 +35,7 @@ from meshtrace.quadrature import gauss_legendre
 from meshtrace.surfaces.gram_charlier import series_of
 from meshtrace.surfaces.triangulate import grid_faces
 
-# fields of a medium without a raster
+# fields of a medium without a raster that a frame scales: coefficients [m-1] and lengths [m]
 _PER_LENGTH = ("a", "b", "layer_a", "layer_b", "bubble_b", "b_max", "c_max")
 _LENGTHS = ("layer_step", "bubble_start", "bubble_step", "bottom_z")
 
@@ -59,10 +59,11 @@ class Frame(NamedTuple):
         """Return a mesh in local coordinates, with the same normals."""
         if self == IDENTITY:
             return mesh
-        of = _LOCAL.setdefault(mesh, {})
-        if self not in of:
-            of[self] = self._moved(mesh)
-        return of[self]
+        # a mesh serves several links and estimators: each frame of it is made once
+        local = _LOCAL.setdefault(mesh, {})
+        if self not in local:
+            local[self] = self._moved(mesh)
+        return local[self]
 
     def _moved(self, mesh: TriangleMesh) -> TriangleMesh:
         local = self.points(mesh.vertices)
@@ -70,8 +71,9 @@ class Frame(NamedTuple):
         if largest > FARTHEST:
             far = Described(f"reaches {self.unit * largest:.3g} m from the link")
             raise Refused("mesh", far, f"at most {self.unit * FARTHEST:.3g} m for its size")
-        moved = copy(mesh)  # facets keep their normals, which take half of the time of a mesh
-        object.__setattr__(moved, "vertices", local)
+        # facets keep their normals, which take half of the time of a mesh
+        moved = copy(mesh)
+        object.__setattr__(moved, "vertices", local)  # the model is frozen
         moved.__dict__["bounds"] = self.points(mesh.bounds)
         return moved
 
@@ -79,6 +81,7 @@ class Frame(NamedTuple):
         """Return water without a raster with coefficients per unit of length."""
         if self == IDENTITY:
             return medium
+        # optical depths have no unit: tables of integrals stay as they are
         scaled = {name: getattr(medium, name) * self.unit for name in _PER_LENGTH}
         lengths = {name: getattr(medium, name) / self.unit for name in _LENGTHS}
         return medium._replace(**scaled, **lengths)
@@ -99,13 +102,17 @@ _CELLS_PER_LOG = 200.0  # of the tables over the scattering angle
 _ROUNDING = 128 * 2.0**-24
 """Relative rounding of coordinates that leaves a facet in single precision in no doubt."""
 
-_SLOPES = 2.0  # steepness of the rays over that of the facets
-_LEAST_STEEP = 0.2  # vertical over horizontal components, above a flat sea
+# rays that the grid answers: at least twice as steep as any facet, vertical over horizontal, and
+# never flatter than this
+_SLOPES, _LEAST_STEEP = 2.0, 0.2
+# bins of an axis: meshes with a few tiny cells would need more, and are left to Embree
 _MOST_BINS = 2**17
 
 _NONE = Axis(np.zeros(0), np.zeros(0), np.zeros(0, np.int64), 0.0)
 NO_GRID = Grid(_NONE, _NONE, 0.0, np.inf, 0.0, 0.0, 0.0, False)
 """Grid that answers no ray."""
+NO_BINS = Locator(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64), np.zeros(0, np.int32))
+"""Bins of no facets, for a flat sea."""
 
 
 def _code(codes: type[IntEnum], name: str) -> int:
@@ -123,6 +130,7 @@ def surface_arrays(
     low, high = mesh.bounds
     roughness = interface.SMOOTH
     if unresolved == "tilt" and mesh.unresolved is not None:
+        # normals that are interpolated hold some of the slopes that flat facets leave to chance
         missing = mesh.unresolved.vertex if normals == "vertex" else mesh.unresolved.facet
         wind = math.radians(mesh.unresolved.direction_deg)
         roughness = interface.Roughness(
@@ -161,6 +169,7 @@ def interface_arrays(link: Link) -> interface.Interface:
 
 def pattern_of(source: Source) -> tuple[int, float]:
     """Return the kind of the pattern of a source and its spread, a Lambertian order or [rad]."""
+    # a Lambertian source cos^m has an order m, a beam a divergence, an isotropic source neither
     spread = getattr(source, "order", None)
     if spread is None:
         spread = math.radians(getattr(source, "divergence_deg", 0.0))
@@ -169,12 +178,12 @@ def pattern_of(source: Source) -> tuple[int, float]:
 
 def source_arrays(link: Link, top: float, frame: Frame = IDENTITY) -> Sources:
     """Return the sources in a frame; light from the air starts at `top` [m], above every wave."""
-    rows = link.transmitters
-    n = len(rows)
-    kind = np.array([pattern_of(t)[0] for t in rows], np.int64)
+    sources = link.transmitters
+    n = len(sources)
+    kind = np.array([pattern_of(t)[0] for t in sources], np.int64)
     position, axis = np.zeros((n, 3)), np.zeros((n, 3))
-    spread, size = np.array([pattern_of(t)[1] for t in rows]), np.zeros(n)
-    for i, t in enumerate(rows):
+    spread, size = np.array([pattern_of(t)[1] for t in sources]), np.zeros(n)
+    for i, t in enumerate(sources):
         axis[i], size[i] = t.axis, t.size
         if not isinstance(t, AirSource):
             position[i] = t.center
@@ -182,8 +191,8 @@ def source_arrays(link: Link, top: float, frame: Frame = IDENTITY) -> Sources:
             # a slanted beam is started up-sun, so that it lights the square at still water
             back = top / axis[i, 2]
             position[i] = t.position[0] + back * axis[i, 0], t.position[1] + back * axis[i, 1], top
-    in_water = np.array([isinstance(t, WaterSource) for t in rows], bool)
-    power = np.array([t.power_mw for t in rows])
+    in_water = np.array([isinstance(t, WaterSource) for t in sources], bool)
+    power = np.array([t.power_mw for t in sources])
     # photons choose their source by inversion of the cumulative power
     share = np.cumsum(power) / power.sum()
     place = frame.points(position)
@@ -192,15 +201,15 @@ def source_arrays(link: Link, top: float, frame: Frame = IDENTITY) -> Sources:
 
 def aperture_arrays(link: Link, frame: Frame = IDENTITY) -> Apertures:
     """Return the apertures in a frame."""
-    rows = link.receivers
-    in_water = np.array([not isinstance(r, Receiver) for r in rows], bool)
-    half = np.radians([r.fov_deg for r in rows]) / 2.0
+    receivers = link.receivers
+    in_water = np.array([not isinstance(r, Receiver) for r in receivers], bool)
+    half = np.radians([r.fov_deg for r in receivers]) / 2.0
     with np.errstate(over="ignore"):
         tan_half = np.tan(half)
     return Apertures(
-        center=frame.points(np.array([r.center for r in rows], float).reshape(-1, 3)),
-        axis=np.array([r.axis for r in rows], float).reshape(-1, 3),
-        radius=np.array([r.radius for r in rows], float) / frame.unit,
+        center=frame.points(np.array([r.center for r in receivers], float).reshape(-1, 3)),
+        axis=np.array([r.axis for r in receivers], float).reshape(-1, 3),
+        radius=np.array([r.radius for r in receivers], float) / frame.unit,
         # a hemisphere must take light that grazes it in spite of rounding
         cos_half_fov=np.where(half >= math.pi / 2.0, 0.0, np.cos(half)),
         tan_half_fov=tan_half,
@@ -231,10 +240,10 @@ def with_raster(medium: Medium, intersector: Intersector) -> Medium:
         origins = np.concatenate([places, z[..., None]], axis=-1).reshape(-1, 3)
         return origins, np.broadcast_to((0.0, 0.0, way), origins.shape)
 
-    def heights(hits: Hits, start: Floats | float, way: float, beside: Floats | float) -> Floats:
-        """Return the heights of the first crossings, `beside` where a ray misses."""
+    def heights(hits: Hits, start: Floats | float, way: float, missed: Floats | float) -> Floats:
+        """Return the heights of the first crossings, `missed` where a ray has none."""
         distance = hits.distance.reshape(nodes, nodes)
-        return np.where(np.isfinite(distance), start + way * distance, beside)
+        return np.where(np.isfinite(distance), start + way * distance, missed)
 
     start = high[2] + 1.0
     top = heights(intersector.intersect(*rays(start, -1.0)), start, -1.0, 0.0)
@@ -259,10 +268,12 @@ def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
     the mean level; depths below the local surface need `with_raster`.
     """
     water, bubbles = link.water, link.bubbles
+    # without bubbles the kernels read none of these tables: two nodes give them their type
     mode, start, step, b_bub = int(DepthMode.NONE), 0.0, 1.0, np.zeros(2)
     phase_bubble = water.phase.tables()
     if bubbles is not None:
         mode = _code(DepthMode, bubbles.depth)
+        # linear between nodes: an error of (1 / 64)^2 / 8 = 3e-5 of exp(-z / L)
         step = bubbles.e_folding / 64.0
         if mode == DepthMode.MEAN_LEVEL:
             # whole steps above the mean level, so that this level is a node
@@ -271,12 +282,14 @@ def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
         b_bub = bubbles.b(nodes)
         b_bub[-1] = 0.0  # below 12 e-foldings there are none
         phase_bubble = bubbles.phase_function().tables()
+    # depths of layers are given by hand, unequal; kernels look up an equal grid without a search
     layer_step, layer_a, layer_b = 1.0, np.full(2, water.a), np.full(2, water.b)
     if water.layers is not None:
         depth, a, b = np.array(water.layers).T
         layer_step = max(float(depth[-1]), 1e-3) / (_LAYER_NODES - 1)
         grid = layer_step * np.arange(_LAYER_NODES)
         layer_a, layer_b = np.interp(grid, depth, a), np.interp(grid, depth, b)
+    # majorants of delta tracking, see `kernels.medium`
     b_max = float(layer_b.max() + b_bub.max())
     return Medium(
         a=water.a,
@@ -307,9 +320,9 @@ def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
 
 def integral(values: Floats, step: float) -> Floats:
     """Return the cumulative trapezoidal integral from the first node, along the last axis."""
-    found = np.zeros_like(values)
-    found[..., 1:] = np.cumsum(0.5 * step * (values[..., 1:] + values[..., :-1]), axis=-1)
-    return found
+    integrals = np.zeros_like(values)
+    integrals[..., 1:] = np.cumsum(0.5 * step * (values[..., 1:] + values[..., :-1]), axis=-1)
+    return integrals
 
 
 def mean_water(water: Water, depth: float) -> tuple[float, float]:
@@ -326,11 +339,6 @@ def mean_square_slope(surface: interface.MeshArrays) -> float:
     return float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
 
 
-def empty_locator() -> Locator:
-    """Return the bins of no facets, for a flat sea."""
-    return Locator(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64), np.zeros(0, np.int32))
-
-
 def locator(surface: interface.MeshArrays, targets: Sequence[Target]) -> Locator:
     """Return bins over the part of the surface that the receivers can see.
 
@@ -339,6 +347,7 @@ def locator(surface: interface.MeshArrays, targets: Sequence[Target]) -> Locator
     pad = 2.0
     low = [min(t.center[i] - t.reach - pad for t in targets) for i in range(2)]
     high = [max(t.center[i] + t.reach + pad for t in targets) for i in range(2)]
+    # bins beyond the mesh would be empty
     low = [max(low[i], float(surface.low[i])) for i in range(2)]
     high = [min(high[i], float(surface.high[i])) for i in range(2)]
     key = *low, *high
@@ -346,11 +355,13 @@ def locator(surface: interface.MeshArrays, targets: Sequence[Target]) -> Locator
     for (faces, places), other, known in tuple(_bins_kept):
         if key == other and np.array_equal(places, plane[1]) and np.array_equal(faces, plane[0]):
             return known
+    # bins of 0.1 m, the usual spacing of facets, and at most 400 along a side
     width = max(high[0] - low[0], high[1] - low[1])
     step = max(0.1, width / 400.0)
     nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
     start, none = np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.int32)
     grid = Locator(low[0], low[1], step, nx, ny, start, none)
+    # counting sort: facets by bin in one array, of which each bin knows its start
     bins = np.empty((len(surface.vertices), 2), np.int64)
     count_bins(surface, grid, bins)
     np.cumsum(start, out=start)
@@ -392,6 +403,7 @@ def angle_table(phase: PhaseFunction) -> AngleTable:
 
 def grid_shape(mesh: TriangleMesh) -> tuple[int, int] | None:
     """Return the numbers of vertices (x, y) of a grid by `triangulate`; None for another mesh."""
+    # `grid_faces` numbers vertices along y first: its first facet starts with vertices 0 and ny
     ny = int(mesh.faces[0, 1])
     nx = len(mesh.vertices) // ny if ny > 1 else 0
     if nx < 2 or nx * ny != len(mesh.vertices) or not mesh.single_valued:
@@ -432,6 +444,7 @@ def grid_arrays(mesh: TriangleMesh) -> Grid:
 
 def _axis(line: Floats) -> Axis:
     """Return grid lines with bins somewhat narrower than their smallest distance."""
+    # a bin narrower than the closest lines holds one line at most: guide + 1 step finds a cell
     edges = np.diff(line)
     span = float(line[-1] - line[0])
     bins = min(int(1.01 * span / edges.min()) + 1, _MOST_BINS + 1)

@@ -31,7 +31,11 @@ POINTS_ONLY = f"a point source in bottomless water, with these switches of physi
 """Links that chains follow, for a refusal where joined photons do not."""
 _NEGLIGIBLE = 1e-7  # light at the reach over that straight above the source
 _NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts of a facet
+# switches of physics whose form as published makes light differ from light that is reversed
 _REVERSIBLE = ("snell", "direction", "fresnel", "free_path", "fov")
+# caps where a tangent diverges: a view of almost a hemisphere sees no farther than this
+_WIDEST = math.radians(88.0)
+_FARTHEST = 200.0  # reach of a view, in the unit of the frame
 _NO_LAMP = Emitter(ORIGIN, ORIGIN, kind=int(SourceKind.ISOTROPIC), spread=0.0, norm=0.0)
 
 
@@ -91,8 +95,8 @@ class ForcedLink(NamedTuple):
 def require_height_field(mesh: TriangleMesh) -> None:
     """Refuse a surface with more than one crossing on a vertical."""
     if not mesh.single_valued:
-        found = Described(f"overhangs ({mesh.facing_down} facets face down)")
-        raise Refused("sea.mesh", found, f"a height field; overhangs need {ANALOG[5:]}")
+        overhangs = Described(f"overhangs ({mesh.facing_down} facets face down)")
+        raise Refused("sea.mesh", overhangs, f"a height field; overhangs need {ANALOG[5:]}")
 
 
 def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
@@ -105,11 +109,14 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
     """
     require_followable(link)
     power = np.array([t.power_mw for t in link.transmitters])
+    # the sea is not known yet: bubbles are tabulated up to crests of 5 m
     medium = expected_water(link, crest=5.0)
     frame = frame or arrays.frame_of(link)
     low: tuple[Source | Aperture, ...] = link.transmitters
     forwards, water = None, frame.medium(medium)
     if link.direction == "down":
+        # chains start in the water, at the receivers, and run against the light: reciprocity of
+        # radiance over n^2. Unscattered light is followed forwards, with everything upside down
         low = link.receivers
         forwards = Forwards(
             [_mirrored(emitter_of(t, frame), "position") for t in link.transmitters],
@@ -137,11 +144,6 @@ def require_points(link: Link) -> None:
             raise Refused(path, Described(f"a radius of {item.size:g} m"), POINTS_ONLY)
 
 
-def refuse_bottom(link: Link) -> None:
-    """Refuse a bottom, whose light photons follow but no chains."""
-    raise Refused("water.bottom_depth", link.water.bottom_depth, POINTS_ONLY)
-
-
 def _mirrored(end: Any, place: str) -> Any:
     """Return an emitter or target at the opposite height."""
     names = (place, "axis", "e1", "e2")
@@ -167,6 +169,7 @@ def resolved_reach(link: Link, estimator: Estimator) -> float:
 
 def _targets(link: Link, frame: arrays.Frame) -> list[Target]:
     """Return the receivers as numbers, with the reach beyond which light is negligible."""
+    # the clearest layer: in no water does light reach farther
     water = link.water
     a = water.a if water.layers is None else min(row[1] for row in water.layers)
     targets = []
@@ -175,6 +178,7 @@ def _targets(link: Link, frame: arrays.Frame) -> list[Target]:
             t = lamp_target(lamp, link, frame)
             ways = [_way_of_light(lamp, end, a) for end in link.receivers]
             targets.append(t._replace(reach=min(t.reach, max(ways) / frame.unit)))
+    # the view of a receiver, or the light of all sources, whichever ends first
     spots = [
         (s.position, _lit_radius(s.depth, a) + 4.0 * s.size)
         for s in link.transmitters
@@ -183,8 +187,8 @@ def _targets(link: Link, frame: arrays.Frame) -> list[Target]:
     for end in link.receivers:
         if isinstance(end, Receiver):
             t = target_of(end, frame)
-            lit = max(math.dist(middle, end.position) + wide for middle, wide in spots)
-            targets.append(t._replace(reach=min(t.reach, lit / frame.unit)))
+            farthest = max(math.dist(middle, end.position) + wide for middle, wide in spots)
+            targets.append(t._replace(reach=min(t.reach, farthest / frame.unit)))
     return targets
 
 
@@ -195,14 +199,17 @@ def _way_of_light(lamp: AirLamp, end: Aperture, a: float) -> float:
     from the ring to the receiver, is below 1e-7 of the largest.
     """
     height, depth, aside = lamp.height, -end.center[2], math.dist(lamp.position, end.position)
+    # radii of rings about the foot of the lamp, 0.7 % apart, up to a thousand sizes of the link
     way = np.geomspace(1e-3, 1e3, 2048) * (height + depth + aside)
     angle = np.arctan2(way, height)
     off = np.maximum(angle - math.radians(lamp.tilt_deg), 0.0)
-    light = np.log(np.maximum(lamp_intensity(lamp, np.cos(off)), 1e-300))
-    light += np.log(np.cos(angle)) - 2.0 * np.log(np.hypot(way, height)) + np.log(way)
+    # of a ring: intensity, cosine of incidence, 1 / r^2 from the lamp, circumference; logarithms,
+    # as products of these underflow
+    log_light = np.log(np.maximum(lamp_intensity(lamp, np.cos(off)), 1e-300))
+    log_light += np.log(np.cos(angle)) - 2.0 * np.log(np.hypot(way, height)) + np.log(way)
     distance = np.hypot(depth, np.maximum(way - aside, 0.0))
-    light -= a * distance + 2.0 * np.log(distance)
-    seen = np.flatnonzero(light > light.max() + math.log(_NEGLIGIBLE))
+    log_light -= a * distance + 2.0 * np.log(distance)
+    seen = np.flatnonzero(log_light > log_light.max() + math.log(_NEGLIGIBLE))
     return float(way[min(seen[-1] + 1, len(way) - 1)])
 
 
@@ -215,6 +222,7 @@ def _lit_radius(depth: float, a: float) -> float:
     fall = -math.log(_NEGLIGIBLE)
     # without absorption 1 / D^2 alone falls to the limit at the upper end
     low, high = depth, depth * math.exp(0.5 * fall)
+    # bisection of a D + 2 ln D, which rises with D; 60 halvings are below rounding
     for _ in range(60):
         way = 0.5 * (low + high)
         if a * (way - depth) + 2.0 * math.log(way / depth) < fall:
@@ -247,6 +255,7 @@ def require_followable(link: Link) -> None:
         _require_reversible(link)
     if link.planes is not None:
         raise Refused("planes", Described("given"), f"None; {ANALOG}")
+    # these forms as published know the coefficients of one depth only
     if link.bubbles is not None or link.water.layers is not None:
         for name, paper in (("absorption", "paper"), ("free_path", "local_c")):
             if getattr(link.physics, name) == paper:
@@ -257,10 +266,10 @@ def require_followable(link: Link) -> None:
 def _require_reversible(link: Link) -> None:
     """Refuse forms as published that differ between the two directions of light."""
     default = type(link.physics)()
-    kept = {name: getattr(default, name) for name in _REVERSIBLE}
+    physical = {name: getattr(default, name) for name in _REVERSIBLE}
     if link.water.layers is not None:
-        kept["absorption"] = default.absorption
-    printed = {n: w for n in kept if (w := getattr(link.physics, n)) in ("paper", "paper_both")}
+        physical["absorption"] = default.absorption
+    printed = {n: w for n in physical if (w := getattr(link.physics, n)) in ("paper", "paper_both")}
     if link.physics.free_path == "local_c":
         printed["free_path"] = "local_c"
     if link.physics.fov == "paper_position":
@@ -335,12 +344,13 @@ def lamp_target(lamp: AirLamp, link: Link, frame: arrays.Frame = arrays.IDENTITY
     Its light has fallen to 1e-7 at the largest angle to its axis.
     """
     center = _placed(lamp, frame)
-    kind, lit = arrays.pattern_of(lamp)
+    kind, widest_angle = arrays.pattern_of(lamp)
+    # I = I_0 cos^m(theta), or I_0 exp(-2 theta^2 / spread^2), solved for I = 1e-7 I_0
     if kind == SourceKind.LED:
-        lit = math.acos(_NEGLIGIBLE ** (1.0 / lit))
+        widest_angle = math.acos(_NEGLIGIBLE ** (1.0 / widest_angle))
     elif kind == SourceKind.GAUSSIAN_BEAM:
-        lit *= math.sqrt(-0.5 * math.log(_NEGLIGIBLE))
-    widest = min(lit + math.radians(lamp.tilt_deg), math.radians(88.0))
+        widest_angle *= math.sqrt(-0.5 * math.log(_NEGLIGIBLE))
+    widest = min(widest_angle + math.radians(lamp.tilt_deg), _WIDEST)
     return Target(
         center=center,
         axis=Vec3(0.0, 0.0, 1.0),
@@ -349,9 +359,10 @@ def lamp_target(lamp: AirLamp, link: Link, frame: arrays.Frame = arrays.IDENTITY
         # radiance over n^2 is conserved (basic radiance), where an aperture has its area
         area=(link.water.n / link.n_air) ** 2,
         radius=0.0,
-        cos_half_fov=max(math.cos(lit), 0.0),
+        cos_half_fov=max(math.cos(widest_angle), 0.0),
         tan_half_fov=0.0,
-        reach=min((center.z + 2.0) * math.tan(widest), 200.0),
+        # crossings may lie 2 below still water, in a trough
+        reach=min((center.z + 2.0) * math.tan(widest), _FARTHEST),
         sin_widest=math.sin(widest),
         is_lamp=True,
         lamp=emitter_of(lamp, frame),
@@ -362,7 +373,7 @@ def target_of(receiver: Any, frame: arrays.Frame = arrays.IDENTITY) -> Target:
     """Return a receiver as numbers, lengths in the unit of a frame."""
     e1, e2 = across(receiver.axis)
     half = math.radians(receiver.fov_deg) / 2.0
-    widest = min(half + math.radians(receiver.tilt_deg), math.radians(88.0))
+    widest = min(half + math.radians(receiver.tilt_deg), _WIDEST)
     center, radius = _placed(receiver, frame), receiver.radius / frame.unit
     return Target(
         center=center,
@@ -371,9 +382,10 @@ def target_of(receiver: Any, frame: arrays.Frame = arrays.IDENTITY) -> Target:
         e2=e2,
         area=math.pi * radius**2,
         radius=radius,
+        # exactly 0, so that light along the aperture is inside in spite of rounding
         cos_half_fov=0.0 if half >= math.pi / 2.0 else math.cos(half),
         tan_half_fov=math.tan(min(half, 1.55)),
-        reach=min((abs(center.z) + 2.0) * math.tan(widest), 200.0) + 2.0 * radius,
+        reach=min((abs(center.z) + 2.0) * math.tan(widest), _FARTHEST) + 2.0 * radius,
         sin_widest=math.sin(widest),
         is_lamp=False,
         lamp=_NO_LAMP,
@@ -394,21 +406,23 @@ def representatives(emitters: Sequence[Emitter], targets: Sequence[Target]) -> N
     the middle of a cell stands for the others in it. Which it is does not depend on the order of
     the targets.
     """
-    found = np.arange(len(targets))
+    stands_for = np.arange(len(targets))
     if len(targets) <= _MANY:
-        return found
+        return stands_for
+    # from the source a cell of 0.06 heights is seen under 3 deg: one pilot stands for all in it
     alike: dict[Target, list[int]] = defaultdict(list)
     for i, t in enumerate(targets):
         alike[t._replace(center=Vec3(0.0, 0.0, t.center.z), reach=0.0)].append(i)
     level = max(e.position.z for e in emitters)
-    for kind, some in alike.items():
-        rows = np.array(sorted(some, key=lambda i: targets[i].center))
-        places = np.array([targets[i].center[:2] for i in rows])
+    for kind, members_of_kind in alike.items():
+        # sorted by place: the cells of the same targets in another order are the same
+        order = np.array(sorted(members_of_kind, key=lambda i: targets[i].center))
+        places = np.array([targets[i].center[:2] for i in order])
         edge = _CELL * (kind.center.z - level)
         cells = np.floor((places - places.min(axis=0)) / edge)
         _, cell, size = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
         for members in np.split(np.argsort(cell.ravel(), kind="stable"), np.cumsum(size)[:-1]):
             middle = 0.5 * (places[members].min(axis=0) + places[members].max(axis=0))
             square = np.square(places[members] - middle).sum(axis=1)
-            found[rows[members]] = rows[members[np.argmin(square)]]
-    return found
+            stands_for[order[members]] = order[members[np.argmin(square)]]
+    return stands_for

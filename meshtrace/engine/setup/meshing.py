@@ -36,18 +36,20 @@ FADING_SPACING = 0.9
 With random slopes beyond the waves it is 0.5 % of a gain.
 """
 
-_MOST_FACETS = 8e6
+_MOST_FACETS = 8e6  # of a mesh: some 2 GB with its intersector
 _PLANE_CELLS = 128  # over the half-width of a plane, fine or coarse, that needs no fine mesh
 _PHOTON_CELLS = 8  # over the half-width for individual photons, which search no facets
 _ASIDE = 5.0  # [m], beyond which the forced estimator has fine facets at the crossings alone
-_CLEAR = 0.5  # transport depth up to which scattered light of a beam crosses near it
-_MOST_LIT = 2e6
-_MOST_FINER = 1e5  # facets for the sake of accuracy
-_MESH_ERROR = 2.5e-3  # of the unscattered light of one surface, root mean square
-_SLOPES_UNKNOWN = 0.09  # slope variance of a surface that is no sum of waves
+_CLEAR = 0.5  # transport depth b (1 - g) d up to which scattered light of a beam crosses near it
+_MOST_LIT = 2e6  # facets where unscattered light crosses, to resolve the shortest wave
+_MOST_FINER = 1e5  # facets there for the sake of `_MESH_ERROR`
+_MESH_ERROR = 2.5e-3  # relative, of the unscattered light of one surface, root mean square
+_SLOPES_UNKNOWN = 0.09  # slope variance of a surface that is no sum of waves: slopes of 0.3
 _NODES = 32  # over the half-width of the light, to measure how curvature changes
-_TOO_SHORT = 0.01  # share of the slope variance that no mesh resolves
-_MOST_CELLS = 1e9  # along a side: counted, not made
+_TOO_SHORT = 0.01  # share of the slope variance in waves that the mesh leaves out, to be warned of
+_MOST_CELLS = 1e9  # along a side, when facets are counted: no overflow of their square
+_MARGIN, _MARGIN_OF_MANY = 20.0, 10.0  # spacings beyond the farthest crossing; for many seas
+_COVER = 1.01  # half-width over the distance of the end farthest aside, which the mesh must cover
 
 
 def mesh_for(
@@ -108,7 +110,7 @@ def mesh_lines(
     meshing: Meshing = Meshing(),  # noqa: B008 - frozen
     reach: float | None = None,
     per_wave: float = GAIN_SPACING,
-    lit: float = 1.0,
+    lit_share: float = 1.0,
     few: bool = False,
 ) -> dict[str, Any]:
     """Return the extent, spacing and centre of the mesh of a sea, as arguments of its `mesh`.
@@ -117,49 +119,60 @@ def mesh_lines(
     ----------
     link, surface, meshing, reach, per_wave, few
         As for `mesh_for`.
-    lit : float
+    lit_share : float
         Half-width of the fine part, over that of `Link.lit_patch`; cells widen outside of it.
+        Below 1 for studies of many seas.
 
     Raises
     ------
     Refused
         If the mesh would have too many facets.
     """
+    # three meshes: all of the footprint for individual photons (no reach); its crossings resolved
+    # for chains whose reach is infinite; the same, cut to the reach
     f = link.footprint() if reach is None else link.footprint(_ASIDE)
     if reach is not None and reach < math.inf:
-        far = math.dist(f.center, link.origin)
-        beside = 20.0 if lit >= 1.0 else 10.0
-        wide = min(reach + far + beside * f.spacing, f.extent)
-        wide = max(wide, f.fine_extent + 10.0 * f.spacing)
-        places = np.array([item.center[:2] for _, item in link.items()])
-        aside = float(np.abs(places - f.center).max())
-        if aside > wide:  # light of a lamp close to the water crosses far from the receiver
-            wide = 1.01 * aside
-        fine = f.fine_extent
-        if _is_narrow(link, f):  # the light of beams crosses inside the fine part of other links
-            wide, fine = max(fine, 1.01 * aside), 0.5 * fine
-        f = f._replace(extent=wide, fine_extent=fine, coarse_spacing=4.0 * f.spacing)
-    given = meshing.spacing is not None or meshing.extent is not None
-    single = reach is not None and not given and not isinstance(surface, PlaneSurface)
-    if single and isinstance(surface, SurfaceModel) and link.crossings():
-        f = _resolving(link, surface, f, per_wave, meshing.time, lit)
+        f = _within_reach(link, f, reach, lit_share)
+    is_given = meshing.spacing is not None or meshing.extent is not None
     if isinstance(surface, PlaneSurface):
-        if few and not given:
+        # facets of a plane differ in nothing: as few as the search for crossings takes well
+        if few and not is_given:
             f = f._replace(fine_extent=f.extent, spacing=f.extent / _PHOTON_CELLS)
-        spacing = max(f.spacing, f.fine_extent / _PLANE_CELLS)
-        coarse = max(f.coarse_spacing, f.extent / _PLANE_CELLS, spacing)
-        f = f._replace(spacing=spacing, coarse_spacing=coarse)
+        fine = max(f.spacing, f.fine_extent / _PLANE_CELLS)
+        coarse = max(f.coarse_spacing, f.extent / _PLANE_CELLS, fine)
+        f = f._replace(spacing=fine, coarse_spacing=coarse)
+    elif isinstance(surface, SurfaceModel) and reach is not None and not is_given:
+        if link.crossings():
+            f = _resolving(link, surface, f, per_wave, meshing.time, lit_share)
     spacing = meshing.spacing or f.spacing
     _require_size(f, meshing)
     if meshing.extent is not None:
         return {"extent": meshing.extent, "spacing": spacing, "center": link.origin}
-    return {
-        "extent": f.extent,
-        "spacing": spacing,
-        "center": f.center,
-        "fine_extent": f.fine_extent,
-        "coarse_spacing": max(f.coarse_spacing, meshing.spacing or 0.0),
-    }
+    coarse = max(f.coarse_spacing, meshing.spacing or 0.0)
+    return f._replace(spacing=spacing, coarse_spacing=coarse)._asdict()
+
+
+def _within_reach(link: Link, f: Footprint, reach: float, lit_share: float) -> Footprint:
+    """Return a footprint cut to where light can cross to a receiver.
+
+    Its half-width is the largest of those that light, grid and link ask for.
+    """
+    places = np.array([item.center[:2] for _, item in link.items()])
+    aside = float(np.abs(places - f.center).max())
+    coarse = 4.0 * f.spacing
+    if _is_narrow(link, f):
+        # light of beams crosses within a quarter of the fine part: half of that is fine enough, and
+        # what was fine is the whole mesh, if it covers the ends of the link
+        extent = max(f.fine_extent, _COVER * aside)
+        return f._replace(extent=extent, fine_extent=0.5 * f.fine_extent, coarse_spacing=coarse)
+    # received light crosses up to `reach` from the origin of the link, and waves move it outwards
+    margin = _MARGIN if lit_share >= 1.0 else _MARGIN_OF_MANY
+    crossed = min(reach + math.dist(f.center, link.origin) + margin * f.spacing, f.extent)
+    # spacings grow from the fine to the coarse one over some lines
+    extent = max(crossed, f.fine_extent + 10.0 * f.spacing)
+    if aside > extent:  # light of a lamp close to the water crosses far from the receiver
+        extent = _COVER * aside
+    return f._replace(extent=extent, coarse_spacing=coarse)
 
 
 def _is_narrow(link: Link, f: Footprint) -> bool:
@@ -168,6 +181,7 @@ def _is_narrow(link: Link, f: Footprint) -> bool:
         divergence = getattr(t, "divergence_deg", None)
         if divergence is None or not isinstance(t, WaterSource) or t.axis[2] <= 0.0:
             return False
+        # the beam in still water: its spot on the surface, twice its divergence wide
         way = t.depth / t.axis[2]
         spot = np.array(t.center[:2]) + way * np.array(t.axis[:2])
         width = t.size + 2.0 * way * math.tan(math.radians(divergence))
@@ -179,23 +193,26 @@ def _is_narrow(link: Link, f: Footprint) -> bool:
 
 
 def _resolving(
-    link: Link, surface: SurfaceModel, f: Footprint, per_wave: float, time: float, lit: float
+    link: Link, surface: SurfaceModel, f: Footprint, per_wave: float, time: float, lit_share: float
 ) -> Footprint:
-    """Return a mesh that resolves the waves at the crossing of unscattered light.
+    """Return a footprint whose fine part resolves the waves where unscattered light crosses.
 
     The lines move apart by 10 % each outside. Where that takes more than `_MOST_LIT` facets the
-    mesh stays as it is.
+    footprint stays as it is.
     """
     k2, slopes = _slopes_by_wave(surface)
     shortest = math.sqrt(float(k2[slopes > 0.0].max(initial=0.0)))
     spacing = f.spacing if shortest * f.spacing <= per_wave else per_wave / shortest
+    # of many surfaces the mean is wanted, in which errors of single meshes cancel
     single = per_wave <= GAIN_SPACING
     if spacing == f.spacing and not single:
         return f
+    # slopes of all waves carry the crossings aside, those that the mesh leaves to chance as well
     beyond = getattr(surface, "unresolved_slopes", lambda _: None)(spacing)
     random = (0.0, 0.0) if beyond is None else beyond.vertex
+    # half of the variance: that of one component
     center, half = link.lit_patch(math.sqrt(0.5 * (float(slopes.sum()) + sum(random))))
-    half *= lit
+    half *= lit_share
     if single:
         tilts = math.sqrt(min(random)) if link.physics.unresolved == "tilt" else 0.0
         curvature, change = _curvature(surface, center, half, time)
@@ -205,6 +222,7 @@ def _resolving(
     if spacing == f.spacing:
         return f
     if 2.0 * (2.0 * half / spacing) ** 2 > _MOST_LIT:
+        # Nyquist: lines resolve waves of k h <= pi
         short = float(slopes[np.sqrt(k2) * f.spacing > math.pi].sum() / slopes.sum())
         if short > _TOO_SHORT:
             warnings.warn(
@@ -215,6 +233,7 @@ def _resolving(
                 stacklevel=4,
             )
         return f
+    # about another centre, and still over all that the footprint covered
     extent = f.extent + math.dist(center, f.center)
     return Footprint(center, extent, spacing, half, f.coarse_spacing)
 
@@ -236,12 +255,14 @@ def _curvature(
     if isinstance(surface, WaveSum):
         k2, slopes = _slopes_by_wave(surface)
         return math.sqrt(float(np.sum(slopes * k2))), math.sqrt(float(np.sum(slopes * k2**2)))
+    # differences of the exact slopes, on a grid over the light
     step = half / _NODES
     x, y = (middle + np.linspace(-half, half, 2 * _NODES + 1) for middle in center)
     slopes = np.stack(surface.slopes(*np.meshgrid(x, y, indexing="ij"), time))
     first, second = (
         sum(float(np.mean(np.diff(slopes, n, axis=axis) ** 2)) for axis in (1, 2)) for n in (1, 2)
     )
+    # the mean is over both components of the slope: twice it is their sum
     return math.sqrt(2.0 * first) / step, math.sqrt(2.0 * second) / step**2
 
 
@@ -269,6 +290,7 @@ def _accurate(link: Link, curvature: float, change: float, tilts: float) -> floa
     error over sinusoids and seas of h = 0.03 to 0.1 m.
     """
     fine = math.inf
+    # lever: beta_0 of a source and a receiver, seen: the radius of its aperture at the surface
     for _, lever, seen in link.crossings():
         focus = lever / math.hypot(1.0, lever * curvature)
         q = _MESH_ERROR / max(0.35 * focus * change, 1e-300)
@@ -279,7 +301,10 @@ def _accurate(link: Link, curvature: float, change: float, tilts: float) -> floa
 
 
 def _require_size(f: Footprint, meshing: Meshing) -> None:
-    """Refuse a mesh with too many facets before its creation."""
+    """Refuse a mesh with too many facets before its creation.
+
+    The fine and the coarse part are counted as full squares of two facets a cell.
+    """
     fine = meshing.spacing or f.spacing
     if meshing.extent is not None:
         facets = 2.0 * min(2.0 * meshing.extent / fine, _MOST_CELLS) ** 2
@@ -309,6 +334,7 @@ def require_cover(link: Link, mesh: TriangleMesh) -> None:
         if 0.0 < z <= high[2]:
             allowed = f"above the highest crest, height > {high[2]:.3g} m"
             raise Refused(f"{path}.height", Described(f"{z:g} m"), allowed)
+        # rays start at the other ends, and need room up to the waves
         if isinstance(item, WaterAperture):
             continue
         least = link.least_distance

@@ -170,6 +170,7 @@ class IrradianceMap(Record, frozen=True):
 
     @model_validator(mode="after")
     def _some_cells(self) -> Self:
+        # at still water a wave may be on either side of the plane
         if self.height == 0.0:
             raise Refused("height", self.height, "> 0 in the air, < 0 in the water")
         if not self.step <= 2.0 * self.extent <= 10_000 * self.step:
@@ -180,6 +181,7 @@ class IrradianceMap(Record, frozen=True):
     @property
     def n(self) -> int:
         """Cells along each axis."""
+        # 2 extent / step may be a whole number but for rounding
         return math.ceil(2.0 * self.extent / self.step - 1e-9)
 
     @property
@@ -188,6 +190,7 @@ class IrradianceMap(Record, frozen=True):
         return np.asarray(-self.extent + self.step * (np.arange(self.n) + 0.5), np.float64)
 
 
+# `Inside` takes a value as it is: the model that has the field checks it, with the same text
 class Shortcuts(TypedDict, total=False):
     """Keywords of `simulate` that are fields of `Meshing` or of an estimator, which check them."""
 
@@ -301,28 +304,33 @@ class Run(Model, frozen=True):
     @classmethod
     def _gather(cls, data: Any) -> Any:
         """Move estimator options from the top level into the estimator."""
+        # nested options need no sorting
         if not isinstance(data, Mapping) or isinstance(data.get("estimator"), Mapping):
             return data
         rest = dict(data)
         chosen = "estimator" in rest
+        # named with its key: the error of a family knows the value alone
         try:
             estimator = Estimator.read(rest.pop("estimator", Forced()))
         except Refused as error:
             raise Refused("estimator", error.value, error.allowed, error.hint) from None
-        own = {key: rest.pop(key) for key in type(estimator).model_fields if key in rest}
+        chosen_options = {key: rest.pop(key) for key in type(estimator).model_fields if key in rest}
         for other in Estimator.registered.values():
             for key in other.model_fields.keys() & rest.keys():
-                # files that hold all options hold those of the other estimator, unchanged
+                # files that hold all options hold those of the other estimator, too: unchanged ones
+                # say nothing, others would have no effect without a word
                 if rest.pop(key) != other.model_fields[key].default:
                     kind = other.model_fields["kind"].default
                     raise Refused(key, data[key], f'only with estimator = "{kind}"')
         require_keys(rest, run_keys())
-        if not chosen and not own:  # the field stays unset and follows the surface
+        # unset fields follow the surface, which may need the other estimator
+        if not chosen and not chosen_options:
             return rest
-        return {**rest, "estimator": estimator.replace(**own)}
+        return {**rest, "estimator": estimator.replace(**chosen_options)}
 
     @model_validator(mode="after")
     def _default_photons(self) -> Self:
+        # the number suits the estimator, which the surface may still change
         if self.photons is None:
             # not through the model: the field stays unset and follows another estimator
             self.__dict__["photons"] = self.estimator.default_photons
@@ -335,13 +343,13 @@ class Run(Model, frozen=True):
     def to_config(self) -> dict[str, Any]:
         """Return the options as plain data, options of the estimator at the top level."""
         rest = self.model_dump(mode="json", exclude={"estimator"})
-        own = self.estimator.model_dump(mode="json")
-        return {"estimator": own.pop("kind"), **rest, **own}
+        options = self.estimator.model_dump(mode="json")
+        return {"estimator": options.pop("kind"), **rest, **options}
 
 
-def require_options(given: Mapping[str, Any], kind: type[RunOptions]) -> None:
+def require_options(options: Mapping[str, Any], kind: type[RunOptions]) -> None:
     """Refuse options that a kind of study does not have."""
-    require_keys(given, [*kind.__annotations__, *Meshing.model_fields])
+    require_keys(options, [*kind.__annotations__, *Meshing.model_fields])
 
 
 def run_keys() -> list[str]:
@@ -359,6 +367,7 @@ def read_records(record: Iterable[Any], estimator: Estimator) -> dict[str, Recor
         If there are two of a kind, or a map with the forced estimator.
     """
     records: dict[str, Record] = {}
+    # one record, or a name, is as good as a list of one; a text is no list of its letters
     try:
         items = [record] if isinstance(record, Record | str) else list(record)
     except TypeError as error:
@@ -369,6 +378,7 @@ def read_records(record: Iterable[Any], estimator: Estimator) -> dict[str, Recor
         except Refused as error:
             raise error.inside("record", i) from None
         kind = read.model_dump()["kind"]
+        # results have one place for each kind
         if kind in records:
             raise Refused(f"record[{i}]", kind, "one record of a kind")
         if isinstance(read, IrradianceMap) and not isinstance(estimator, Analog):
@@ -392,9 +402,10 @@ class Case(NamedTuple):
 
     def with_options(self, mesh: Meshing | None = None, **options: Any) -> Case:
         """Return the case with fields of `Run`, of its estimator and of `Meshing` replaced."""
+        # a misspelt name is compared with all names, before the models see their own
         require_keys(options, list(dict.fromkeys([*Meshing.model_fields, *run_keys()])))
-        given = {key: options.pop(key) for key in Meshing.model_fields if key in options}
-        meshing = (self.meshing if mesh is None else mesh).replace(**given)
+        fields = {key: options.pop(key) for key in Meshing.model_fields if key in options}
+        meshing = (self.meshing if mesh is None else mesh).replace(**fields)
         return self._replace(run=self.run.replace(**options), meshing=meshing)
 
     def with_waves(self, fading: bool = False) -> Case:
@@ -402,6 +413,7 @@ class Case(NamedTuple):
 
         `fading` says whether the answer of the study is about fading, see `resolve_band`.
         """
+        # part of the sea from here on: links derived from this one keep the waves
         surface = resolve_band(self.link, self.surface, self.meshing.waves, fading)
         return self._replace(surface=surface, meshing=self.meshing.replace(waves=None))
 
@@ -409,12 +421,6 @@ class Case(NamedTuple):
     def threads(self) -> int:
         """Threads of the run, all cores by default."""
         return default_threads(self.run.threads)
-
-    @property
-    def how(self) -> dict[str, Any]:
-        """Seed, normals and threads, as every estimator takes them."""
-        normals = self.meshing.normals
-        return {"seed": self.run.seed, "normals": normals, "threads": self.threads}
 
 
 @runtime_checkable
@@ -473,7 +479,9 @@ def resolve(
     if surface is None:
         from meshtrace.surfaces import sea_in_wind
 
+        # bubbles and foam are those of a wind, which makes the sea as well
         wind_speed = DEFAULT_WIND_SPEED if link.wind_speed is None else link.wind_speed
         surface = sea_in_wind(wind_speed)
     require_surface(surface)
+    # options before waves: which waves a mesh holds is one of them
     return Case(link, surface).with_options(mesh, **options).with_waves(fading)

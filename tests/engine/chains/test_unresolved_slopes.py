@@ -324,7 +324,9 @@ def test_estimators_agree_for_skewed_slopes(distance, azimuth_deg):
     analog = mt.simulate(link, mesh, "analog", photons=4_000_000, seed=2)
     assert analog.gain_stderr < 0.03 * analog.gain
     for scattered in ("chains", "joined"):
-        forced = ForcedDetection(link, 16384, 1, sea=TypicalSea.of([mesh]), scattered=scattered)
+        forced = ForcedDetection(
+            link, 16384, 1, sea=TypicalSea.of_meshes([mesh]), scattered=scattered
+        )
         found = forced.evaluate(mesh)
         p = z_test(found.gain[0], found.stderr[0], analog.gain, analog.gain_stderr)
         assert p > sidak(ALPHA, 12)
@@ -367,9 +369,9 @@ def test_skewed_slopes_from_the_air(azimuth_deg):
         ),
     )
     a, b = (
-        ForcedDetection(link, 4096, 1, sea=TypicalSea.of([LEVEL]), scattered="chains").evaluate(
-            skewed(LEVEL)
-        )
+        ForcedDetection(
+            link, 4096, 1, sea=TypicalSea.of_meshes([LEVEL]), scattered="chains"
+        ).evaluate(skewed(LEVEL))
         for link in (up, up.mirrored())
     )
     np.testing.assert_allclose(b.ballistic, 1.33**2 * a.ballistic, rtol=5e-4)
@@ -380,7 +382,7 @@ def test_downlink_through_skewed_slopes():
     lens = mt.WaterReceiver(radius=0.4, depth=8.0, position=(-0.9, -0.5), fov_deg=120.0)
     link = mt.Link(water=mt.Water(b=0.1), transmitter=mt.AirBeam(height=10.0), receiver=lens)
     mesh = skewed(LEVEL)
-    forced = ForcedDetection(link, 16384, 1, sea=TypicalSea.of([mesh]), scattered="chains")
+    forced = ForcedDetection(link, 16384, 1, sea=TypicalSea.of_meshes([mesh]), scattered="chains")
     found = forced.evaluate(mesh)
     analog = mt.simulate(link, mesh, "analog", photons=2_000_000, seed=2)
     p = z_test(found.gain[0], found.stderr[0], analog.gain, analog.gain_stderr)
