@@ -179,11 +179,18 @@ def check_methods(cls: type[T]) -> type[T]:
         function = getattr(member, "__func__", member)
         if name.startswith("_") or not inspect.isfunction(function):
             continue
-        if not hasattr(function, "__checked__") and len(function.__annotations__) > 1:
+        if not hasattr(function, "__checked__") and _says_something(function):
             again = check_call(function)
             bound = isinstance(member, classmethod | staticmethod)
             setattr(cls, name, type(member)(again) if bound else again)
     return cls
+
+
+def _says_something(function: Callable[..., Any]) -> bool:
+    """Return whether a function has parameters that `check_call` may refuse."""
+    hints = [hint for name, hint in function.__annotations__.items() if name != "return"]
+    takes_any_keyword = function.__code__.co_flags & inspect.CO_VARKEYWORDS
+    return bool(hints) and not (takes_any_keyword and all(hint == "Any" for hint in hints))
 
 
 class _Parameter(NamedTuple):

@@ -25,6 +25,7 @@ from typing import (
     ClassVar,
     Generic,
     Literal,
+    NoReturn,
     Self,
     TypeVar,
     dataclass_transform,
@@ -42,6 +43,7 @@ from meshtrace.checks import NonNegative as NonNegative
 from meshtrace.checks import Positive as Positive
 from meshtrace.checks import check_methods, refuse
 from meshtrace.errors import (
+    LARGEST,
     MISSING,
     Described,
     Refused,
@@ -264,15 +266,38 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
 
     @pydantic.model_validator(mode="wrap")
     @classmethod
-    def _with_units(cls, data: Any, validate: pydantic.ModelWrapValidatorHandler[Self]) -> Self:
-        """Convert values with units first of all: other validators would drop the units."""
-        if isinstance(data, Mapping) and any(map(_has_unit, data.values())):
-            names = {field.alias or name: name for name, field in cls.model_fields.items()}
-            data = {
-                key: _converted(value, key, cls._units(names[key])) if key in names else value
-                for key, value in data.items()
-            }
-        return validate(data)
+    def _plain_numbers(cls, data: Any, validate: pydantic.ModelWrapValidatorHandler[Self]) -> Self:
+        """Convert values with units and refuse those that pydantic would misread as numbers.
+
+        This is the outermost validator: the others would drop units, and see no texts as numbers.
+        """
+        if isinstance(data, Mapping):
+            # most values are plain: only the others are worth a look at their field
+            unusual = {key: value for key, value in data.items() if not _is_plain(value)}
+            if unusual:
+                data = cls._converted(data, unusual)
+        try:
+            return validate(data)
+        except pydantic.ValidationError as error:
+            # an error of the model as a whole is named by the field that holds it
+            if error.errors(include_url=False)[0]["loc"]:
+                _refuse_first(error, cls)
+            raise
+
+    @classmethod
+    def _converted(cls, data: Mapping[str, Any], unusual: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the data with values without units and checked numbers."""
+        names = {field.alias or name: name for name, field in cls.model_fields.items()}
+        values = dict(data)
+        for key, value in unusual.items():
+            name = names.get(key, key)
+            if (field := cls.model_fields.get(name)) is None:
+                continue
+            if _has_unit(value):
+                values[key] = value = _in_unit(value, key, cls._units(name))
+            if field.annotation not in (bool, str) and not isinstance(field.default, Model):
+                _require_numbers(value, key)
+        return values
 
     @classmethod
     def _units(cls, name: str) -> list[str]:
@@ -285,21 +310,6 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
             units = [units[together.index(name)]]
         by_name = {"deg": "deg", "nm": "nm"}.get(name.rpartition("_")[2], "1")
         return list(dict.fromkeys(units or [by_name]))
-
-    @pydantic.model_validator(mode="before")
-    @classmethod
-    def _known_plain_values(cls, data: Any) -> Any:
-        """Refuse unknown fields, and words and huge numbers that pydantic accepts."""
-        if not isinstance(data, Mapping):
-            return data
-        fields = cls.model_fields
-        aliases = [field.alias for field in fields.values() if field.alias]
-        require_keys(data, [*fields, *aliases])
-        for name, value in data.items():
-            kind = fields[name].annotation if name in fields else None
-            if kind is not bool and kind is not str:
-                _require_numbers(value, name)
-        return data
 
 
 def _equal(a: Any, b: Any) -> bool:
@@ -316,26 +326,35 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 120 else f"{text[:117]}..."
 
 
-_PLAIN = frozenset((float, int, str, bool))
-"""Types of values without a unit."""
+def _is_plain(value: Any) -> bool:
+    """Return whether a value needs no look for units, and is not too large for a float.
+
+    The test of exact types comes first: it takes a tenth of the time of the search for units.
+    """
+    kind = type(value)
+    if kind is float:
+        return bool(-LARGEST <= value <= LARGEST)
+    if kind is int:
+        return bool(-(2**64) < value < 2**64)
+    if kind is list or kind is tuple:
+        return all(map(_is_plain, value))
+    return value is None or isinstance(value, pydantic.BaseModel)
 
 
 def _has_unit(value: Any) -> bool:
     """Return whether a value, or one in a list or its rows, has a unit."""
     if isinstance(value, list | tuple):
-        rows = (row if isinstance(row, list | tuple) else (row,) for row in value)
-        # long tables are plain numbers: their type is told faster than the lack of a unit
-        return any(type(item) not in _PLAIN and unit_of(item) for row in rows for item in row)
-    return type(value) not in _PLAIN and bool(unit_of(value))
+        return any(map(_has_unit, value))
+    return bool(unit_of(value))
 
 
-def _converted(value: Any, name: str, units: list[str]) -> Any:
+def _in_unit(value: Any, name: str, units: list[str]) -> Any:
     """Return a value as plain numbers in the unit of its field, with a warning if it changes.
 
     Rows of numbers in several units have none that could be converted.
     """
     if isinstance(value, list | tuple):
-        return [_converted(item, f"{name}[{i}]", units) for i, item in enumerate(value)]
+        return [_in_unit(item, f"{name}[{i}]", units) for i, item in enumerate(value)]
     unit, wanted = unit_of(value), units[0]
     if not unit:
         return value
@@ -352,7 +371,7 @@ def _converted(value: Any, name: str, units: list[str]) -> Any:
 def _require_numbers(value: Any, path: str) -> None:
     if isinstance(value, list | tuple):
         for i, item in enumerate(value):
-            if type(item) is not float or abs(item) > 1.0:
+            if not _is_plain(item):
                 _require_numbers(item, f"{path}[{i}]")
     else:
         require_number(value, path)
@@ -379,12 +398,22 @@ def _refusals(cls: type[Model]) -> Iterator[None]:
     try:
         yield
     except pydantic.ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        refuse(first, cls.__name__, list(first["loc"]), cls)
+        _refuse_first(error, cls)
     except RecursionError as error:
         raise Refused(cls.__name__, Described("lists nested too deeply"), "few levels") from error
     except ArithmeticError as error:
         raise Refused(cls.__name__, f"{error}", "numbers that do not overflow") from error
+
+
+def _refuse_first(error: pydantic.ValidationError, cls: type[Model]) -> NoReturn:
+    """Refuse an unknown key, or else the first wrong value."""
+    errors = error.errors(include_url=False)
+    # pydantic looks for unknown keys last, but a misspelt one explains a missing one
+    first = next((e for e in errors if e["type"] == "extra_forbidden"), errors[0])
+    if first["type"] == "extra_forbidden":
+        aliases = (field.alias for field in cls.model_fields.values() if field.alias)
+        require_keys({first["loc"][0]: first["input"]}, [*cls.model_fields, *aliases])
+    refuse(first, cls.__name__, list(first["loc"]), cls)
 
 
 GROUP = "meshtrace.parts"
