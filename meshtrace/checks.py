@@ -163,9 +163,12 @@ def check_call(function: Callable[P, R], all_named: bool = False) -> Callable[P,
         nonlocal known
         if known is None:  # not at import: most functions are not called in a run
             known = _Parameters.of(function, all_named)
-        values: Any = known.values(args)
-        named: Any = known.named(options)
-        return function(*values, **named)
+        if known.keys:
+            require_keys(options, known.keys)
+        by_name, by_place = known.by_name, zip(args, known.by_place(len(args)), strict=False)
+        places: Any = [v if check is None else check(v) for v, check in by_place]
+        names: Any = {k: by_name[k](v) if k in by_name else v for k, v in options.items()}
+        return function(*places, **names)
 
     call.__checked__ = True  # type: ignore[attr-defined]
     return call
@@ -221,7 +224,7 @@ class _Parameters(NamedTuple):
 
     places: list[_Parameter | None]
     rest: _Parameter | None
-    names: dict[str, _Parameter]
+    by_name: dict[str, _Parameter]
     keys: tuple[str, ...]  # all keywords, none if any is accepted
 
     @classmethod
@@ -250,17 +253,9 @@ class _Parameters(NamedTuple):
         known = {name: check for name, check in names.items() if check is not None}
         return cls(places, rest, known, tuple(names) if keys else ())
 
-    def values(self, args: tuple[Any, ...]) -> list[Any]:
-        """Return the arguments by place."""
-        checks = [*self.places, *[self.rest] * (len(args) - len(self.places))]
-        return [v if check is None else check(v) for v, check in zip(args, checks, strict=False)]
-
-    def named(self, options: dict[str, Any]) -> dict[str, Any]:
-        """Return the arguments by name."""
-        if self.keys:
-            require_keys(options, self.keys)
-        names = self.names
-        return {k: names[k](v) if k in names else v for k, v in options.items()}
+    def by_place(self, n: int) -> list[_Parameter | None]:
+        """Return the validators of n arguments by place."""
+        return [*self.places, *[self.rest] * (n - len(self.places))]
 
 
 def _resolved(hint: Any, function: Callable[..., Any]) -> Any:
@@ -428,7 +423,7 @@ def _several(kind: Any, parts: tuple[Any, ...], limits: _Limits) -> Any:
 
 def _float(value: Any, limits: _Limits) -> float:
     allowed = limits.allowed("a number" if limits.infinite else "a finite number")
-    number = require_real(value, "", allowed)
+    number = value if type(value) is float else require_real(value, "", allowed)
     if not limits.hold(number):
         raise limits.refused(value, allowed)
     return number

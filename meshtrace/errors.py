@@ -256,7 +256,7 @@ def require_between(
     """
     left, right = ("<=" if end in "[]" else "<" for end in ends)
     allowed = allowed or f"{low:g} {left} {path} {right} {high:g}"
-    number = require_real(value, path, allowed)
+    number = value if type(value) is float else require_real(value, path, allowed)
     if not (_COMPARED[left](low, number) and _COMPARED[right](number, high)):
         raise Refused(path, value, allowed)
     return number

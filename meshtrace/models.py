@@ -272,10 +272,14 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         This is the outermost validator: the others would drop units, and see no texts as numbers.
         """
         if isinstance(data, Mapping):
-            # most values are plain: only the others are worth a look at their field
-            unusual = {key: value for key, value in data.items() if not _is_plain(value)}
+            # most values are floats: they cost no call, and only the unusual ones a look at a field
+            unusual = {
+                key: value
+                for key, value in data.items()
+                if not (type(value) is float and abs(value) <= LARGEST) and not _is_plain(value)
+            }
             if unusual:
-                data = cls._converted(data, unusual)
+                data = dict(data) | cls._converted(unusual)
         try:
             return validate(data)
         except pydantic.ValidationError as error:
@@ -285,11 +289,10 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
             raise
 
     @classmethod
-    def _converted(cls, data: Mapping[str, Any], unusual: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the data with values without units and checked numbers."""
+    def _converted(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """Return values in the units of their fields, and refuse what is no number."""
         names = {field.alias or name: name for name, field in cls.model_fields.items()}
-        values = dict(data)
-        for key, value in unusual.items():
+        for key, value in values.items():
             name = names.get(key, key)
             if (field := cls.model_fields.get(name)) is None:
                 continue
@@ -338,7 +341,8 @@ def _is_plain(value: Any) -> bool:
         return bool(-(2**64) < value < 2**64)
     if kind is list or kind is tuple:
         return all(map(_is_plain, value))
-    return value is None or isinstance(value, pydantic.BaseModel)
+    # a table has its own model, which looks at the values in it
+    return value is None or kind is dict or isinstance(value, pydantic.BaseModel)
 
 
 def _has_unit(value: Any) -> bool:

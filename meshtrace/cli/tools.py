@@ -346,7 +346,7 @@ def water(
         if link is not None or changes.set_:
             given = Described(f"{link or changes.set_} beside options of a water")
             raise Refused("link", given, "one of them")
-        spectrum = spectrum_of(own, None if file is None else str(file))
+        spectrum = spectrum_of(own if file is None else own | {"file": str(file)})
         low, high = spectrum.limits_nm
         found = Water(spectrum=spectrum, wavelength_nm=min(max(low, 470.0), high))
     else:
