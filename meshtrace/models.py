@@ -416,7 +416,7 @@ def _refuse_first(error: pydantic.ValidationError, cls: type[Model]) -> NoReturn
     first = next((e for e in errors if e["type"] == "extra_forbidden"), errors[0])
     if first["type"] == "extra_forbidden":
         aliases = (field.alias for field in cls.model_fields.values() if field.alias)
-        require_keys({first["loc"][0]: first["input"]}, [*cls.model_fields, *aliases])
+        require_keys({str(first["loc"][0]): first["input"]}, [*cls.model_fields, *aliases])
     refuse(first, cls.__name__, list(first["loc"]), cls)
 
 

@@ -15,21 +15,9 @@ from meshtrace.models import Model
 M = TypeVar("M", bound=Model)
 Table = dict[str, Any]
 
-KEYS = (
-    "wind_speed",
-    "physics",
-    "whitecaps",
-    "n_air",
-    "sea",
-    "water",
-    "bubbles",
-    "transmitter",
-    "receiver",
-    "planes",
-    "detector",
-    "uav",
-    "daylight",
-    "run",
+KEYS = tuple(
+    "wind_speed physics whitecaps n_air sea water bubbles transmitter receiver planes detector uav "
+    "daylight run".split()
 )
 """Keys at the top of a link file."""
 
@@ -51,7 +39,7 @@ def read_text(path: str | Path) -> str:
     try:
         if file.exists() and not file.is_file():
             raise Refused(str(path), Described("no regular file"), "a TOML file")
-        if file.is_file() and file.stat().st_size > LARGEST_FILE:
+        if file.exists() and file.stat().st_size > LARGEST_FILE:
             size = Described(f"{file.stat().st_size / 2**20:.0f} MB")
             raise Refused(str(path), size, f"at most {LARGEST_FILE / 2**20:.0f} MB")
         return file.read_text(encoding="utf-8-sig")  # some editors write a mark
@@ -168,23 +156,14 @@ def with_unset_keys(text: str, more: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-_WORDS = {
-    "sea": "",
-    "water": "",
-    "run": "",
-    "bubbles": "model",
-    "whitecaps": "model",
-    "daylight": "model",
-    "detector": "preset",
-    "uav": "preset",
-}
+_WORDS = {"sea": "", "water": "", "run": "", "bubbles": "model", "whitecaps": "model",
+          "daylight": "model", "detector": "preset", "uav": "preset"}  # fmt: skip
 """Tables whose keys are read one by one, with the key that a bare word stands for."""
 
 
 def located(config: Mapping[str, Any], folder: str | Path) -> Table:
     """Return a copy of nested tables with their paths `file` relative to a folder."""
-    tables = dict(config)
-    copies = [tables]
+    copies = [tables := dict(config)]
     for table in copies:  # grows by the tables inside
         for key, value in table.items():
             if isinstance(value, Mapping):
@@ -199,12 +178,12 @@ def located(config: Mapping[str, Any], folder: str | Path) -> Table:
 
 
 def expand_words(tables: Table) -> None:
-    """Replace bare words by the tables that they stand for; refuse other values."""
+    """Replace bare words by the tables that they stand for, and missing tables by empty ones."""
     for name, word in _WORDS.items():
-        if word and isinstance(tables.get(name), str):
-            tables[name] = {word: tables[name]}
-        elif not isinstance(tables.get(name, {}), dict):
-            raise Refused(name, tables[name], "a table")
+        # without [detector], [uav] and [daylight] a scenario has none
+        if name in tables or name not in ("detector", "uav"):
+            missing = "none" if name == "daylight" else {}
+            tables[name] = as_table(tables.get(name, missing), name, word)
 
 
 def set_value(config: dict[str, Any], key: str, value: Any) -> None:

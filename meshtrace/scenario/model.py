@@ -23,8 +23,6 @@ from meshtrace.models import Model, trusting
 from meshtrace.results.gain import GainResult
 from meshtrace.results.series import ByWavelength
 from meshtrace.scenario import files, parts, seas
-from meshtrace.scenario.files import Table
-from meshtrace.scenario.parts import DEFAULT_WIND_SPEED
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.uav import Uav
 
@@ -191,17 +189,14 @@ class Scenario(Model, frozen=True):
             require_keys(config, files.KEYS)
             tables = files.located(config, folder)
             files.expand_words(tables)
-            speed, allowed = (
-                tables.get("wind_speed", DEFAULT_WIND_SPEED),
-                "0 <= wind_speed <= 60 m/s",
-            )
-            wind_speed = require_between(speed, 0.0, 60.0, "wind_speed", "[]", allowed)
-            sea, run = tables.get("sea", {}), tables.get("run", {})
+            wind_speed = tables.get("wind_speed", parts.DEFAULT_WIND_SPEED)
+            allowed = "0 <= wind_speed <= 60 m/s"
+            wind_speed = require_between(wind_speed, 0.0, 60.0, "wind_speed", "[]", allowed)
+            sea, run, printed = tables["sea"], tables["run"], tables.get("physics") == "paper"
             sampling = seas.sampling_keys(sea)
             with within("sea"):
-                printed = tables.get("physics") == "paper"
                 surface = seas.read_surface(sea, sampling, wind_speed, Path(folder), printed)
-            link = parts.read_link(tables, wind_speed)
+            link = parts.read_link(tables, wind_speed, printed)
             scenario = cls(
                 wind_speed=wind_speed,
                 link=link,
@@ -210,10 +205,9 @@ class Scenario(Model, frozen=True):
                 run=parts.read_run(run, link),
                 detector=parts.read_detector(tables.get("detector")),
                 uav=parts.read_uav(tables.get("uav")),
-                daylight=parts.read_daylight(tables.get("daylight", {"model": "none"}), link),  # type: ignore[arg-type]
+                daylight=parts.read_daylight(tables["daylight"], link),  # type: ignore[arg-type]
             )
-            if scenario.detector is not None:
-                parts.require_of_link(tables["detector"], scenario.detector)
+            parts.require_of_link(tables.get("detector", {}), scenario.detector)
             return scenario
 
     @classmethod
@@ -242,28 +236,27 @@ class Scenario(Model, frozen=True):
         surface = seas.surface_from_provenance(provenance)
         estimator = Estimator.member(options.get("estimator", "forced"), "run.estimator")
         mine = {*Run.model_fields, *estimator.model_fields} - {"threads"}
-        meshing, _ = files.split(options, Meshing.model_fields)
-        run, _ = files.split(options, [key for key in options if key in mine])
         return cls(
             wind_speed=seas.wind_of(link, surface),
             link=link,
             surface=surface,
-            meshing=Meshing.model_validate(meshing),
-            run=Run.model_validate(run),
+            meshing=Meshing.model_validate(files.split(options, Meshing.model_fields)[0]),
+            run=Run.model_validate({k: v for k, v in options.items() if k in mine}),
         )
 
-    def to_config(self) -> Table:
+    def to_config(self) -> files.Table:
         """Return the full configuration as plain data, in the keys of a link file.
 
         Keys that follow `wind_speed`, the water or the transmitter are left out.
         """
-        link, still = self.link, isinstance(self.surface, MeshFile)
+        link = self.link
         run = self.run.to_config() | {"normals": self.meshing.normals}
         # the estimator that follows from such a surface need not be written
         if "estimator" not in self.run.model_fields_set and seas.may_overhang(self.surface):
             run, _ = files.split(run, [*self.run.model_fields_set, "normals"])
-        still_too = {"normals", "time"} if still else {"normals"}
-        sampling = self.meshing.model_dump(exclude_none=True, exclude=still_too)
+        sampling = self.meshing.model_dump(exclude_none=True, exclude={"normals"})
+        if isinstance(self.surface, MeshFile):  # which stands still
+            del sampling["time"]
         config = {
             "wind_speed": self.wind_speed,
             "physics": parts.physics_config(link.physics),
@@ -296,7 +289,7 @@ class Scenario(Model, frozen=True):
         text = tomli_w.dumps(config)
         if not notes:
             return text
-        absent: Table = {"detector": parts.read_detector({}), "uav": parts.read_uav({})}
+        absent: files.Table = {"detector": parts.read_detector({}), "uav": parts.read_uav({})}
         absent = {name: part for name, part in absent.items() if name not in config}
         more = tomli_w.dumps({name: files.plain(part) for name, part in absent.items()})
         models = self._parts() | {name: (part,) for name, part in absent.items()}

@@ -11,14 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, get_args
 
 from meshtrace.comms.ook import OokLink, Preset
-from meshtrace.daylight.light import (
-    MODELS,
-    SUN,
-    Daylight,
-    UnavailableDaylight,
-    defaults_of,
-    light_of,
-)
+from meshtrace.daylight import light as daylight
+from meshtrace.daylight.light import MODELS, SUN, Daylight, UnavailableDaylight
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.options import Meshing, Run, run_keys
 from meshtrace.errors import Described, Refused, require_keys, require_word, within
@@ -41,6 +35,12 @@ _PRINTED_BUBBLES = {"psi": "paper", "q": 2.0, "depth": "mean_level"}
 """Forms of the bubbles in the paper, see `Scenario.from_config`."""
 
 
+def follows_wind(model: type[Model]) -> bool:
+    """Return whether a model follows the wind of the file; one that was measured does not."""
+    field = model.model_fields.get("wind_speed")
+    return field is not None and field.default is not None
+
+
 def in_wind(
     model: type[M], table: Table, shared: Table, keys: Sequence[str] = ()
 ) -> tuple[M, bool]:
@@ -49,20 +49,18 @@ def in_wind(
     Spectra and bubbles refuse a wind speed of 0: they are validated at 5 m/s, so that their other
     keys are still checked, and left out by the caller.
     """
-    fields = model.model_fields
-    # None says that the values were measured: they follow nothing
-    follows = {k: v for k, v in shared.items() if k in fields and fields[k].default is not None}
-    table = follows | table
+    follows = follows_wind(model)
+    if follows:
+        table = {k: v for k, v in shared.items() if k in model.model_fields} | table
     speed = table.get("wind_speed")
-    calm = "wind_speed" in follows and speed == 0.0 and not isinstance(speed, bool)
+    calm = follows and speed == 0.0 and not isinstance(speed, bool)
     if calm:
         table["wind_speed"] = DEFAULT_WIND_SPEED
     return validated(model, table, "", keys), calm
 
 
-def read_link(tables: Table, wind_speed: float) -> Link:
-    """Return the link of all tables that describe it."""
-    printed = tables.get("physics") == "paper"
+def read_link(tables: Table, wind_speed: float, printed: bool) -> Link:
+    """Return the link of all tables that describe it; `printed` has the forms of the paper."""
     fields = {key: tables[key] for key in _UNSHARED if key in tables}
     default = sources = Link.model_fields["transmitter"].default
     if "transmitter" in fields:
@@ -70,24 +68,20 @@ def read_link(tables: Table, wind_speed: float) -> Link:
             sources = fields["transmitter"] = Source.read_several(fields["transmitter"])
     # the link refuses an empty list
     first = next(iter(sources), default) if isinstance(sources, tuple) else sources
-    wavelength_nm = first.wavelength_nm
-    water = _water(tables.get("water", {}), wavelength_nm, printed)
-    shared = {"wind_speed": wind_speed, "wavelength_nm": wavelength_nm, "n_water": water.n}
-    fields["water"] = water
+    fields["water"] = water = _water(tables["water"], first.wavelength_nm, printed)
+    shared = {"wind_speed": wind_speed, "wavelength_nm": first.wavelength_nm, "n_water": water.n}
     with within("bubbles"):
-        fields["bubbles"] = _bubbles(tables.get("bubbles", {}), shared, printed)
+        fields["bubbles"] = _bubbles(tables["bubbles"], shared, printed)
     with within("whitecaps"):
-        fields["whitecaps"] = _whitecaps(tables.get("whitecaps", {}), wind_speed, printed)
+        fields["whitecaps"] = _whitecaps(tables["whitecaps"], wind_speed, printed)
     return Link.model_validate(fields)
 
 
 def read_meshing(sea: Table, keys: Iterable[str], run: Table) -> Meshing:
     """Return the options of the mesh: some keys of [sea], and the normals in [run]."""
-    table = {key: sea[key] for key in keys}
-    if "normals" in run:
-        table["normals"] = run["normals"]
     try:
-        return Meshing.model_validate(table)
+        normals = {key: value for key, value in run.items() if key == "normals"}
+        return Meshing.model_validate({key: sea[key] for key in keys} | normals)
     except Refused as error:
         raise error.inside("run" if error.field == "normals" else "sea") from None
 
@@ -114,13 +108,12 @@ def _water(table: Table, wavelength_nm: float, printed: bool) -> Water:
     try:
         if spectral.keys() == {"type"}:
             water = Water.from_type(spectral["type"], wavelength_nm, **table)
-        elif spectral:
-            if {"a", "b"} <= table.keys() or "layers" in table:
+        else:
+            if spectral and ({"a", "b"} <= table.keys() or "layers" in table):
                 key, value = next(iter(spectral.items()))
                 raise Refused(key, value, "without a and b, or layers")
-            spectrum = {"spectrum": spectrum_of(spectral), "wavelength_nm": wavelength_nm}
-            water = Water.model_validate(table | spectrum)
-        else:
+            if spectral:
+                table |= {"spectrum": spectrum_of(spectral), "wavelength_nm": wavelength_nm}
             water = Water.model_validate(table)
     except Refused as error:
         raise error.inside("transmitter" if error.field == "wavelength_nm" else "water") from None
@@ -166,9 +159,8 @@ def _bubbles(table: Table, shared: Table, printed: bool) -> BubblePopulation | N
 
 def _whitecaps(table: Table, wind_speed: float, printed: bool) -> Whitecaps | None:
     table = {"wind_speed": wind_speed, "model": "paper_0255" if printed else "w_0225"} | table
-    absent = table["model"] == "none"
-    if absent:
-        del table["model"]
+    if absent := table["model"] == "none":
+        del table["model"]  # the other keys are still checked
     whitecaps = Whitecaps.model_validate(table)
     return None if absent or whitecaps.wind_speed == 0.0 else whitecaps
 
@@ -187,8 +179,8 @@ def _read_preset(presets: Mapping[str, M], table: Table | None, path: str) -> M 
     for key, value in table.items():
         part = fields.get(key)
         # an inner table replaces single fields of its part, too
-        inner = isinstance(part, Model) and isinstance(value, Mapping)
-        fields[key] = dict(part) | dict(value) if inner else value
+        inner: Any = dict(part) if isinstance(part, Model) and isinstance(value, dict) else None
+        fields[key] = value if inner is None else inner | value
     return validated(type(presets[name]), fields, path, ["preset"])
 
 
@@ -215,7 +207,7 @@ def detector_of(detector: OokLink, link: Link) -> OokLink:
     return OokLink.of_link(link, detector) if len(link.receivers) == 1 else detector
 
 
-def require_of_link(table: Table, detector: OokLink) -> None:
+def require_of_link(table: Table, detector: OokLink | None) -> None:
     """Refuse keys of [detector] that contradict the link."""
     for part, names in OF_LINK.items():
         for name, value in split(table.get(part, {}), names)[0].items():
@@ -248,8 +240,8 @@ def water_config(link: Link) -> Table:
 
 def physics_config(physics: Physics) -> Any:
     """Return the preset of the physics by name, or else its fields."""
-    names = (name for name in ("physical", "paper") if Physics.preset(name) == physics)
-    return next(names, physics.model_dump())
+    names = [name for name in ("physical", "paper") if Physics.preset(name) == physics]
+    return names[0] if names else physics.model_dump()
 
 
 def bubbles_config(link: Link, wind_speed: float) -> Table:
@@ -279,6 +271,7 @@ def read_daylight(table: Table, link: Link) -> Daylight | UnavailableDaylight | 
 
     With `direct` and `diffuse` [W m-2 nm-1] no spectral model is evaluated.
     """
+    # a table that names no model has a clear sky, and a file without the table no light
     model = table.get("model", "clear")
     require_word(model, [*MODELS, "none"], "daylight.model")
     keys = (*_LIT, *MODELS[model].keys) if model in MODELS else _LIT
@@ -287,7 +280,7 @@ def read_daylight(table: Table, link: Link) -> Daylight | UnavailableDaylight | 
         return None
     options = {key: value for key, value in table.items() if key != "model"}
     try:
-        return light_of(model, link.transmitters[0].wavelength_nm, options)
+        return daylight.light_of(model, link.transmitters[0].wavelength_nm, options)
     except Refused as error:
         refusal = error.inside("daylight") if error.field != "daylight" else error
         if isinstance(error.__cause__, ImportError):
@@ -301,13 +294,13 @@ def daylight_config(day: Daylight | UnavailableDaylight | None) -> Table | None:
     Irradiances, pattern and name that follow from the model and its options are left out.
     """
     if day is None or isinstance(day, UnavailableDaylight):
-        return day and day.table
+        return None if day is None else day.table
     fields = day.model_dump(mode="json", exclude={"wavelength_nm", "recipe"})
     names = (name for name, model in MODELS.items() if model.fields["light"] == day.light)
     model = next(names, "clear")
     options = split(fields | day.recipe, _IRRADIANCES)[1]
     try:
-        follows = light_of(model, day.wavelength_nm, options) == day
+        follows = daylight.light_of(model, day.wavelength_nm, options) == day
     except Refused:
         follows = False
     if not follows:
@@ -325,10 +318,10 @@ def _defaults(model: str) -> Table:
 def daylight_values(day: Daylight) -> dict[str, float]:
     """Return the continuous keys of [daylight] and their values, defaults of its model included."""
     table: Any = daylight_config(day)
-    model, values = table["model"], {"foam_reflectance": day.foam_reflectance}
+    model, values = table["model"], {key: getattr(day, key) for key in ("foam_reflectance", *SUN)}
     if table.keys().isdisjoint(_IRRADIANCES):
-        values |= split(defaults_of(model), MODELS[model].keys)[0]
-    values |= {key: getattr(day, key) for key in SUN} | table
+        values |= split(daylight.defaults_of(model), MODELS[model].keys)[0]
+    values |= table
     return {key: value for key, value in values.items() if isinstance(value, float)}
 
 
@@ -346,7 +339,7 @@ def daylight_with(day: Daylight, key: str, value: Any) -> Daylight:
     require_keys({key: value}, ["wavelength_nm", *_LIT, *MODELS[model].keys])
     if key == "wavelength_nm" and value != day.wavelength_nm:
         daylight_recipe(day)
-    return light_of(model, day.wavelength_nm, table | {key: value})
+    return daylight.light_of(model, day.wavelength_nm, table | {key: value})
 
 
 def changes_irradiance(key: str) -> bool:

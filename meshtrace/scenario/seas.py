@@ -25,7 +25,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Family, Model
 from meshtrace.scenario.files import Table, as_table, split, unshared, validated
-from meshtrace.scenario.parts import in_wind
+from meshtrace.scenario.parts import follows_wind, in_wind
 
 _SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "meshes", "time", "extent", "spacing")
 
@@ -66,8 +66,7 @@ class MeshFile(Model, frozen=True):
             raise error.of(self.file).inside("sea", "mesh") from None
         except Exception as error:  # the readers behind trimesh raise any exception
             problem = Described(f"{self.file!r}: {reason_of(error)}")
-            allowed = "a surface in an STL, PLY or OBJ file"
-            raise Refused("sea.mesh", problem, allowed) from error
+            raise Refused("sea.mesh", problem, "a surface in an STL, PLY or OBJ file") from error
 
 
 def sampling_keys(sea: Table) -> list[str]:
@@ -108,8 +107,7 @@ def read_surface(
     from meshtrace.surfaces.bands import paper_waves
 
     word = table.pop("spectrum", table.pop("kind", "jonswap"))
-    model = Surface.member("spectral") if isinstance(word, Mapping) else _named(word)
-    if isinstance(word, Mapping) or not issubclass(model, Surface):
+    if isinstance(word, Mapping) or not issubclass(model := _named(word), Surface):
         surface, calm = _spectral(word, table, wind_speed)
     else:
         surface, calm = in_wind(model, table, {"wind_speed": wind_speed}, _SEA_KEYS)
@@ -125,18 +123,16 @@ def _spectral(word: Any, table: Table, wind_speed: float) -> tuple[Any, bool]:
     """
     from meshtrace.surfaces import SpectralSea, Spectrum
 
-    shared = {"wind_speed": wind_speed}
     if isinstance(word, Mapping):
-        with within("spectrum"):
-            model = Spectrum.member(word.get("kind", "jonswap"))
-            parameters = {key: value for key, value in word.items() if key != "kind"}
-            spectrum, calm = in_wind(model, parameters, shared)
-        keys: list[str] = []
+        inside, kind, keys = ["spectrum"], word.get("kind", "jonswap"), []
+        parameters = {key: value for key, value in word.items() if key != "kind"}
     else:
-        model = Spectrum.member(word)
-        keys = [*model.model_fields, *(["file"] if word == "tabulated" else [])]
+        inside, kind = [], word
+        keys = [*Spectrum.member(word).model_fields, *(["file"] if word == "tabulated" else [])]
         parameters, table = split(table, keys)
-        spectrum, calm = in_wind(model, parameters, shared)
+    with within(*inside):
+        model = Spectrum.member(kind)
+        spectrum, calm = in_wind(model, parameters, {"wind_speed": wind_speed})
     sea = validated(SpectralSea, table | {"spectrum": spectrum}, "", [*_SEA_KEYS, *keys])
     return sea, calm
 
@@ -146,17 +142,16 @@ def _measured(table: Table, wind_speed: float) -> Any:
     from meshtrace.surfaces import from_gauge, from_wavespectra, gauge_spectrum
 
     gauge = table["spectrum"] == "gauge"
-    reader = from_gauge if gauge else from_wavespectra
+    readers: list[Any] = [from_gauge, gauge_spectrum] if gauge else [from_wavespectra]
     source, options = split(table, ["spectrum", "file"])
     if not isinstance(source.get("file"), str):
         raise Refused("file", source.get("file", MISSING), "a path")
-    functions = [reader, gauge_spectrum] if gauge else [reader]
-    known = dict.fromkeys(key for f in functions for key in inspect.signature(f).parameters)
+    known = dict.fromkeys(key for f in readers for key in inspect.signature(f).parameters)
     require_keys(options, [*(k for k in known if k not in ("source", "gauge")), "file", *_SEA_KEYS])
     # what the instrument leaves open, short waves and directions, follows the wind
     if {"tail", "mss", "spreading"} & options.keys():
         options.setdefault("wind_speed", wind_speed)
-    return reader(source["file"], **options)
+    return readers[0](source["file"], **options)
 
 
 def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
@@ -209,12 +204,13 @@ def _mesh_sequence(table: Table, folder: Path) -> Any:
     names = source if isinstance(source, list) else [source]
     if not names or not all(isinstance(name, str) for name in names):
         raise Refused("meshes", source, "a folder, a pattern or a file")
-    paths = [str(folder.resolve() / name) for name in names]
+    paths: Any = [str(folder.resolve() / name) for name in names]
     keys = [key for key in MeshSequence.model_fields if key not in ("kind", "source")]
     require_keys(table, ["meshes", *keys, "time"])
-    source = {"source": paths if isinstance(source, list) else paths[0]}
+    table = split(table, ["meshes"])[1]
+    table["source"] = paths if isinstance(source, list) else paths[0]
     try:
-        return MeshSequence.model_validate(split(table, ["meshes"])[1] | source)
+        return MeshSequence.model_validate(table)
     except Refused as error:
         field = "meshes" if error.field == "source" else error.field
         raise Refused(field, error.value, error.allowed, error.hint) from error.__cause__
@@ -235,8 +231,7 @@ def surface_from_provenance(provenance: Mapping[str, Any]) -> MeshSource | MeshF
 
 def wind_of(link: Link, surface: Any) -> float:
     """Return the wind speed of the first part that has one, 0 for a calm sea."""
-    parts = getattr(surface, "parts", ())
-    if parts:
+    if parts := getattr(surface, "parts", ()):
         return max(wind_of(link, part) for part in parts)
     spectrum = getattr(surface, "spectrum", None)
     return (link.wind_speed or 0.0) if spectrum is None else spectrum.wind_speed
@@ -254,17 +249,14 @@ def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
     if kind == "meshes":
         return {"meshes": config.pop("source")} | config
     if isinstance(surface, SumSea):
-        parts = [surface_config(part, wind_speed) for part in surface.parts]
         del config["parts"]
-        return config | {"part": parts}
+        return config | {"part": [surface_config(part, wind_speed) for part in surface.parts]}
     if kind == "spectral":
         config["spectrum"] = unshared(config["spectrum"], shared)
         return config
-    # the wind of the file's other tables need not be written twice; measured waves have their own
-    wind = type(surface).model_fields.get("wind_speed")
-    if wind is not None and wind.default is not None:
-        config = unshared(config, shared)
-    return {"spectrum": kind} | config
+    # the wind of the file's other tables need not be written twice
+    model: Any = type(surface)
+    return {"spectrum": kind} | (unshared(config, shared) if follows_wind(model) else config)
 
 
 def may_overhang(surface: MeshSource | MeshFile) -> bool:
