@@ -187,12 +187,12 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
 
     def _repr_html_(self) -> str:
         notes = self.notes()
-        rows = (
+        lines = (
             f"<tr><td>{name}</td><td>{html.escape(_shown(getattr(self, name)))}</td>"
             f"<td style='text-align:left'>{html.escape(notes.get(name, ''))}</td></tr>"
             for name in type(self).model_fields
         )
-        return f"<b>{type(self).__name__}</b><table>{''.join(rows)}</table>"
+        return f"<b>{type(self).__name__}</b><table>{''.join(lines)}</table>"
 
     @classmethod
     def notes(cls) -> dict[str, str]:
@@ -204,13 +204,13 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         >>> Receiver.notes()["radius"]
         'Radius of the aperture [m], > 0'
         """
-        found = {
+        sentences = {
             name: re.split(r"(?<!\.)[:;.](?:\s|$)", text)[0]
             for name, (_, text) in entries(cls).items()
             if not text.startswith("See ")
         }
-        keys = {n: n if n in found else field.alias for n, field in cls.model_fields.items()}
-        return {name: found[key] for name, key in keys.items() if key in found}
+        keys = {n: n if n in sentences else field.alias for n, field in cls.model_fields.items()}
+        return {name: sentences[key] for name, key in keys.items() if key in sentences}
 
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:
@@ -256,7 +256,7 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         meshtrace.errors.Refused: receiver.hieght: 10.0, no such key, did you mean height? ...
         """
         fields = {name: getattr(self, name) for name in self.model_fields_set}
-        for key, new in ({**({} if path is None else {path: value}), **updates}).items():
+        for key, new in (updates if path is None else {path: value} | updates).items():
             head, *rest = key.split(".")
             if rest:
                 require_keys({head: new}, type(self).model_fields)
@@ -291,6 +291,7 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
     @classmethod
     def _converted(cls, values: dict[str, Any]) -> dict[str, Any]:
         """Return values in the units of their fields, and refuse what is no number."""
+        # plain data may name a field by its alias
         names = {field.alias or name: name for name, field in cls.model_fields.items()}
         for key, value in values.items():
             name = names.get(key, key)
@@ -363,6 +364,7 @@ def _in_unit(value: Any, name: str, units: list[str]) -> Any:
     if not unit:
         return value
     numbers = require_array(without_unit(value), name, f"numbers [{wanted}]")
+    # a field such as "depth [m], a, b [m-1]" has no unit that an array could have
     if not is_unit(wanted) or (numbers.ndim and len(units) > 1):
         allowed = f"plain numbers [{', '.join(units)}]"
         raise Refused(name, Described(f"an array in {unit}"), allowed)
@@ -458,10 +460,10 @@ class Family(Model, frozen=True):
         super().__init_subclass__(**options)
         if Family in cls.__bases__:
             cls.registered, cls._default, cls._closed = {}, default, closed
-        own = inspect.get_annotations(cls)
-        if Family not in cls.__bases__ and "kind" not in own and not _is_ours(cls):
+        annotations = inspect.get_annotations(cls)
+        if Family not in cls.__bases__ and "kind" not in annotations and not _is_ours(cls):
             kind = f"{cls.__module__}:{cls.__qualname__}"
-            cls.__annotations__ = {**own, "kind": Literal[kind]}
+            cls.__annotations__ = annotations | {"kind": Literal[kind]}
             cls.kind = kind  # type: ignore[method-assign, assignment]
 
     @classmethod
@@ -473,6 +475,7 @@ class Family(Model, frozen=True):
             return
         kind = cls.model_fields["kind"].default
         known = cls.registered.get(kind)
+        # a kernel knows the closed families by their members
         if cls._closed and not _is_ours(cls):
             raise Refused(f"{cls.__qualname__}.kind", kind, cls._closed)
         if known is not None and known.__qualname__ != cls.__qualname__:
@@ -489,19 +492,19 @@ class Family(Model, frozen=True):
             If there is none, it is not of this family, or its module is not imported yet and
             import paths are not trusted.
         """
-        found: Any = cls.registered.get(kind) if isinstance(kind, str) else None
+        known: Any = cls.registered.get(kind) if isinstance(kind, str) else None
         allowed = ", ".join(cls.registered)
         allowed += f" ({cls._closed})" if cls._closed else f" or module:{cls.__name__}"
-        if found is None and isinstance(kind, str) and not cls._closed:
+        if known is None and isinstance(kind, str) and not cls._closed:
             if source := _untrusted(kind):
                 hint = f"would run {source}: a link file may, with --trust or trust=True;"
                 raise Refused(key, kind, allowed, hint)
             try:
-                found = _found(kind)
+                known = _imported(kind)
             except Exception as error:  # any failure of a module's import
                 raise Refused(key, kind, f"{allowed} ({error})") from error
-        if inspect.isclass(found) and issubclass(found, cls):
-            return found
+        if inspect.isclass(known) and issubclass(known, cls):
+            return known
         synonym = cls.synonyms.get(kind.lower()) if isinstance(kind, str) else None
         hint = f"did you mean {synonym}?" if synonym else did_you_mean(kind, cls.registered)
         raise Refused(key, kind, allowed, hint)
@@ -520,6 +523,7 @@ class Family(Model, frozen=True):
         Refused
             If the kind is unknown or a value is not allowed.
         """
+        # members of a user's own class have passed their validators
         if isinstance(value, cls):
             return value
         table = {"kind": value} if isinstance(value, str) else value
@@ -571,6 +575,7 @@ def modules_of(text: str) -> list[str]:
 def import_modules(names: Iterable[str]) -> None:
     """Import modules, also from the working directory as `python -m` does."""
     folder = os.getcwd()
+    # at the end: a file of the working directory must not hide a package
     sys.path.append(folder)
     try:
         for name in names:
@@ -592,18 +597,19 @@ def _untrusted(kind: str) -> str:
     if not module or module in sys.modules or _TRUSTED.get():
         return ""
     package = module.partition(".")[0]
+    # found without an import: its code is a stranger's
     spec = PathFinder.find_spec(package, [*sys.path, os.getcwd()])
     return (spec and spec.origin) or f"the module {package}"
 
 
-def _found(kind: str) -> Any:
+def _imported(kind: str) -> Any:
     """Return the object at an entry point or an import path "module:Class", None if absent."""
     module = _module_of(kind)
     if not module:
         return next((e.load() for e in entry_points(group=GROUP) if e.name == kind), None)
     if module not in sys.modules:
         import_modules([module])
-    found: Any = sys.modules[module]
+    target: Any = sys.modules[module]
     for word in kind.partition(":")[2].split("."):
-        found = getattr(found, "__dict__", {}).get(word)  # runs nothing
-    return found
+        target = getattr(target, "__dict__", {}).get(word)  # runs nothing
+    return target

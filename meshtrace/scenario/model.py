@@ -155,7 +155,7 @@ class Scenario(Model, frozen=True):
             nested = Described("nested too deeply")
             raise Refused("", nested, "tables of a link file", source=source or "") from error
         except Refused as error:
-            raise error.of(source or "") from error.__cause__
+            raise error.in_file(source or "") from error.__cause__
 
     @classmethod
     def from_config(
@@ -207,6 +207,7 @@ class Scenario(Model, frozen=True):
                 uav=parts.read_uav(tables.get("uav")),
                 daylight=parts.read_daylight(tables["daylight"], link),  # type: ignore[arg-type]
             )
+            # compared with the whole scenario: several receivers have no common aperture
             parts.require_of_link(tables.get("detector", {}), scenario.detector)
             return scenario
 

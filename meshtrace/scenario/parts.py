@@ -118,6 +118,7 @@ def _water(table: Table, wavelength_nm: float, printed: bool) -> Water:
     except Refused as error:
         raise error.inside("transmitter" if error.field == "wavelength_nm" else "water") from None
     phase = water.phase
+    # the paper integrates the phase function by a form of its own
     if printed and isinstance(phase, FournierForand) and "cdf_coef" not in phase.model_fields_set:
         return water.replace("phase.cdf_coef", "paper")
     return water
@@ -230,6 +231,7 @@ def water_config(link: Link) -> Table:
     """Return [water] without the values that follow the type, the layers or the transmitter."""
     water = link.water
     _, table = split(plain(water), _SHARED)
+    # of layered water a and b are those of the first layer
     following = {"a", "b"} if water.layers else set()
     if water.spectrum and water.wavelength_nm == link.transmitters[0].wavelength_nm:
         following = {"a", "b", "n", "phase", "layers"} - water.model_fields_set

@@ -63,7 +63,7 @@ class MeshFile(Model, frozen=True):
             if error.field == self.file:  # of the reader
                 problem = Described(f"{self.file!r}: {error.value}")
                 raise Refused("sea.mesh", problem, error.allowed) from None
-            raise error.of(self.file).inside("sea", "mesh") from None
+            raise error.in_file(self.file).inside("sea", "mesh") from None
         except Exception as error:  # the readers behind trimesh raise any exception
             problem = Described(f"{self.file!r}: {reason_of(error)}")
             raise Refused("sea.mesh", problem, "a surface in an STL, PLY or OBJ file") from error
@@ -177,8 +177,10 @@ def _named(word: Any) -> type[Family]:
             return family.member(word)
         except Refused as error:
             refused = error
+    # an import path says what it means: no list of words would help
     if isinstance(word, str) and ":" in word:
         raise Refused("spectrum", word, refused.allowed, refused.hint)
+    # "spectral" is the class behind all words of spectra
     seas = (kind for kind in Surface.registered if kind != "spectral")
     # "gauge" is a word of files alone
     words = list(dict.fromkeys([*seas, "gauge", *Spectrum.registered]))

@@ -568,7 +568,7 @@ def read_study(
         if not isinstance(beside, str) or not beside:
             raise Refused("sweep.store", beside, "a path")
     except Refused as error:
-        raise error.of(str(path)) from error.__cause__
+        raise error.in_file(str(path)) from error.__cause__
     run = config.get("run", {})
     shared = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
     parameters = dict(_dotted(table.pop("parameters", {})))
