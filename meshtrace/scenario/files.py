@@ -152,6 +152,7 @@ def with_unset_keys(text: str, more: str) -> str:
     further = filled(more)
     for name, keys in unset.items():
         further += ["", f"[{name}]", *keys]
+    # tables that the link has not would change it, unless they are comments
     lines += [line if line.startswith("# ") else f"# {line}".rstrip() for line in ["", *further]]
     return "\n".join(lines) + "\n"
 

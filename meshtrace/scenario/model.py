@@ -89,6 +89,7 @@ class Scenario(Model, frozen=True):
     @field_validator("detector")
     @classmethod
     def _detector_of_link(cls, detector: OokLink | None, info: ValidationInfo) -> OokLink | None:
+        # at each change of the link, too: power and wavelength follow it
         link = info.data.get("link")
         return detector if detector is None or link is None else parts.detector_of(detector, link)
 
@@ -187,6 +188,7 @@ class Scenario(Model, frozen=True):
             raise Refused("config", config, "a table")
         with trusting(trust):
             require_keys(config, files.KEYS)
+            # words and paths are resolved in a copy, once: the readers see plain tables
             tables = files.located(config, folder)
             files.expand_words(tables)
             wind_speed = tables.get("wind_speed", parts.DEFAULT_WIND_SPEED)
@@ -236,6 +238,7 @@ class Scenario(Model, frozen=True):
         link = Link.model_validate(files.as_table(provenance["link"], "link"))
         surface = seas.surface_from_provenance(provenance)
         estimator = Estimator.member(options.get("estimator", "forced"), "run.estimator")
+        # a result holds the options of all estimators, a run those of its own
         mine = {*Run.model_fields, *estimator.model_fields} - {"threads"}
         return cls(
             wind_speed=seas.wind_of(link, surface),

@@ -176,6 +176,7 @@ def _read_preset(presets: Mapping[str, M], table: Table | None, path: str) -> M 
     word, table = split(table, ["preset"])
     name = word.get("preset", next(iter(presets)))
     require_word(name, presets, f"{path}.preset")
+    # one validation of the whole: fields of a preset may only hold together
     fields = dict(presets[name])
     for key, value in table.items():
         part = fields.get(key)
@@ -364,4 +365,5 @@ def daylight_recipe(day: Daylight) -> Table:
     if not table.keys().isdisjoint(_IRRADIANCES):
         irradiances = Described("irradiances other than those of a model")
         raise Refused("daylight", irradiances, "a link file or its plain data, with the model")
+    # what the model has without options would fix a value that may follow a sweep
     return unshared(table, _defaults(table["model"]))

@@ -162,6 +162,7 @@ def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
     if not isinstance(parts, list) or not parts:
         raise Refused("part", parts, "tables [[sea.part]]")
     seas = []
+    # time and mesh are those of the whole sea: a part has no keys of `Meshing`
     for i, part in enumerate(parts):
         with within("part", i):
             seas.append(read_surface(as_table(part, ""), (), wind_speed, folder, printed))
