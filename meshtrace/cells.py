@@ -1,4 +1,4 @@
-"""Cells of tables: texts, arrays and data frames as columns, with the texts above them."""
+"""Split texts, arrays and data frames into columns of cells, with the text above them."""
 
 from __future__ import annotations
 
@@ -53,6 +53,7 @@ class Cells:
     place: str = "line"
     separator: str = " "
     decimal_comma: bool = False
+    # what was converted or left out, told in one warning at the end
     notes: list[str] = field(default_factory=list)
 
     def numbers(self, index: int, text: str = "") -> Floats:
@@ -61,6 +62,7 @@ class Cells:
         if isinstance(column, np.ndarray):
             return column
         try:
+            # numpy reads 1_000 as a number, and 1,5 not at all
             if self.decimal_comma or any("_" in word for word in column):
                 raise ValueError
             return np.array(column, dtype=np.float64)
@@ -71,6 +73,7 @@ class Cells:
         word = self.columns[index][row].strip()
         if word.lower() in _MISSING:
             return np.nan
+        # Fortran writes double precision as 1.0d-3
         number = _FORTRAN.sub(r"\1e\2", word)
         if self.decimal_comma:
             if "." in word:
@@ -81,21 +84,21 @@ class Cells:
         return float(number)
 
     def finite(self, index: int, text: str = "") -> Floats:
-        """Return a column of finite numbers; refuse the first that is none."""
+        """Return a column as numbers; refuse the first that is missing or not finite."""
         values = self.numbers(index, text)
         if wrong := np.flatnonzero(~np.isfinite(values)).tolist():
-            found = "missing" if np.isnan(values[wrong[0]]) else str(values[wrong[0]])
-            raise self.refused(wrong[0], index, text, found, "all finite")
+            problem = "missing" if np.isnan(values[wrong[0]]) else str(values[wrong[0]])
+            raise self.refused(wrong[0], index, text, problem, "all finite")
         return values
 
-    def refused(self, row: int, index: int, text: str, found: str, allowed: str) -> Refused:
+    def refused(self, row: int, index: int, text: str, problem: str, allowed: str) -> Refused:
         """Return the refusal of a cell."""
         where = f"{self.place} {self.places[row]}, column {text or index + 1}"
         kind = TEXT if self.place == "line" else "columns of numbers"
-        return Refused(self.name, Described(f"{where}: {found}"), f"{kind}, {allowed}")
+        return Refused(self.name, Described(f"{where}: {problem}"), f"{kind}, {allowed}")
 
     def counts(self, index: int) -> bool:
-        """Return whether a column counts the rows, from 0 or 1 on."""
+        """Return whether a column holds the numbers of the rows, starting at 0 or 1."""
         try:
             values = self.numbers(index)
         except Refused:
@@ -104,7 +107,7 @@ class Cells:
         return first in (0.0, 1.0) and np.array_equal(values, first + np.arange(len(values)))
 
     def tell(self) -> None:
-        """Say in one line what was made of the table."""
+        """Warn in one line of what was converted or left out."""
         if self.notes:
             warn_of_input(f"{self.name}: {'; '.join(self.notes)}")
 
@@ -132,8 +135,8 @@ def cells_of(
     if hasattr(source, "columns") and hasattr(source, "iloc"):
         return _cells_of_frame(source, name)
     if hasattr(source, "dims") or hasattr(source, "units") or hasattr(source, "unit"):
-        found = Described(f"{type(source).__name__} with attributes")
-        raise Refused(name, found, "a path, a plain array or a data frame")
+        problem = Described(f"{type(source).__name__} with attributes")
+        raise Refused(name, problem, "a path, a plain array or a data frame")
     return _cells_of_array(source, name)
 
 
@@ -170,18 +173,17 @@ def cells_of_text(
     if not lines:
         raise Refused(name, Described("no rows"), TEXT)
     if len(comments) > _MOST_COMMENTS:
-        raise Refused(
-            name,
-            Described(f"{len(comments)} comments"),
-            f"{TEXT}, of {_MOST_COMMENTS} comments at most",
-        )
+        problem = Described(f"{len(comments)} comments")
+        raise Refused(name, problem, f"{TEXT}, of {_MOST_COMMENTS} comments at most")
+    # the last line is the one that is least likely to be a heading
     separator = delimiter or _separator(lines[-1][1])
-    rows = [split(line, separator) for _, line in lines]
-    above = _heads(rows) if heads is None else heads
-    body, places = rows[above:], [number for number, _ in lines[above:]]
+    lines_of_words = [split(line, separator) for _, line in lines]
+    above = _heads(lines_of_words) if heads is None else heads
+    body, places = lines_of_words[above:], [number for number, _ in lines[above:]]
     if not body:
         raise Refused(name, Described(f"no numbers below {lines[-1][1]}"), TEXT)
-    if all(len(row) > 1 and row[-1] == "" for row in body):  # rows that end with the separator
+    # lines that end with the separator have no further column
+    if all(len(row) > 1 and row[-1] == "" for row in body):
         body = [row[:-1] for row in body]
     return Cells(
         name,
@@ -195,15 +197,15 @@ def cells_of_text(
     )
 
 
-def _even(rows: list[list[str]], places: Sequence[int], name: str) -> list[list[str]]:
-    """Return rows of as many columns, without the words that follow some; refuse others."""
-    width = min(map(len, rows))
-    for place, row in zip(places, rows, strict=True):
+def _even(lines_of_words: list[list[str]], places: Sequence[int], name: str) -> list[list[str]]:
+    """Return rows of equal length, without trailing remarks; refuse rows that lack a number."""
+    width = min(map(len, lines_of_words))
+    for place, row in zip(places, lines_of_words, strict=True):
         if not all(word[:1].isalpha() and not reads_as_number(word) for word in row[width:]):
-            short = places[[len(row) for row in rows].index(width)]
-            found = Described(f"line {short}: {width} columns, line {place}: {len(row)}")
-            raise Refused(name, found, f"{TEXT}, as many in each line")
-    return [row[:width] for row in rows]
+            short = places[[len(row) for row in lines_of_words].index(width)]
+            problem = Described(f"line {short}: {width} columns, line {place}: {len(row)}")
+            raise Refused(name, problem, f"{TEXT}, as many in each line")
+    return [row[:width] for row in lines_of_words]
 
 
 def split(line: str, separator: str) -> list[str]:
@@ -230,15 +232,17 @@ def _separator(line: str) -> str:
     return max(SEPARATORS, key=count)
 
 
-def _heads(rows: list[list[str]]) -> int:
+def _heads(lines_of_words: list[list[str]]) -> int:
     """Return the number of rows above the numbers: of words where the last row has numbers."""
-    of_numbers = [i for i, word in enumerate(rows[-1]) if _reads(word)]
-    for above, row in enumerate(rows[:3]):
+    of_numbers = [i for i, word in enumerate(lines_of_words[-1]) if _reads(word)]
+    for above, row in enumerate(lines_of_words[:3]):
         words = [row[i] for i in of_numbers if i < len(row)]
         if words and all(_reads(w) or w.lower() in _MISSING for w in words):
             return above
     # the last row has a wrong word, or the first ones
-    return next((i for i, row in enumerate(rows) if any(map(_reads, row))), len(rows))
+    return next(
+        (i for i, row in enumerate(lines_of_words) if any(map(_reads, row))), len(lines_of_words)
+    )
 
 
 def _cells_of_frame(frame: Any, name: str) -> Cells:
@@ -250,21 +254,20 @@ def _cells_of_frame(frame: Any, name: str) -> Cells:
     if "units" in frame.attrs or "unit" in frame.attrs:
         allowed = "units in the names of the columns, as in eta [mm]"
         raise Refused(name, Described("units in attributes"), allowed)
-    named = isinstance(frame.columns, pd.RangeIndex)
     columns = [(str(label), frame.iloc[:, i]) for i, label in enumerate(frame.columns)]
+    # an index with a name, or of times, holds data; one that pandas made does not
     if frame.index.name is not None or frame.index.dtype.kind in "mM":
         columns.insert(0, (str(frame.index.name or "time"), frame.index.to_series()))
     elif frame.index.dtype.kind == "f":
-        raise Refused(
-            name, Described("an index without name"), "an index with the name of a column"
-        )
+        problem = Described("an index without name")
+        raise Refused(name, problem, "an index with the name of a column")
+    # numbers from 0 on are the labels of a frame that was made of an array
+    has_names = len(columns) > frame.shape[1] or not isinstance(frame.columns, pd.RangeIndex)
     cells = Cells(
         name,
         [_of_series(series) for _, series in columns],
         range(1, len(frame) + 1),
-        labels=()
-        if named and len(columns) == len(frame.columns)
-        else [label for label, _ in columns],
+        labels=[label for label, _ in columns] if has_names else (),
         place="row",
     )
     if any(series.dtype.kind in "mM" for _, series in columns):
@@ -273,7 +276,7 @@ def _cells_of_frame(frame: Any, name: str) -> Cells:
 
 
 def _of_series(series: Any) -> Any:
-    """Return a column of a data frame as numbers, or else as words."""
+    """Return a column of a data frame as numbers, or as words if it holds others."""
     import pandas as pd
 
     if series.dtype.kind in "mM":

@@ -12,7 +12,7 @@ import math
 import operator
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from types import MappingProxyType, NoneType, UnionType
 from typing import (
@@ -85,13 +85,13 @@ _PLAIN = (str, bool, int, float, complex, NoneType, list, tuple, dict)
 
 
 class Allowed(NamedTuple):
-    """What a parameter allows, in words that replace those of its annotation."""
+    """Mark of a parameter: words for its allowed values, in place of those of its annotation."""
 
     words: str
 
 
 class Infinite(NamedTuple):
-    """Mark of numbers that may be infinite; with `missing`, of those that may be nan, too."""
+    """Mark of numbers that may be infinite and, with `missing`, nan."""
 
     missing: bool = False
 
@@ -115,11 +115,11 @@ class Shape(NamedTuple):
         return len(sizes) == len(shape) and all(not s.isdecimal() or int(s) == n for s, n in pairs)
 
 
-class Unit(NamedTuple):
+class Unit:
     """Mark of vectors of length 1, to 1e-3: pictures have directions of single precision."""
 
 
-class Inside(NamedTuple):
+class Inside:
     """Mark of a parameter that the function checks itself: its range depends on others."""
 
 
@@ -162,10 +162,15 @@ def check_call(function: Callable[P, R], all_named: bool = False) -> Callable[P,
     def call(*args: P.args, **options: P.kwargs) -> R:
         nonlocal known
         if known is None:  # not at import: most functions are not called in a run
-            known = _Parameters.of(function, all_named)
-        values: Any = known.values(args)
-        named: Any = known.named(options)
-        return function(*values, **named)
+            known = _Parameters.from_function(function, all_named)
+        if known.keys:
+            require_keys(options, known.keys)
+        # starred arguments share the validator behind those by place
+        by_place = [*known.places, *[known.rest] * (len(args) - len(known.places))]
+        by_name, pairs = known.by_name, zip(args, by_place, strict=False)
+        places: Any = [v if check is None else check(v) for v, check in pairs]
+        names: Any = {k: by_name[k](v) if k in by_name else v for k, v in options.items()}
+        return function(*places, **names)
 
     call.__checked__ = True  # type: ignore[attr-defined]
     return call
@@ -173,11 +178,13 @@ def check_call(function: Callable[P, R], all_named: bool = False) -> Callable[P,
 
 def check_methods(cls: type[T]) -> type[T]:
     """Decorate the public methods of a class of the package by `check_call`."""
+    # classes of the user check their arguments themselves
     if not cls.__module__.startswith("meshtrace."):
         return cls
     for name, member in list(vars(cls).items()):
         function = getattr(member, "__func__", member)
-        if name.startswith("_") or not inspect.isfunction(function):
+        # models read anything by `model_validate`, and refuse it themselves
+        if name.startswith("_") or name == "model_validate" or not inspect.isfunction(function):
             continue
         if not hasattr(function, "__checked__") and len(function.__annotations__) > 1:
             again = check_call(function)
@@ -186,44 +193,42 @@ def check_methods(cls: type[T]) -> type[T]:
     return cls
 
 
-class _Parameter(NamedTuple):
-    """Validator of a parameter."""
+def _checked(name: str, adapter: pydantic.TypeAdapter[Any], value: Any) -> Any:
+    """Return the value of a parameter as its annotation has it, or refuse it."""
+    try:
+        return adapter.validate_python(value)
+    except pydantic.ValidationError as error:
+        errors = error.errors(include_url=False)
+    # the alternatives of a union are part of the paths of pydantic, and none of ours
+    paths = [[key for key in row["loc"] if not _is_alternative(key)] for row in errors]
+    place = min(paths, key=len)
+    tried = [e for e, path in zip(errors, paths, strict=True) if path[: len(place)] == place]
+    if len(tried) == 1:
+        refuse(tried[0], name, place)
+    for key in place:
+        value = value[key]
+    allowed = " or ".join(dict.fromkeys(map(_allowed_alone, tried)))
+    raise Refused("", _shown(value), allowed).inside(name, *_words_of(place))
 
-    name: str
-    adapter: pydantic.TypeAdapter[Any]
 
-    def __call__(self, value: Any) -> Any:
-        try:
-            return self.adapter.validate_python(value)
-        except pydantic.ValidationError as error:
-            rows = error.errors(include_url=False)
-        paths = [[key for key in row["loc"] if not _is_alternative(key)] for row in rows]
-        place = min(paths, key=len)
-        found = [row for row, path in zip(rows, paths, strict=True) if path[: len(place)] == place]
-        if len(found) == 1:
-            refuse(found[0], self.name, place)
-        # none of several alternatives
-        for key in place:
-            value = value[key]
-        allowed = " or ".join(dict.fromkeys(map(_allowed_alone, found)))
-        raise Refused("", _shown(value), allowed).inside(self.name, *_words_of(place))
+_Check = Callable[[Any], Any]
 
 
 class _Parameters(NamedTuple):
     """Validators of a function's parameters: by place, those behind, and by name."""
 
-    places: list[_Parameter | None]
-    rest: _Parameter | None
-    names: dict[str, _Parameter]
+    places: list[_Check | None]
+    rest: _Check | None
+    by_name: dict[str, _Check]
     keys: tuple[str, ...]  # all keywords, none if any is accepted
 
     @classmethod
-    def of(cls, function: Callable[..., Any], all_named: bool) -> _Parameters:
+    def from_function(cls, function: Callable[..., Any], all_named: bool) -> _Parameters:
         """Return those of a function; `all_named` refuses keywords that its `Unpack` lacks."""
         plain = inspect.unwrap(function)
         hints = {name: _resolved(hint, plain) for name, hint in plain.__annotations__.items()}
-        places: list[_Parameter | None] = []
-        names: dict[str, _Parameter | None] = {}
+        places: list[_Check | None] = []
+        names: dict[str, _Check | None] = {}
         rest, keys = None, True
         for name, parameter in inspect.signature(plain).parameters.items():
             hint = hints.get(name, Any)
@@ -242,18 +247,6 @@ class _Parameters(NamedTuple):
                     names[name] = check
         known = {name: check for name, check in names.items() if check is not None}
         return cls(places, rest, known, tuple(names) if keys else ())
-
-    def values(self, args: tuple[Any, ...]) -> list[Any]:
-        """Return the arguments by place."""
-        checks = [*self.places, *[self.rest] * (len(args) - len(self.places))]
-        return [v if check is None else check(v) for v, check in zip(args, checks, strict=False)]
-
-    def named(self, options: dict[str, Any]) -> dict[str, Any]:
-        """Return the arguments by name."""
-        if self.keys:
-            require_keys(options, self.keys)
-        names = self.names
-        return {k: names[k](v) if k in names else v for k, v in options.items()}
 
 
 def _resolved(hint: Any, function: Callable[..., Any]) -> Any:
@@ -290,10 +283,10 @@ class _Later(type):
         return cls.__name__ in (kind.__name__ for kind in type(value).__mro__)
 
 
-def _parameter(name: str, hint: Any) -> _Parameter | None:
+def _parameter(name: str, hint: Any) -> _Check | None:
     """Return the validator of a parameter, None for any value."""
     kind = _typed(hint, _Limits(name))
-    return None if kind is Any else _Parameter(name, pydantic.TypeAdapter(kind))
+    return None if kind is Any else partial(_checked, name, pydantic.TypeAdapter(kind))
 
 
 # ---- types -----------------------------------------------------------------------------------
@@ -390,6 +383,7 @@ def _plain(convert: Callable[..., Any], *more: Any) -> Any:
 def _union(parts: tuple[Any, ...], limits: _Limits) -> Any:
     arrays = set(get_args(ArrayLike))
     kinds: list[Any] = []
+    # a path is checked as a file name, a text beside it would not be
     if any(map(_is_path, parts)):
         kinds.append(_plain(_path, limits))
         parts = tuple(part for part in parts if part is not str and not _is_path(part))
@@ -421,7 +415,7 @@ def _several(kind: Any, parts: tuple[Any, ...], limits: _Limits) -> Any:
 
 def _float(value: Any, limits: _Limits) -> float:
     allowed = limits.allowed("a number" if limits.infinite else "a finite number")
-    number = require_real(value, "", allowed)
+    number = value if type(value) is float else require_real(value, "", allowed)
     if not limits.hold(number):
         raise limits.refused(value, allowed)
     return number
@@ -435,6 +429,7 @@ def _int(value: Any, limits: _Limits) -> int:
         number = None
     if number is None or not all(_HOLDS[k](number, v) for k, v in limits.bounds.items()):
         raise Refused("", value, allowed)
+    # larger ones overflow in numpy
     if not -(2**63) <= number < 2**64:
         raise Refused("", value, "integers of 64 bits")
     return number
@@ -471,12 +466,14 @@ def _array(value: Any, limits: _Limits, dtype: Any = np.float64) -> NDArray[Any]
         at = np.argwhere(~good)[0]
         worst = array[tuple(at)]
         raise limits.refused(worst, allowed).inside(*(at.tolist() if array.size > 1 else ()))
+    # single precision leaves 1e-7, and directions from files some 1e-4
     if limits.unit and np.any(np.abs(np.linalg.norm(array, axis=-1) - 1.0) > 1e-3):
         raise Refused("", array, "unit vectors (..., 3)")
     return array.astype(dtype, copy=False)
 
 
 def _flags(value: Any, limits: _Limits) -> NDArray[np.bool_]:
+    # numpy makes truths of any object: only arrays and lists hold several
     array = np.asarray(value) if isinstance(value, list | tuple | np.ndarray) else None
     if array is None or array.dtype.kind != "b":
         raise Refused("", _shown(value), limits.allowed("true or false, one or more"))
@@ -500,6 +497,7 @@ def _path(value: Any, limits: _Limits) -> Any:
         os.stat(text)
     except FileNotFoundError:
         pass
+    # the operating system says best what is wrong with a name
     except (OSError, ValueError) as error:  # too long, no text of the file system, in a file
         reason = getattr(error, "strerror", "")
         allowed = limits.allowed("the path of a file")
@@ -556,6 +554,7 @@ def _iterated(value: Any) -> Any:
 
 def _shown(value: Any) -> Any:
     """Return a value, or the name of its class if its text says little."""
+    # the text of other objects may be long, or tell their address in memory
     plain = type(value) in _PLAIN or isinstance(value, np.generic | np.ndarray)
     return value if plain else Described(type(value).__name__)
 
@@ -581,15 +580,16 @@ def refuse(
 
     The field is `name` with the path of the error inside it, or for a model (`cls`) that path.
     """
-    kind, context = first["type"], first.get("ctx", {})
-    own = context.get("error")
+    kind, cause = first["type"], first.get("ctx", {}).get("error")
+    # in a model the field is told by the path alone
     path = path if cls else [name, *_words_of(path)]
-    if isinstance(own, Refused):
-        if cls and path and own.field == path[-1]:  # validators of a field name it themselves
+    if isinstance(cause, Refused):
+        if cls and path and cause.field == path[-1]:  # validators of a field name it themselves
             path.pop()
-        raise own.inside(*path) from None
+        raise cause.inside(*path) from None
     value = MISSING if kind == "missing" else first["input"]
-    allowed, hint = str(own) if own else allowed_by(first, cls), ""
+    allowed, hint = str(cause) if cause else allowed_by(first, cls), ""
+    # pydantic writes the words with quotes, and "or" before the last
     if kind == "literal_error":
         hint = did_you_mean(value, allowed.replace(" or ", ", ").split(", "))
     raise Refused("", value, allowed, hint).inside(*(path or [name])) from None
@@ -608,8 +608,8 @@ def _is_alternative(key: Any) -> bool:
 
 def _allowed_alone(error: Any) -> str:
     """Return the allowed values of one of several alternatives."""
-    own = error.get("ctx", {}).get("error")
-    return own.allowed if isinstance(own, Refused) else allowed_by(error)
+    cause = error.get("ctx", {}).get("error")
+    return cause.allowed if isinstance(cause, Refused) else allowed_by(error)
 
 
 def allowed_by(error: Mapping[str, Any], cls: type[pydantic.BaseModel] | None = None) -> str:
@@ -631,21 +631,13 @@ def _range(
     cls: type[pydantic.BaseModel] | None, path: list[int | str], context: dict[str, Any]
 ) -> str:
     """Return the range of a field, as in "> 0" and "0 < fov_deg <= 180"."""
-    bounds: dict[str, Any] = context
-    model: Any = cls
-    name = ""
-    for key in path:
-        if isinstance(key, int):  # an item of a tuple
-            model = next(iter(get_args(model)), None)
-        field = getattr(model, "model_fields", {}).get(key)
-        if field is not None:
-            model, name = field.annotation, str(key)
-            if type(None) in get_args(model):  # a part, or none
-                model = next(part for part in get_args(model) if part is not type(None))
-            found = {key: getattr(part, key) for part in field.metadata for key in _BOUNDS
-                     if getattr(part, key, None) is not None}  # fmt: skip
-            bounds = found if context.items() <= found.items() else context
-    return range_text(bounds, name)
+    field = cls.model_fields.get(str(path[0])) if cls and path else None
+    if field is None:
+        return range_text(context)
+    bounds = {key: getattr(part, key) for part in field.metadata for key in _BOUNDS
+              if getattr(part, key, None) is not None}  # fmt: skip
+    # pydantic tells the bound that was broken, and not the other one
+    return range_text(bounds if context.items() <= bounds.items() else context, str(path[0]))
 
 
 def range_text(bounds: Mapping[str, Any], name: str = "") -> str:
@@ -660,6 +652,7 @@ def range_text(bounds: Mapping[str, Any], name: str = "") -> str:
 
 def _bound(value: Any) -> str:
     """Return a bound as text, large powers of two as such."""
+    # 2^53 says more than its sixteen digits
     power = isinstance(value, int) and value > 2**20 and value & (value - 1) == 0
     if power:
         return f"2^{value.bit_length() - 1}"

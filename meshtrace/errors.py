@@ -73,6 +73,7 @@ class Refused(ValueError):
     ) -> None:
         self.field, self.value, self.allowed = field, value, allowed
         self.hint, self.source = hint, source
+        # texts come from files of strangers: no part may fill the screen
         parts = (_shortened(source), _shortened(field), show(value))
         head = ": ".join(part for part in parts if part)
         # keys of a file may hold line ends and control characters
@@ -95,7 +96,7 @@ class Refused(ValueError):
         field = f"{parent}{dot}{self.field}"
         return Refused(field, self.value, self.allowed, self.hint, self.source)
 
-    def of(self, source: str) -> Refused:
+    def in_file(self, source: str) -> Refused:
         """Return the same refusal with the file that holds the field."""
         return Refused(self.field, self.value, self.allowed, self.hint, source)
 
@@ -153,7 +154,7 @@ def refusing(field: str, allowed: str) -> Iterator[None]:
 
 
 def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:
-    """Refuse all but tables with certain keys."""
+    """Refuse a value that is no table, and keys other than `keys`."""
     if not isinstance(table, Mapping):
         raise Refused(path, Described(type(table).__name__), "a table")
     for key, value in table.items():
@@ -163,7 +164,7 @@ def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") 
 
 
 def require_word(value: Any, words: Iterable[str], path: str) -> None:
-    """Refuse all but certain words."""
+    """Refuse a value that is none of `words`."""
     if not isinstance(value, str) or value not in words:
         raise Refused(path, value, ", ".join(words), did_you_mean(value, words))
 
@@ -171,6 +172,7 @@ def require_word(value: Any, words: Iterable[str], path: str) -> None:
 def require_whole(value: Any, low: int, high: int, path: str, allowed: str = "") -> None:
     """Refuse all but integers from `low` to `high`; numpy's count, true and false do not."""
     try:
+        # Python counts true and false as 1 and 0
         whole = None if isinstance(value, bool) else operator.index(value)
     except TypeError:
         whole = None
@@ -189,6 +191,7 @@ def require_plain(value: Any, path: str, allowed: str) -> None:
     """Refuse arrays with a part that numpy drops in silence: masks, units, names of columns."""
     if value is None or isinstance(value, str | int | float | list | tuple | dict):
         return
+    # by their attributes, since importing pandas or pint here would cost more than a first gain
     labels, lost = getattr(getattr(value, "columns", None), "dtype", None), ""
     if hasattr(value, "mask") and getattr(value.mask, "any", bool)():
         lost = "masked entries"
@@ -214,6 +217,7 @@ def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> ND
         require_plain(value, path, allowed)
         if dtype is float and not _is_numeric(value):
             raise TypeError
+        # masks and units are refused by now: nothing is lost
         array = np.asarray(value)
         if array.dtype.kind == "O" and dtype is float:  # Decimal, Fraction, columns of pandas
             numbers = [require_real(x, path, allowed) for x in array.flat]
@@ -221,6 +225,7 @@ def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> ND
         if (dtype is float and array.dtype.kind not in "iuf") or np.ma.is_masked(value):
             raise TypeError
         converted = np.asarray(array, dtype, order="C")
+        # indices that numpy rounded or wrapped are no longer those of the user
         if converted.dtype.kind in "iu" and not np.array_equal(converted, array):
             raise TypeError
         return converted
@@ -256,7 +261,8 @@ def require_between(
     """
     left, right = ("<=" if end in "[]" else "<" for end in ends)
     allowed = allowed or f"{low:g} {left} {path} {right} {high:g}"
-    number = require_real(value, path, allowed)
+    # most values are floats, which need no further look
+    number = value if type(value) is float else require_real(value, path, allowed)
     if not (_COMPARED[left](low, number) and _COMPARED[right](number, high)):
         raise Refused(path, value, allowed)
     return number
@@ -312,6 +318,7 @@ def require_range(
     left, right = ("<=" if end in "[]" else "<" for end in ends)
     allowed = allowed or f"{low:g} {left} {path} {right} {high:g}"
     array = require_array(value, path, allowed)
+    # nan compares as false and is refused, too
     good = _COMPARED[left](low, array) & _COMPARED[right](array, high)
     if not good.all():
         raise Refused(path, array[~good].flat[0], allowed)
@@ -352,27 +359,29 @@ def require_writable(
         If the path is one of these, a folder, a device, a FIFO or a read-only file, if its name is
         too long, or if its folder does not exist or is read-only.
     """
-    found = None
+    status = None
     try:
         with suppress(FileNotFoundError):
-            found = os.stat(path)
+            status = os.stat(path)
+        # of a link the folder of its target counts
         folder = Path(os.path.realpath(path)).parent
         read_only = not (folder.is_dir() and os.access(folder, os.W_OK))
-        if found is not None:
+        if status is not None:
             # no write bit at all: read-only even for a user whom the kernel lets write
-            read_only |= not (os.access(path, os.W_OK) and found.st_mode & 0o222)
+            read_only |= not (os.access(path, os.W_OK) and status.st_mode & 0o222)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise Refused(field, str(path), f"{_WRITABLE} ({reason})") from error
-    if read_only or (found is not None and not stat.S_ISREG(found.st_mode)):
+    if read_only or (status is not None and not stat.S_ISREG(status.st_mode)):
         raise Refused(field, str(path), _WRITABLE)
     for name in inputs:
-        if name is not None and _same(name, path, found is not None):
+        if name is not None and _same(name, path, status is not None):
             raise Refused(field, str(path), "a file other than the input and other outputs")
 
 
 def _same(name: str | Path, path: str | Path, exists: bool) -> bool:
     """Return whether two names refer to one file, which may not exist yet."""
+    # one file may have several names: links, and letters in another case
     if exists and os.path.exists(name):
         return os.path.samefile(name, path)
     return os.path.realpath(name) == os.path.realpath(path)
@@ -451,7 +460,7 @@ class InputWarning(UserWarning):
 
 
 def warn_of_input(text: str) -> None:
-    """Say in one line what was made of an input, at the line that calls the package."""
+    """Warn in one line of a conversion of input, at the line that calls the package."""
     level, frame = 2, sys._getframe(1)
     inside = ("meshtrace", "pydantic", "contextlib")
     while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(inside):

@@ -62,6 +62,7 @@ def field(name: str) -> Field:
     plain = isinstance(name, str)
     if plain and name in FIELDS:
         return FIELDS[name]
+    # errors and limits of any variable need no row of their own
     for ending, (what, wrap) in _ERRORS.items() if plain else ():
         if name.endswith(ending) and name.removesuffix(ending) in FIELDS:
             units, long_name, symbol = FIELDS[name.removesuffix(ending)]
@@ -139,6 +140,7 @@ def entries(owner: Any) -> dict[str, tuple[str, str]]:
         section = _SECTION.search(f"{docstring(documented)}\n")
         for names, kind, text in _ENTRY.findall(section[1] if section else ""):
             text = " ".join(text.split())
+            # "See `Base`" and names in a list repeat what a base has said
             refers = not kind or text.startswith("See ")
             for name in names.split(", "):
                 known = refers and name in described

@@ -83,9 +83,9 @@ def _remove_left(folder: Path) -> None:
 
     with suppress(OSError, OverflowError):
         for left in folder.iterdir():
-            own, _, rest = left.name.partition(_prefix())
+            before, _, rest = left.name.partition(_prefix())
             owner = rest.partition("-")[0]
-            if not own and owner.isdecimal() and not psutil.pid_exists(int(owner)):
+            if not before and owner.isdecimal() and not psutil.pid_exists(int(owner)):
                 left.unlink(missing_ok=True)
 
 

@@ -156,7 +156,7 @@ class _Facets(NamedTuple):
     max_slope: float
 
     @classmethod
-    def of(cls, vertices: NDArray[np.float64], faces: NDArray[Any]) -> _Facets:
+    def from_arrays(cls, vertices: NDArray[np.float64], faces: NDArray[Any]) -> _Facets:
         """Return the facets of a mesh."""
         from meshtrace.kernels.scene import facet_normals
 
@@ -195,7 +195,7 @@ def vertex_normals(
     """
     faces = _array(faces, "faces", "(m, 3), m >= 1", 1, np.int64)
     require_range(faces, 0, len(vertices) - 1, "faces")
-    facets, corner = _Facets.of(vertices, faces), vertices[faces]
+    facets, corner = _Facets.from_arrays(vertices, faces), vertices[faces]
     # the normal of a facet without area is nan, and its weight is 0
     cross = np.where(facets.areas > 0.0, facets.normals.T * facets.areas, 0.0).T
     normals = np.zeros_like(vertices)
@@ -286,7 +286,7 @@ class TriangleMesh:
 
     @cached_property
     def _facets(self) -> _Facets:
-        return _Facets.of(self.vertices, self.faces)
+        return _Facets.from_arrays(self.vertices, self.faces)
 
     @property
     def face_normals(self) -> NDArray[np.float64]:

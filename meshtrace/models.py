@@ -25,6 +25,7 @@ from typing import (
     ClassVar,
     Generic,
     Literal,
+    NoReturn,
     Self,
     TypeVar,
     dataclass_transform,
@@ -42,6 +43,7 @@ from meshtrace.checks import NonNegative as NonNegative
 from meshtrace.checks import Positive as Positive
 from meshtrace.checks import check_methods, refuse
 from meshtrace.errors import (
+    LARGEST,
     MISSING,
     Described,
     Refused,
@@ -185,12 +187,12 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
 
     def _repr_html_(self) -> str:
         notes = self.notes()
-        rows = (
+        lines = (
             f"<tr><td>{name}</td><td>{html.escape(_shown(getattr(self, name)))}</td>"
             f"<td style='text-align:left'>{html.escape(notes.get(name, ''))}</td></tr>"
             for name in type(self).model_fields
         )
-        return f"<b>{type(self).__name__}</b><table>{''.join(rows)}</table>"
+        return f"<b>{type(self).__name__}</b><table>{''.join(lines)}</table>"
 
     @classmethod
     def notes(cls) -> dict[str, str]:
@@ -202,13 +204,13 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         >>> Receiver.notes()["radius"]
         'Radius of the aperture [m], > 0'
         """
-        found = {
+        sentences = {
             name: re.split(r"(?<!\.)[:;.](?:\s|$)", text)[0]
             for name, (_, text) in entries(cls).items()
             if not text.startswith("See ")
         }
-        keys = {n: n if n in found else field.alias for n, field in cls.model_fields.items()}
-        return {name: found[key] for name, key in keys.items() if key in found}
+        keys = {n: n if n in sentences else field.alias for n, field in cls.model_fields.items()}
+        return {name: sentences[key] for name, key in keys.items() if key in sentences}
 
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:
@@ -254,7 +256,7 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         meshtrace.errors.Refused: receiver.hieght: 10.0, no such key, did you mean height? ...
         """
         fields = {name: getattr(self, name) for name in self.model_fields_set}
-        for key, new in ({**({} if path is None else {path: value}), **updates}).items():
+        for key, new in (updates if path is None else {path: value} | updates).items():
             head, *rest = key.split(".")
             if rest:
                 require_keys({head: new}, type(self).model_fields)
@@ -264,15 +266,42 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
 
     @pydantic.model_validator(mode="wrap")
     @classmethod
-    def _with_units(cls, data: Any, validate: pydantic.ModelWrapValidatorHandler[Self]) -> Self:
-        """Convert values with units first of all: other validators would drop the units."""
-        if isinstance(data, Mapping) and any(map(_has_unit, data.values())):
-            names = {field.alias or name: name for name, field in cls.model_fields.items()}
-            data = {
-                key: _converted(value, key, cls._units(names[key])) if key in names else value
+    def _plain_numbers(cls, data: Any, validate: pydantic.ModelWrapValidatorHandler[Self]) -> Self:
+        """Convert values with units and refuse those that pydantic would misread as numbers.
+
+        This is the outermost validator: the others would drop units, and see no texts as numbers.
+        """
+        if isinstance(data, Mapping):
+            # most values are floats: they cost no call, and only the unusual ones a look at a field
+            unusual = {
+                key: value
                 for key, value in data.items()
+                if not (type(value) is float and abs(value) <= LARGEST) and not _is_plain(value)
             }
-        return validate(data)
+            if unusual:
+                data = dict(data) | cls._converted(unusual)
+        try:
+            return validate(data)
+        except pydantic.ValidationError as error:
+            # an error of the model as a whole is named by the field that holds it
+            if error.errors(include_url=False)[0]["loc"]:
+                _refuse_first(error, cls)
+            raise
+
+    @classmethod
+    def _converted(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """Return values in the units of their fields, and refuse what is no number."""
+        # plain data may name a field by its alias
+        names = {field.alias or name: name for name, field in cls.model_fields.items()}
+        for key, value in values.items():
+            name = names.get(key, key)
+            if (field := cls.model_fields.get(name)) is None:
+                continue
+            if _has_unit(value):
+                values[key] = value = _in_unit(value, key, cls._units(name))
+            if field.annotation not in (bool, str) and not isinstance(field.default, Model):
+                _require_numbers(value, key)
+        return values
 
     @classmethod
     def _units(cls, name: str) -> list[str]:
@@ -285,21 +314,6 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
             units = [units[together.index(name)]]
         by_name = {"deg": "deg", "nm": "nm"}.get(name.rpartition("_")[2], "1")
         return list(dict.fromkeys(units or [by_name]))
-
-    @pydantic.model_validator(mode="before")
-    @classmethod
-    def _known_plain_values(cls, data: Any) -> Any:
-        """Refuse unknown fields, and words and huge numbers that pydantic accepts."""
-        if not isinstance(data, Mapping):
-            return data
-        fields = cls.model_fields
-        aliases = [field.alias for field in fields.values() if field.alias]
-        require_keys(data, [*fields, *aliases])
-        for name, value in data.items():
-            kind = fields[name].annotation if name in fields else None
-            if kind is not bool and kind is not str:
-                _require_numbers(value, name)
-        return data
 
 
 def _equal(a: Any, b: Any) -> bool:
@@ -316,30 +330,41 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 120 else f"{text[:117]}..."
 
 
-_PLAIN = frozenset((float, int, str, bool))
-"""Types of values without a unit."""
+def _is_plain(value: Any) -> bool:
+    """Return whether a value needs no look for units, and is not too large for a float.
+
+    The test of exact types comes first: it takes a tenth of the time of the search for units.
+    """
+    kind = type(value)
+    if kind is float:
+        return bool(-LARGEST <= value <= LARGEST)
+    if kind is int:
+        return bool(-(2**64) < value < 2**64)
+    if kind is list or kind is tuple:
+        return all(map(_is_plain, value))
+    # a table has its own model, which looks at the values in it
+    return value is None or kind is dict or isinstance(value, pydantic.BaseModel)
 
 
 def _has_unit(value: Any) -> bool:
     """Return whether a value, or one in a list or its rows, has a unit."""
     if isinstance(value, list | tuple):
-        rows = (row if isinstance(row, list | tuple) else (row,) for row in value)
-        # long tables are plain numbers: their type is told faster than the lack of a unit
-        return any(type(item) not in _PLAIN and unit_of(item) for row in rows for item in row)
-    return type(value) not in _PLAIN and bool(unit_of(value))
+        return any(map(_has_unit, value))
+    return bool(unit_of(value))
 
 
-def _converted(value: Any, name: str, units: list[str]) -> Any:
+def _in_unit(value: Any, name: str, units: list[str]) -> Any:
     """Return a value as plain numbers in the unit of its field, with a warning if it changes.
 
     Rows of numbers in several units have none that could be converted.
     """
     if isinstance(value, list | tuple):
-        return [_converted(item, f"{name}[{i}]", units) for i, item in enumerate(value)]
+        return [_in_unit(item, f"{name}[{i}]", units) for i, item in enumerate(value)]
     unit, wanted = unit_of(value), units[0]
     if not unit:
         return value
     numbers = require_array(without_unit(value), name, f"numbers [{wanted}]")
+    # a field such as "depth [m], a, b [m-1]" has no unit that an array could have
     if not is_unit(wanted) or (numbers.ndim and len(units) > 1):
         allowed = f"plain numbers [{', '.join(units)}]"
         raise Refused(name, Described(f"an array in {unit}"), allowed)
@@ -352,7 +377,7 @@ def _converted(value: Any, name: str, units: list[str]) -> Any:
 def _require_numbers(value: Any, path: str) -> None:
     if isinstance(value, list | tuple):
         for i, item in enumerate(value):
-            if type(item) is not float or abs(item) > 1.0:
+            if not _is_plain(item):
                 _require_numbers(item, f"{path}[{i}]")
     else:
         require_number(value, path)
@@ -379,12 +404,22 @@ def _refusals(cls: type[Model]) -> Iterator[None]:
     try:
         yield
     except pydantic.ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        refuse(first, cls.__name__, list(first["loc"]), cls)
+        _refuse_first(error, cls)
     except RecursionError as error:
         raise Refused(cls.__name__, Described("lists nested too deeply"), "few levels") from error
     except ArithmeticError as error:
         raise Refused(cls.__name__, f"{error}", "numbers that do not overflow") from error
+
+
+def _refuse_first(error: pydantic.ValidationError, cls: type[Model]) -> NoReturn:
+    """Refuse an unknown key, or else the first wrong value."""
+    errors = error.errors(include_url=False)
+    # pydantic looks for unknown keys last, but a misspelt one explains a missing one
+    first = next((e for e in errors if e["type"] == "extra_forbidden"), errors[0])
+    if first["type"] == "extra_forbidden":
+        aliases = (field.alias for field in cls.model_fields.values() if field.alias)
+        require_keys({str(first["loc"][0]): first["input"]}, [*cls.model_fields, *aliases])
+    refuse(first, cls.__name__, list(first["loc"]), cls)
 
 
 GROUP = "meshtrace.parts"
@@ -425,10 +460,10 @@ class Family(Model, frozen=True):
         super().__init_subclass__(**options)
         if Family in cls.__bases__:
             cls.registered, cls._default, cls._closed = {}, default, closed
-        own = inspect.get_annotations(cls)
-        if Family not in cls.__bases__ and "kind" not in own and not _is_ours(cls):
+        annotations = inspect.get_annotations(cls)
+        if Family not in cls.__bases__ and "kind" not in annotations and not _is_ours(cls):
             kind = f"{cls.__module__}:{cls.__qualname__}"
-            cls.__annotations__ = {**own, "kind": Literal[kind]}
+            cls.__annotations__ = annotations | {"kind": Literal[kind]}
             cls.kind = kind  # type: ignore[method-assign, assignment]
 
     @classmethod
@@ -440,6 +475,7 @@ class Family(Model, frozen=True):
             return
         kind = cls.model_fields["kind"].default
         known = cls.registered.get(kind)
+        # a kernel knows the closed families by their members
         if cls._closed and not _is_ours(cls):
             raise Refused(f"{cls.__qualname__}.kind", kind, cls._closed)
         if known is not None and known.__qualname__ != cls.__qualname__:
@@ -456,19 +492,19 @@ class Family(Model, frozen=True):
             If there is none, it is not of this family, or its module is not imported yet and
             import paths are not trusted.
         """
-        found: Any = cls.registered.get(kind) if isinstance(kind, str) else None
+        known: Any = cls.registered.get(kind) if isinstance(kind, str) else None
         allowed = ", ".join(cls.registered)
         allowed += f" ({cls._closed})" if cls._closed else f" or module:{cls.__name__}"
-        if found is None and isinstance(kind, str) and not cls._closed:
+        if known is None and isinstance(kind, str) and not cls._closed:
             if source := _untrusted(kind):
                 hint = f"would run {source}: a link file may, with --trust or trust=True;"
                 raise Refused(key, kind, allowed, hint)
             try:
-                found = _found(kind)
+                known = _imported(kind)
             except Exception as error:  # any failure of a module's import
                 raise Refused(key, kind, f"{allowed} ({error})") from error
-        if inspect.isclass(found) and issubclass(found, cls):
-            return found
+        if inspect.isclass(known) and issubclass(known, cls):
+            return known
         synonym = cls.synonyms.get(kind.lower()) if isinstance(kind, str) else None
         hint = f"did you mean {synonym}?" if synonym else did_you_mean(kind, cls.registered)
         raise Refused(key, kind, allowed, hint)
@@ -487,6 +523,7 @@ class Family(Model, frozen=True):
         Refused
             If the kind is unknown or a value is not allowed.
         """
+        # members of a user's own class have passed their validators
         if isinstance(value, cls):
             return value
         table = {"kind": value} if isinstance(value, str) else value
@@ -538,6 +575,7 @@ def modules_of(text: str) -> list[str]:
 def import_modules(names: Iterable[str]) -> None:
     """Import modules, also from the working directory as `python -m` does."""
     folder = os.getcwd()
+    # at the end: a file of the working directory must not hide a package
     sys.path.append(folder)
     try:
         for name in names:
@@ -559,18 +597,19 @@ def _untrusted(kind: str) -> str:
     if not module or module in sys.modules or _TRUSTED.get():
         return ""
     package = module.partition(".")[0]
+    # found without an import: its code is a stranger's
     spec = PathFinder.find_spec(package, [*sys.path, os.getcwd()])
     return (spec and spec.origin) or f"the module {package}"
 
 
-def _found(kind: str) -> Any:
+def _imported(kind: str) -> Any:
     """Return the object at an entry point or an import path "module:Class", None if absent."""
     module = _module_of(kind)
     if not module:
         return next((e.load() for e in entry_points(group=GROUP) if e.name == kind), None)
     if module not in sys.modules:
         import_modules([module])
-    found: Any = sys.modules[module]
+    target: Any = sys.modules[module]
     for word in kind.partition(":")[2].split("."):
-        found = getattr(found, "__dict__", {}).get(word)  # runs nothing
-    return found
+        target = getattr(target, "__dict__", {}).get(word)  # runs nothing
+    return target

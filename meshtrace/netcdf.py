@@ -118,7 +118,8 @@ def opened(
         # pure HDF5 files name no dimensions
         hdf5: dict[str, Any] = {"engine": "h5netcdf", "phony_dims": "sort"}
         engine: dict[str, Any] = {"engine": "scipy"} if is_classic else hdf5
-        with xr.open_dataset(path, **{"decode_timedelta": False, **engine, **options}) as data:
+        engine["decode_timedelta"] = False
+        with xr.open_dataset(path, **(engine | options)) as data:
             yield data
 
 
@@ -150,6 +151,7 @@ def _classic_size(path: str | PathLike[str]) -> int:
     from scipy.io import netcdf_file
 
     file = netcdf_file(path, mmap=True)
+    # numbers become float64 when they are decoded
     sizes = [v.data.size * max(v.data.itemsize, 8) for v in file.variables.values()]
     file.variables.clear()  # else closing warns of arrays in use
     file.close()
@@ -179,6 +181,7 @@ def _hdf5_size(path: str | PathLike[str]) -> tuple[int, int]:
         width = _TEXT if item.dtype.hasobject else max(item.dtype.itemsize, 8)
         sizes.append(int(item.size or 0) * width)
         if item.chunks is not None:
+            # of Python's integers: the product of a forged shape overflows int64
             chunks.append(int(np.prod(item.chunks, dtype=object)) * width)
 
     elsewhere: list[str] = []
@@ -249,8 +252,10 @@ def _stated_by_chunk(path: Path, codec: str, most: int) -> int:
     """
     with path.open("rb") as file:
         head = file.read(18)
+    # bytes 4 to 8 of its header: the size before compression
     if "blosc" in codec:
         return int.from_bytes(head[4:8], "little")
+    # numcodecs writes the size before its blocks
     if "lz4" in codec:
         return int.from_bytes(head[:4], "little")
     if head.startswith(_ZSTD) and len(head) > 4:  # RFC 8878, 3.1.1.1
@@ -259,6 +264,7 @@ def _stated_by_chunk(path: Path, codec: str, most: int) -> int:
         width = width or single
         start = 6 - single + (0, 1, 2, 4)[flags & 3]
         return int.from_bytes(head[start : start + width], "little") + 256 * (width == 2)
+    # one byte more than allowed is enough to refuse it
     if "zlib" in codec:
         return len(zlib.decompressobj().decompress(path.read_bytes(), most + 1))
     expand = next((opened for magic, opened in _STREAMS.items() if head.startswith(magic)), None)
@@ -328,6 +334,7 @@ def convention_of(direction: xr.DataArray, attributes: Mapping[Any, Any]) -> str
         raise Refused("dir", Described("relative to magnetic north"), "relative to true north")
     ways = set()
     for text in texts:
+        # "clockwise from north" says how angles count, not where waves come from
         bare = _TURNS.sub(" ", text)
         if _FROM.search(bare):
             ways.add("from")
@@ -335,10 +342,8 @@ def convention_of(direction: xr.DataArray, attributes: Mapping[Any, Any]) -> str
             ways.add("to")
     is_cartesian = any(_CARTESIAN.search(text) for text in texts)
     if len(ways) > 1:
-        problem = Described("; ".join(about))
-        raise Refused(
-            "dir", problem, "attributes that agree whether waves come from there or go to"
-        )
+        allowed = "attributes that agree whether waves come from there or go to"
+        raise Refused("dir", Described("; ".join(about)), allowed)
     way = next(iter(ways), "to" if is_cartesian else "")
     if not is_cartesian:
         return way

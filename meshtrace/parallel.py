@@ -74,7 +74,7 @@ def python_start(*arguments: str, env: Mapping[str, str] | None = None) -> Start
         Environment, by default that of this process.
     """
     # the option, too: it holds where variables are ignored
-    return Start([sys.executable, "-P", *arguments], {**(env or os.environ), **_SAFE})
+    return Start([sys.executable, "-P", *arguments], dict(env or os.environ) | _SAFE)
 
 
 def import_path() -> str:
@@ -335,10 +335,10 @@ _recorded: list[list[float]] | None = None
 def job_times() -> Iterator[list[list[float]]]:
     """Record the CPU seconds of the jobs of each map that runs on one thread."""
     global _recorded
-    found: list[list[float]] = []
-    _recorded = found
+    times: list[list[float]] = []
+    _recorded = times
     try:
-        yield found
+        yield times
     finally:
         _recorded = None
 

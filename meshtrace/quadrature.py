@@ -26,8 +26,8 @@ def gauss_legendre(points: int) -> tuple[NDArray[np.float64], NDArray[np.float64
     >>> round(float(weight @ node**4), 12)
     0.4
     """
-    found = np.polynomial.legendre.leggauss(points)
-    for array in found:
+    nodes_and_weights = np.polynomial.legendre.leggauss(points)
+    for array in nodes_and_weights:
         # callers share the cached arrays
         array.flags.writeable = False
-    return found
+    return nodes_and_weights

@@ -154,9 +154,10 @@ def _converted(values: Floats, column: Column, heading: Heading | None, cells: C
     """Return values in the wanted unit of their column."""
     least, most = column.plausible
     ends = float(values.min()), float(values.max())
+    # a number without unit that is no light or no angle is in another unit
     if (heading is None or heading.unit is None) and not (least <= ends[0] and ends[1] <= most):
-        found = Described(f"{column.name} {ends[0]:g} ... {ends[1]:g} without unit")
-        raise Refused(cells.name, found, f"a heading with its unit, such as {column.name} [m]")
+        problem = Described(f"{column.name} {ends[0]:g} ... {ends[1]:g} without unit")
+        raise Refused(cells.name, problem, f"a heading with its unit, such as {column.name} [m]")
     if column.relative or heading is None:
         return values
     usual = {normal(name): unit for name, unit in column.units.items()}.get(
@@ -165,6 +166,7 @@ def _converted(values: Floats, column: Column, heading: Heading | None, cells: C
     unit = usual if heading.unit is None else heading.unit
     where = f"{cells.name}: column {heading.text}"
     usual_values = convert(values, unit, usual, where)
+    # a spectrum over frequency is converted by its reader, which knows the other column
     if not is_convertible(usual, column.unit):
         return usual_values
     wanted = convert(usual_values, usual, column.unit, where)
@@ -183,9 +185,9 @@ def _matched(
         if width == len(columns):
             needed = list(columns)
         if width != len(needed):
-            found = Described(f"{width} columns without headings")
+            problem = Described(f"{width} columns without headings")
             allowed = f"{TEXT}: {wanted} in this order, or headings"
-            raise Refused(cells.name, found, allowed)
+            raise Refused(cells.name, problem, allowed)
         return {column.name: index for index, column in enumerate(needed)}
     match = dict[str, int]()
     for index, heading in enumerate(headings):
@@ -195,6 +197,7 @@ def _matched(
                     twice = f"{headings[match[column.name]].text} and {heading.text}"
                     raise Refused(cells.name, Described(twice), f"one column {column}")
                 match[column.name] = index
+    # names first, then units: a unit alone is the weaker sign
     left = [i for i in range(len(headings)) if i not in match.values() and headings[i].name != "#"]
     for column in columns:
         if column.name in match:
@@ -252,10 +255,11 @@ def headings_of(cells: Cells, columns: Sequence[Column]) -> list[Heading]:
         if len(words) == width - 1 and cells.counts(0):
             words.insert(0, "")
         if len(words) != width or len(cells.heads) > 2:
-            found = " / ".join(cells.heads)
-            raise Refused(cells.name, Described(f"{found} over {width} columns"), allowed)
+            problem = " / ".join(cells.heads)
+            raise Refused(cells.name, Described(f"{problem} over {width} columns"), allowed)
         return _with_units(cells, words, cells.heads[1:], columns)
     best, known = list[Heading](), 0
+    # of several comments the one that names most columns is the heading
     for number, remark in enumerate(cells.remarks):
         words = headings_in(remark, cells)
         following = cells.remarks[number + 1 : number + 2]
@@ -304,8 +308,8 @@ def _with_units(
             for index, unit in enumerate(units):
                 stated = headings[index].unit
                 if unit and stated not in (None, unit):
-                    found = Described(f"{headings[index].text} in {unit}")
-                    raise Refused(cells.name, found, "one unit for each column")
+                    problem = Described(f"{headings[index].text} in {unit}")
+                    raise Refused(cells.name, problem, "one unit for each column")
                 headings[index] = headings[index]._replace(unit=unit or stated)
         elif line in cells.heads:
             raise Refused(cells.name, Described(line), f"a unit for each of {', '.join(words)}")
@@ -315,8 +319,8 @@ def _with_units(
                 headings[index] = heading._replace(name="#")
                 cells.notes.append(f"column {index + 1}, which counts the rows, left out")
             elif not heading.name:
-                found = Described(f"column {index + 1} without heading")
-                raise Refused(cells.name, found, ", ".join(map(str, columns)))
+                problem = Described(f"column {index + 1} without heading")
+                raise Refused(cells.name, problem, ", ".join(map(str, columns)))
     return headings
 
 
@@ -330,6 +334,7 @@ def heading_of(text: str, columns: Sequence[Column]) -> Heading:
     match = re.fullmatch(r"(.*?)[\s_/:,;]*\(((?:[^()]|\([^()]*\))*)\)", plain)
     if match and match[2].translate(_GREEK).strip() not in _ARGUMENTS:
         return Heading(text, normal(match[1]), re.sub(r"^in\s+", "", match[2].strip()))
+    # a name with an underscore is no name with a unit
     if any(column.is_named(normal(plain)) for column in columns):
         return Heading(text, normal(plain))
     for cut in re.finditer(r"[\s_/,:.]+(?:in\s+)?", plain):
@@ -376,8 +381,8 @@ def _bracketed(line: str, separator: str) -> list[str]:
     return re.findall(rf"{word}\s*(?:{unit})|{word}|\S+", line)
 
 
-def text_table(rows: Iterable[Sequence[str]], headings: Sequence[str] = ()) -> str:
-    """Return rows as an aligned table of text, under headings if there are any.
+def text_table(lines: Iterable[Sequence[str]], headings: Sequence[str] = ()) -> str:
+    """Return lines of words as an aligned table of text, under headings if there are any.
 
     Examples
     --------
@@ -395,8 +400,8 @@ def text_table(rows: Iterable[Sequence[str]], headings: Sequence[str] = ()) -> s
     box = Box("    \n    \n ── \n    \n    \n    \n    \n    \n") if headings else None
     table = Table(*headings, box=box, show_header=bool(headings), padding=(0, 2, 0, 0))
     table.pad_edge, table.show_edge = False, False
-    for row in rows:
-        table.add_row(*row)
+    for line in lines:
+        table.add_row(*line)
     console = Console(file=StringIO(), width=1000, markup=False, highlight=False, emoji=False)
     console.print(table)
     text: str = console.file.getvalue()  # type: ignore[attr-defined]

@@ -115,6 +115,7 @@ def convert(values: ArrayLike, unit: str, target: str, field: str) -> NDArray[np
     if wanted.dimensionality == _registry().kelvin.dimensionality:  # has offsets
         in_wanted = _registry().Quantity(array * source.m, source.u).m_as(wanted.u)
         return np.asarray(in_wanted, np.float64)
+    # a unit with an offset or of a logarithm maps 0 elsewhere: no factor converts it
     zero, factor = (
         float(_registry().Quantity(value * source.m, source.u).m_as(wanted.u))
         for value in (0.0, 1.0)
@@ -202,6 +203,7 @@ def _quantity(unit: str, field: str, target: str) -> Any:
     # pint evaluates what it reads, powers of powers included
     if len(text) > _LONGEST or not _UNIT.fullmatch(text):
         raise _refusal(field, unit, target)
+    # words of three letters or more may begin with a capital: Metre, Rad
     for spelled in (text, re.sub(r"[^\W\d_]{3,}", lambda word: word[0].lower(), text)):
         try:
             quantity: Any = _registry().Quantity(spelled)

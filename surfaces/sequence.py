@@ -466,7 +466,7 @@ class MeshSequence(Model, frozen=True):
                 raise Refused("scale", heights, f"heights within {_DEEPEST:g} m, or scale")
             return from_trimesh((vertices, faces), overhangs=True, normals=self.normals)
         except Refused as error:
-            raise error.of("" if error.field == name else name) from error.__cause__
+            raise error.in_file("" if error.field == name else name) from error.__cause__
         except Exception as error:  # the readers raise any exception
             reason = Described(reason_of(error))
             raise Refused(name, reason, "an undamaged mesh file") from error

@@ -255,7 +255,7 @@ def water(
         if link is not None or set_:
             both = Described(f"{link or set_} beside options of a water")
             raise Refused("link", both, "one of them")
-        spectrum = spectrum_of(keys, None if file is None else str(file))
+        spectrum = spectrum_of(keys if file is None else keys | {"file": str(file)})
         # a water is made at some wavelength; its spectra do not depend on that
         low, high = spectrum.limits_nm
         sample = mt.Water(spectrum=spectrum, wavelength_nm=min(max(low, 470.0), high))

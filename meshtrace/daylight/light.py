@@ -660,10 +660,11 @@ class Daylight(Model, frozen=True):
         _require_absent(fields, ("direct", "diffuse", "recipe"))
         fields = {**MODELS[model].fields, **fields}
         # the model gets checked fields; the irradiances of 1 only hold their place
-        irradiances = irradiance(cls(direct=1.0, diffuse=1.0, **fields))._asdict()
+        checked = cls(direct=1.0, diffuse=1.0, **fields)
+        direct, diffuse = irradiance(checked)
         known = defaults_of(model)
         recipe = {name: value for name, value in options.items() if value != known[name]}
-        return cls(**irradiances, **fields, recipe=recipe)
+        return checked.replace(direct=direct, diffuse=diffuse, recipe=recipe)
 
     def at_wavelength(self, wavelength_nm: float) -> Self:
         """Return the light of the same model at another wavelength.

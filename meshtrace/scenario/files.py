@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,21 +12,12 @@ from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_keys, within
 from meshtrace.models import Model
 
-KEYS = (
-    "wind_speed",
-    "physics",
-    "whitecaps",
-    "n_air",
-    "sea",
-    "water",
-    "bubbles",
-    "transmitter",
-    "receiver",
-    "planes",
-    "detector",
-    "uav",
-    "daylight",
-    "run",
+M = TypeVar("M", bound=Model)
+Table = dict[str, Any]
+
+KEYS = tuple(
+    "wind_speed physics whitecaps n_air sea water bubbles transmitter receiver planes detector uav "
+    "daylight run".split()
 )
 """Keys at the top of a link file."""
 
@@ -48,7 +39,7 @@ def read_text(path: str | Path) -> str:
     try:
         if file.exists() and not file.is_file():
             raise Refused(str(path), Described("no regular file"), "a TOML file")
-        if file.is_file() and file.stat().st_size > LARGEST_FILE:
+        if file.exists() and file.stat().st_size > LARGEST_FILE:
             size = Described(f"{file.stat().st_size / 2**20:.0f} MB")
             raise Refused(str(path), size, f"at most {LARGEST_FILE / 2**20:.0f} MB")
         return file.read_text(encoding="utf-8-sig")  # some editors write a mark
@@ -161,20 +152,39 @@ def with_unset_keys(text: str, more: str) -> str:
     further = filled(more)
     for name, keys in unset.items():
         further += ["", f"[{name}]", *keys]
+    # tables that the link has not would change it, unless they are comments
     lines += [line if line.startswith("# ") else f"# {line}".rstrip() for line in ["", *further]]
     return "\n".join(lines) + "\n"
 
 
-def located(table: Mapping[str, Any], folder: str | Path) -> dict[str, Any]:
-    """Return a table with its paths `file` relative to a folder."""
-    return {
-        key: located(value, folder)
-        if isinstance(value, Mapping)
-        else str(Path(folder) / value)
-        if key == "file" and isinstance(value, str)
-        else value
-        for key, value in table.items()
-    }
+_WORDS = {"sea": "", "water": "", "run": "", "bubbles": "model", "whitecaps": "model",
+          "daylight": "model", "detector": "preset", "uav": "preset"}  # fmt: skip
+"""Tables whose keys are read one by one, with the key that a bare word stands for."""
+
+
+def located(config: Mapping[str, Any], folder: str | Path) -> Table:
+    """Return a copy of nested tables with their paths `file` relative to a folder."""
+    copies = [tables := dict(config)]
+    for table in copies:  # grows by the tables inside
+        for key, value in table.items():
+            if isinstance(value, Mapping):
+                table[key] = dict(value)
+                copies.append(table[key])
+            elif isinstance(value, list):
+                table[key] = [dict(v) if isinstance(v, Mapping) else v for v in value]
+                copies += [v for v in table[key] if isinstance(v, dict)]
+            elif key == "file" and isinstance(value, str):
+                table[key] = str(Path(folder) / value)
+    return tables
+
+
+def expand_words(tables: Table) -> None:
+    """Replace bare words by the tables that they stand for, and missing tables by empty ones."""
+    for name, word in _WORDS.items():
+        # without [detector], [uav] and [daylight] a scenario has none
+        if name in tables or name not in ("detector", "uav"):
+            missing = "none" if name == "daylight" else {}
+            tables[name] = as_table(tables.get(name, missing), name, word)
 
 
 def set_value(config: dict[str, Any], key: str, value: Any) -> None:
@@ -188,10 +198,6 @@ def set_value(config: dict[str, Any], key: str, value: Any) -> None:
     table[last] = value
 
 
-M = TypeVar("M", bound=Model)
-Table = dict[str, Any]
-
-
 def as_table(value: Any, path: str, word: str = "") -> Table:
     """Return a copy of a table; a bare word becomes a table with the key `word`."""
     if word and isinstance(value, str):
@@ -201,21 +207,27 @@ def as_table(value: Any, path: str, word: str = "") -> Table:
     return dict(value)
 
 
-def validated(model: type[M], value: Any, path: str, keys: Iterable[str] = ()) -> M:
+def split(table: Table, keys: Iterable[str]) -> tuple[Table, Table]:
+    """Return the part of a table that has certain keys, in their order, and the rest."""
+    part = {key: table[key] for key in keys if key in table}
+    return part, {key: value for key, value in table.items() if key not in part}
+
+
+def validated(model: type[M], table: Table, path: str, keys: Sequence[str] = ()) -> M:
     """Return the model that a table describes; `keys` are further keys to name in errors."""
-    table = as_table(value, path)
-    require_keys(table, list(dict.fromkeys([*keys, *model.model_fields])), path)
-    with within(*filter(None, path.split("."))):
+    if keys:  # else the model names its own
+        require_keys(table, list(dict.fromkeys([*keys, *model.model_fields])), path)
+    with within(*filter(None, [path])):
         return model.model_validate(table)
 
 
 def plain(part: Any) -> Any:
-    """Return a model, or a tuple of them, as plain data."""
+    """Return a model, or a tuple of them, as plain data, and None as it is."""
     if isinstance(part, tuple):
         return [plain(item) for item in part]
-    return part.model_dump(mode="json", exclude_none=True)
+    return part and part.model_dump(mode="json", exclude_none=True)
 
 
-def unshared(table: Table, **shared: Any) -> Table:
+def unshared(table: Table, shared: Table) -> Table:
     """Return the table without the values that it shares with other tables."""
     return {k: v for k, v in table.items() if k not in shared or v != shared[k]}

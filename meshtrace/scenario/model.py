@@ -9,20 +9,20 @@ from typing import Annotated, Any, Self
 from numpy.typing import ArrayLike
 from pydantic import ValidationInfo, WrapValidator, field_validator
 
+from meshtrace.checks import Inside
 from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight, UnavailableDaylight
 from meshtrace.engine.setup.ends import resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import Case, Estimator, Meshing, Run, run_keys
+from meshtrace.engine.setup.options import Case, Estimator, Meshing, Run
 from meshtrace.engine.simulate import simulate
-from meshtrace.errors import Described, Refused, require_keys, within
+from meshtrace.errors import Described, Refused, require_between, require_keys, within
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model, trusting
 from meshtrace.results.gain import GainResult
 from meshtrace.results.series import ByWavelength
 from meshtrace.scenario import files, parts, seas
-from meshtrace.scenario.files import Table
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.uav import Uav
 
@@ -89,6 +89,7 @@ class Scenario(Model, frozen=True):
     @field_validator("detector")
     @classmethod
     def _detector_of_link(cls, detector: OokLink | None, info: ValidationInfo) -> OokLink | None:
+        # at each change of the link, too: power and wavelength follow it
         link = info.data.get("link")
         return detector if detector is None or link is None else parts.detector_of(detector, link)
 
@@ -155,11 +156,15 @@ class Scenario(Model, frozen=True):
             nested = Described("nested too deeply")
             raise Refused("", nested, "tables of a link file", source=source or "") from error
         except Refused as error:
-            raise error.of(source or "") from error.__cause__
+            raise error.in_file(source or "") from error.__cause__
 
     @classmethod
     def from_config(
-        cls, config: Mapping[str, Any], *, folder: str | Path = ".", trust: bool = False
+        cls,
+        config: Annotated[Mapping[str, Any], Inside()],
+        *,
+        folder: str | Path = ".",
+        trust: bool = False,
     ) -> Self:
         """Build the scenario that plain data describes, in the keys of a link file.
 
@@ -179,32 +184,33 @@ class Scenario(Model, frozen=True):
 
         `waves` in [sea] chooses the waves of all studies, see `Meshing`.
         """
+        if not isinstance(config, Mapping):
+            raise Refused("config", config, "a table")
         with trusting(trust):
             require_keys(config, files.KEYS)
-            config = files.located(config, folder)
-            wind_speed = parts.read_wind_speed(config)
-            sea = files.as_table(config.get("sea", {}), "sea")
-            run = files.as_table(config.get("run", {}), "run")
-            meshing = seas.read_sampling(sea)
-            printed = config.get("physics") == "paper"
+            # words and paths are resolved in a copy, once: the readers see plain tables
+            tables = files.located(config, folder)
+            files.expand_words(tables)
+            wind_speed = tables.get("wind_speed", parts.DEFAULT_WIND_SPEED)
+            allowed = "0 <= wind_speed <= 60 m/s"
+            wind_speed = require_between(wind_speed, 0.0, 60.0, "wind_speed", "[]", allowed)
+            sea, run, printed = tables["sea"], tables["run"], tables.get("physics") == "paper"
+            sampling = seas.sampling_keys(sea)
             with within("sea"):
-                surface = seas.read_surface(sea, wind_speed, meshing, Path(folder), printed)
-            link = parts.read_link(config, wind_speed)
-            normals = {"normals": run.pop("normals")} if "normals" in run else {}
-            run = {**parts.default_estimator(link), **run}
-            checked = files.validated(Meshing, normals, "run")
+                surface = seas.read_surface(sea, sampling, wind_speed, Path(folder), printed)
+            link = parts.read_link(tables, wind_speed, printed)
             scenario = cls(
                 wind_speed=wind_speed,
                 link=link,
                 surface=surface,
-                meshing=files.validated(Meshing, {**checked.model_dump(), **meshing}, "sea"),
-                run=files.validated(Run, run, "run", run_keys()),
-                detector=parts.read_detector(config.get("detector")),
-                uav=parts.read_uav(config.get("uav")),
-                daylight=parts.read_daylight(config.get("daylight", "none"), link),  # type: ignore[arg-type]
+                meshing=parts.read_meshing(sea, sampling, run),
+                run=parts.read_run(run, link),
+                detector=parts.read_detector(tables.get("detector")),
+                uav=parts.read_uav(tables.get("uav")),
+                daylight=parts.read_daylight(tables["daylight"], link),  # type: ignore[arg-type]
             )
-            if scenario.detector is not None:
-                parts.require_of_link(config["detector"], scenario.detector)
+            # compared with the whole scenario: several receivers have no common aperture
+            parts.require_of_link(tables.get("detector", {}), scenario.detector)
             return scenario
 
     @classmethod
@@ -232,42 +238,46 @@ class Scenario(Model, frozen=True):
         link = Link.model_validate(files.as_table(provenance["link"], "link"))
         surface = seas.surface_from_provenance(provenance)
         estimator = Estimator.member(options.get("estimator", "forced"), "run.estimator")
+        # a result holds the options of all estimators, a run those of its own
         mine = {*Run.model_fields, *estimator.model_fields} - {"threads"}
         return cls(
             wind_speed=seas.wind_of(link, surface),
             link=link,
             surface=surface,
-            meshing=Meshing(**{k: v for k, v in options.items() if k in Meshing.model_fields}),
-            run=Run(**{k: v for k, v in options.items() if k in mine}),
+            meshing=Meshing.model_validate(files.split(options, Meshing.model_fields)[0]),
+            run=Run.model_validate({k: v for k, v in options.items() if k in mine}),
         )
 
-    def to_config(self) -> Table:
+    def to_config(self) -> files.Table:
         """Return the full configuration as plain data, in the keys of a link file.
 
         Keys that follow `wind_speed`, the water or the transmitter are left out.
         """
-        link, still = self.link, isinstance(self.surface, MeshFile)
-        run = {**self.run.to_config(), "normals": self.meshing.normals}
+        link = self.link
+        run = self.run.to_config() | {"normals": self.meshing.normals}
+        # the estimator that follows from such a surface need not be written
         if "estimator" not in self.run.model_fields_set and seas.may_overhang(self.surface):
-            run = {k: v for k, v in run.items() if k in self.run.model_fields_set | {"normals"}}
-        still_too = {"normals", "time"} if still else {"normals"}
-        sampling = self.meshing.model_dump(exclude_none=True, exclude=still_too)
-        return {
+            run, _ = files.split(run, [*self.run.model_fields_set, "normals"])
+        sampling = self.meshing.model_dump(exclude_none=True, exclude={"normals"})
+        if isinstance(self.surface, MeshFile):  # which stands still
+            del sampling["time"]
+        config = {
             "wind_speed": self.wind_speed,
             "physics": parts.physics_config(link.physics),
             "whitecaps": parts.whitecaps_config(link, self.wind_speed),
             "n_air": link.n_air,
-            "sea": {**seas.surface_config(self.surface, self.wind_speed), **sampling},
+            "sea": seas.surface_config(self.surface, self.wind_speed) | sampling,
             "water": parts.water_config(link),
             "bubbles": parts.bubbles_config(link, self.wind_speed),
             "transmitter": files.plain(link.transmitter),
             "receiver": files.plain(link.receiver),
-            **({"planes": files.plain(link.planes)} if link.planes else {}),
-            **({"detector": parts.detector_config(self.detector, link)} if self.detector else {}),
-            **({"uav": files.plain(self.uav)} if self.uav else {}),
-            **({"daylight": parts.daylight_config(self.daylight)} if self.daylight else {}),
+            "planes": files.plain(link.planes),
+            "detector": parts.detector_config(self.detector, link),
+            "uav": files.plain(self.uav),
+            "daylight": parts.daylight_config(self.daylight),
             "run": {key: value for key, value in run.items() if value is not None},
         }
+        return {name: table for name, table in config.items() if table is not None}
 
     def to_toml(self, notes: bool = False) -> str:
         """Return the full configuration as the text of a link file.
@@ -283,10 +293,10 @@ class Scenario(Model, frozen=True):
         text = tomli_w.dumps(config)
         if not notes:
             return text
-        absent: Table = {"detector": parts.read_detector({}), "uav": parts.read_uav({})}
+        absent: files.Table = {"detector": parts.read_detector({}), "uav": parts.read_uav({})}
         absent = {name: part for name, part in absent.items() if name not in config}
         more = tomli_w.dumps({name: files.plain(part) for name, part in absent.items()})
-        models = {**self._parts(), **{name: (part,) for name, part in absent.items()}}
+        models = self._parts() | {name: (part,) for name, part in absent.items()}
         return files.with_unset_keys(files.with_notes(text, models), files.with_notes(more, models))
 
     def _parts(self) -> dict[str, tuple[Any, ...]]:

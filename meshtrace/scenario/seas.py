@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,7 +24,8 @@ from meshtrace.errors import (
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Family, Model
-from meshtrace.scenario.files import Table, as_table, unshared, validated
+from meshtrace.scenario.files import Table, as_table, split, unshared, validated
+from meshtrace.scenario.parts import follows_wind, in_wind
 
 _SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "meshes", "time", "extent", "spacing")
 
@@ -62,54 +63,78 @@ class MeshFile(Model, frozen=True):
             if error.field == self.file:  # of the reader
                 problem = Described(f"{self.file!r}: {error.value}")
                 raise Refused("sea.mesh", problem, error.allowed) from None
-            raise error.of(self.file).inside("sea", "mesh") from None
+            raise error.in_file(self.file).inside("sea", "mesh") from None
         except Exception as error:  # the readers behind trimesh raise any exception
             problem = Described(f"{self.file!r}: {reason_of(error)}")
-            allowed = "a surface in an STL, PLY or OBJ file"
-            raise Refused("sea.mesh", problem, allowed) from error
+            raise Refused("sea.mesh", problem, "a surface in an STL, PLY or OBJ file") from error
 
 
-def read_sampling(sea: Table) -> Table:
-    """Move the keys of `Meshing` out of [sea], without the names of waves that a sea holds."""
-    keys = ["time", "extent", "spacing"]
-    waves = sea.get("waves")
+def sampling_keys(sea: Table) -> list[str]:
+    """Return the keys of [sea] that are fields of `Meshing`."""
+    keys, waves = ["extent", "spacing"], sea.get("waves")
+    # a date belongs to the reader of a record, seconds to any sea that moves
+    if not isinstance(sea.get("time"), str) or not _is_record(sea):
+        keys.append("time")
+    # other names of waves choose those that the sea holds
     if waves == "fading" or is_number(waves) or "part" in sea:
         keys.append("waves")
-    return {key: sea.pop(key) for key in keys if key in sea}
+    return [key for key in keys if key in sea]
+
+
+def _is_record(sea: Table) -> bool:
+    """Return whether [sea] is the spectrum or the gauges of a file."""
+    kind = sea.get("spectrum")
+    return kind == "gauge" or (kind == "measured" and "file" in sea)
 
 
 def read_surface(
-    table: Table, wind_speed: float, sampling: Mapping[str, Any], folder: Path, printed: bool
+    sea: Table, sampling: Iterable[str], wind_speed: float, folder: Path, printed: bool
 ) -> Any:
     """Return the surface of [sea] without its `sampling` keys.
 
     `printed` has the equally spaced waves of the paper unless the table names others.
     """
-    if "mesh" in table:
-        return _mesh_file(table, sampling, folder)
+    if "mesh" in sea:
+        return _mesh_file(sea, folder)
+    table = {key: value for key, value in sea.items() if key not in sampling}
     if "meshes" in table:
         return _mesh_sequence(table, folder)
-    from meshtrace.surfaces import FlatSea, Surface
-    from meshtrace.surfaces.bands import paper_waves
-
-    if table.get("spectrum") == "gauge" or (
-        table.get("spectrum") == "measured" and "file" in table
-    ):
+    if _is_record(table):
         return _measured(table, wind_speed)
     if "part" in table:
         return _sum(table, wind_speed, folder, printed)
+    from meshtrace.surfaces import FlatSea, Surface
+    from meshtrace.surfaces.bands import paper_waves
+
     word = table.pop("spectrum", table.pop("kind", "jonswap"))
-    model = Surface.member("spectral") if isinstance(word, Mapping) else _named(word)
-    keys, calm = _SEA_KEYS, False
-    if not issubclass(model, Surface) or isinstance(word, Mapping):
-        table, keys, calm = _with_spectrum(word, table, wind_speed)
-        model = Surface.member("spectral")
-    elif _follows_wind(model):
-        table, calm = _driven(table, wind_speed)
-    surface: Any = validated(model, table, "", keys)
-    if printed and "waves" in model.model_fields and surface.waves is None:
+    if isinstance(word, Mapping) or not issubclass(model := _named(word), Surface):
+        surface, calm = _spectral(word, table, wind_speed)
+    else:
+        surface, calm = in_wind(model, table, {"wind_speed": wind_speed}, _SEA_KEYS)
+    if printed and getattr(surface, "waves", "") is None:
         surface = surface.replace(waves=paper_waves(surface.spectrum))
     return FlatSea() if calm else surface
+
+
+def _spectral(word: Any, table: Table, wind_speed: float) -> tuple[Any, bool]:
+    """Return the sea of a spectrum, and whether it is calm.
+
+    The spectrum is a table of its own, or a word whose parameters stand beside those of the sea.
+    """
+    from meshtrace.surfaces import SpectralSea, Spectrum
+
+    if isinstance(word, Mapping):
+        inside, kind, keys = ["spectrum"], word.get("kind", "jonswap"), []
+        parameters = {key: value for key, value in word.items() if key != "kind"}
+    else:
+        inside, kind = [], word
+        keys = [*Spectrum.member(word).model_fields, *(["file"] if word == "tabulated" else [])]
+        parameters, table = split(table, keys)
+    with within(*inside):
+        model = Spectrum.member(kind)
+        spectrum, calm = in_wind(model, parameters, {"wind_speed": wind_speed})
+    sea = validated(SpectralSea, table | {"spectrum": spectrum}, "", [*_SEA_KEYS, *keys])
+    return sea, calm
 
 
 def _measured(table: Table, wind_speed: float) -> Any:
@@ -117,17 +142,16 @@ def _measured(table: Table, wind_speed: float) -> Any:
     from meshtrace.surfaces import from_gauge, from_wavespectra, gauge_spectrum
 
     gauge = table["spectrum"] == "gauge"
-    reader = from_gauge if gauge else from_wavespectra
-    if not isinstance(table.get("file"), str):
-        raise Refused("file", table.get("file", MISSING), "a path")
-    options = {key: value for key, value in table.items() if key not in ("spectrum", "file")}
-    functions = [reader, gauge_spectrum] if gauge else [reader]
-    known = dict.fromkeys(key for f in functions for key in inspect.signature(f).parameters)
+    readers: list[Any] = [from_gauge, gauge_spectrum] if gauge else [from_wavespectra]
+    source, options = split(table, ["spectrum", "file"])
+    if not isinstance(source.get("file"), str):
+        raise Refused("file", source.get("file", MISSING), "a path")
+    known = dict.fromkeys(key for f in readers for key in inspect.signature(f).parameters)
     require_keys(options, [*(k for k in known if k not in ("source", "gauge")), "file", *_SEA_KEYS])
     # what the instrument leaves open, short waves and directions, follows the wind
     if {"tail", "mss", "spreading"} & options.keys():
         options.setdefault("wind_speed", wind_speed)
-    return reader(table["file"], **options)
+    return readers[0](source["file"], **options)
 
 
 def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
@@ -138,16 +162,11 @@ def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
     if not isinstance(parts, list) or not parts:
         raise Refused("part", parts, "tables [[sea.part]]")
     seas = []
+    # time and mesh are those of the whole sea: a part has no keys of `Meshing`
     for i, part in enumerate(parts):
         with within("part", i):
-            seas.append(read_surface(as_table(part, ""), wind_speed, {}, folder, printed))
-    return validated(SumSea, {**table, "parts": tuple(seas)}, "", ("part", *_SEA_KEYS))
-
-
-def _follows_wind(model: Any) -> bool:
-    """Return whether the waves of a sea follow the wind; measured waves do not."""
-    field = model.model_fields.get("wind_speed")
-    return field is not None and field.default is not None
+            seas.append(read_surface(as_table(part, ""), (), wind_speed, folder, printed))
+    return validated(SumSea, table | {"parts": tuple(seas)}, "", ("part", *_SEA_KEYS))
 
 
 def _named(word: Any) -> type[Family]:
@@ -159,52 +178,22 @@ def _named(word: Any) -> type[Family]:
             return family.member(word)
         except Refused as error:
             refused = error
+    # an import path says what it means: no list of words would help
     if isinstance(word, str) and ":" in word:
         raise Refused("spectrum", word, refused.allowed, refused.hint)
+    # "spectral" is the class behind all words of spectra
     seas = (kind for kind in Surface.registered if kind != "spectral")
     # "gauge" is a word of files alone
     words = list(dict.fromkeys([*seas, "gauge", *Spectrum.registered]))
     raise Refused("spectrum", word, ", ".join(words), did_you_mean(word, words))
 
 
-def _with_spectrum(
-    word: Any, table: Table, wind_speed: float
-) -> tuple[Table, tuple[str, ...], bool]:
-    """Return the table of a spectral sea, all keys of [sea], and a flag for no wind.
-
-    The spectrum is a separate table, or a word with its parameters beside the sea's.
-    """
-    from meshtrace.surfaces import Spectrum
-
-    if isinstance(word, Mapping):
-        path: tuple[str, ...] = ("spectrum",)
-        keys, spectrum = _SEA_KEYS, {"kind": "jonswap", **word}
-    else:
-        fields = list(Spectrum.member(word).model_fields)
-        fields += ["file"] if word == "tabulated" else []
-        path, keys = (), (*_SEA_KEYS, *fields)
-        spectrum = {"kind": word, **{key: table.pop(key) for key in fields if key in table}}
-    spectrum, calm = _driven(spectrum, wind_speed)
-    with within(*path):
-        return {**table, "spectrum": Spectrum.read(spectrum)}, keys, calm
-
-
-def _driven(table: Table, wind_speed: float) -> tuple[Table, bool]:
-    """Return a table with its wind speed, and whether it is calm.
-
-    Spectra refuse a wind speed of 0; a calm sea is validated at 5 m/s, so that its other keys are
-    still checked, and `read_surface` returns a flat sea in its place.
-    """
-    speed = table.get("wind_speed", wind_speed)
-    calm = speed == 0.0 and not isinstance(speed, bool)
-    return {**table, "wind_speed": 5.0 if calm else speed}, calm
-
-
-def _mesh_file(table: Table, sampling: Mapping[str, Any], folder: Path) -> MeshFile:
-    for key, value in {**table, **sampling}.items():
+def _mesh_file(sea: Table, folder: Path) -> MeshFile:
+    """Return the mesh that [sea] names, relative to the link file."""
+    for key, value in sea.items():
         if key not in ("mesh", "extent"):
             raise Refused(key, value, "beside mesh only extent")
-    name = table["mesh"]
+    name = sea["mesh"]
     if not isinstance(name, str) or not os.path.isfile(folder / name):
         raise Refused("mesh", name, "an STL, PLY or OBJ file")
     return MeshFile(file=str((folder / name).resolve()))
@@ -214,15 +203,17 @@ def _mesh_sequence(table: Table, folder: Path) -> Any:
     """Return the meshes in time of a folder or a pattern, relative to the link file."""
     from meshtrace.surfaces import MeshSequence
 
-    source = table.pop("meshes")
+    source = table["meshes"]
     names = source if isinstance(source, list) else [source]
     if not names or not all(isinstance(name, str) for name in names):
         raise Refused("meshes", source, "a folder, a pattern or a file")
-    whole = [str(folder.resolve() / name) for name in names]
+    paths: Any = [str(folder.resolve() / name) for name in names]
     keys = [key for key in MeshSequence.model_fields if key not in ("kind", "source")]
     require_keys(table, ["meshes", *keys, "time"])
+    table = split(table, ["meshes"])[1]
+    table["source"] = paths if isinstance(source, list) else paths[0]
     try:
-        return MeshSequence(whole if isinstance(source, list) else whole[0], **table)
+        return MeshSequence.model_validate(table)
     except Refused as error:
         field = "meshes" if error.field == "source" else error.field
         raise Refused(field, error.value, error.allowed, error.hint) from error.__cause__
@@ -243,8 +234,7 @@ def surface_from_provenance(provenance: Mapping[str, Any]) -> MeshSource | MeshF
 
 def wind_of(link: Link, surface: Any) -> float:
     """Return the wind speed of the first part that has one, 0 for a calm sea."""
-    parts = getattr(surface, "parts", ())
-    if parts:
+    if parts := getattr(surface, "parts", ()):
         return max(wind_of(link, part) for part in parts)
     spectrum = getattr(surface, "spectrum", None)
     return (link.wind_speed or 0.0) if spectrum is None else spectrum.wind_speed
@@ -256,21 +246,20 @@ def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
         return {"mesh": surface.file}
     from meshtrace.surfaces import SumSea
 
+    shared = {"wind_speed": wind_speed}
     config = dict(surface.to_config())
     kind = config.pop("kind")
     if kind == "meshes":
-        return {"meshes": config.pop("source"), **config}
+        return {"meshes": config.pop("source")} | config
     if isinstance(surface, SumSea):
-        parts = [surface_config(part, wind_speed) for part in surface.parts]
         del config["parts"]
-        return {**config, "part": parts}
+        return config | {"part": [surface_config(part, wind_speed) for part in surface.parts]}
     if kind == "spectral":
-        config["spectrum"] = unshared(config["spectrum"], wind_speed=wind_speed)
+        config["spectrum"] = unshared(config["spectrum"], shared)
         return config
     # the wind of the file's other tables need not be written twice
-    if _follows_wind(type(surface)):
-        config = unshared(config, wind_speed=wind_speed)
-    return {"spectrum": kind, **config}
+    model: Any = type(surface)
+    return {"spectrum": kind} | (unshared(config, shared) if follows_wind(model) else config)
 
 
 def may_overhang(surface: MeshSource | MeshFile) -> bool:

@@ -610,7 +610,7 @@ def read_study(
         if not isinstance(beside, str) or not beside:
             raise Refused("sweep.store", beside, "a path")
     except Refused as error:
-        raise error.of(str(path)) from error.__cause__
+        raise error.in_file(str(path)) from error.__cause__
     # options of a sweep that may stand in either table
     run = config.get("run", {})
     shared = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
