@@ -138,7 +138,7 @@ def _of_result(file: Path) -> Inputs:
             times = require_finite(origin.get("times", MISSING), "times", "times [s]")
             return subject | {"coverage": result, "time": float(times.flat[0])}
     except Refused as error:
-        raise error.of(str(file)) from None
+        raise error.in_file(str(file)) from None
     if isinstance(result, mt.GainResult):
         return subject | {"gain": result}
     if isinstance(result, mt.GainSeries) and result.along == "time":
