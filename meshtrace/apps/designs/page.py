@@ -346,7 +346,8 @@ class Design(Stored):
                 f"= {line.name}" if line.total else f"  {line.name}",
                 f"{line.night:.2f}",
                 f"{line.day:.2f}",
-                f"+- {line.stderr:.2f}" if line.stderr else "",
+                # an error below the last digit shown would read as 0.00
+                f"+- {line.stderr:.2f}" if line.stderr >= 0.005 else "",
                 line.unit,
             )
             for line in self.budget
