@@ -121,7 +121,7 @@ def chain_light(
 ) -> Light:
     """Return the arrivals of a set of chains, or of a block of one."""
     link, unit = aimed.link, aimed.link.frame.unit
-    first, n = (block.rows.start, block.request.number) if block else (0, len(chains.audit))
+    first, n = (block.span.start, block.request.number) if block else (0, len(chains.audit))
     arrivals = aimed.aim(emitter, target, chains, keep=True).arrivals
     end, chain = link.targets[target], arrivals["chain"]
     way = on_disk(end.center, end, chains.chains.disk[chain]) - arrivals["point"]
