@@ -44,7 +44,7 @@ from meshtrace.engine.backward.view import (
 )
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import chunk_tallies, setup_of
-from meshtrace.engine.setup.arrays import frame_of
+from meshtrace.engine.setup.arrays import frame_of, integral
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import (
     Analog,
@@ -133,8 +133,8 @@ def optical_depth(link: Link) -> Depth:
     c = a + b
     if link.bubbles is not None:
         c = c + link.bubbles.b(depth)
-    # trapezoidal rule: the integral of c from still water down to each depth
-    path = np.concatenate([[0.0], np.cumsum(0.5 * depth[1] * (c[1:] + c[:-1]))])
+    # from still water down to each depth
+    path = integral(c, depth[1])
     top = float(a[0] + b[0])
 
     def below(points: Floats) -> Floats:
@@ -360,8 +360,10 @@ def _sunlit(
         a, b = (np.broadcast_to(x, grid.shape) for x in link.water.profile(grid))
         # quasi-single scattering: light scattered by small angles stays in the beam of the sun
         lost = a + _lost(link.water.phase, in_water) * b
-        path = np.concatenate([[0.0], np.cumsum(0.5 * grid[1] * (lost[1:] + lost[:-1]))])
-        logs.append(-path / slant + (0.0 if by_bubbles else np.log(np.maximum(b, 1e-300))))
+        logs.append(
+            -integral(lost, grid[1]) / slant
+            + (0.0 if by_bubbles else np.log(np.maximum(b, 1e-300)))
+        )
         phase = link.bubbles.phase_function() if by_bubbles and link.bubbles else link.water.phase
         phases.append(blurred_phase(phase))
     log = np.array(logs[1:]).T - logs[0][:, None]

@@ -1,5 +1,11 @@
 """Forced detection: crossings of each chain over one surface, and its contribution to the aperture.
 
+A chain (`sampling.Chains`) is a history of scatterings whose direction of emission w is free: it is
+turned about its source until its last segment, refracted by the surface at a crossing P, lands on a
+chosen point X of the aperture. Its contribution to the gain is |A| I(w) W dOmega/dX: A the area of
+the aperture, I the intensity of the source, W scatterings and transmittance, Omega the solid angle
+of w.
+
 Newton starts from the crossings of a flat sea, which do not depend on the waves. An audit searches
 every facet for all crossings near that of a flat sea that land on one point. Chains at other
 wavelengths are sums over their ways and scatterings, see `kernels.tints`.
@@ -54,8 +60,9 @@ from meshtrace.kernels.vectors import (
     write,
 )
 
-_FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, that is much
-_AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched
+_FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, from which a sea
+# focuses: there may be several crossings, and all facets are searched; tuned, time against noise
+_AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched: the same
 
 ARRIVAL = record_type(
     [
@@ -92,11 +99,11 @@ class Crossing(NamedTuple):
 class Counter(IntEnum):
     """Outcomes of the search that are counted."""
 
-    SOLVED = 0
-    NO_FLAT = 1
-    ENUMERATED = 2
-    EXTRA_ROOTS = 3
-    BLOCKED = 4
+    SOLVED = 0  # crossings that Newton finds from those of a flat sea
+    NO_FLAT = 1  # chains without a crossing of a flat sea: no light
+    ENUMERATED = 2  # searches of all facets
+    EXTRA_ROOTS = 3  # crossings that these add
+    BLOCKED = 4  # crossings whose paths other waves cut off
 
 
 @inlined
@@ -154,10 +161,11 @@ def _flat_root(n, start, shot, scene, out):
 
 @outlined
 def _near(n, flat, audit, search, shot, scene, roots, counters):
-    """Append the crossings that belong to one flat crossing; return their number.
+    """Append the crossings that belong to one flat crossing to n others; return their number.
 
     Newton starts from the flat crossing. More roots, if the sea focuses, are searched in a share of
-    the chains and count by the inverse of that share: unbiased.
+    the chains, those whose uniform `audit` is smaller, and count by the inverse of that share:
+    unbiased.
     """
     surface, target, tilt = scene.surface, scene.target, shot.tilt
     radius = crossing.radius_of(flat, search, shot, scene)
@@ -187,6 +195,7 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
     unique = n
     counters[Counter.ENUMERATED.value] += 1
     last = crossing.enumerate_roots(roots, n, flat, radius, NO, shot, scene)
+    # `enumerate_roots` has written behind the first n: the new ones among them move up
     for k in range(n, last):
         r = roots[k]
         unique = crossing.add_root(roots, unique, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
@@ -311,7 +320,10 @@ def _lifted(flat, scene):
 
 @outlined
 def _density(flat, x, y, branch, spread, scene):
-    """Return the density of the proposed crossings at (x, y) [m-2], on one branch."""
+    """Return the density of the proposed crossings at (x, y) [m-2], on one branch.
+
+    Summed over the crossings `flat` of still water that may lead there.
+    """
     total = 0.0
     for k in range(len(flat)):
         if flat[k].branch == 0.0:
@@ -517,19 +529,19 @@ class Colours(NamedTuple):
     tints: Tints | None
     mixture: Mixture
     clear: Medium  # the water with its bubbles alone
-    tint: NDArray[np.float64]  # (tints,)
+    log_weights: NDArray[np.float64]  # (tints,) scratch: sums along the way
     factors: Factors
 
 
 @outlined
 def straight_factors(p, q, colours):
-    """Write the factors of a straight way from p to q.
+    """Write the factors of all wavelengths on light along a straight way from p to q.
 
     Array twin: see `tint_chains`.
     """
-    reset_tint(colours.tints, colours.tint)
-    _add_way(p, q, colours.clear, colours.tints, colours.tint)
-    fill_factors(colours.mixture, colours.tint, colours.factors)
+    reset_tint(colours.tints, colours.log_weights)
+    _add_way(p, q, colours.clear, colours.tints, colours.log_weights)
+    fill_factors(colours.mixture, colours.log_weights, colours.factors)
 
 
 @inlined
@@ -538,6 +550,7 @@ def _add_way(p, q, clear, tints, log_weights):
     if tints is not None:
         length = norm(minus(q, p))
         tint_way(tints, log_weights, p.z, q.z, length)
+        # bubbles scatter alike at all wavelengths but for a factor on their optical depth
         depth = scattering_path(clear, p, q, length)
         for r in range(len(tints.c)):
             log_weights[r] -= tints.bubble_c[r] * depth
@@ -545,7 +558,7 @@ def _add_way(p, q, clear, tints, log_weights):
 
 @entry
 def tint_chains(chains, arrivals, emitter, clear, tints, out):
-    """Write the sums (arrivals, tints) of chains that arrive.
+    """Write the sums (arrivals, tints) of chains that arrive, see `kernels.tints`.
 
     Array twin: direct runs of the wavelengths.
     `clear` is the water with its bubbles alone.

@@ -9,7 +9,7 @@ import numpy as np
 
 from meshtrace.engine.chains import microfacets, unscattered
 from meshtrace.engine.chains.aimed import AimedChains
-from meshtrace.engine.chains.cells import Cells, Rules, blurred_map, image_map
+from meshtrace.engine.chains.cells import Cells, blurred_map, image_map
 from meshtrace.engine.chains.gain import Colours
 from meshtrace.engine.setup.arrays import locator
 from meshtrace.engine.setup.ends import forced_link, require_height_field
@@ -25,7 +25,8 @@ from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.quadrature import gauss_legendre
 
-_COARSEST = 16  # points along a cell that resolve the blur by random slopes
+_COARSEST = 16  # points along a cell that resolve the blur by random slopes, at most: 256 a cell
+# take as long as sampled chains
 
 
 def unscattered_map(
@@ -36,9 +37,9 @@ def unscattered_map(
     threads: int = 1,
     tinting: Tinting = UNTINTED,
 ) -> Floats | None:
-    """Return the unscattered gain of the first receiver in the cells of a map.
+    """Return the unscattered gain of the first receiver, were it in each of the cells of a map.
 
-    Shape (n, n, wavelengths).
+    Shape (n, n, wavelengths), x and y rising; the receiver keeps its height, area and view.
 
     Light counts that crosses the surface once, at its first arrival, and meets nothing else. None
     where it has to be sampled: for extended sources, light from the air, receivers in the water or
@@ -50,6 +51,7 @@ def unscattered_map(
     points = all(isinstance(t, WaterSource) and t.size == 0.0 for t in link.transmitters)
     if not (upright and points) or link.physics.fov != "angle":
         return None
+    # cells start at -extent; a last one may reach beyond +extent, which moves the middle
     middle = 0.5 * grid.n * grid.step - grid.extent
     link = link.replace(receiver=receiver.replace(position=(middle, middle)))
     try:
@@ -58,23 +60,26 @@ def unscattered_map(
     except Refused:
         return None
     aimed = AimedChains(arrays, mesh, normals, link.physics.unresolved)
+    # axes of the aperture along those of the cells
     target = arrays.targets[0]._replace(e1=Vec3(1.0, 0.0, 0.0), e2=Vec3(0.0, 1.0, 0.0))
+    # bins over all of the mesh: those of one receiver hold the facets that it sees alone
     aimed.locator = locator(aimed.surface, [target._replace(reach=math.inf)])
     step = grid.step / arrays.frame.unit
     cells = Cells(-0.5 * grid.n * step, -0.5 * grid.n * step, step, grid.n)
     total = np.zeros((grid.n, grid.n, len(tinting.shares)))
     images = ordered_map(partial(_image, aimed, target, cells, tinting), arrays.emitters, threads)
-    for power, found in zip(arrays.power, images, strict=True):
-        if found is None:
+    for power, image in zip(arrays.power, images, strict=True):
+        if image is None:
             return None
-        total += power * target.area / step**2 * found
+        # a cell stands for the aperture: light per area, times the area of the aperture
+        total += power * target.area / step**2 * image
     return total
 
 
 def _image(
     aimed: AimedChains, target: Target, cells: Cells, tinting: Tinting, emitter: Emitter
 ) -> Floats | None:
-    """Return the unscattered gain of apertures of the cells' area from one source."""
+    """Return the gain (n, n, wavelengths) of apertures as large as cells; None to sample it."""
     scene = aimed.scene(emitter, target)
     n_colours, n_tints = tinting.shares.shape
     gain = np.zeros((cells.n, cells.n, n_colours))
@@ -82,27 +87,23 @@ def _image(
         tints=tinting.tints,
         mixture=tinting._replace(bases=()).mixture(0, ALONE.parts),
         clear=aimed.clear,
-        tint=np.zeros(n_tints),
+        log_weights=np.zeros(n_tints),
         factors=factors_of(n_colours),
     )
     stretch, lever, bend = aimed.bounds_of(scene)
     if not aimed.rough:
+        # a triangle clipped by the four edges of a cell has seven corners: 16 are enough
         stack, polygons = np.empty((unscattered.STACK, 3), np.int64), np.empty((2, 16, 2))
         image_map(scene, cells, 1.5 * stretch, lever, bend, stack, polygons, colours, gain)
         return gain
     blur = aimed.blur(scene)
+    # one point along a cell for each standard deviation of the light
     across = math.ceil(cells.step / blur) if blur > 0.0 else _COARSEST + 1
     if not aimed.blurred or across > _COARSEST:
         return None
-    whole = blurred_map(
-        scene, cells, stretch, microfacets.MOST_PARTS, across, _rules(), colours, gain
-    )
-    return gain if whole else None
-
-
-def _rules() -> Rules:
-    """Return Gauss's rules of up to `_COARSEST` points."""
+    # Gauss's nodes and weights over the unit interval about 0, of k points in row k - 1
     rules = np.zeros((2, _COARSEST, _COARSEST))
     for k in range(1, _COARSEST + 1):
         rules[:, k - 1, :k] = 0.5 * np.array(gauss_legendre(k))
-    return Rules(*rules)
+    whole = blurred_map(scene, cells, stretch, microfacets.MOST_PARTS, across, rules, colours, gain)
+    return gain if whole else None

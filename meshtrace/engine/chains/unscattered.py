@@ -1,4 +1,10 @@
-"""Unscattered light: image of every facet on the aperture plane."""
+"""Unscattered light through smooth facets: the image of every facet on the plane of the aperture.
+
+Light from the source through a facet is a narrow beam, refracted at each corner. A facet is cut
+into parts so small that intensity and refraction are linear over each: the image of a part is a
+triangle, whose overlap with the disk of the aperture has a closed form. Coordinates of images are
+in metres from the centre of the aperture.
+"""
 
 from __future__ import annotations
 
@@ -30,22 +36,25 @@ from meshtrace.kernels.vectors import (
     unit,
 )
 
+# Sizes of parts, tuned: an image's error falls with the square of its size, the time rises with its
+# inverse square. `tests/engine/chains/test_unscattered.py` holds the result.
 _EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
-
-_ROUNDING = 1e-13  # of the disk's radius squared
 BEAM_SHARE = 0.03  # longest edge of a part over the width of the beam: its light is near linear
 _GAUSSIAN_SHARE = 0.07  # the same for Gaussian beams: equal parts converge exponentially
 VIEW_SHARE = 0.06  # the same over the radius of the field of view, at its edge
-_FINEST = 1.0 / 64.0  # of the longest edge
-_GRAZING = 0.1  # cosine of the edge of views that accept light along the surface
-_FLATTEST = 1e-4  # cosine of such light
+_FINEST = 1.0 / 64.0  # of the longest edge, however narrow the view: bounds the time
 _STRAIGHT = 0.1  # relative change of the stretch of an image along the longest edge of a part
+_GRAZING = 0.1  # cosine of the edge of views that accept light along the surface
+_FLATTEST = 1e-4  # cosine of such light: bounds a stretch that would be infinite
+_ROUNDING = 1e-13  # share of the disk's squared radius: smaller overlaps are none
 STACK = 128
-"""Parts of a large facet that wait to be cut."""
+"""Parts of a large facet that wait to be cut: three more at each of 40 halvings."""
 
 
 class Part(NamedTuple):
     """Part of a facet: a triangle of the grid of n parts along each of its edges.
+
+    All of a facet f is Part(f, n, 0, 0, n).
 
     Corners are the nodes (i, j), (i + side, j), (i, j + side) of that grid: a part of negative side
     points the other way. Integers name a part exactly, so that neighbours share their corners.
@@ -53,8 +62,8 @@ class Part(NamedTuple):
 
     facet: int | np.int64
     n: int | np.int64
-    i: int | np.int64
-    j: int | np.int64
+    i: int | np.int64  # steps from the first corner of the facet towards the second
+    j: int | np.int64  # and towards the third
     side: int | np.int64
 
 
@@ -70,8 +79,8 @@ class Corner(NamedTuple):
 class Image(NamedTuple):
     """Bounds on the image of a part of a facet."""
 
-    stretch: float  # of the image of a small part
-    coarse: float  # [m], size up to which that holds
+    stretch: float  # largest size of the image of a small part, over that of the part
+    coarse: float  # [m], size of a part up to which that holds
     dark: float  # angle to the axis beyond which the source sends no light [rad]
 
 
@@ -90,6 +99,7 @@ def aperture_at(place, scene):
 
     Array twin: none, a tuple.
     """
+    # compiled code has no `_replace`: `center` and `target` are first and second
     return Scene(scene.emitter, Target(place, *scene.target[1:]), *scene[2:])
 
 
@@ -121,13 +131,14 @@ def _sector(p, q, r):
     # signed, and right for any two rays less than half a turn apart
     angle = math.atan2(cross2(p, q), dot2(p, q))
     s, t = r / math.hypot(p.x, p.y), r / math.hypot(q.x, q.y)
+    # first moments r^3 / 3 (sin, -cos) of the azimuth, between both rays; s p, t q lie on the rim
     k = r * r / 3.0
     return 0.5 * r * r * angle, k * (t * q.y - s * p.y), k * (s * p.x - t * q.x)
 
 
 @inlined
 def _edge_part(a, b, r):
-    """Return signed area and moments common to the disk r and the triangle (origin, a, b)."""
+    """Return signed area and first moments of the overlap of disk r and triangle (origin, a, b)."""
     d = minus2(b, a)
     d2 = dot2(d, d)
     if d2 == 0.0 or a.x * b.y == a.y * b.x:
@@ -199,7 +210,10 @@ def view_radius(height, target, fov):
 
 @inlined
 def carried(accepted, p, m, scene):
-    """Return the accepted share times intensity and transmittance of surface and water."""
+    """Return the accepted share times intensity [sr-1] and transmittance of surface and water.
+
+    m is the `Aim` at the crossing p.
+    """
     accepted *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
     return accepted * math.exp(-straight_depth(p, m, scene.emitter.position, scene))
 
@@ -239,7 +253,8 @@ def image_gain(scene, facets, stretch, lever, bend, stack, gain):
     The image of a part of a facet is taken for a triangle: its gain is the light in its solid
     angle times the share of the image that lies on the disk. Folds and caustics count
     themselves, since images overlap. `stretch` and `lever` bound |dX/dP| of a flat sea and
-    |dX/dslope|, `bend` the relative change of the first; `stack` is room for (STACK, 3) integers.
+    |dX/dslope|, `bend` the relative change of the first (`AimedChains.bounds_of`); `stack` is room
+    for (STACK, 3) integers.
     """
     # Beam tracing (Heckbert and Hanrahan 1984; Watt 1990 for caustics of water): a facet's beam is
     # refracted by its corners and clipped by the aperture.
@@ -287,6 +302,7 @@ def unless_hidden(total, f, scene):
         return total
     p = Vec3(scene.facets[f].x, scene.facets[f].y, scene.facets[f].z)
     slope, below, above = scene.surface.max_slope, scene.emitter.position, scene.target.center
+    # one ray to either end for a whole facet: it is small, or the water is level
     for end, is_air in ((below, scene.mirrored), (above, not scene.mirrored)):
         way = minus(p, end)
         steep = abs(way.z) > slope * math.hypot(way.x, way.y)
@@ -376,7 +392,7 @@ def part_on(stack, k, f, n):
 def push_quarters(stack, top, part):
     """Push the four quarters of a part on a stack; return its height."""
     half = part.side // 2
-    for k in range(4):  # one at each corner, and the middle one upside down
+    for k in range(4):  # one at each corner, and the middle one the other way round
         stack[top, 0] = part.i + (half if k in (1, 3) else 0)
         stack[top, 1] = part.j + (half if k in (2, 3) else 0)
         stack[top, 2] = -half if k == 3 else half
@@ -410,6 +426,7 @@ def subpart(part, m, i, k):
     Row i has 2 (m - i) - 1 parts, of either side in turn.
     """
     odd = k % 2
+    # in units of the small parts: even ones point as the part does, odd ones lie between them
     x, y, z = i + odd, k // 2 + odd, ONE - 2 * odd
     return Part(
         part.facet,
@@ -433,6 +450,7 @@ def _node(f, n, i, j, surface):
 @inlined
 def centroid(part, surface):
     """Return the centroid of a part [m]."""
+    # a node of the grid three times as fine: exact for all parts
     i, j = 3 * part.i + part.side, 3 * part.j + part.side
     return _node(part.facet, 3 * part.n, i, j, surface)
 
@@ -498,7 +516,7 @@ def _at_edge(a, b):
 
 @outlined
 def _image_light(a, b, c, f, shot, scene):
-    """Return the light of a triangle on facet f that lands on the aperture."""
+    """Return the light through a triangle of facet f that lands on the aperture, as a gain."""
     ab, ac = minus2(b.at, a.at), minus2(c.at, a.at)
     det = cross2(ab, ac)
     radius = scene.target.radius
@@ -508,6 +526,7 @@ def _image_light(a, b, c, f, shot, scene):
     else:
         area, center = disk_overlap(a.at, b.at, c.at, radius)
         share = 2.0 * area / abs(det)
+        # the image is linear: barycentrics of a landing point are those of its crossing
         middle = minus2(center, a.at)
         u, v = cross2(middle, ac) / det, cross2(ab, middle) / det
     if share == 0.0:
