@@ -269,7 +269,9 @@ class FrozenForced:
             r, share = arrays.receiver(e, t), arrays.share(e, t)
             if not aimed.sampled:
                 light = aimed.direct_gains(e, t).sum(keepdims=True)
-                error = aimed.relative_error(e, t) if aimed.meets_rim(e, t) else 0.0
+                # beside chains, whose errors are far larger, the rim of a view alone counts
+                counts = aimed.meets_rim(e, t) or not any(sets)
+                error = aimed.relative_error(e, t) if counts else 0.0
                 direct[r] += share * with_error(light, error)
             for chains in sets[e]:
                 score = aimed.aim(e, t, chains).score

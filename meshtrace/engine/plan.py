@@ -389,7 +389,7 @@ class Planner:
         if reflects and len(joined) < len(every) and gain is not None:
             # light that the surface reflects first may be too little to be measured
             returned = self.returned[self._piloted]
-            counted = choice.counts(returned, gain)
+            counted = choice.counts(returned, gain, choice.MEASURED)
             bright = set(self._piloted[counted].tolist())
             first = self._first.tolist()
             served = [r for r in every if first[r] in bright or method[r] == "joined"]

@@ -146,7 +146,8 @@ def coverage_map(
         s^2 = \frac{1}{N} \left(\frac{1}{N} \sum_i w_i^2 - (h - h_0)^2\right)
         + \left(\frac{1}{N} \frac{\sum_M w_i^2}{\sum_M w_i}\right)^2,
 
-    with h_0 the unscattered light: the sum over the images of all facets, which has no noise.
+    with h_0 the unscattered light: the sum over the images of all facets, which has no noise; the
+    error of that sum, by parts of facets of twice the length, is joined to s.
     w_i are the scores of photons that have scattered, met the bottom or been reflected before they
     leave the water, N their number. The last term, one typical photon of the map M, keeps the
     error of a cell without photons from zero. `provenance["unscattered"]` is "image".
@@ -261,7 +262,9 @@ class _Mapped(Restored):
         self.shares = np.repeat(self.ends, len(several), axis=0) / len(several)  # of the runs
         self.mesh = lru_cache(_MESHES)(self._meshed)
         self._turns = [Lock() for _ in times]
-        self._image = self._unscattered() if exact and unscattered is None else None
+        image = self._unscattered() if exact and unscattered is None else None
+        self._image: Floats | None = image[0] if image else None
+        self._image_error: Floats = image[1] if image else np.zeros(1)
         self._carry = self._image is None if unscattered is None else unscattered
         self._chained: tuple[Floats, Floats] | tuple[()] | None = None  # by chains, if these serve
         self._number = 0  # of the chains
@@ -344,18 +347,23 @@ class _Mapped(Restored):
         cells = np.empty((chains.cells, chains.cells))[chains.tiles[step.tile]].size
         return (1 + (SHIFTS + 1) * cells,)
 
-    def _unscattered(self) -> Floats | None:
-        """Return the unscattered gain of the cells; None if photons have to carry it."""
+    def _unscattered(self) -> tuple[Floats, Floats] | None:
+        """Return the unscattered gain of the cells and the error of its quadrature.
+
+        None if photons have to carry it.
+        """
         options = self._campaign.meshing.normals, self._campaign.threads, self.tinting
-        total = np.zeros((self._grid.n, self._grid.n, len(self._links)))
+        total, error = np.zeros((2, self._grid.n, self._grid.n, len(self._links)))
         for link, shares in zip(self._common.bases, self.ends, strict=True):
             link = link.replace(receiver=self._receiver)
             for time in self.times:
                 unscattered = unscattered_map(link, self.mesh(time), self._grid, *options)
                 if unscattered is None:
                     return None
-                total += shares * unscattered / len(self.times)
-        return total
+                total += shares * unscattered[0] / len(self.times)
+                # errors of different times and indices have the same causes: they add up
+                error += shares * unscattered[1] / len(self.times)
+        return total, error
 
     def run(self, photons: int, rtol: float | None, base: int) -> dict[int, CoverageMap]:
         """Return maps by photons, which carry all light, or the light that the images lack.
@@ -405,7 +413,7 @@ class _Mapped(Restored):
             first, waiting = False, further(tiles, chains.lack(tiles, direct, rtol))
         scattered, stderr = chains.scattered(tiles)
         self._number = sum(one.chains for one in tiles)
-        return direct + scattered, stderr
+        return direct + scattered, np.hypot(stderr, self._image_error[:, :, 0])
 
     def _cheaper(self, rtol: float, photons: float) -> bool:
         """Return whether chains to some tiles promise less cost than photons at each time."""
@@ -544,7 +552,7 @@ class _Mapped(Restored):
             total, squares = (x.value().sum(axis=(0, 1)) for x in (tally.map, tally.map_squared))
             weight = squares / np.maximum(total, 1e-300) / tally.map_scale
             typical += shares * area / self._grid.step**2 * weight / tally.photons
-        return self._image + gain, np.hypot(stderr, typical)
+        return self._image + gain, np.hypot(np.hypot(stderr, typical), self._image_error)
 
     def _bound(self, link: Link, gain: Floats, stderr: Floats, photons: int) -> Floats | None:
         """Return upper bounds of dark cells, 95 % confidence, nan elsewhere; None if all are lit.

@@ -3,12 +3,15 @@
 Independent means: the same cells one by one by `simulate`, analog maps, and the scatter of seeds.
 """
 
+import math
+
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, sidak, z_test
 from scipy import stats
 
 import meshtrace as mt
+from meshtrace.engine.chains.maps import unscattered_map
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.results import CoverageMap
@@ -165,7 +168,8 @@ def test_a_cell_without_photons_has_an_error():
     found = mt.coverage_map(mt.Link(), STILL, 0.5, 0.1, photons=1000, rtol=50.0, threads=1)
     assert found.provenance["run"]["photons"] == 1000
     least = found.gain_stderr.min()
-    assert np.count_nonzero(found.gain_stderr == least) > 50
+    # to which the error of the image, far smaller, is joined
+    assert np.count_nonzero(np.isclose(found.gain_stderr, least, rtol=1e-6)) > 50
     assert least > 0.1 * found.gain.max()
     # the image is all that they have received
     assert found.gain.min() > 0.5 * np.median(found.gain)
@@ -279,3 +283,22 @@ def test_errors_of_dark_cells_are_relative_to_a_hundredth_of_the_highest_gain():
     gain, stderr = np.array([[1.0, 0.1], [0.001, 0.0]]), np.full((2, 2), 1e-3)
     np.testing.assert_allclose(relative_errors(gain, stderr), [[0.001, 0.01], [0.1, 0.1]])
     assert np.isinf(relative_errors(0.0 * gain, stderr)).all()
+
+
+@pytest.mark.parametrize("sea", [FlatSea(), JonswapSea(wind_speed=5.0, seed=1)])
+def test_cells_of_unscattered_light_have_the_error_of_the_quadrature(sea):
+    """Once a stated error of 0; parts of a quarter of the length are the reference."""
+    link = mt.Link(
+        water=mt.Water(a=0.114, b=0.0),
+        transmitter=mt.Led(depth=10.0, half_angle_deg=2.0),
+        receiver=mt.Receiver(height=20.0, radius=0.3, fov_deg=10.0),
+    )
+    grid = mt.IrradianceMap(height=20.0, extent=2.0, step=0.5, fov_deg=10.0)
+    coverage = mt.coverage_map(link, sea, extent=2.0, step=0.5, rtol=0.05)
+    assert (coverage.gain_stderr > 0.0).all()
+    assert (coverage.gain_stderr < 1e-3 * coverage.gain.max()).all()
+    ends = tuple(link.receiver.replace(position=(x, y)) for x in (-2.0, 2.0) for y in (-2.0, 2.0))
+    mesh = mesh_for(link.replace(receiver=ends), sea, reach=math.inf)[0]
+    finer, _ = unscattered_map(link, mesh, grid, lengths=(0.25, 0.5))
+    z = (coverage.gain - finer[:, :, 0]) / coverage.gain_stderr
+    assert np.abs(z).max() < 4.0

@@ -360,10 +360,8 @@ def _sunlit(
         a, b = (np.broadcast_to(x, grid.shape) for x in link.water.profile(grid))
         # quasi-single scattering: light scattered by small angles stays in the beam of the sun
         lost = a + _lost(link.water.phase, in_water) * b
-        logs.append(
-            -integral(lost, grid[1]) / slant
-            + (0.0 if by_bubbles else np.log(np.maximum(b, 1e-300)))
-        )
+        scattering = 0.0 if by_bubbles else np.log(np.maximum(b, 1e-300))
+        logs.append(-integral(lost, grid[1]) / slant + scattering)
         phase = link.bubbles.phase_function() if by_bubbles and link.bubbles else link.water.phase
         phases.append(blurred_phase(phase))
     log = np.array(logs[1:]).T - logs[0][:, None]

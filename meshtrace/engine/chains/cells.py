@@ -106,31 +106,41 @@ def _free(p, m, scene):
 
 @outlined
 def _radiant(x, y, f, shot, scene):
-    """Return the transmitted intensity [sr-1] at a crossing that the field of view accepts."""
+    """Return the transmitted intensity [sr-1] at a crossing inside the field of view."""
     m = aim_at(x, y, f, shot, scene)
     if not m.ok:
         return 0.0
     p = Vec3(x, y, height_on(x, y, f, scene.surface))
     # the dearest test last: rays through the waves
-    accepted = acceptance(m, p, scene.target, scene.interface.fov)
-    if accepted == 0.0 or not (is_steep(m, scene) or _free(p, m, scene)):
+    if not (is_steep(m, scene) or _free(p, m, scene)):
         return 0.0
-    return unscattered.carried(accepted, p, m, scene)
+    return unscattered.carried(1.0, p, m, scene)
 
 
 @outlined
 def _part_cells(part, cells, poly, shot, scene, colours, gain):
-    """Add the light of a part of a facet to the cells that its image meets.
+    """Add the light of a part of a facet inside the field of view to the cells of its image.
 
     Array twin: `unscattered.image_gain` of one aperture.
     """
     f = part.facet
     p, q, r = unscattered.corners_of(part, scene.surface)
-    a = aim_at(p.x, p.y, f, shot, scene)
-    b = aim_at(q.x, q.y, f, shot, scene)
-    c = aim_at(r.x, r.y, f, shot, scene)
+    a = unscattered.corner(p, f, shot, scene)
+    b = unscattered.corner(q, f, shot, scene)
+    c = unscattered.corner(r, f, shot, scene)
     if not (a.ok and b.ok and c.ok):
         return
+    triangles, (a, b, c), (d, e, g) = unscattered.in_view(a, b, c)
+    if triangles > 0:
+        _triangle_cells((a, b, c), f, cells, poly, shot, scene, colours, gain)
+    if triangles > 1:
+        _triangle_cells((d, e, g), f, cells, poly, shot, scene, colours, gain)
+
+
+@outlined
+def _triangle_cells(triangle, f, cells, poly, shot, scene, colours, gain):
+    """Add the light of a triangle, three corners on facet f, to the cells of its image."""
+    a, b, c = triangle
     # the cells that the bounding box of the image meets
     west = _cell_of(min(a.at.x, b.at.x, c.at.x), cells.x, cells)
     east = _cell_of(max(a.at.x, b.at.x, c.at.x), cells.x, cells)
@@ -139,7 +149,7 @@ def _part_cells(part, cells, poly, shot, scene, colours, gain):
     # Most images lie in one cell, which takes all of their light without clipping.
     source, in_one_cell = scene.emitter.position, west == east and south == north
     # The flux of a part is its solid angle at the source times the intensity: exact for any size.
-    omega = unscattered.solid_angle(minus(p, source), minus(q, source), minus(r, source))
+    omega = unscattered.solid_angle(minus(a.p, source), minus(b.p, source), minus(c.p, source))
     for k in range(max(west, 0), min(east, cells.n - 1) + 1):
         x = cells.x + (k + 0.5) * cells.step
         for m in range(max(south, 0), min(north, cells.n - 1) + 1):
@@ -149,7 +159,7 @@ def _part_cells(part, cells, poly, shot, scene, colours, gain):
                 share, u, v = _overlap(a.at, b.at, c.at, x, y, 0.5 * cells.step, poly)
             if share > 0.0:
                 # light that is linear in the image has its mean over the overlap at the centroid
-                at = along(along(p, minus(q, p), u), minus(r, p), v)
+                at = along(along(a.p, minus(b.p, a.p), u), minus(c.p, a.p), v)
                 radiant = _radiant(at.x, at.y, f, shot, scene)
                 if radiant > 0.0:
                     straight_factors(source, at, colours)
@@ -196,8 +206,10 @@ def _region(cells):
 
 
 @entry
-def image_map(scene, cells, stretch, lever, bend, stack, poly, colours, gain):
+def image_map(scene, cells, longer, stretch, lever, bend, stack, poly, colours, gain):
     """Add the unscattered gains (x, y, wavelengths) of cells, as apertures of their areas.
+
+    Parts of facets are `longer` times as long as usual.
 
     Array twin: `unscattered.image_gain` of one aperture.
     For stretch, lever and bend see there; `poly` is room for two polygons, (2, 16, 2).
@@ -209,7 +221,7 @@ def image_map(scene, cells, stretch, lever, bend, stack, poly, colours, gain):
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         image = unscattered.Image(stretch + lever * facet.curvature, coarse, dark)
-        n, top = unscattered.whole_facet(2.0 * facet.radius / fine, stack)
+        n, top = unscattered.whole_facet(2.0 * facet.radius / (longer * fine), stack)
         while top > 0:
             part, top = unscattered.next_part(f, n, image, region, stack, top, shot, scene)
             if part.side != 0:
@@ -217,12 +229,13 @@ def image_map(scene, cells, stretch, lever, bend, stack, poly, colours, gain):
 
 
 @entry
-def blurred_map(scene, cells, stretch, most, across, rules, colours, gain):
+def blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gain):
     """Add the unscattered light (x, y, wavelengths) of cells through random slopes.
 
     Returns False if a facet has to be cut into more than `most` parts along an edge. `across`
-    points along a cell resolve any of its light but that at the edge of the field of view. `rules`
-    (2, m, m) are Gauss's nodes over the unit interval about 0, and weights: of k in row k - 1.
+    points along a cell resolve any of its light but that at the edge of the field of view. Parts
+    of facets are `longer` times as long as usual. `rules` (2, m, m) are Gauss's nodes over the unit
+    interval about 0, and weights: of k in row k - 1.
 
     Array twin: `microfacets.blurred_gain` of one aperture.
     """
@@ -253,7 +266,7 @@ def blurred_map(scene, cells, stretch, most, across, rules, colours, gain):
         change, _ = microfacets.slope_change(f, a, b, c, here)
         if math.isinf(change) and not m.ok:
             change = 0.0  # light is reflected there
-        parts = max(change / microfacets.PART_SLOPE, 2.0 * facet.radius / edge, 1.0)
+        parts = max(change / microfacets.PART_SLOPE, 2.0 * facet.radius / edge, 1.0) / longer
         if parts > most:
             return False
         n, whole = math.ceil(parts), unscattered.Part(f, 1, 0, 0, 1)

@@ -6,9 +6,10 @@ import math
 from functools import partial
 
 import numpy as np
+from scipy.ndimage import uniform_filter
 
 from meshtrace.engine.chains import microfacets, unscattered
-from meshtrace.engine.chains.aimed import AimedChains
+from meshtrace.engine.chains.aimed import LEAST_ERROR, LEAST_IMAGE_ERROR, AimedChains
 from meshtrace.engine.chains.cells import Cells, blurred_map, image_map
 from meshtrace.engine.chains.gain import Colours
 from meshtrace.engine.setup.arrays import locator
@@ -36,10 +37,13 @@ def unscattered_map(
     normals: str = "vertex",
     threads: int = 1,
     tinting: Tinting = UNTINTED,
-) -> Floats | None:
+    lengths: tuple[float, float] = (1.0, 2.0),
+) -> tuple[Floats, Floats] | None:
     """Return the unscattered gain of the first receiver, were it in each of the cells of a map.
 
-    Shape (n, n, wavelengths), x and y rising; the receiver keeps its height, area and view.
+    And its error. Shapes (n, n, wavelengths), x and y rising; the receiver keeps its height, area
+    and view. The gain is that by parts of facets of the first of the `lengths`, over the usual one;
+    the error follows from the second (see `AimedChains.relative_error`).
 
     Light counts that crosses the surface once, at its first arrival, and meets nothing else. None
     where it has to be sampled: for extended sources, light from the air, receivers in the water or
@@ -66,20 +70,39 @@ def unscattered_map(
     aimed.locator = locator(aimed.surface, [target._replace(reach=math.inf)])
     step = grid.step / arrays.frame.unit
     cells = Cells(-0.5 * grid.n * step, -0.5 * grid.n * step, step, grid.n)
-    total = np.zeros((grid.n, grid.n, len(tinting.shares)))
-    images = ordered_map(partial(_image, aimed, target, cells, tinting), arrays.emitters, threads)
-    for power, image in zip(arrays.power, images, strict=True):
-        if image is None:
-            return None
-        # a cell stands for the aperture: light per area, times the area of the aperture
-        total += power * target.area / step**2 * image
-    return total
+    total, longer = np.zeros((2, grid.n, grid.n, len(tinting.shares)))
+    image = partial(_image, aimed, target, cells, tinting)
+    # both lengths of parts in one queue: threads share them
+    jobs = [(emitter, length) for emitter in arrays.emitters for length in lengths]
+    images = ordered_map(lambda job: image(*job), jobs, threads)
+    for power in arrays.power:
+        for gain in (total, longer):
+            cell_gains = next(images)
+            if cell_gains is None:
+                return None
+            # a cell stands for the aperture: light per area, times the area of the aperture
+            gain += power * target.area / step**2 * cell_gains
+    least = LEAST_ERROR if aimed.rough else LEAST_IMAGE_ERROR
+    # Errors of both signs, as those at the rim of a view, may cancel in a cell: the change in its
+    # neighbours, too. At the rim they are of first order over random slopes, so all of it counts.
+    square = uniform_filter((longer - total) ** 2, (3, 3, 0), mode="nearest")
+    square[(total == 0.0) & (longer == 0.0)] = 0.0  # dark: no part lands there
+    # running sums may round below zero
+    return total, np.maximum(np.sqrt(np.maximum(square, 0.0)), least * total)
 
 
 def _image(
-    aimed: AimedChains, target: Target, cells: Cells, tinting: Tinting, emitter: Emitter
+    aimed: AimedChains,
+    target: Target,
+    cells: Cells,
+    tinting: Tinting,
+    emitter: Emitter,
+    longer: float,
 ) -> Floats | None:
-    """Return the gain (n, n, wavelengths) of apertures as large as cells; None to sample it."""
+    """Return the gain (n, n, wavelengths) of apertures as large as cells; None to sample it.
+
+    Parts of facets are `longer` times as long as usual.
+    """
     scene = aimed.scene(emitter, target)
     n_colours, n_tints = tinting.shares.shape
     gain = np.zeros((cells.n, cells.n, n_colours))
@@ -94,7 +117,7 @@ def _image(
     if not aimed.rough:
         # a triangle clipped by the four edges of a cell has seven corners: 16 are enough
         stack, polygons = np.empty((unscattered.STACK, 3), np.int64), np.empty((2, 16, 2))
-        image_map(scene, cells, 1.5 * stretch, lever, bend, stack, polygons, colours, gain)
+        image_map(scene, cells, longer, 1.5 * stretch, lever, bend, stack, polygons, colours, gain)
         return gain
     blur = aimed.blur(scene)
     # one point along a cell for each standard deviation of the light
@@ -105,5 +128,6 @@ def _image(
     rules = np.zeros((2, _COARSEST, _COARSEST))
     for k in range(1, _COARSEST + 1):
         rules[:, k - 1, :k] = 0.5 * np.array(gauss_legendre(k))
-    whole = blurred_map(scene, cells, stretch, microfacets.MOST_PARTS, across, rules, colours, gain)
+    most = microfacets.MOST_PARTS
+    whole = blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gain)
     return gain if whole else None

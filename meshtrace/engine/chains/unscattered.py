@@ -246,7 +246,7 @@ def _flat_stretch(m, scene):
 
 
 @entry
-def image_gain(scene, facets, stretch, lever, bend, stack, gain):
+def image_gain(scene, facets, longer, stretch, lever, bend, stack, gain):
     """Write the unscattered gain of the given facets.
 
     Array twin: quadrature over the aperture with the analytic sinusoid.
@@ -254,7 +254,8 @@ def image_gain(scene, facets, stretch, lever, bend, stack, gain):
     angle times the share of the image that lies on the disk. Folds and caustics count
     themselves, since images overlap. `stretch` and `lever` bound |dX/dP| of a flat sea and
     |dX/dslope|, `bend` the relative change of the first (`AimedChains.bounds_of`); `stack` is room
-    for (STACK, 3) integers.
+    for (STACK, 3) integers. Parts are `longer` times as long as usual: the change tells the error
+    of the usual ones.
     """
     # Beam tracing (Heckbert and Hanrahan 1984; Watt 1990 for caustics of water): a facet's beam is
     # refracted by its corners and clipped by the aperture.
@@ -264,7 +265,7 @@ def image_gain(scene, facets, stretch, lever, bend, stack, gain):
     aperture, dark = Region(0.0, 0.0, 0.0, scene.target.radius), dark_angle(scene.emitter)
     for f in facets:
         image = Image(stretch + lever * scene.facets[f].curvature, coarse, dark)
-        n, top = whole_facet(2.0 * scene.facets[f].radius / fine, stack)
+        n, top = whole_facet(2.0 * scene.facets[f].radius / (longer * fine), stack)
         total = 0.0
         while top > 0:
             part, top = next_part(f, n, image, aperture, stack, top, shot, scene)
@@ -465,22 +466,32 @@ def corners_of(part, surface):
 
 @outlined
 def _triangle_gain(part, shot, scene):
-    """Return the gain of a part inside the field of view.
-
-    A part is cut at the edge of the field of view, a straight line between its corners.
-    """
-    f = part.facet
+    """Return the gain of a part inside the field of view."""
+    f, total = part.facet, 0.0
     p, q, r = corners_of(part, scene.surface)
-    a, b = _corner(p, f, shot, scene), _corner(q, f, shot, scene)
-    c = _corner(r, f, shot, scene)
-    if not (a.ok and b.ok and c.ok):
-        return 0.0
+    a, b = corner(p, f, shot, scene), corner(q, f, shot, scene)
+    c = corner(r, f, shot, scene)
+    if a.ok and b.ok and c.ok:
+        triangles, (a, b, c), (d, e, g) = in_view(a, b, c)
+        if triangles > 0:
+            total += _image_light(a, b, c, f, shot, scene)
+        if triangles > 1:
+            total += _image_light(d, e, g, f, shot, scene)
+    return total
+
+
+@inlined
+def in_view(a, b, c):
+    """Return the number of triangles of a part inside the field of view, and their corners.
+
+    Array twin: shares of points inside the view in the tests of maps.
+    The edge of the view is a straight line between the corners of a part: it leaves none, one or
+    two triangles.
+    """
     first, second, third = a.inside >= 0.0, b.inside >= 0.0, c.inside >= 0.0
     seen = ZERO + first + second + third
-    if seen == 3:
-        return _image_light(a, b, c, f, shot, scene)
-    if seen == 0:
-        return 0.0
+    if seen == 3 or seen == 0:
+        return seen // 3, (a, b, c), (a, b, c)
     # Turn the triangle until corner a is the one that the edge of the view parts from both others.
     if first == third:
         a, b, c = b, c, a
@@ -488,15 +499,17 @@ def _triangle_gain(part, shot, scene):
         a, b, c = c, a, b
     ab, ac = _at_edge(a, b), _at_edge(a, c)
     if seen == 1:
-        return _image_light(a, ab, ac, f, shot, scene)
+        return ONE, (a, ab, ac), (a, ab, ac)
     # two corners in view: a quadrangle, as two triangles
-    near = _image_light(ab, b, c, f, shot, scene)
-    return near + _image_light(ab, c, ac, f, shot, scene)
+    return ONE + 1, (ab, b, c), (ab, c, ac)
 
 
 @inlined
-def _corner(p, f, shot, scene):
-    """Return a corner with its image."""
+def corner(p, f, shot, scene):
+    """Return a corner with its image.
+
+    Array twin: `crossing.aim_at`, which has its own.
+    """
     m = crossing.aim_at(p.x, p.y, f, shot, scene)
     inside = 0.0
     if m.ok:
