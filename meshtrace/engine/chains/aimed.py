@@ -137,7 +137,7 @@ class AimedChains:
         if self.medium.depth_mode == DepthMode.LOCAL:
             self.medium = with_raster(self.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
-        self._last: dict[tuple[int, int], Quadrature] = {}  # over the slopes, of each pair
+        self._last: dict[tuple[int, int], Quadrature] = {}  # by source and receiver
         self.counters = np.zeros(len(Counter), np.int64)
 
     def of_link(self, link: ForcedLink) -> AimedChains:
@@ -286,6 +286,8 @@ class AimedChains:
             raster_low=base.raster_low,
             raster_split=base.raster_split,
         )
+        # records of its own: the error of the gains is that of the light at the base
+        calibration._last = {}
         aimed.tinting, aimed._calibration = tinting, (farthest, calibration)
         return aimed
 
