@@ -71,7 +71,8 @@ FLAT = record_type([(name, float) for name in ("x", "y", "branch", *_STRETCHES, 
 
 Branch 0, see `Shot`: no crossing. `low` and `high` are the smallest and the largest stretch of
 dX/dP, `lever` |dX / dslope| [m], `lift` |dX / dz|, `level` the height of the flat sea [m]. The
-displacements are m = dP / dslope [m], h = dP / dz, and c = dP / d(x, y) of the aperture's centre.
+displacements are m = dP / dslope [m], h = dP / dz, and c = dP / d(x, y) of the aperture's centre:
+`m12` is the x of P by the slope along y, and so on.
 """
 
 
@@ -83,7 +84,7 @@ class Shot(NamedTuple):
     v: Vec3  # direction
     goal: Vec2  # point in the plane of the aperture [m]
     branch: float  # +1 or -1, see `emission_through`
-    tilt: Vec2  # slopes on top of those of the mesh
+    tilt: Vec2  # random slopes along x and y, on top of those of the mesh
 
 
 class Aim(NamedTuple):
@@ -100,7 +101,10 @@ class Aim(NamedTuple):
 
 
 class Jacobian(NamedTuple):
-    """The map near a crossing: dX/dP = ((a, b), (c, d)), d(w_x, w_y)/dP = ((wa, wb), (wc, wd))."""
+    """The map near a crossing: dX/dP = ((a, b), (c, d)), d(w_x, w_y)/dP = ((wa, wb), (wc, wd)).
+
+    Rows are components of X and w, columns those of P; P moves on the plane of a facet.
+    """
 
     ok: bool
     aim: Aim

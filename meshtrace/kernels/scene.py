@@ -37,10 +37,11 @@ class Emitter(NamedTuple):
     """A source: position, axis and angular distribution; an aperture whose light is reversed."""
 
     position: Vec3
-    axis: Vec3
+    axis: Vec3  # unit vector along the brightest light
     kind: int  # SourceKind
     spread: float  # Lambertian order, or half-angle of divergence or field of view [rad]
     norm: float  # intensity on the axis [sr-1]
+    # Reciprocity: chains of a downlink start at the receiver, whose etendue stands for its power.
     power: float = 1.0  # 1, or the etendue of an aperture [m2 sr]
     radius: float = 0.0  # of the disk that the chains start from [m], 0 for a point
     e1: Vec3 = ORIGIN  # unit vectors in the plane of the disk
@@ -51,7 +52,7 @@ class Target(NamedTuple):
     """An aperture, its plane, and the region of crossings to it; or a lamp, reached backwards."""
 
     center: Vec3
-    axis: Vec3
+    axis: Vec3  # direction of light at normal incidence
     e1: Vec3  # unit vectors in the plane of the aperture
     e2: Vec3
     area: float  # of the aperture [m2]; the square of the relative index for a lamp

@@ -119,7 +119,9 @@ class Tallies(NamedTuple):
     n_photons: NDArray[np.int64]  # (fates,) photons
     misses: NDArray[np.int64]  # (2,) rays cast again, rays lost
     planes: NDArray[np.float64]  # heights z of the irradiance planes [m], falling
-    radiance: NDArray[np.int64]  # (groups, planes, cosines, azimuths) in units of 2^-44
+    # (groups, planes, cosines, azimuths) in units of 2^-44; cosines of the direction of
+    # travel to +z from 1 (upwards) to -1, its azimuths from +x
+    radiance: NDArray[np.int64]
     grid: MapGrid
     map_tint: NDArray[np.float64]  # (tints,) of the path under way
     map_factors: Factors  # of the path under way

@@ -221,7 +221,7 @@ class _Walk(NamedTuple):
     case: Case
     mesh: TriangleMesh
     view: View
-    in_water: bool  # the receiver
+    in_water: bool  # whether the receiver is
 
     def at_one_wavelength(self, link: Link, day: Daylight) -> Floats:
         """Return the radiance of sky and of scattered sun (1, shifts, 2)."""

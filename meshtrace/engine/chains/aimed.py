@@ -33,7 +33,7 @@ from meshtrace.engine.setup.arrays import (
 from meshtrace.engine.setup.ends import ForcedLink, expected_water, forced_link
 from meshtrace.engine.setup.tinting import UNTINTED, Common
 from meshtrace.kernels.interface import Direction, MeshArrays, Roughness, Snell
-from meshtrace.kernels.medium import DepthMode, Medium
+from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.scene import FACET, Emitter, Locator, Scene, Target, facet_summary
 from meshtrace.kernels.tints import Tints
 from meshtrace.kernels.vectors import Vec3
@@ -70,7 +70,7 @@ _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all se
 class Quadrature(NamedTuple):
     """Unscattered light of a pair by an integral over the surface."""
 
-    light: float
+    gain: float
     at: Vec3 | None  # point of the source, None for its centre
     lenses: bool = False  # whether the view ends within the aperture, or light there
     cut_short: float = 0.0  # light through facets that were not cut as finely as they should be
@@ -130,12 +130,11 @@ class AimedChains:
 
     def _serve(self, link: ForcedLink) -> None:
         """Set link, water and bins; empty counters."""
-        self.link, self.medium, self.tinting = link, link.medium, UNTINTED
+        self.link, self.tinting = link, UNTINTED
         # index of the wavelength that calibrates the others, and the surface at it
         self._calibration: tuple[int, AimedChains] | None = None
-        # the depth of bubbles below the local surface needs its height everywhere, as a raster
-        if self.medium.depth_mode == DepthMode.LOCAL:
-            self.medium = with_raster(self.medium, self._intersector)
+        # bubbles whose depth is below the local surface need its height everywhere
+        self.medium = with_raster(link.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
         self._last: dict[tuple[int, int], Quadrature] = {}  # by source and receiver
         self.counters = np.zeros(len(Counter), np.int64)
@@ -269,10 +268,8 @@ class AimedChains:
         starts = self.link.emitters
         ways = [self.straight_tints(e, np.zeros((1, 3)), tinting.tints) for e in starts]
         farthest = int(np.abs(tinting.shares @ np.concatenate(ways).T).max(axis=1).argmax())
-        medium, base = (
-            self.link.frame.medium(expected_water(shared.links[farthest], crest=5.0)),
-            self.medium,
-        )
+        water = expected_water(shared.links[farthest], crest=5.0)
+        medium, base = self.link.frame.medium(water), self.medium
         # Paths are those of the base, whatever the dispersion: its indices. The raster of heights
         # belongs to the surface.
         calibration.medium = medium._replace(
@@ -375,7 +372,8 @@ class AimedChains:
         scene = self._forwards(source, receiver, at)
         gain = np.zeros(len(self._mesh.faces))
         stack = np.empty((image.STACK, 3), np.int64)
-        if self.rough and self.blurred:
+        usual = facets is None and longer == 1.0  # whose error may be asked for
+        if self.blurred:
             nodes = self.nodes.setdefault(
                 (source, receiver), _disk_nodes(scene.target.radius / self.blur(scene))
             )
@@ -384,15 +382,19 @@ class AimedChains:
             coarse, work = np.zeros(len(gain), bool), np.zeros(len(microfacets.Work))
             work[microfacets.Work.LEFT] = _MOST_NODES
             microfacets.blurred_gain(scene, rule, blocks, stack, coarse, work, gain)
-            if facets is None and longer == 1.0:
-                light, bound = gain.sum(), work[microfacets.Work.CUT_SHORT]
-                lenses = work[microfacets.Work.LENSES] > 0.0
-                self._last[source, receiver] = Quadrature(float(light), at, lenses, float(bound))
+            if usual:
+                lenses, bound = (
+                    work[microfacets.Work.LENSES] > 0.0,
+                    work[microfacets.Work.CUT_SHORT],
+                )
+                self._last[source, receiver] = Quadrature(
+                    float(gain.sum()), at, lenses, float(bound)
+                )
         else:
             stretch, lever, bend = self.bounds_of(scene)
-            some = np.arange(len(gain)) if facets is None else facets
-            image.image_gain(scene, some, longer, 1.5 * stretch, lever, bend, stack, gain)
-            if facets is None and longer == 1.0:
+            facets = np.arange(len(gain)) if facets is None else facets
+            image.image_gain(scene, facets, longer, 1.5 * stretch, lever, bend, stack, gain)
+            if usual:
                 illuminated = np.flatnonzero(gain)
                 stride = max(len(illuminated) // _SAMPLED_FACETS, 1)
                 sample = illuminated[::stride]
@@ -409,7 +411,7 @@ class AimedChains:
         random slopes, where the view ends within the aperture, by a coarser quadrature.
         """
         last = self._last.get((source, receiver))
-        if last is None or last.light == 0.0:
+        if last is None or last.gain == 0.0:
             return 0.0
         if len(last.sampled_facets):
             # Images differ from triangles in second order: parts twice as long err four times as
@@ -419,12 +421,12 @@ class AimedChains:
             change = 0.5 * self._change_of_images(source, receiver, last, 2.0)
             if change == 0.0:
                 change = 1.5 * self._change_of_images(source, receiver, last, 0.5)
-            return max(change / last.light, LEAST_IMAGE_ERROR)
+            return max(change / last.gain, LEAST_IMAGE_ERROR)
         change = LEAST_ERROR
         if last.lenses:
             coarser = self.direct_gains(source, receiver, last.at, longer=_LONGER).sum()
-            change = max(change, abs(coarser / last.light - 1.0))
-        return math.hypot(change, last.cut_short / last.light)
+            change = max(change, abs(coarser / last.gain - 1.0))
+        return math.hypot(change, last.cut_short / last.gain)
 
     def _change_of_images(
         self, source: int, receiver: int, last: Quadrature, longer: float
@@ -471,7 +473,7 @@ class AimedChains:
         # the sphere about the middle that holds all facets of a block
         block = np.repeat(np.arange(len(start)), np.diff(start, append=n))
         far = np.linalg.norm(sorted_centroids - middle[block], axis=1) + size[order]
-        # change of slope over a facet, as in `microfacets.is_lit`
+        # change of slope over a facet, as in `microfacets.may_shine`
         bend = 2.0 * size[order] * self.facets["curvature"][order]
         radius, bend = (np.maximum.reduceat(x, start) for x in (far, bend))
         return microfacets.Blocks(np.append(start, n), order, middle, radius, bend)
@@ -593,17 +595,22 @@ def _rule(on_disk: Nodes, longer: float) -> microfacets.Rule:
     shares = np.repeat(0.5 * weights / around, around)
     finer = _FEWER if longer > 1.0 else 1.0
     wide = on_disk is None
-    return microfacets.Rule(points.reshape(-1, 2), shares, wide, *_gauss_rules(), longer, finer)
+    about_half, gauss_weights = gauss_rules(microfacets.GAUSS)
+    return microfacets.Rule(
+        points.reshape(-1, 2), shares, wide, 0.5 + about_half, gauss_weights, longer, finer
+    )
 
 
 @cache
-def _gauss_rules() -> tuple[Floats, Floats]:
-    """Return Gauss's nodes and weights of the unit interval, those of n nodes in row n - 1."""
-    nodes, weights = np.zeros((2, microfacets.GAUSS, microfacets.GAUSS))
-    for n in range(1, microfacets.GAUSS + 1):
-        x, w = gauss_legendre(n)
-        nodes[n - 1, :n], weights[n - 1, :n] = 0.5 * (x + 1.0), 0.5 * w
-    return nodes, weights
+def gauss_rules(most: int) -> Floats:
+    """Return Gauss's nodes and weights over (-1/2, 1/2), those of n nodes in row n - 1.
+
+    Shape (2, most, most); a row ends in zeros.
+    """
+    rules = np.zeros((2, most, most))
+    for n in range(1, most + 1):
+        rules[:, n - 1, :n] = 0.5 * np.array(gauss_legendre(n))
+    return rules
 
 
 def on_disk(center: Vec3, end: Emitter | Target, disk: Floats) -> Floats:

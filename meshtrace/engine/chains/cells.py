@@ -29,9 +29,9 @@ _AT_EDGE = 8  # points along a cell at the edge of the field of view: 1/8 of a c
 class Cells(NamedTuple):
     """Square cells of a plane, from the centre of an aperture."""
 
-    x: float  # corner [m]
+    x: float  # corner of the first cell [m]
     y: float
-    step: float  # edge [m]
+    step: float  # edge of a cell [m]
     n: int  # along each axis
 
 
@@ -42,7 +42,7 @@ class Box(NamedTuple):
     east: int
     south: int
     north: int
-    across: int
+    across: int  # points along a cell
 
 
 @inlined
@@ -199,10 +199,10 @@ def _overlap(a, b, c, x, y, half, poly):
 
 
 @inlined
-def _region(cells):
-    """Return the region of all cells."""
-    half = 0.5 * cells.n * cells.step
-    return unscattered.Region(cells.x + half, cells.y + half, half, 0.0)
+def _landing(cells, coarse, stretch, scene):
+    """Return the `unscattered.Landing` of light on all cells."""
+    half, dark = 0.5 * cells.n * cells.step, dark_angle(scene.emitter)
+    return unscattered.Landing(cells.x + half, cells.y + half, half, 0.0, dark, coarse, stretch)
 
 
 @entry
@@ -217,13 +217,12 @@ def image_map(scene, cells, longer, stretch, lever, bend, stack, poly, colours, 
     shot = straight_shot(0.0, 0.0, scene)
     # every facet once, for all cells: one of its images lies in few of them
     fine, coarse = unscattered.part_sizes(unscattered.BEAM_SHARE, bend, scene)
-    region, dark = _region(cells), dark_angle(scene.emitter)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
-        image = unscattered.Image(stretch + lever * facet.curvature, coarse, dark)
+        landing = _landing(cells, coarse, stretch + lever * facet.curvature, scene)
         n, top = unscattered.whole_facet(2.0 * facet.radius / (longer * fine), stack)
         while top > 0:
-            part, top = unscattered.next_part(f, n, image, region, stack, top, shot, scene)
+            part, top = unscattered.next_part(f, n, landing, stack, top, shot, scene)
             if part.side != 0:
                 _part_cells(part, cells, poly, shot, scene, colours, gain)
 
@@ -234,32 +233,31 @@ def blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gai
 
     Returns False if a facet has to be cut into more than `most` parts along an edge. `across`
     points along a cell resolve any of its light but that at the edge of the field of view. Parts
-    of facets are `longer` times as long as usual. `rules` (2, m, m) are Gauss's nodes over the unit
-    interval about 0, and weights: of k in row k - 1.
+    of facets are `longer` times as long as usual. `rules` are `aimed.gauss_rules`.
 
     Array twin: `microfacets.blurred_gain` of one aperture.
     """
     shot = straight_shot(0.0, 0.0, scene)
     edge = microfacets.PART_BEAM * beam_width(scene.emitter) * -scene.emitter.position.z
     source, center = scene.emitter.position, scene.target.center
-    dark = dark_angle(scene.emitter)
+    landing = _landing(cells, 0.0, stretch, scene)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         reach = scene.target.reach + facet.radius
-        if unscattered.is_beside(facet.x - center.x, facet.y - center.y, reach, _region(cells)):
+        if unscattered.is_beside(facet.x - center.x, facet.y - center.y, reach, landing):
             continue
         p = Vec3(facet.x, facet.y, facet.z)
-        if is_dark(p, unscattered.spatial_radius(facet), dark, scene.emitter):
+        if is_dark(p, unscattered.spatial_radius(facet), landing.dark, scene.emitter):
             continue
         # Light of the centroid by the normal of the mesh alone; random slopes spread it from there.
         m = aim_at(p.x, p.y, f, shot, scene)
         x, y = (m.at.x, m.at.y) if m.ok else (0.0, 0.0)
         size = 2.0 * facet.radius * stretch
-        box = _lit_cells(p, minus(p, source), m, f, size, across, cells, scene)
+        box = _cells_in_reach(p, minus(p, source), m, f, size, across, cells, scene)
         if box.west > box.east or box.south > box.north:
             continue
         a, b, c = corners(scene.surface.vertices, f, scene.surface.faces)
-        # an aperture where that light lands
+        # an aperture where that light lands: slopes needed for it are those left to chance
         here = unscattered.aperture_at(Vec3(center.x + x, center.y + y, center.z), scene)
         # The number of parts follows from the slopes needed for the cell straight ahead, where the
         # light is brightest.
@@ -278,7 +276,7 @@ def blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gai
 
 
 @outlined
-def _lit_cells(p, way, m, f, size, most, cells, scene):
+def _cells_in_reach(p, way, m, f, size, most, cells, scene):
     """Return the `Box` of the cells that random slopes may light through a facet.
 
     Array twin: none, a bound.

@@ -89,10 +89,10 @@ class Output(NamedTuple):
 class Crossing(NamedTuple):
     """Crossing of a chain, and the light that it brings."""
 
-    weight: float
-    steep: bool  # no wave can cut its paths off
+    weight: float  # contribution to the gain, if no wave cuts it off
+    steep: bool  # no wave can: its paths are steeper than all slopes, its vertices below troughs
     aim: crossing.Aim
-    point: Vec3
+    point: Vec3  # P [m]
     start: Vec3  # of the chain
 
 
@@ -131,8 +131,8 @@ def flat_crossings(chains, starts, still, raised, out):
     for i in range(len(chains.last)):
         q, v = row(chains.tail, i), row(chains.last, i)
         size = norm(q)
-        # A chain that ends well below still water and goes on outwards meets the sphere of each P
-        # once: one crossing at most.
+        # A chain that ends well below still water (a margin of 5 %) and goes on outwards (cos 66
+        # degrees = 0.4) meets the sphere of each P once: one crossing at most.
         plain = size < 0.95 * depth and dot(q, v) >= 0.4 * size
         n = ZERO
         for scene in (still, raised):
@@ -175,7 +175,7 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
         return n  # outside the field of view for any waves
     if shot.branch > 0.0 and not _reaches(flat, radius, shot, scene):
         return n
-    first, share = n, 1.0
+    share = 1.0
     if surface.interpolate:
         # The random slope of the chain moves the crossing of still water to first order: a better
         # start.
@@ -195,11 +195,11 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
     unique = n
     counters[Counter.ENUMERATED.value] += 1
     last = crossing.enumerate_roots(roots, n, flat, radius, NO, shot, scene)
-    # `enumerate_roots` has written behind the first n: the new ones among them move up
+    # `enumerate_roots` has written behind the first n: those that are new move up
     for k in range(n, last):
         r = roots[k]
         unique = crossing.add_root(roots, unique, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
-    counters[Counter.EXTRA_ROOTS.value] += unique - max(n, first)
+    counters[Counter.EXTRA_ROOTS.value] += unique - n
     return unique
 
 
@@ -258,6 +258,7 @@ def flat_contributions(chains, flat, scene, score):
             f = flat[i, k]
             if f.branch == 0.0:
                 break
+            # found on the raised sea, for crests that still water does not have
             if f.level != scene.surface.level:
                 continue
             shot = shot_of(chains, i, scene, f.branch, SMOOTH)

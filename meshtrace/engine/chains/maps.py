@@ -9,7 +9,12 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from meshtrace.engine.chains import microfacets, unscattered
-from meshtrace.engine.chains.aimed import LEAST_ERROR, LEAST_IMAGE_ERROR, AimedChains
+from meshtrace.engine.chains.aimed import (
+    LEAST_ERROR,
+    LEAST_IMAGE_ERROR,
+    AimedChains,
+    gauss_rules,
+)
 from meshtrace.engine.chains.cells import Cells, blurred_map, image_map
 from meshtrace.engine.chains.gain import Colours
 from meshtrace.engine.setup.arrays import locator
@@ -24,7 +29,6 @@ from meshtrace.link import Link, Receiver, WaterSource
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
-from meshtrace.quadrature import gauss_legendre
 
 _COARSEST = 16  # points along a cell that resolve the blur by random slopes, at most: 256 a cell
 # take as long as sampled chains
@@ -124,10 +128,6 @@ def _image(
     across = math.ceil(cells.step / blur) if blur > 0.0 else _COARSEST + 1
     if not aimed.blurred or across > _COARSEST:
         return None
-    # Gauss's nodes and weights over the unit interval about 0, of k points in row k - 1
-    rules = np.zeros((2, _COARSEST, _COARSEST))
-    for k in range(1, _COARSEST + 1):
-        rules[:, k - 1, :k] = 0.5 * np.array(gauss_legendre(k))
-    most = microfacets.MOST_PARTS
+    most, rules = microfacets.MOST_PARTS, gauss_rules(_COARSEST)
     whole = blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gain)
     return gain if whole else None

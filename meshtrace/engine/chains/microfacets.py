@@ -208,8 +208,8 @@ class Rule(NamedTuple):
     is_wide: bool  # the aperture is much wider than the light of a facet
     nodes: NDArray[np.float64]  # (GAUSS, GAUSS), row n - 1 has n nodes of the unit interval
     weights: NDArray[np.float64]  # (GAUSS, GAUSS)
-    parts: float  # lengths of parts over those that suffice
-    finer: float  # numbers of Gauss nodes over those that suffice
+    parts: float  # lengths of parts of facets, over the usual ones
+    finer: float  # numbers of Gauss nodes, over the usual ones
 
 
 class Work(IntEnum):
@@ -231,12 +231,13 @@ class Blocks(NamedTuple):
 
 
 @inlined
-def _block_is_lit(b, blocks, dark, scene):
+def _block_may_shine(b, blocks, dark, scene):
     """Return whether a facet of a block may send light to the aperture.
 
-    Array twin: `is_lit` of its facets.
+    Array twin: `may_shine` of its facets.
     """
     p, h = row(blocks.middle, b), blocks.radius[b]
+    # blocks are those of the surface as it is
     if scene.mirrored:
         p = Vec3(p.x, p.y, -p.z)
     return _is_reached(p, h, blocks.bend[b], scene) and not is_dark(p, h, dark, scene.emitter)
@@ -263,13 +264,13 @@ def blurred_gain(scene, rule, blocks, stack, coarse, work, gain):
     # sampling.
     for b in range(len(blocks.radius)):
         # thousands of receivers of a map ask: most blocks, and facets, answer by a bound
-        if not _block_is_lit(b, blocks, dark, scene):
+        if not _block_may_shine(b, blocks, dark, scene):
             continue
         for k in range(blocks.start[b], blocks.start[b + 1]):
             f = blocks.facet[k]
             facet = scene.facets[f]
             p = Vec3(facet.x, facet.y, facet.z)
-            if is_lit(f, p, unscattered.spatial_radius(facet), dark, scene):
+            if may_shine(f, p, unscattered.spatial_radius(facet), dark, scene):
                 total, finer = _facet_light(f, first, dark, rule, stack, work, scene)
                 gain[f] = unscattered.unless_hidden(total, f, scene)
                 # an uncut facet errs by all of its light at most
@@ -289,7 +290,7 @@ def blurred_gain(scene, rule, blocks, stack, coarse, work, gain):
 def _turn_within(p, h, scene):
     """Return (bounded, N, turn): |N - N(P)| <= turn, see `_normal_to`, within a distance h of P.
 
-    Array twin: `is_lit` of facets there.
+    Array twin: `may_shine` of facets there.
     Directions turn by at most h / (D - h), D the distance of the source or of the aperture. Not
     bounded: the source or the aperture may lie as near as h.
     """
@@ -306,9 +307,9 @@ def _turn_within(p, h, scene):
 
 @inlined
 def _is_reached(p, h, bend, scene):
-    """Return whether the steepest facet within h of P may send light to the aperture, see `is_lit`.
+    """Return whether the steepest facet within h of P may send light to the aperture.
 
-    Array twin: `is_lit` of facets there.
+    Array twin: `may_shine` of facets there, which see.
     """
     bounded, big, turn = _turn_within(p, h, scene)
     if not bounded:
@@ -326,7 +327,7 @@ def _is_reached(p, h, bend, scene):
 
 
 @inlined
-def is_lit(f, p, h, dark, scene):
+def may_shine(f, p, h, dark, scene):
     """Return whether random slopes may send light through a part of a facet.
 
     Array twin: `_part_gain` of its parts.
@@ -379,7 +380,7 @@ def _facet_light(f, coarse, dark, rule, stack, work, scene):
             n = max(_HALF_FINER * smooth, _FINER * sharp, 1.0)
             p = unscattered.centroid(part, scene.surface)
             h = unscattered.spatial_radius(scene.facets[f]) * side / _NODES
-            if not is_lit(f, p, h, dark, scene):
+            if not may_shine(f, p, h, dark, scene):
                 continue
         if work[Work.LEFT.value] <= 0.0:
             n = 1.0

@@ -76,21 +76,19 @@ class Corner(NamedTuple):
     inside: float  # see `view_margin`
 
 
-class Image(NamedTuple):
-    """Bounds on the image of a part of a facet."""
+class Landing(NamedTuple):
+    """Region that light is to land on, and bounds by which parts of facets are left out.
 
-    stretch: float  # largest size of the image of a small part, over that of the part
-    coarse: float  # [m], size of a part up to which that holds
-    dark: float  # angle to the axis beyond which the source sends no light [rad]
+    The region is a square with rounded corners: the disk of an aperture, or a map.
+    """
 
-
-class Region(NamedTuple):
-    """Square with rounded corners, from the centre of an aperture: the aperture, or a map."""
-
-    x: float  # centre [m]
+    x: float  # centre of the square, from that of the aperture [m]
     y: float
-    half: float  # of the edge [m]
+    half: float  # half of its edge, 0 for a disk [m]
     radius: float  # of the corners [m]
+    dark: float  # angle to the axis beyond which the source sends no light [rad]
+    coarse: float  # [m], size of a part up to which `stretch` holds
+    stretch: float  # largest size of the image of a part, over that of the part
 
 
 @inlined
@@ -262,13 +260,13 @@ def image_gain(scene, facets, longer, stretch, lever, bend, stack, gain):
     shot = crossing.straight_shot(0.0, 0.0, scene)
     gaussian = scene.emitter.kind == SourceKind.GAUSSIAN_BEAM
     fine, coarse = part_sizes(_GAUSSIAN_SHARE if gaussian else BEAM_SHARE, bend, scene)
-    aperture, dark = Region(0.0, 0.0, 0.0, scene.target.radius), dark_angle(scene.emitter)
+    aperture = 0.0, 0.0, 0.0, scene.target.radius, dark_angle(scene.emitter), coarse
     for f in facets:
-        image = Image(stretch + lever * scene.facets[f].curvature, coarse, dark)
+        landing = Landing(*aperture, stretch + lever * scene.facets[f].curvature)
         n, top = whole_facet(2.0 * scene.facets[f].radius / (longer * fine), stack)
         total = 0.0
         while top > 0:
-            part, top = next_part(f, n, image, aperture, stack, top, shot, scene)
+            part, top = next_part(f, n, landing, stack, top, shot, scene)
             if part.side != 0:
                 total += _triangle_gain(part, shot, scene)
         gain[f] = unless_hidden(total, f, scene)
@@ -282,6 +280,7 @@ def part_sizes(share, bend, scene):
     `share` is that of the width of the beam; for `bend` see `image_gain`.
     """
     depth = -scene.emitter.position.z
+    # 5 mm at least, far below the waves of a mesh; 0.1 m at most, as they bend over that length
     edge = min(max(_EDGE * depth, 0.005), 0.1)
     height = scene.target.center.z - scene.surface.high[2]
     view = VIEW_SHARE * view_radius(height, scene.target, scene.interface.fov)
@@ -289,7 +288,8 @@ def part_sizes(share, bend, scene):
     # line, for small parts alone
     straight = _STRAIGHT / max(bend, 1e-300)
     fine = min(edge, share * beam_width(scene.emitter) * depth, max(view, _FINEST * edge), straight)
-    # light into the denser side is nowhere stretched more than at normal incidence
+    # The bound on the image is of first order: tuned, so that larger parts are cut without it.
+    # Light into the denser side is nowhere stretched more than at normal incidence.
     return fine, math.inf if scene.mirrored else min(5.0 * edge, 20.0 * straight)
 
 
@@ -329,11 +329,11 @@ def whole_facet(n, stack):
 
 
 @outlined
-def next_part(f, n, image, region, stack, top, shot, scene):
+def next_part(f, n, landing, stack, top, shot, scene):
     """Return the next smallest `Part` that may shine, and the height of the stack.
 
     Array twin: all parts of a facet.
-    Parts that may send unscattered light to the region are quartered; side 0: none is left.
+    Parts that may send unscattered light to the `Landing` are quartered; side 0: none is left.
     """
     while top > 0:
         top -= 1
@@ -341,42 +341,43 @@ def next_part(f, n, image, region, stack, top, shot, scene):
         # the smallest parts of the grid are not cut: their images are triangles
         if abs(part.side) == 1:
             return part, top
-        if _may_shine(part, image, region, shot, scene):
+        if _may_shine(part, landing, shot, scene):
             top = push_quarters(stack, top, part)
     return Part(f, n, ZERO, ZERO, ZERO), top
 
 
 @inlined
-def is_beside(x, y, reach, region):
-    """Return whether a point lies farther than a distance from the square of a region.
+def is_beside(x, y, reach, landing):
+    """Return whether a point lies farther than `reach` from the square of a `Landing`.
 
     Array twin: numpy.maximum.
     """
-    dx = max(abs(x - region.x) - region.half, 0.0)
-    dy = max(abs(y - region.y) - region.half, 0.0)
+    dx = max(abs(x - landing.x) - landing.half, 0.0)
+    dy = max(abs(y - landing.y) - landing.half, 0.0)
     return dx * dx + dy * dy > reach * reach
 
 
 @outlined
-def _may_shine(part, image, region, shot, scene):
-    """Return whether unscattered light may reach a region through a part of a facet."""
+def _may_shine(part, landing, shot, scene):
+    """Return whether unscattered light may reach a `Landing` through a part of a facet."""
     f, p = part.facet, centroid(part, scene.surface)
     share, facet = abs(part.side) / part.n, scene.facets[f]
     # cheap bounds first: beam, then field of view, then the image
-    if is_dark(p, spatial_radius(facet) * share, image.dark, scene.emitter):
+    if is_dark(p, spatial_radius(facet) * share, landing.dark, scene.emitter):
         return False
     size, center = facet.radius * share, scene.target.center
-    if is_beside(p.x - center.x, p.y - center.y, scene.target.reach + size, region):
+    if is_beside(p.x - center.x, p.y - center.y, scene.target.reach + size, landing):
         return False
     # Bounds on the image hold for small parts: larger ones are cut without a look at their image,
     # unless no light leaves them.
-    if size > image.coarse:
+    if size > landing.coarse:
         return not _is_reflected(p, size, f, scene)
     m = crossing.aim_at(p.x, p.y, f, shot, scene)
     if m.ok:
-        # flatter light than any that lands on the region is stretched more on its way there
-        reach = size * max(image.stretch, 1.5 * _flat_stretch(m, scene))
-        return not is_beside(m.at.x, m.at.y, region.radius + reach, region)
+        # flatter light than any that lands there is stretched more on its way; 1.5 for the higher
+        # orders over a part
+        reach = size * max(landing.stretch, 1.5 * _flat_stretch(m, scene))
+        return not is_beside(m.at.x, m.at.y, landing.radius + reach, landing)
     for q in corners_of(part, scene.surface):
         if crossing.aim_at(q.x, q.y, f, shot, scene).ok:
             return True
