@@ -24,12 +24,7 @@ from meshtrace.engine.chains import unscattered as image
 from meshtrace.engine.chains.gain import Counter, tint_chains, tint_straight
 from meshtrace.engine.chains.sets import Aimed, ChainDrawer, ChainSet, Request
 from meshtrace.engine.crossing import FLAT, ROOT, Search
-from meshtrace.engine.setup.arrays import (
-    locator,
-    mean_square_slope,
-    surface_arrays,
-    with_raster,
-)
+from meshtrace.engine.setup.arrays import locator, mean_square_slope, surface_arrays, with_raster
 from meshtrace.engine.setup.ends import ForcedLink, expected_water, forced_link
 from meshtrace.engine.setup.tinting import UNTINTED, Common
 from meshtrace.kernels.interface import Direction, MeshArrays, Roughness, Snell
@@ -70,7 +65,7 @@ _AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all se
 class Quadrature(NamedTuple):
     """Unscattered light of a pair by an integral over the surface."""
 
-    gain: float
+    gain: float  # of all facets
     at: Vec3 | None  # point of the source, None for its centre
     lenses: bool = False  # whether the view ends within the aperture, or light there
     cut_short: float = 0.0  # light through facets that were not cut as finely as they should be
@@ -78,6 +73,9 @@ class Quadrature(NamedTuple):
     sampled_facets: NDArray[np.int64] = np.zeros(0, np.int64)
     sampled_gain: Floats = np.zeros(0)
     stride: int = 1
+
+
+_DARK = Quadrature(0.0, None)
 
 
 class AimedChains:
@@ -270,19 +268,9 @@ class AimedChains:
         farthest = int(np.abs(tinting.shares @ np.concatenate(ways).T).max(axis=1).argmax())
         water = expected_water(shared.links[farthest], crest=5.0)
         medium, base = self.link.frame.medium(water), self.medium
-        # Paths are those of the base, whatever the dispersion: its indices. The raster of heights
-        # belongs to the surface.
-        calibration.medium = medium._replace(
-            n_water=base.n_water,
-            n_air=base.n_air,
-            raster_x=base.raster_x,
-            raster_y=base.raster_y,
-            raster_step=base.raster_step,
-            raster=base.raster,
-            overhangs=base.overhangs,
-            raster_low=base.raster_low,
-            raster_split=base.raster_split,
-        )
+        # paths are those of the base, whatever the dispersion: its indices
+        medium = medium._replace(n_water=base.n_water, n_air=base.n_air)
+        calibration.medium = with_raster(medium, self._intersector)
         # records of its own: the error of the gains is that of the light at the base
         calibration._last = {}
         aimed.tinting, aimed._calibration = tinting, (farthest, calibration)
@@ -372,24 +360,18 @@ class AimedChains:
         scene = self._forwards(source, receiver, at)
         gain = np.zeros(len(self._mesh.faces))
         stack = np.empty((image.STACK, 3), np.int64)
-        usual = facets is None and longer == 1.0  # whose error may be asked for
+        # only light through all facets, as usual, is recorded: its error may be asked for
+        pair, usual = (source, receiver), facets is None and longer == 1.0
         if self.blurred:
-            nodes = self.nodes.setdefault(
-                (source, receiver), _disk_nodes(scene.target.radius / self.blur(scene))
-            )
+            nodes = self.nodes.setdefault(pair, _disk_nodes(scene.target.radius / self.blur(scene)))
             rule = _rule(nodes, longer)
             blocks = self._blocks if facets is None else _one_block(facets)
             coarse, work = np.zeros(len(gain), bool), np.zeros(len(microfacets.Work))
             work[microfacets.Work.LEFT] = _MOST_NODES
             microfacets.blurred_gain(scene, rule, blocks, stack, coarse, work, gain)
             if usual:
-                lenses, bound = (
-                    work[microfacets.Work.LENSES] > 0.0,
-                    work[microfacets.Work.CUT_SHORT],
-                )
-                self._last[source, receiver] = Quadrature(
-                    float(gain.sum()), at, lenses, float(bound)
-                )
+                _, lenses, cut_short = work.tolist()
+                self._last[pair] = Quadrature(float(gain.sum()), at, lenses > 0.0, cut_short)
         else:
             stretch, lever, bend = self.bounds_of(scene)
             facets = np.arange(len(gain)) if facets is None else facets
@@ -398,7 +380,7 @@ class AimedChains:
                 illuminated = np.flatnonzero(gain)
                 stride = max(len(illuminated) // _SAMPLED_FACETS, 1)
                 sample = illuminated[::stride]
-                self._last[source, receiver] = Quadrature(
+                self._last[pair] = Quadrature(
                     float(gain.sum()), at,
                     sampled_facets=sample, sampled_gain=gain[sample], stride=stride,
                 )  # fmt: skip
@@ -410,8 +392,8 @@ class AimedChains:
         Over smooth surfaces it is the change by parts of another length on a sample of facets; over
         random slopes, where the view ends within the aperture, by a coarser quadrature.
         """
-        last = self._last.get((source, receiver))
-        if last is None or last.gain == 0.0:
+        last = self._last.get((source, receiver), _DARK)
+        if last.gain == 0.0:
             return 0.0
         if len(last.sampled_facets):
             # Images differ from triangles in second order: parts twice as long err four times as
@@ -441,13 +423,11 @@ class AimedChains:
 
     def meets_rim(self, source: int, receiver: int) -> bool:
         """Return whether the view ends within the aperture, for the last unscattered light."""
-        last = self._last.get((source, receiver))
-        return last is not None and last.lenses
+        return self._last.get((source, receiver), _DARK).lenses
 
     def is_cut_short(self, source: int, receiver: int) -> bool:
         """Return whether facets of the last unscattered light were left uncut, to end in time."""
-        last = self._last.get((source, receiver))
-        return last is not None and last.cut_short > 0.0
+        return self._last.get((source, receiver), _DARK).cut_short > 0.0
 
     @cached_property
     def _blocks(self) -> microfacets.Blocks:

@@ -9,12 +9,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from meshtrace.engine.chains import microfacets, unscattered
-from meshtrace.engine.chains.aimed import (
-    LEAST_ERROR,
-    LEAST_IMAGE_ERROR,
-    AimedChains,
-    gauss_rules,
-)
+from meshtrace.engine.chains.aimed import LEAST_ERROR, LEAST_IMAGE_ERROR, AimedChains, gauss_rules
 from meshtrace.engine.chains.cells import Cells, blurred_map, image_map
 from meshtrace.engine.chains.gain import Colours
 from meshtrace.engine.setup.arrays import locator
@@ -96,13 +91,9 @@ def unscattered_map(
 
 
 def _image(
-    aimed: AimedChains,
-    target: Target,
-    cells: Cells,
-    tinting: Tinting,
-    emitter: Emitter,
+    aimed: AimedChains, target: Target, cells: Cells, tinting: Tinting, emitter: Emitter,
     longer: float,
-) -> Floats | None:
+) -> Floats | None:  # fmt: skip
     """Return the gain (n, n, wavelengths) of apertures as large as cells; None to sample it.
 
     Parts of facets are `longer` times as long as usual.
