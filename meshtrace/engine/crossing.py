@@ -290,6 +290,7 @@ def flat_crossing(flat, x, y, shot, scene):
     det = j.a * j.d - j.b * j.c
     high = math.sqrt(0.5 * (total + math.sqrt(max(total * total - 4.0 * det * det, 0.0))))
     level = scene.surface.level
+    # landing points after a small slope along x (p), along y (q), and a small rise (r)
     h = 1.0 / STEP
     px, py = _moved(land_sloped(Vec3(x, y, level), STEP, 0.0, shot, scene), j.aim, h)
     qx, qy = _moved(land_sloped(Vec3(x, y, level), 0.0, STEP, shot, scene), j.aim, h)

@@ -117,7 +117,7 @@ class Tallies(NamedTuple):
     score: NDArray[np.float64]  # (photons, apertures + `PlaneScore` for each plane)
     ledger: NDArray[np.int64]  # (fates,) weights in units of 2^-44
     n_photons: NDArray[np.int64]  # (fates,) photons
-    misses: NDArray[np.int64]  # (2,) rays cast again, rays lost
+    misses: NDArray[np.int64]  # (2,) rays that slipped between facets: cast again, lost
     planes: NDArray[np.float64]  # heights z of the irradiance planes [m], falling
     # (groups, planes, cosines, azimuths) in units of 2^-44; cosines of the direction of
     # travel to +z from 1 (upwards) to -1, its azimuths from +x
@@ -202,7 +202,8 @@ def score_apertures(q, in_water, flight, world):
     """Score a straight path of a photon on every aperture of a medium; return whether any took it.
 
     Array twin: the analytic disk integrals of the flat-sea tests.
-    Water absorbs up to the disk.
+    q is the record of the photon, world all that it meets (`engine.photons.flight`). Water absorbs
+    up to the disk.
     """
     received, tallies, apertures = False, world.tallies, world.apertures
     for i in range(len(apertures.radius)):

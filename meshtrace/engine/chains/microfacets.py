@@ -668,7 +668,7 @@ def _lens_edge(p, h, scene):
 
 
 class Spot(NamedTuple):
-    """Light of a part on the aperture's plane, in axes t along `ViewDisk.ahead` and y across it."""
+    """Light of a part on the aperture's plane: axes t along `ViewDisk.ahead`, y to its left."""
 
     t: float  # centre, from that of the aperture [m]
     y: float
@@ -720,8 +720,8 @@ def _spot(pencil, ahead, high, scene):
     if not ok or det == 0.0:
         return unknown
     along_t, along_y = math.sqrt(g11 * g11 + g21 * g21), math.sqrt(g12 * g12 + g22 * g22)
-    # The ellipse |G x| <= MOST_SLOPE: its bounding box has the half-widths MOST_SLOPE |column| /
-    # det.
+    # The ellipse |G x| <= MOST_SLOPE, G the gradient, has a bounding box of the half-widths
+    # MOST_SLOPE |column| / det; the column is that of the other axis.
     reach = BENT * MOST_SLOPE / det
     return Spot(
         m.at.x * ahead.x + m.at.y * ahead.y,
