@@ -262,7 +262,7 @@ class QuasiSingle:
             Unit vectors along which the light travels up.
         """
         beams = self._beams
-        radiance = np.zeros((len(directions), beams.lit.shape[1]))
+        radiance = np.zeros((len(directions), beams.irradiance.shape[1]))
         toward = np.empty((len(beams.slant), beams.phase.shape[1] + 1))
         work = np.zeros(radiance.shape[1])
         add_upwelling(np.ascontiguousarray(directions), beams, toward, work, radiance)

@@ -24,7 +24,7 @@ from contextlib import contextmanager
 from functools import cache, cached_property
 from importlib import metadata
 from itertools import pairwise
-from typing import Annotated, Any, NamedTuple, Protocol, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,15 +39,17 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, ordered_map
 
+# Constants of `rtcore_geometry.h`, `rtcore_buffer.h`, `rtcore_common.h` and `rtcore_scene.h`.
 _TRIANGLES = 0  # RTC_GEOMETRY_TYPE_TRIANGLE
 _INDEX, _VERTEX = 0, 1  # RTC_BUFFER_TYPE_*
 _UINT3, _FLOAT3 = 0x5003, 0x9003  # RTC_FORMAT_*
 _ROBUST = 1 << 2  # RTC_SCENE_FLAG_ROBUST
 _ROW = 12  # bytes of three numbers
-_BLOCK = 64  # rays
+_BLOCK = 64  # rays prepared at a time: 8 kB stay in the fastest cache
 
 _POINTER, _UINT, _SIZE = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
-_FUNCTIONS: dict[str, tuple[Any, ...]] = {  # result, arguments
+# Types of result and arguments: ctypes would pass addresses as 32-bit integers.
+_FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "rtcNewDevice": (_POINTER, ctypes.c_char_p),
     "rtcGetDeviceError": (_UINT, _POINTER),
     "rtcNewScene": (_POINTER, _POINTER),
@@ -66,14 +68,6 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {  # result, arguments
 }
 
 
-class RayScene(Protocol):
-    """Interface of a scene."""
-
-    def run(self, origins: Rays, directions: Rays) -> NDArray[np.int32]:
-        """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
-        ...
-
-
 class Library(NamedTuple):
     """The library of Embree and its one device: devices are costly, scenes are not."""
 
@@ -85,6 +79,7 @@ class Library(NamedTuple):
 def new_scene(vertices: Floats, faces: NDArray[np.integer[Any]]) -> RayScene:
     """Return a committed scene of a mesh in robust mode, in single precision."""
     embree = library()
+    # a missing library is silent, since hits are the same; one that fails is worth a word
     if embree is not None:
         try:
             return SharedScene(embree, vertices, faces)
@@ -213,6 +208,8 @@ class Hits(NamedTuple):
     v: Floats
 
 
+RayScene = SharedScene | CopiedScene
+"""Scene of a mesh, whose `run` finds the first facets of rays."""
 _SCENES: weakref.WeakKeyDictionary[TriangleMesh, RayScene] = weakref.WeakKeyDictionary()
 
 
@@ -228,7 +225,7 @@ def _require_pairs(origins: NDArray[Any], directions: NDArray[Any]) -> None:
 
 @check_methods
 class Intersector(ABC):
-    """Acceleration structure over a triangle mesh, as the tracers use it.
+    """Acceleration structure over a triangle mesh; `facets` is all that another one has to define.
 
     Parameters
     ----------
@@ -237,13 +234,15 @@ class Intersector(ABC):
     """
 
     threads = 1
-    shortcut = False  # whether facets may be found without it where the answer is known
+    # Whether `kernels.rays.grid_facet` may answer in its place. Another intersector may see another
+    # surface than the mesh: it is asked for every ray.
+    shortcut = False
 
     @check_call
     def __init__(self, mesh: TriangleMesh) -> None:
         self.mesh = mesh
 
-    def over(self, mesh: TriangleMesh) -> Self:
+    def for_mesh(self, mesh: TriangleMesh) -> Self:
         """Return an intersector of the same kind over another mesh."""
         return type(self)(mesh)
 
@@ -253,10 +252,11 @@ class Intersector(ABC):
 
     @contextmanager
     def function(self) -> Iterator[Bvh]:
-        """Return `facets` as a C function for the kernels of one thread.
+        """Yield `facets` as a C function for the kernels of one thread.
 
         An error that `facets` raises is raised at the end.
         """
+        # no exception can pass through a compiled kernel: the ray counts as a miss until the end
         errors: list[Exception] = []
 
         def first(scene: int, address: int, _: int) -> None:
@@ -267,6 +267,7 @@ class Intersector(ABC):
             except Exception as error:
                 errors.append(error)
 
+        # a name for the callback: it would be collected, and its address dangle, without one
         callback = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(first)
         yield bvh_of(int(ctypes.cast(callback, ctypes.c_void_p).value or 0), 0)
         if errors:
@@ -289,6 +290,7 @@ class Intersector(ABC):
         triangles = Triangles(self.mesh.vertices, self.mesh.faces, self.mesh.face_normals)
 
         def hits(part: slice) -> Hits:
+            # single precision decides on the facet alone, see the module
             facet = self.facets(o[part].astype(np.float32), d[part].astype(np.float32))
             return Hits(facet, *facet_hits(facet, o[part], d[part], triangles))
 
@@ -331,12 +333,13 @@ class EmbreeIntersector(Intersector):
     @cached_property
     def _scene(self) -> RayScene:
         """Scene of the mesh, which its intersectors have in common."""
+        # by identity, and weakly: a mesh that nobody holds takes its scene along
         scene = _SCENES.get(self.mesh)
         if scene is None:
             scene = _SCENES[self.mesh] = new_scene(self.mesh.vertices, self.mesh.faces)
         return scene
 
-    def over(self, mesh: TriangleMesh) -> Self:
+    def for_mesh(self, mesh: TriangleMesh) -> Self:
         """Return an intersector of the same kind over another mesh."""
         return type(self)(mesh, self.threads)
 
@@ -347,7 +350,8 @@ class EmbreeIntersector(Intersector):
 
     @contextmanager
     def function(self) -> Iterator[Bvh]:
-        """Return the function of Embree for the kernels of one thread."""
+        """Yield the function of Embree for the kernels of one thread."""
+        # a subclass with other facets is asked through Python
         if type(self).facets is EmbreeIntersector.facets and isinstance(self._scene, SharedScene):
             yield bvh_of(*self._scene.function)
             return
@@ -381,6 +385,7 @@ def _first_facets(
     out = np.full(len(origins), -1, np.int32)
     for i in range(len(origins)):
         o, d = row(origins, i), row(directions, i)
+        # no hierarchy, no tolerance: the nearest of all facets, the first of equal ones
         nearest = np.inf
         for f in range(len(faces)):
             a, b, c = corners(vertices, f, faces)

@@ -13,6 +13,11 @@ through a refracting mesh with interpolated normals from single scattering [2]_.
 Light that leaves the source along a straight way is a chain without a scattering. `newton` finds
 one crossing from a start, `enumerate_roots` all near that of a flat sea, facet by facet.
 
+Notation: P crossing, X landing point (on the plane of the aperture, from its centre), w direction
+of emission, d direction in the water at P, r direction in the air; q last vertex and v direction of
+the open segment, in the frame of the chain, whose emission is along e_z. Lengths are in the unit of
+the frame, called m here.
+
 References
 ----------
 .. [1] TREEDE, program IAEA0833 of the NEA Data Bank.
@@ -55,9 +60,9 @@ from meshtrace.kernels.vectors import (
     scaled,
 )
 
-STEP = 1e-5  # [m], displacement of P for the derivatives
+STEP = 1e-5  # [m], displacement of P for the derivatives: truncation and rounding both near 1e-6
 _TOLERANCE = 1e-4  # [m], step of P behind which the error is its square
-_ITERATIONS = 12
+_ITERATIONS = 12  # of Newton: what takes longer jumps between facets and is searched otherwise
 
 _STRETCHES = ("low", "high", "lever", "lift", "level")
 _MOVES = ("m11", "m12", "m21", "m22", "h1", "h2", "c11", "c12", "c21", "c22")
@@ -66,7 +71,8 @@ FLAT = record_type([(name, float) for name in ("x", "y", "branch", *_STRETCHES, 
 
 Branch 0, see `Shot`: no crossing. `low` and `high` are the smallest and the largest stretch of
 dX/dP, `lever` |dX / dslope| [m], `lift` |dX / dz|, `level` the height of the flat sea [m]. The
-displacements are m = dP / dslope [m], h = dP / dz, and c = dP / d(x, y) of the aperture's centre.
+displacements are m = dP / dslope [m], h = dP / dz, and c = dP / d(x, y) of the aperture's centre:
+`m12` is the x of P by the slope along y, and so on.
 """
 
 
@@ -78,24 +84,27 @@ class Shot(NamedTuple):
     v: Vec3  # direction
     goal: Vec2  # point in the plane of the aperture [m]
     branch: float  # +1 or -1, see `emission_through`
-    tilt: Vec2  # slopes on top of those of the mesh
+    tilt: Vec2  # random slopes along x and y, on top of those of the mesh
 
 
 class Aim(NamedTuple):
     """One evaluation of the map from crossing point to landing point."""
 
-    ok: bool
+    ok: bool  # False: total reflection, or no light towards the aperture
     at: Vec2  # landing point in the plane of the aperture, from its centre [m]
     w: Vec3  # emission direction
     d: Vec3  # direction in the water at the crossing
     r: Vec3  # direction in the air
-    rho: float
+    rho: float  # reflectance
     length: float  # of the open segment [m]
     flight: float  # in the air [m]
 
 
 class Jacobian(NamedTuple):
-    """The map near a crossing: dX/dP = ((a, b), (c, d)), d(w_x, w_y)/dP = ((wa, wb), (wc, wd))."""
+    """The map near a crossing: dX/dP = ((a, b), (c, d)), d(w_x, w_y)/dP = ((wa, wb), (wc, wd)).
+
+    Rows are components of X and w, columns those of P; P moves on the plane of a facet.
+    """
 
     ok: bool
     aim: Aim
@@ -114,8 +123,9 @@ def emission_through(q, v, p, branch):
     """Return (ok, t, w, d): emission direction w of the chain through P, and its direction d there.
 
     Array twin: `tests/engine/test_crossing.py` builds R(w) and compares R (q + t v) with P.
-    P is relative to the source. `branch` +1 is the forward intersection of the open segment
-    with the sphere of radius |P|, -1 the near one, which exists when q lies outside.
+    P is relative to the source, t the length of the open segment. `branch` +1 is the forward
+    intersection of the open segment with the sphere of radius |P|, -1 the near one, which exists
+    when q lies outside.
     """
     # |q + t v| = |p|: a rotation about the source keeps distances, so the crossing lies where the
     # open segment meets the sphere of radius |P|.
@@ -129,7 +139,7 @@ def emission_through(q, v, p, branch):
     y = along(q, v, t)
     hx, hy = p.x - y.x, p.y - y.y
     h = math.sqrt(hx * hx + hy * hy)
-    # no rotation: P lies above the point of the segment already
+    # no rotation: P lies above the point of the segment already; the axis would be 0 / 0
     if h < 1e-14:
         return p.z * y.z > 0.0, t, UP, v
     # The minimal rotation from e_z to w has a horizontal axis k, and k . y = k . P: k is across the
@@ -139,6 +149,7 @@ def emission_through(q, v, p, branch):
     a = Vec3(y.x - shift * kx, y.y - shift * ky, y.z)  # parts of y and P across the axis
     b = Vec3(p.x - shift * kx, p.y - shift * ky, p.z)
     square = dot(a, a)
+    # y along the axis: no rotation about it moves it to P
     if square < 1e-20:
         return False, 0.0, UP, v
     cos_phi = dot(a, b) / square
@@ -279,6 +290,7 @@ def flat_crossing(flat, x, y, shot, scene):
     det = j.a * j.d - j.b * j.c
     high = math.sqrt(0.5 * (total + math.sqrt(max(total * total - 4.0 * det * det, 0.0))))
     level = scene.surface.level
+    # landing points after a small slope along x (p), along y (q), and a small rise (r)
     h = 1.0 / STEP
     px, py = _moved(land_sloped(Vec3(x, y, level), STEP, 0.0, shot, scene), j.aim, h)
     qx, qy = _moved(land_sloped(Vec3(x, y, level), 0.0, STEP, shot, scene), j.aim, h)
@@ -301,19 +313,23 @@ def flat_crossing(flat, x, y, shot, scene):
 
 @inlined
 def _left_behind(move, r, target):
-    """Return the derivative of a landing point, from the centre, as the aperture moves."""
+    """Return the derivative of a landing point, from the centre, as the aperture moves.
+
+    The ray stays: the plane slides along it, and the centre moves away from under it.
+    """
     off = along(scaled(-1.0, move), r, dot(move, target.axis) / dot(r, target.axis))
     return dot(off, target.e1), dot(off, target.e2)
 
 
 @inlined
 def _moved(moved, m, h):
+    """Return the change of the landing point from `Aim` m to another, times h."""
     return (moved.at.x - m.at.x) * h, (moved.at.y - m.at.y) * h
 
 
 @inlined
 def newton_step(j, shot, longest):
-    """Return (ok, step along x and y limited to `longest`, size before that) [m].
+    """Return (ok, step along x and y limited to `longest`, size before that) [m]; P - step is next.
 
     Array twin: numpy.linalg.solve.
     """
@@ -355,7 +371,8 @@ def newton(x, y, facet, fixed, longest, shot, scene):
     return False, x, y, facet
 
 
-MARGIN = 1.3  # on first-order bounds, for the higher orders
+MARGIN = 1.3
+"""Factor on first-order bounds for the higher orders; tuned: time, or crossings that are missed."""
 
 ROOT = record_type(
     [
@@ -387,8 +404,9 @@ def enumerate_roots(roots, n, flat, radius, close, shot, scene):
     """Append every crossing near a flat-sea crossing that lands on the point; return the number.
 
     Array twin: the roots of the analytic sinusoid in the tests.
-    Every facet within `radius` is searched. Seen from `close` by, the light of a facet is not that
-    of its centroid and its size: there Newton runs on the plane of every facet.
+    Every facet within `radius` is searched; n roots are there already. Seen from `close` by, the
+    light of a facet is not that of its centroid and its size: there Newton runs on the plane of
+    every facet.
     """
     grid = scene.locator
     # Walter et al. (2009) prune a hierarchy of triangles by bounds on normals; bins and first-order
@@ -421,6 +439,7 @@ def _may_hold(facet, flat, tilt):
     mx, my = flat.m11 * sx + flat.m12 * sy, flat.m21 * sx + flat.m22 * sy
     hx, hy = flat.h1 * dz, flat.h2 * dz
     move = abs(mx) + abs(my) + abs(hx) + abs(hy)
+    # over the facet the slope changes by its curvature times its size, which moves the crossing
     bend = abs(flat.m11) + abs(flat.m12) + abs(flat.m21) + abs(flat.m22)
     reach = 0.5 * move + 2.0 * facet.radius * (1.0 + bend * facet.curvature)
     ex, ey = flat.x + mx + hx - facet.x, flat.y + my + hy - facet.y
@@ -461,6 +480,7 @@ def _facet_roots(roots, n, f, flat, shot, scene):
         return n
     first, longest = n, 2.0 * facet.radius
     n = _root_on(roots, n, first, Vec2(x, y), f, longest, shot, scene)
+    # a fold: half of the stretch comes from the bend of the normals
     if not m.ok or (scene.surface.interpolate and bend > 0.5 * flat.high):
         for p in corners(scene.surface.vertices, f, scene.surface.faces):
             n = _root_on(roots, n, first, Vec2(p.x, p.y), f, longest, shot, scene)
@@ -503,6 +523,8 @@ class Search(NamedTuple):
 @inlined
 def start_of(emitter, u, v):
     """Return the start of a chain: the source, or a point (u, v) of the unit disk on its disk."""
+    # the same point of the unit disk as on the aperture: chains of an extended downlink need no
+    # dimensions of their own for it
     if emitter.radius == 0.0:
         return emitter.position
     side = along(emitter.position, emitter.e1, emitter.radius * u)
@@ -565,6 +587,7 @@ def transmittance(m, interface):
     Array twin: `meshtrace.optics.fresnel` and `Whitecaps.transmittance`.
     """
     t = (1.0 - m.rho) * interface.foam_transmittance
+    # the paper applies it at the crossing and again in its budget
     if interface.fresnel == FresnelMode.PAPER_BOTH:
         t *= 1.0 - m.rho
     return t
@@ -599,6 +622,7 @@ def forwards(m, p, facet, tilt, surface):
         return 1.0
     n, g = normal_at(p.x, p.y, facet, surface), row(surface.face_normals, facet)
     s = tilted(n, tilt)
+    # here d is w and r is a, both from the water to the air
     below, above = dot(m.d, g) * dot(m.r, s), dot(m.r, g) * dot(m.d, s)
     return exposure(m.r, n, tilt) * above / below if below > 0.0 and above > 0.0 else 0.0
 

@@ -124,7 +124,7 @@ def chain_light(
     """Return the arrivals of a set of chains, or of a block of one."""
     link, unit = aimed.link, aimed.link.frame.unit
     # chains in all, of which a block has some; `audit` has one entry a chain
-    first, n = (block.rows.start, block.request.number) if block else (0, len(chains.audit))
+    first, n = (block.span.start, block.request.number) if block else (0, len(chains.audit))
     arrivals = aimed.aim(emitter, target, chains, keep=True).arrivals
     # each chain aims at a point of its own on the aperture
     end, chain = link.targets[target], arrivals["chain"]

@@ -48,7 +48,7 @@ class Series(NamedTuple):
     acc: float
     aacc: float
     cccc: float
-    most: float  # of the density over `WIDE`, 0 for Gaussian slopes
+    most: float  # largest ratio of the density to that of variance `WIDE`; 0: Gaussian slopes
 
 
 GAUSSIAN = Series(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -59,9 +59,9 @@ WIDE = 1.5
 class Roughness(NamedTuple):
     """Slopes of unresolved waves: standard deviations, wind direction, departure from Gaussian."""
 
-    along: float
+    along: float  # the wind, standard deviation of the slope
     across: float
-    cos: float
+    cos: float  # of the direction of the wind from +x
     sin: float
     series: Series = GAUSSIAN
 
@@ -382,7 +382,7 @@ class Interface(NamedTuple):
     fresnel: int  # FresnelMode
     follow_reflected: bool
     follow_second_hit: bool
-    foam_transmittance: float  # T_u
+    foam_transmittance: float  # of the surface with its foam over that without, T_u
     fov: int  # FieldOfView
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from meshtrace.errors import require_seed, require_whole
 from meshtrace.kernels.jit import inlined
 
+# Multipliers M and Weyl increments W (of the golden ratio and of sqrt 3 - 1) of the reference.
 _LOW = np.uint64(0xFFFFFFFF)
 _M0 = np.uint64(0xD2511F53)
 _M1 = np.uint64(0xCD9E8D57)
@@ -100,5 +101,6 @@ def realization_seed(seed: int, realization: int, word: int = 0) -> int:
     require_seed(seed)
     require_whole(realization, 0, 2**32 - 1, "realization")
     require_whole(word, 0, 2**16, "word")
+    # hashed, so that neighbouring seeds and realizations are no neighbours
     sequence = np.random.SeedSequence([seed, realization])
     return int(sequence.generate_state(word + 1)[word])

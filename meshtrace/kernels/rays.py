@@ -28,8 +28,8 @@ from meshtrace.kernels.vectors import along, write
 RAY_WORDS = 32
 """Words of 4 bytes for an `RTCRayHit`, of which Embree 4.4 has 24 with its padding."""
 
-_FAR = np.float32(1e37)
-_ALIGNMENT = 64
+_FAR = np.float32(1e37)  # length of a ray: any hit counts, short of infinity
+_ALIGNMENT = 64  # bytes, a line of the cache
 
 
 class Word(IntEnum):
@@ -145,7 +145,8 @@ def first_facet(bvh, p, d):
     return np.int64(word[Word.FACET.value])
 
 
-_HAIR = 1e-4  # by which a path is shortened at its ends, over 1 + its length
+_HAIR = 1e-4  # by which a path is shortened at its ends, over 1 + its length: more than Newton and
+# differences of normals err, less than any wave
 
 
 @outlined
@@ -218,7 +219,7 @@ def _is_cut(p, d, first, last, surface, grid):
 UNKNOWN = np.int64(-2)
 """Facet of a ray that the intersector must answer."""
 
-_STEPS = 8  # cells visited at most
+_STEPS = 8  # cells visited at most: steep light needs two or three, Embree answers the others
 
 
 class Axis(NamedTuple):
@@ -226,7 +227,7 @@ class Axis(NamedTuple):
 
     line: NDArray[np.float64]  # (n,) the last one replaced by infinity
     per_edge: NDArray[np.float64]  # (n - 1,) [m-1]
-    guide: NDArray[np.int64]  # (bins,) no bin has more than one line inside
+    guide: NDArray[np.int64]  # (bins,) line at or before each bin; one line inside it at most
     per_bin: float  # [m-1]
 
 
@@ -238,8 +239,8 @@ class Grid(NamedTuple):
     level: float  # height of the first guess [m]
     steep: float  # least squared ratio of vertical to horizontal components of a ray
     rounding: float  # of a coordinate, relative
-    height: float  # largest coordinate across the grid [m]
-    clear: float  # least distance of the facet [m]
+    height: float  # range and largest size of heights, for the rounding of z [m]
+    clear: float  # least distance of the facet: a ray must not meet the one that it leaves [m]
     flat: bool  # whether all heights are the level
 
 

@@ -1,4 +1,7 @@
-"""One source, one surface and one aperture, and the bins that find the facet over a point."""
+"""One source, one surface and one aperture, and the bins that find the facet over a point.
+
+Lengths are in the unit of the frame of a link, called m here.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,8 @@ FLAT_SEA = np.int64(-1)
 
 FACET = record_type(
     [
-        ("radius", float),  # [m], from the centroid
-        ("curvature", float),  # largest change of slope along an edge [m-1]
+        ("radius", float),  # largest horizontal distance of a corner from the centroid [m]
+        ("curvature", float),  # largest change of slope along an edge over its length [m-1]
         ("x", float),  # centroid
         ("y", float),
         ("z", float),
@@ -34,10 +37,11 @@ class Emitter(NamedTuple):
     """A source: position, axis and angular distribution; an aperture whose light is reversed."""
 
     position: Vec3
-    axis: Vec3
+    axis: Vec3  # unit vector along the brightest light
     kind: int  # SourceKind
     spread: float  # Lambertian order, or half-angle of divergence or field of view [rad]
     norm: float  # intensity on the axis [sr-1]
+    # Reciprocity: chains of a downlink start at the receiver, whose etendue stands for its power.
     power: float = 1.0  # 1, or the etendue of an aperture [m2 sr]
     radius: float = 0.0  # of the disk that the chains start from [m], 0 for a point
     e1: Vec3 = ORIGIN  # unit vectors in the plane of the disk
@@ -48,7 +52,7 @@ class Target(NamedTuple):
     """An aperture, its plane, and the region of crossings to it; or a lamp, reached backwards."""
 
     center: Vec3
-    axis: Vec3
+    axis: Vec3  # direction of light at normal incidence
     e1: Vec3  # unit vectors in the plane of the aperture
     e2: Vec3
     area: float  # of the aperture [m2]; the square of the relative index for a lamp
@@ -62,11 +66,14 @@ class Target(NamedTuple):
 
 
 class Locator(NamedTuple):
-    """Square bins over (x, y) that list the facets in each: which facet lies over a point."""
+    """Square bins over (x, y) that list the facets in each: which facet lies over a point.
 
-    x: float
+    Bin (i, j) is number i ny + j; its facets are `facet[start[number] : start[number + 1]]`.
+    """
+
+    x: float  # lower corner [m]
     y: float
-    step: float
+    step: float  # edge of a bin [m]
     nx: int
     ny: int
     start: NDArray[np.int64]  # (nx * ny + 1,)
@@ -100,6 +107,7 @@ def height_on(x, y, facet, surface):
         return surface.level
     a = row(surface.vertices, surface.faces[facet, 0])
     n = row(surface.face_normals, facet)
+    # (P - a) . n = 0, solved for z: no barycentrics, and continued beyond the facet
     return a.z - ((x - a.x) * n.x + (y - a.y) * n.y) / n.z
 
 
@@ -125,6 +133,7 @@ def locate(locator, surface, x, y):
 @inlined
 def bins_near(x, y, radius, grid):
     """Return the first and last bins, along x and along y, within a radius of a point."""
+    # clipped: beside the bins no facet is listed
     i0 = max(int((x - radius - grid.x) / grid.step), 0)
     i1 = min(int((x + radius - grid.x) / grid.step), grid.nx - 1)
     j0 = max(int((y - radius - grid.y) / grid.step), 0)
@@ -150,11 +159,13 @@ def _bin_of(x, start, step, n):
 
 @inlined
 def _span(p, q):
+    """Return the squared horizontal distance of two points."""
     return (p.x - q.x) ** 2 + (p.y - q.y) ** 2
 
 
 @inlined
 def _bend(m, n):
+    """Return the squared difference of the slopes of two normals."""
     return (m.x / m.z - n.x / n.z) ** 2 + (m.y / m.z - n.y / n.z) ** 2
 
 
@@ -209,6 +220,7 @@ def facet_summary(surface, out):
 @entry
 def count_bins(surface, grid, bins):
     """Count the facets of each bin into `grid.start[1:]`, and write the bin of each vertex."""
+    # two passes, counts and then lists: arrays of the right size without a list for each bin
     for v in range(len(surface.vertices)):
         bins[v, 0] = _bin_of(surface.vertices[v, 0], grid.x, grid.step, grid.nx)
         bins[v, 1] = _bin_of(surface.vertices[v, 1], grid.y, grid.step, grid.ny)
@@ -233,6 +245,7 @@ def fill_bins(surface, grid, bins, cursor):
 
 @inlined
 def _bin_range(faces, f, grid, bins):
+    """Return the first and last bins, along x and along y, that a facet may touch."""
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
     i0, j0 = min(bins[a, 0], bins[b, 0], bins[c, 0]), min(bins[a, 1], bins[b, 1], bins[c, 1])
     i1, j1 = max(bins[a, 0], bins[b, 0], bins[c, 0]), max(bins[a, 1], bins[b, 1], bins[c, 1])

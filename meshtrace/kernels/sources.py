@@ -25,7 +25,8 @@ from meshtrace.kernels.medium import (
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.vectors import TWO_PI, UP, Vec3, along, dot, minus, norm, row, turn
 
-_DARK = 41.5  # -ln of the intensity, over that on the axis, that counts as none
+_DARK = 41.5  # -ln of the intensity, over that on the axis, that counts as none: 1e-18, below the
+# rounding of any sum
 
 
 class SourceKind(IntEnum):
@@ -49,7 +50,7 @@ class Sources(NamedTuple):
     position: NDArray[np.float64]  # (n, 3)
     axis: NDArray[np.float64]  # (n, 3) unit
     spread: NDArray[np.float64]  # Lambertian order, or divergence half-angle [rad]
-    size: NDArray[np.float64]  # beam radius or half-width of the lit patch [m]
+    size: NDArray[np.float64]  # beam radius, or half-width of the illuminated patch [m]
     in_water: NDArray[np.bool_]
     cum_power: NDArray[np.float64]  # cumulative share of the power, ends at 1
 
@@ -69,9 +70,8 @@ def intensity(emitter, w):
     if emitter.kind == SourceKind.APERTURE:
         return emitter.norm * max(cos_theta, 0.0) if theta <= emitter.spread else 0.0
     if emitter.kind == SourceKind.GAUSSIAN_BEAM:
-        # density per solid angle of the sampler: theta Gaussian in the plane
-        # The beam is Gaussian in the tangent plane: dA = theta dtheta dphi for dOmega = sin(theta)
-        # dtheta dphi.
+        # theta and azimuth are polar coordinates of a Gaussian in a plane (`emission_s` draws it):
+        # dA = theta dtheta dphi for dOmega = sin(theta) dtheta dphi.
         shape = theta / math.sin(theta) if theta > 1e-6 else 1.0
         return emitter.norm * shape * math.exp(-2.0 * (theta / emitter.spread) ** 2)
     return emitter.norm if theta <= emitter.spread else 0.0
@@ -83,6 +83,7 @@ def beam_width(emitter):
 
     Array twin: none, a scale.
     """
+    # cos^m(theta) is near exp(-m theta^2 / 2); half the radius at 1/e^2 is a standard deviation
     if emitter.kind == SourceKind.LED:
         return 1.0 / math.sqrt(max(emitter.spread, 1.0))
     if emitter.kind == SourceKind.ISOTROPIC:
@@ -121,6 +122,7 @@ def is_dark(p, h, dark, emitter):
     """
     way = minus(p, emitter.position)
     length = norm(way)
+    # P itself is not dark: most answers, without an arc cosine
     if h >= length or dot(way, emitter.axis) >= length * math.cos(dark):
         return False
     return off_axis(p, emitter) > dark + math.asin(h / length)
@@ -178,6 +180,7 @@ def launch(sources, seed, photon):
 
 @outlined
 def _spread_out(kind, p, axis, size, seed, photon):
+    """Return a point of an extended source: a square of sky or sun, or a disk across its axis."""
     u0, u1, _, _ = uniforms(seed, photon, 0, Purpose.SOURCE.value)
     if SourceKind.SUN <= kind < SourceKind.APERTURE:
         return Vec3(p.x + size * (2.0 * u0 - 1.0), p.y + size * (2.0 * u1 - 1.0), p.z)
@@ -216,16 +219,17 @@ def lambert_reflection(u_cos, u_phi):
 
 
 LEAST_COS = 1e-3
+"""Least cosine of the zenith angle of skylight: the gradation divides by it."""
 
 
 class Sky(NamedTuple):
     """Gradation over the zenith angle times indicatrix over the angle from the sun."""
 
     sun: Vec3  # direction to the sun
-    p: float  # gradation p + a e^(b / cos z) [W m-2 sr-1 nm-1]
+    p: float  # gradation p + a e^(b / cos z) [W m-2 sr-1 nm-1], z the zenith angle
     a: float
     b: float
-    f: float  # indicatrix f + c e^(d chi) + e cos^2 chi
+    f: float  # indicatrix f + c e^(d chi) + e cos^2 chi, chi the angle from the sun
     c: float
     d: float
     e: float
@@ -282,7 +286,8 @@ def launch_back(back, seed, photon):
 def sunlight(back, medium: Medium, p, d, weight):
     """Return the expected sunlight that a tentative collision scatters into a path.
 
-    By the water and by bubbles. Array twin: single scattering by quadrature in `tests/daylight`.
+    By the water and by bubbles [W m-2 sr-1 nm-1]. d is the direction of the backward photon.
+    Array twin: single scattering by quadrature in `tests/daylight`.
     The sun is refracted by still water; its disk of some degrees bounds the phase function.
     """
     angle = math.acos(min(max(dot(d, back.sun), -1.0), 1.0)) / math.pi
@@ -322,7 +327,7 @@ def land_sunlight(z, zx, zy, corner, spacing, sun, n, c, depth, cells, cell, lan
     """Add the unscattered sunlight of the points of a surface to the cells of a plane.
 
     Array twin: `refracted` in `tests/apps/test_irradiance.py`.
-    Why so: three passes over a point, of 70 operations, in place of forty arrays.
+    Why so: one pass over the points, of 70 operations each, in place of forty arrays.
 
     Parameters
     ----------
@@ -345,6 +350,7 @@ def land_sunlight(z, zx, zy, corner, spacing, sun, n, c, depth, cells, cell, lan
     for i in range(z.shape[0]):
         for j in range(z.shape[1]):
             p, q = zx[i, j], zy[i, j]
+            # normal (-p, -q, 1) / long
             upright = sun[2] - p * sun[0] - q * sun[1]  # cosine of incidence times `long`
             if upright <= 0.0:
                 continue
@@ -359,6 +365,7 @@ def land_sunlight(z, zx, zy, corner, spacing, sun, n, c, depth, cells, cell, lan
             way = (z[i, j] + depth) / down
             power = spacing * spacing * upright * (1.0 - reflectance(cos_i, cos_t, 1.0, n))
             power *= math.exp(-c * way)
+            # `upright` is the area of the patch across the sunlight, over that of its projection
             x = corner[0] + i * spacing + way * (-sun[0] / n - along * p)
             y = corner[1] + j * spacing + way * (-sun[1] / n - along * q)
             u, v = (x - cells[0]) / cell - 0.5, (y - cells[1]) / cell - 0.5
@@ -381,10 +388,10 @@ class Beams(NamedTuple):
     travel: NDArray[np.float64]  # (beams, 3) unit vectors, downwards
     power: NDArray[np.float64]  # (beams,)
     ring: NDArray[np.int64]  # (beams,)
-    slant: NDArray[np.float64]  # (rings,) cosines, downwards
-    lit: NDArray[np.float64]  # (rings, wavelengths) irradiance for a power of 1
+    slant: NDArray[np.float64]  # (rings,) cosines to the vertical, mu_0
+    irradiance: NDArray[np.float64]  # (rings, wavelengths) for a power of 1
     phase: NDArray[np.float64]  # (angles, functions), on a uniform grid from 0 to pi
-    m: NDArray[np.float64]  # (nodes,) extinction of beam and view, a geometric series
+    m: NDArray[np.float64]  # (nodes,) air mass 1 / mu_0 + 1 / mu of beam and view, geometric series
     integral: NDArray[np.float64]  # (scatterers, nodes, wavelengths) over the depth
     mix: NDArray[np.float64]  # (scatterers, functions, wavelengths) of the phase functions
     floor: NDArray[np.float64]  # (nodes, wavelengths) radiance for an irradiance of 1, or (0, ...)
@@ -420,6 +427,7 @@ def add_upwelling(directions, beams, toward, scattered, radiances):
             at = math.acos(min(max(cosine, -1.0), 1.0)) * per_angle
             j = min(int(at), len(beams.phase) - 2)
             f, power, r = at - j, beams.power[b], beams.ring[b]
+            # extinction depends on the ring alone: phase functions are summed over it first
             for q in range(beams.phase.shape[1]):
                 p = (1.0 - f) * beams.phase[j, q] + f * beams.phase[j + 1, q]
                 toward[r, q] += power * p
@@ -439,11 +447,13 @@ def add_upwelling(directions, beams, toward, scattered, radiances):
                 low, high = beams.integral[s, j], beams.integral[s, j + 1]
                 for c in range(len(low)):
                     scattered[c] *= (1.0 - f) * low[c] + f * high[c]
-                row, irradiance = radiances[i], beams.lit[r]
+                row, irradiance = radiances[i], beams.irradiance[r]
                 for c in range(len(row)):
                     row[c] += irradiance[c] / mu * scattered[c]
             if len(beams.floor) > 0:
-                level, row, irradiance = toward[r, -1] * beams.slant[r], radiances[i], beams.lit[r]
+                # light mirrored by the bottom, even over all directions: by the plane irradiance
+                level, row = toward[r, -1] * beams.slant[r], radiances[i]
+                irradiance = beams.irradiance[r]
                 low, high = beams.floor[j], beams.floor[j + 1]
                 for c in range(len(row)):
                     row[c] += irradiance[c] * level * ((1.0 - f) * low[c] + f * high[c])

@@ -36,10 +36,10 @@ class Tints(NamedTuple):
     c_path: NDArray[np.float64]  # its integral from z = 0
     b: NDArray[np.float64]  # (tints, nodes) logarithm of the scattering coefficient
     phase: NDArray[np.float64]  # (tints, cells) logarithm of the phase function
-    bubble_c: NDArray[np.float64]  # (tints,) attenuation by bubbles, over their own
+    bubble_c: NDArray[np.float64]  # (tints,) excess attenuation by bubbles, over the base's
     bubble: NDArray[np.float64]  # (tints, cells) logarithm of b p of the bubbles
-    log_first: float
-    per_log: float
+    log_first: float  # logarithm of the angle [rad] at which the cells of `phase` start
+    per_log: float  # cells over a unit of the logarithm
 
 
 NO_TINTS = None

@@ -1,4 +1,7 @@
-"""Vectors of two and three numbers, and rotations by a scattering angle."""
+"""Vectors of two and three numbers, and rotations by a scattering angle.
+
+Tuples of floats: compiled code keeps them in registers, where arrays would take memory.
+"""
 
 from __future__ import annotations
 
@@ -184,6 +187,7 @@ def turn(d, s, u_phi):
     The frame of Duff et al. (2017) has no pole: the textbook update divides by
     sqrt(1 - dz^2) and bends the beam of an on-axis source.
     """
+    # sin^2(theta/2) keeps the digits of small angles, whose cosine is 1: sin = 2 sqrt(s (1 - s))
     sin_theta = 2.0 * math.sqrt(max(s * (1.0 - s), 0.0))
     cos_theta = 1.0 - 2.0 * s
     cos_phi, sin_phi = on_circle(u_phi)
@@ -198,5 +202,6 @@ def turn(d, s, u_phi):
         p * sign * g + q * (sign + d.y * d.y * f) + cos_theta * d.y,
         -p * sign * d.x - q * d.y + cos_theta * d.z,
     )
-    # rounding drifts by 1e-16 a turn; thousands of turns must stay on the unit sphere
+    # Rounding drifts by 1e-16 a turn; thousands of turns must stay on the unit sphere. One Newton
+    # step of 1 / sqrt(|d|^2) at 1, without a root.
     return scaled(1.5 - 0.5 * dot(out, out), out)

@@ -352,3 +352,15 @@ def test_few_samples_are_warned_of_at_the_worst_wavelength():
     with pytest.warns(mt.FewSamplesWarning, match="400 nm, the wavelength of fewest") as found:
         mt.simulate(link, sea, photons=64, spacing=0.5, wavelengths_nm=[400.0, 500.0, 620.0])
     assert len(found) <= 2
+
+
+@pytest.mark.parametrize("sea", SEAS.values(), ids=SEAS)
+def test_the_error_of_unscattered_light_is_that_of_one_wavelength(sea):
+    """It once compared light at the base with that at another wavelength: 593 % over still water."""
+    waters = [{"a": 0.114, "b": 1e-4}, {"a": 0.05, "b": 1e-4}, {"a": 0.3, "b": 1e-4}]
+    links = links_of(waters)
+    mesh = mesh_of(links[0], sea)
+    for together, link in zip(forced(links, mesh, 512), links, strict=True):
+        gain, error = forced([link], mesh, 512)[0]
+        assert together[0] == pytest.approx(gain, rel=1e-3)
+        assert together[1] / together[0] < 3.0 * error / gain + 1e-4

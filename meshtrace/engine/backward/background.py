@@ -40,10 +40,11 @@ from meshtrace.engine.backward.view import (
     first_hits,
     only_aperture,
     scene_of,
+    view_of,
 )
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.photons.analog import chunk_tallies, setup_of
-from meshtrace.engine.setup.arrays import frame_of
+from meshtrace.engine.setup.arrays import frame_of, integral
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import (
     Analog,
@@ -54,12 +55,19 @@ from meshtrace.engine.setup.options import (
     Shortcuts,
     resolve,
 )
-from meshtrace.engine.setup.tinting import CommonPaths, photon_paths
+from meshtrace.engine.setup.tinting import CommonPaths, Tinting, photon_paths
 from meshtrace.errors import Refused, require_word
 from meshtrace.kernels.interface import split_rays
 from meshtrace.kernels.sources import BUBBLE_SCORE, SKY_SCORE, SUN_SCORE, Backward
 from meshtrace.kernels.tally import Tallies
-from meshtrace.kernels.tints import NO_TINTS, LastScattering, Tints, add_tinted, factors_of
+from meshtrace.kernels.tints import (
+    NO_TINTS,
+    LastScattering,
+    Mixture,
+    Tints,
+    add_tinted,
+    factors_of,
+)
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -72,14 +80,16 @@ from meshtrace.results.series import ByWavelength, checked_wavelengths
 from meshtrace.stored import SHIFTS
 
 SKY, GLINT, WATER, FOAM, SUN = range(len(PARTS))
+"""Columns of the parts of a radiance. GLINT: sun mirrored by the surface; SUN: through it."""
 
-_REACH = 6.0  # standard deviations of the slopes, to which the cone about the sun is sampled
-_ARRIVALS = 64  # room for the light of a photon
-_LEVELS = 4000  # of the optical depth
-_BLUR = math.radians(3.0)
-_ANGLES = 1024
-_RINGS = 2000
-_FORWARD = math.radians(10.0)
+_REACH = 6.0  # standard deviations of the slopes, to which the cone about the sun is sampled: 2e-8
+# of the light is left out, and rays are spread thinner
+_ARRIVALS = 64  # room for the light of a photon: a chunk that needs more is run again
+_LEVELS = 4000  # nodes of the optical depth: 2.5 mm over 10 m, for layers and bubbles
+_BLUR = math.radians(3.0)  # radius of the sun's disk under water: less noise, more bias
+_ANGLES = 1024  # nodes of the blurred phase function: 17 over the radius of that disk
+_RINGS = 2000  # of the phase function within the disk, equal in the logarithm; twice as many beyond
+_FORWARD = math.radians(10.0)  # of scattering that leaves light in the sun's beam: noise, see above
 _WIDE = np.linspace(0.0, math.pi, _ANGLES) > _FORWARD
 
 
@@ -88,13 +98,14 @@ def seen_from_water(
 ) -> Floats:
     """Return the radiances of the parts by shift for a receiver in the water.
 
-    At the wavelengths of links (wavelengths, shifts, parts). Sun that reaches the receiver
-    unscattered passes the mesh; scattered sunlight passes still water before it.
+    Shape (wavelengths, shifts, parts) [W m-2 sr-1 nm-1], at the wavelengths of links. Sun that
+    reaches the receiver unscattered passes the mesh; scattered sunlight passes still water before
+    it.
     """
-    view = View.of(links[0], photons, case.run.seed)
+    view = view_of(links[0], photons, case.run.seed)
     parts = np.zeros((len(links), SHIFTS, len(PARTS)))
-    light = walked(case, mesh, links, days, view, in_water=True)
-    parts[..., SKY], parts[..., SUN] = light[..., 0], light[..., 1]
+    walked = walked_radiance(case, mesh, links, days, view, in_water=True)
+    parts[..., SKY], parts[..., SUN] = walked[..., 0], walked[..., 1]
     scene = scene_of(case, mesh, links, days)
     if not scene.direct.any():
         return parts
@@ -102,6 +113,7 @@ def seen_from_water(
     through = []
     for n in scene.indices.tolist():
         law = Refraction(scene.sun, n)
+        # random slopes bend the sun to the receiver everywhere, a mesh alone at separate points
         direct = _through_slopes if scene.rough else bent_sun
         through.append(direct(scene, law, view, depths))
     sun = scene.direct[:, None] * (1.0 - scene.foam)
@@ -110,9 +122,10 @@ def seen_from_water(
 
 
 def optical_depth(link: Link) -> Depth:
-    """Return the vertical optical depth of attenuation from points of the surface to the receiver.
+    """Return a function that gives the vertical optical depth from the surface to the receiver.
 
-    A function of points (n, 3) in local coordinates; above still water there are no bubbles.
+    Its argument are points (n, 3) of the surface in local coordinates. Above still water there are
+    no bubbles.
     """
     unit = frame_of(link).unit
     depth = np.linspace(0.0, -only_aperture(link).center[2], _LEVELS)
@@ -120,11 +133,13 @@ def optical_depth(link: Link) -> Depth:
     c = a + b
     if link.bubbles is not None:
         c = c + link.bubbles.b(depth)
-    path = np.concatenate([[0.0], np.cumsum(0.5 * depth[1] * (c[1:] + c[:-1]))])
+    # from still water down to each depth
+    path = integral(c, depth[1])
     top = float(a[0] + b[0])
 
     def below(points: Floats) -> Floats:
         z = unit * points[:, 2]
+        # a trough leaves out the water above it, a crest adds water like that at the top
         above = np.interp(np.maximum(-z, 0.0), depth, path)
         return np.asarray(path[-1] - above + top * np.maximum(z, 0.0))
 
@@ -132,16 +147,20 @@ def optical_depth(link: Link) -> Depth:
 
 
 def _through_slopes(scene: SeenSea, law: Refraction, view: View, depths: Sequence[Depth]) -> Floats:
-    """Return the mean radiance of the sun through unresolved slopes (wavelengths, shifts).
+    """Return the mean radiance of the sun through unresolved slopes, over its irradiance [sr-1].
 
-    Over its irradiance.
+    Shape (wavelengths, shifts).
 
     L / E = (1 - rho) n^2 cos(theta_a) cos(theta_w) p(s_r - s_m) cos(b_g)
     / (cos^4(b) (n cos(theta_w) - cos(theta_a))^2 |w . n_g|): the microfacet law of Walter et al.
-    (2007) in slopes, along rays drawn uniformly in a cone about the refracted sun.
+    (2007) in slopes, along rays drawn uniformly in a cone about the refracted sun. theta are angles
+    to the normal that refracts the sun into a ray w, in air and water, b its angle to the vertical;
+    p is the density of the random slopes, s_r the slope that is needed, s_m that of the mesh, n_g
+    and b_g normal and inclination of the facet.
     """
     surface, n = scene.surface, law.n
     axis, _ = refracted_sun(scene.days[0], n)
+    # variances of random slopes and of those of the mesh add
     spread = math.hypot(surface.roughness.along, surface.roughness.across)
     spread = math.hypot(spread, float(slopes_of(surface.vertex_normals).std(axis=0).max()))
     lever = 1.0 - law.sun[2] / (n * axis[2])  # turn of the refracted ray by a turn of the normal
@@ -149,19 +168,22 @@ def _through_slopes(scene: SeenSea, law: Refraction, view: View, depths: Sequenc
     off = 1.0 - math.cos(half)
 
     def mean(rays: View) -> Floats:
+        # uniform over the solid angle of the cone: the cosine is uniform
         cos_t = 1.0 - rays.uniforms[:, 2] * off
         towards = cone(axis, 1.0 - cos_t**2, rays.uniforms[:, 3])
         hit, _ = first_hits(scene, rays.origins(), towards, below=True)
-        light = by_slopes(law, -towards, hit.normal, -hit.facet_normal, surface.roughness)
+        radiance = by_slopes(law, -towards, hit.normal, -hit.facet_normal, surface.roughness)
         tau = np.array([depth(hit.point) for depth in depths]) / np.maximum(towards[:, 2], 1e-6)
-        seen = light * np.exp(-tau) * rays.accepted(towards) * (towards[:, 2] > 0.0)
+        seen = radiance * np.exp(-tau) * rays.accepted(towards) * (towards[:, 2] > 0.0)
         return np.asarray(seen.reshape(len(depths), -1, rays.per_shift).mean(axis=2))
 
     means = np.concatenate([mean(rays) for rays in view.blocks()], axis=1)
+    # Flux over that of an even radiance: the solid angle of the cone, 2 pi (1 - cos), over that of
+    # the view weighted by the cosine at the receiver, pi sin^2.
     return np.asarray(2.0 * off / view.sin2_psi * means)
 
 
-def walked(
+def walked_radiance(
     case: Case, mesh: TriangleMesh, links: Sequence[Link], days: Sequence[Daylight], view: View,
     *, in_water: bool,
 ) -> Floats:  # fmt: skip
@@ -174,22 +196,23 @@ def walked(
     Refused
         If the water absorbs otherwise than along the way, or the forms are those of the paper.
     """
-    for name, kept in (("absorption", "continuous"), ("snell", "physical")):
+    for name, required in (("absorption", "continuous"), ("snell", "physical")):
         form = getattr(links[0].physics, name)
-        if form != kept:
-            raise Refused(f"physics.{name}", form, f"{kept}, for light that is traced backwards")
-    found = np.zeros((len(links), SHIFTS, 2))
-    waiting = list(range(len(links)))
+        if form != required:
+            allowed = f"{required}, for light that is traced backwards"
+            raise Refused(f"physics.{name}", form, allowed)
+    radiances = np.zeros((len(links), SHIFTS, 2))
+    walk, waiting = _Walk(case, mesh, view, in_water), list(range(len(links)))
+    # each pass follows the wavelengths that can share photons, those of alike phase functions
     while waiting:
-        _, common = photon_paths(links, waiting)
-        rows = common.wavelengths
-        some, lit = [links[i] for i in rows], [days[i] for i in rows]
-        walk = _Walk(case, mesh, view, in_water)
-        found[rows] = (
-            walk.alone(some[0], lit[0]) if len(rows) == 1 else walk.light(some, lit, common)
-        )
-        waiting = [i for i in waiting if i not in rows]
-    return found
+        _, paths = photon_paths(links, waiting)
+        chosen = [links[i] for i in paths.wavelengths], [days[i] for i in paths.wavelengths]
+        if len(paths.wavelengths) == 1:
+            radiances[paths.wavelengths] = walk.at_one_wavelength(chosen[0][0], chosen[1][0])
+        else:
+            radiances[paths.wavelengths] = walk.at_wavelengths(*chosen, paths)
+        waiting = [i for i in waiting if i not in paths.wavelengths]
+    return radiances
 
 
 class _Walk(NamedTuple):
@@ -198,69 +221,93 @@ class _Walk(NamedTuple):
     case: Case
     mesh: TriangleMesh
     view: View
-    in_water: bool
+    in_water: bool  # whether the receiver is
 
-    def alone(self, link: Link, day: Daylight) -> Floats:
-        """Return the radiance of sky and of scattered sun at one wavelength (1, shifts, 2)."""
+    def at_one_wavelength(self, link: Link, day: Daylight) -> Floats:
+        """Return the radiance of sky and of scattered sun (1, shifts, 2)."""
         rays = np.arange(len(self.view.uniforms))
-        scores = np.concatenate([one.score for one in self._tallies(link, day, rays, NO_TINTS)])
+        tallies = self._tallies(link, day, rays, NO_TINTS)
+        scores = np.concatenate([chunk.score for chunk in tallies])
         sky, sun = scores[:, SKY_SCORE], scores[:, SUN_SCORE] + scores[:, BUBBLE_SCORE]
         by_shift = np.stack([sky, sun], axis=1).reshape(1, SHIFTS, -1, 2).mean(axis=2)
         return by_shift * self._squared_index(link)
 
-    def light(self, links: Sequence[Link], days: Sequence[Daylight], common: CommonPaths) -> Floats:
-        """Return the radiances at the wavelengths of common photons (wavelengths, shifts, 2).
+    def at_wavelengths(
+        self, links: Sequence[Link], days: Sequence[Daylight], paths: CommonPaths
+    ) -> Floats:
+        """Return the radiances at wavelengths that share photons (wavelengths, shifts, 2).
 
         Photons are those of several bases in turn, and of the smallest and the largest index, as in
         `engine.correlated.analog_sums`.
         """
-        tinting = common.tinting
-        several = [links[i] for i in tinting.bases] or [common.bases[0]]
-        per_shift = self.view.per_shift
-        runs = [(base, end) for base in range(len(several)) for end in range(len(common.bases))]
+        tinting = paths.tinting
+        bases = [links[i] for i in tinting.bases] or [paths.bases[0]]
+        # a run is a base (absorption and scattering) and an end (smallest or largest index)
+        runs = [(base, end) for base in range(len(bases)) for end in range(len(paths.bases))]
+        per_shift, radiances = self.view.per_shift, np.zeros((len(links), SHIFTS, 2))
         turn = np.arange(per_shift) * len(runs) // per_shift  # a part of a net is one, too
-        numbers = np.bincount(turn, minlength=len(runs)).reshape(len(several), -1)
-        found, factors = np.zeros((len(links), SHIFTS, 2)), factors_of(len(links))
-        none = np.zeros((2, len(links)))
+        numbers = np.bincount(turn, minlength=len(runs)).reshape(len(bases), -1)
+        # Sky and sun of unit irradiance: their spectra weigh the sums at the end.
         even = days[0].replace(direct=1.0 if any(day.direct for day in days) else 0.0, diffuse=1.0)
         for k, (base, end) in enumerate(runs):
-            link = several[base].replace("water.n", common.bases[end].water.n)
+            link = bases[base].replace("water.n", paths.bases[end].water.n)
             rays = np.flatnonzero(np.tile(turn == k, SHIFTS))
-            shifts = rays // per_shift
-            of_end = numbers[:, end] / numbers[:, end].sum()
-            part = common.shares if end else 1.0 - common.shares
-            scale = part * per_shift / numbers[:, end].sum() if len(common.bases) > 1 else 1.0
-            sun, _ = refracted_sun(even, link.water.n / link.n_air)
-            unlit = LastScattering(1.0, none, none + 1.0)  # light of the sky has no last scattering
-            slant = float(sun[2])
-            sunlit = [_sunlit(link, links, slant, self.in_water, of) for of in (False, True)]
-            run, mixture = np.zeros((3, SHIFTS, len(links))), tinting.mixture(base, of_end.copy())
-            for tallies in self._tallies(link, even, rays, tinting.tints):
-                rows = tallies.arrivals[: int(tallies.n_arrivals[0])]
-                for score, last in enumerate((unlit, *sunlit)):
-                    add_tinted(rows, score, shifts, mixture, last, factors, run[score])
-            by_light = np.stack([run[SKY_SCORE], run[SUN_SCORE] + run[BUBBLE_SCORE]])
-            run = by_light.transpose(2, 1, 0) / per_shift
-            run *= self._squared_index(link)
-            found += run * np.broadcast_to(scale, len(links))[:, None, None]
-        lit = np.array([(day.diffuse, day.direct) for day in days])
-        return found * lit[:, None]
+            of_end = numbers[:, end].sum()  # photons of a shift that have this index
+            mixture = tinting.mixture(base, numbers[:, end] / of_end)
+            sums = self._sums(link, links, even, rays, tinting, mixture)
+            # Light is linear between the two indices, its share of the largest is `paths.shares`.
+            # `sums` are over all photons of a shift: means are those of the photons of an end.
+            part = paths.shares if end else 1.0 - paths.shares
+            scale = part * per_shift / of_end if len(paths.bases) > 1 else 1.0
+            radiances += sums * np.broadcast_to(scale, len(links))[:, None, None]
+        irradiances = np.array([(day.diffuse, day.direct) for day in days])
+        return radiances * irradiances[:, None]
+
+    def _sums(
+        self, link: Link, links: Sequence[Link], day: Daylight, rays: NDArray[np.int64],
+        tinting: Tinting, mixture: Mixture,
+    ) -> Floats:  # fmt: skip
+        """Return the radiances (wavelengths, shifts, 2) of photons of a link at those of `links`.
+
+        They are divided by the number of all photons of a shift.
+        """
+        per_shift, factors = self.view.per_shift, factors_of(len(links))
+        sun, _ = refracted_sun(day, link.water.n / link.n_air)
+        none = np.zeros((2, len(links)))
+        # In the order of the scores: light of the sky has no last scattering, that of the sun has
+        # one by the water or by bubbles.
+        last_events = [LastScattering(1.0, none, none + 1.0)]
+        for by_bubbles in (False, True):
+            last_events.append(_sunlit(link, links, float(sun[2]), self.in_water, by_bubbles))
+        sums = np.zeros((len(last_events), SHIFTS, len(links)))
+        for tallies in self._tallies(link, day, rays, tinting.tints):
+            arrivals = tallies.arrivals[: int(tallies.n_arrivals[0])]
+            for score, last in enumerate(last_events):
+                add_tinted(arrivals, score, rays // per_shift, mixture, last, factors, sums[score])
+        by_light = np.stack([sums[SKY_SCORE], sums[SUN_SCORE] + sums[BUBBLE_SCORE]])
+        return by_light.transpose(2, 1, 0) / per_shift * self._squared_index(link)
 
     def _squared_index(self, link: Link) -> tuple[float, float]:
+        """Return the factors on the radiance of sky and of scattered sun.
+
+        Radiance over the squared index is kept along a ray. The scores of the sky are radiances in
+        the air, those of the sun are formed in the water.
+        """
         n = link.water.n / link.n_air
         return (n**2, 1.0) if self.in_water else (1.0, 1.0 / n**2)
 
     def _tallies(
         self, link: Link, day: Daylight, rays: NDArray[np.int64], tints: Tints | None
     ) -> Iterator[Tallies]:
-        """Return the tallies of chunks of photons that start as some rays of the view."""
+        """Yield the tallies of chunks of photons that start as the given rays of the view."""
         case, in_water = self.case, self.in_water
+        # photons run backwards: nothing but sky and sun collects them
         bare = link.model_copy(update={"receiver": (), "planes": None})
         options, frame = Analog(roulette=1e-3, max_surface_events=100), frame_of(link)
-        over = EmbreeIntersector(self.mesh, case.threads)
+        intersector = EmbreeIntersector(self.mesh, case.threads)
         setup = setup_of(
-            bare, over, options, case.run.seed, case.meshing.normals, frame=frame
-        )  # fmt: skip
+            bare, intersector, options, case.run.seed, case.meshing.normals, frame=frame
+        )
         sun, irradiance = refracted_sun(day, link.water.n / link.n_air)
         world, foam = setup.world, setup.world.interface.foam_transmittance
         bubbles = link.bubbles.phase_function() if link.bubbles else link.water.phase
@@ -268,9 +315,11 @@ class _Walk(NamedTuple):
             origin=self.view.origins()[rays],
             direction=self.view.directions()[rays],
             in_water=in_water,
+            # `follow` has the light that the surface mirrors
             after_water=not in_water,
             sky=day.sky,
             sun=Vec3(*sun.tolist()),
+            # without scattering no collision is connected to the sun: 0 spares the search
             irradiance=foam * irradiance if world.medium.b_max > 0.0 else 0.0,
             lost_water=_lost(link.water.phase, in_water),
             lost_bubble=_lost(bubbles, in_water),
@@ -279,10 +328,12 @@ class _Walk(NamedTuple):
         )
         starts = range(0, len(rays), options.batch_size)
         spans = [(i, min(i + options.batch_size, len(rays))) for i in starts]
-        kept = 0 if tints is None else _ARRIVALS
-        setup = setup._replace(world=world._replace(back=back, tints=tints), arrivals=kept)
+        room = 0 if tints is None else _ARRIVALS
+        setup = setup._replace(world=world._replace(back=back, tints=tints), arrivals=room)
         for _, tallies in ordered_map(partial(chunk_tallies, setup), spans, case.threads):
-            tallies.arrivals["water"] /= frame.unit  # angles
+            # Backward photons record the angle of their last scattering in place of a path in the
+            # water: the conversion of lengths to metres is undone.
+            tallies.arrivals["water"] /= frame.unit
             yield tallies
 
 
@@ -297,16 +348,19 @@ def _sunlit(
     """Return the ratio of the scattering of sunlight into a path at wavelengths to the base's.
 
     b_c p_c(theta) / (b p(theta)) exp(-(tau_c - tau) / slant), tau the optical depth below still
-    water; without b for bubbles, which are alike in number.
+    water and `slant` the cosine of the sun's zenith angle there; without b for bubbles, which are
+    alike in number.
     """
+    # uniform water needs two nodes; layers are tabulated down to the deepest one
     layers = [link.water.layers[-1][0] for link in (base, *links) if link.water.layers]
     grid = np.linspace(0.0, max(layers), _LEVELS) if layers else np.array([0.0, 1.0])
     logs, phases = [], []
     for link in (base, *links):
         a, b = (np.broadcast_to(x, grid.shape) for x in link.water.profile(grid))
+        # quasi-single scattering: light scattered by small angles stays in the beam of the sun
         lost = a + _lost(link.water.phase, in_water) * b
-        path = np.concatenate([[0.0], np.cumsum(0.5 * grid[1] * (lost[1:] + lost[:-1]))])
-        logs.append(-path / slant + (0.0 if by_bubbles else np.log(np.maximum(b, 1e-300))))
+        scattering = 0.0 if by_bubbles else np.log(np.maximum(b, 1e-300))
+        logs.append(-integral(lost, grid[1]) / slant + scattering)
         phase = link.bubbles.phase_function() if by_bubbles and link.bubbles else link.water.phase
         phases.append(blurred_phase(phase))
     log = np.array(logs[1:]).T - logs[0][:, None]
@@ -316,10 +370,11 @@ def _sunlit(
 
 @lru_cache(maxsize=256)
 def blurred_phase(phase: PhaseFunction) -> Floats:
-    """Return a phase function, averaged over a disk, at equal steps of the angle from 0 to pi.
+    """Return a phase function [sr-1], averaged over the disk of the sun under water.
 
-    Rings of the phase function are weighted by the part of them that lies in the disk: the peak at
-    small angles counts by its probability.
+    Shape (_ANGLES,), at equal steps of the angle from 0 to pi. Rings of the phase function are
+    weighted by the part of them that lies in the disk: the peak at small angles counts by its
+    probability.
     """
     edges, inside = _disk_of_rings()
     return np.asarray(inside @ np.diff(phase.cdf(edges))) / (
@@ -329,20 +384,27 @@ def blurred_phase(phase: PhaseFunction) -> Floats:
 
 @cache
 def _disk_of_rings() -> tuple[Floats, Any]:
-    """Return the edges of rings, and the parts of rings in disks at equal steps of the angle."""
+    """Return the edges of rings, and the parts of rings in disks at equal steps of the angle.
+
+    A ring has all directions at an angle from the direction of the light.
+    """
+    # imported here: it takes as long as a first gain
     from scipy.sparse import csr_array
 
+    # rings narrow at small angles, where phase functions peak
     small = np.geomspace(1e-6, _BLUR, _RINGS)
     ring = np.concatenate([[0.0], small, np.linspace(_BLUR, math.pi, 2 * _RINGS)[1:]])
     middle = 0.5 * (ring[1:] + ring[:-1])
     center = np.linspace(0.0, math.pi, _ANGLES)[:, None]
     sines = np.maximum(np.sin(middle) * np.sin(center), 1e-15)
+    # Spherical law of cosines: a ring `middle` meets the rim of a disk about `center` at this
+    # azimuth; 1 and -1 where it lies outside or inside.
     cosine = (math.cos(_BLUR) - np.cos(middle) * np.cos(center)) / sines
     return ring, csr_array(np.arccos(np.clip(cosine, -1.0, 1.0)) / math.pi)
 
 
-_BOUNCES = 8
-_OFFSET = 1e-5  # start of a ray above its facet, in units of the frame
+_BOUNCES = 8  # reflections of a ray that are followed; 0.02^8 of steep light is left
+_OFFSET = 1e-5  # start of a ray above its facet, in units of the frame: single precision at 100
 
 
 def seen_from_air(
@@ -350,46 +412,55 @@ def seen_from_air(
 ) -> Floats:
     """Return the radiances of the parts by shift for a receiver in the air.
 
-    At all wavelengths of links that are otherwise alike, (wavelengths, shifts, parts).
+    Shape (wavelengths, shifts, parts) [W m-2 sr-1 nm-1]; the links are alike but for their waters.
     """
-    view, scene = View.of(links[0], photons, case.run.seed), scene_of(case, mesh, links, days)
-    each = [follow(scene, rays, case.run.seed) for rays in view.blocks()]
-    parts = np.concatenate(each, axis=1)
+    view, scene = view_of(links[0], photons, case.run.seed), scene_of(case, mesh, links, days)
+    blocks = [follow(scene, rays, case.run.seed) for rays in view.blocks()]
+    parts = np.concatenate(blocks, axis=1)
     if scene.direct.any():
         sun = scene.direct[:, None]
         parts[..., SUN] += sun * sun_in_view(scene, view)
+        # with random slopes `follow` has connected the sun at each reflection
         if not scene.rough:
             glint = scene.at_wavelengths(bent_sun(scene, scene.mirror, view))
             parts[..., GLINT] += sun * (1.0 - scene.foam) * glint
     if days[0].water == "walk":
-        light = walked(case, mesh, links, days, view, in_water=False)
-        parts[..., WATER] += light.sum(axis=-1)
+        walked = walked_radiance(case, mesh, links, days, view, in_water=False)
+        parts[..., WATER] += walked.sum(axis=-1)
     return parts
 
 
 def sun_in_view(scene: SeenSea, view: View) -> float:
-    """Return the mean radiance of the sun's disk within the field of view, over its irradiance."""
+    """Return the mean radiance of the sun's disk in the field of view, over its irradiance [sr-1].
+
+    The disk has a radius of a quarter of a degree.
+    """
     sun = scene.sun
     cosine = float(sun @ view.axis)
     share = view.share_of_disk(sun, math.radians(SUN_RADIUS_DEG))
     if cosine <= 0.0 or share == 0.0:
         return 0.0
+    # one ray: a wave in front of the sun hides all of its small disk, or nothing
     blocked = scene.intersector.intersect([view.center], [sun]).facet[0] >= 0
+    # flux E share cos over the etendue pi sin^2(psi) per area: the mean radiance of the view
     return 0.0 if blocked else share * cosine / (math.pi * view.sin2_psi)
 
 
 def follow(scene: SeenSea, view: View, seed: int) -> Floats:
     """Return the mean radiance of each part along the rays of a view, without the sun's disk.
 
-    At the wavelengths, (wavelengths, shifts, parts).
+    Shape (wavelengths, shifts, parts).
     """
     origin, direction, u = view.origins(), view.directions(), view.uniforms[:, 4:]
     out = np.zeros((len(scene.days), len(origin), len(PARTS)))
+    # `weight` is the product of the reflectances so far, for the rays that are still under way
     weight, rays = np.ones((len(scene.days), len(origin))), np.arange(len(origin))
+    # foam reflects all irradiance evenly: radiance E R / pi
     sky, diffuse = scene.days[0].replace(diffuse=1.0).sky, [[day.diffuse] for day in scene.days]
     glow = np.array([[day.foam_reflectance * day.irradiance / math.pi] for day in scene.days])
     for bounce in range(_BOUNCES + 1):
         hit, at_sea = first_hits(scene, origin, direction)
+        # what is left after the last reflection sees the sky: no light is lost
         if bounce == _BOUNCES or (bounce > 0 and not scene.second_hits):
             at_sea[:] = False
         free = ~at_sea
@@ -397,15 +468,17 @@ def follow(scene: SeenSea, view: View, seed: int) -> Floats:
         if not at_sea.any():
             break
         rays, weight = rays[at_sea], weight[:, at_sea]
-        hit, light = Hit(*(v[at_sea] for v in hit)), -direction[at_sea]
+        hit, back = Hit(*(v[at_sea] for v in hit)), -direction[at_sea]
         if scene.foam > 0.0:
             out[:, rays, FOAM] += weight * scene.foam * glow
             weight = weight * (1.0 - scene.foam)
         if scene.direct.any() and scene.rough:
-            out[:, rays, GLINT] += weight * _glint(scene, hit, light)
+            out[:, rays, GLINT] += weight * _glint(scene, hit, back)
+        # the first tilt belongs to the quasi-random points, later ones matter less
         if bounce > 0:
             u = view.later_tilts(bounce, seed)
         rho, mirrored, water = _split(scene, direction[at_sea], hit, u[rays])
+        # the ray goes on as mirrored light; the transmitted part meets light out of the water
         out[:, rays, WATER] += weight * water
         weight = weight * rho
         origin, direction = hit.point + _OFFSET * hit.facet_normal, mirrored
@@ -415,8 +488,13 @@ def follow(scene: SeenSea, view: View, seed: int) -> Floats:
 def _split(
     scene: SeenSea, direction: Floats, hit: Hit, draws: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return reflectances and light out of the water (wavelengths, rays), mirrored directions."""
-    rhos, lights, mirrored = list[Floats](), list[Floats](), np.empty((len(direction), 3))
+    """Return (reflectances, mirrored directions, radiance out of the water) of rays.
+
+    Shapes (wavelengths, rays), (rays, 3), (wavelengths, rays). `draws` (rays, 3) are uniforms of
+    the random slopes.
+    """
+    rhos, leaving, mirrored = list[Floats](), list[Floats](), np.empty((len(direction), 3))
+    # the same draws for both indices: reflected directions depend on the normal alone
     for i, n in enumerate(scene.indices.tolist()):
         rho, refracted = np.empty(len(direction)), np.empty((len(direction), 3))
         split_rays(
@@ -425,24 +503,26 @@ def _split(
         )  # fmt: skip
         rhos.append(rho)
         below = scene.water[i].upwelling(-refracted).T if scene.water else np.zeros(1)
-        lights.append(below * ((1.0 - rho) / n**2))
-    return scene.at_wavelengths(rhos), mirrored, scene.at_wavelengths(lights)
+        # radiance over the squared index is kept through the surface
+        leaving.append(below * ((1.0 - rho) / n**2))
+    return scene.at_wavelengths(rhos), mirrored, scene.at_wavelengths(leaving)
 
 
-def _glint(scene: SeenSea, hit: Hit, view: Floats) -> Floats:
+def _glint(scene: SeenSea, hit: Hit, back: Floats) -> Floats:
     """Return the radiance of the sun mirrored by unresolved slopes (wavelengths, rays).
 
-    Shadows by one ray.
+    `back` (rays, 3) are unit vectors from the hits to the receiver. Shadows by one ray.
     """
     sun = scene.sun
     glint = scene.at_wavelengths(
-        by_slopes(scene.mirror, view, hit.normal, hit.facet_normal, scene.surface.roughness)
+        by_slopes(scene.mirror, back, hit.normal, hit.facet_normal, scene.surface.roughness)
     )
-    lit = np.flatnonzero((glint[0] > 0.0) & (hit.facet_normal @ sun > 0.0))
-    start = hit.point[lit] + _OFFSET * hit.facet_normal[lit]
+    # only points that would shine cast a ray to the sun
+    bright = np.flatnonzero((glint[0] > 0.0) & (hit.facet_normal @ sun > 0.0))
+    start = hit.point[bright] + _OFFSET * hit.facet_normal[bright]
     shadow = scene.intersector.intersect(start, np.broadcast_to(sun, start.shape)).facet >= 0
-    seen = np.zeros(len(view), bool)
-    seen[lit[~shadow]] = True
+    seen = np.zeros(len(back), bool)
+    seen[bright[~shadow]] = True
     return scene.direct[:, None] * glint * seen
 
 
@@ -527,8 +607,8 @@ def background(
     Examples
     --------
     >>> from meshtrace.surfaces import FlatSea
-    >>> found = background(Link(), FlatSea(), Daylight(direct=1.42, diffuse=0.295))
-    >>> f"{found.parts['sky']:.2e}"
+    >>> result = background(Link(), FlatSea(), Daylight(direct=1.42, diffuse=0.295))
+    >>> f"{result.parts['sky']:.2e}"
     '2.08e-03'
     """
     day = getattr(link, "daylight", None) if daylight is None else daylight
@@ -538,7 +618,7 @@ def background(
         require_word(water, ("quasi-single", "walk", "none"), "water")
         day = day.replace(water=water)
     case = resolve(link, surface, mesh=mesh, **options)
-    run = {"photons": photons, "seed": seed, **case.meshing.model_dump()}
+    run = {"photons": photons, "seed": seed} | case.meshing.model_dump()
     case = case._replace(run=case.run.replace(seed=seed, threads=threads))
     links, days, waves = [case.link], [day], np.zeros(0)
     if wavelengths_nm is not None:
@@ -546,12 +626,12 @@ def background(
         links = [case.link.at_wavelength(nm) for nm in waves.tolist()]
         days = [day.at_wavelength(nm) for nm in waves.tolist()]
     with one_blas_thread():
-        found, config = mesh_for(case.link, case.surface, case.meshing)
-        each = list(backgrounds_over(case, found, links, days, photons))
+        sea_mesh, config = mesh_for(case.link, case.surface, case.meshing)
+        backgrounds = backgrounds_over(case, sea_mesh, links, days, photons)
     results = list[Background]()
-    for one, at, light in zip(each, links, days, strict=True):
-        origin = {**provenance(at, config, run), "daylight": light.model_dump(mode="json")}
-        results.append(replace(one, provenance=origin))
+    for result, at, light_model in zip(backgrounds, links, days, strict=True):
+        origin = provenance(at, config, run) | {"daylight": light_model.model_dump(mode="json")}
+        results.append(replace(result, provenance=origin))
     return results[0] if wavelengths_nm is None else ByWavelength(waves, tuple(results))
 
 
@@ -565,6 +645,7 @@ def backgrounds_over(
     aperture = only_aperture(links[0])
     seen = seen_from_air if aperture.center[2] > 0.0 else seen_from_water
     sin2 = math.sin(math.radians(0.5 * aperture.fov_deg)) ** 2
+    # etendue A pi sin^2(psi) [m2 sr], which turns mean radiance into power
     acceptance = math.pi**2 * aperture.radius**2 * sin2
-    each = zip(seen(case, mesh, links, days, photons), days, strict=True)
-    return [Background.of_groups(parts, acceptance, day.wavelength_nm) for parts, day in each]
+    radiances = zip(seen(case, mesh, links, days, photons), days, strict=True)
+    return [Background.of_groups(parts, acceptance, day.wavelength_nm) for parts, day in radiances]

@@ -1,5 +1,8 @@
 """View of a receiver: sea and daylight as its rays meet them, and points that bend the sun to it.
 
+Rays run backwards, from the receiver to the light. Coordinates are local, in the unit of the frame
+of the link.
+
 A mesh without unresolved slopes bends a point of the sun to a receiver at separate points. On a
 facet the slope s_m of its interpolated normal and the slope s_r that bends the sun to the receiver
 are equal there; the irradiance of the receiver is
@@ -7,8 +10,10 @@ are equal there; the irradiance of the receiver is
     E_r = E sum F cos(theta_y) / (R^2 |det d(s_m - s_r) / d(x, y)|)
 
 with F = rho / (4 cos^4 b) for reflection, and (1 - rho) n^2 cos(theta_a) cos(theta_w) /
-(cos^4 b (n cos(theta_w) - cos(theta_a))^2) for refraction into the water. Each point of the disk
-takes its own point of the sun, neighbours opposite ones.
+(cos^4 b (n cos(theta_w) - cos(theta_a))^2) for refraction into the water; theta_y is the angle of
+arrival to the axis of the receiver, R the distance, b the inclination of the normal, theta_a and
+theta_w the angles to it in air and water. Each point of the disk takes its own point of the sun,
+neighbours opposite ones.
 """
 
 from __future__ import annotations
@@ -34,7 +39,16 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 
-_BLOCK = 2**17  # rays that are followed at a time, some 300 bytes each
+_BLOCK = 2**17  # rays that are followed at a time, some 300 bytes each: memory
+_POINTS = 4  # of the aperture in each shift: each takes a search of the sea for the sun
+_STEPS = 6  # of Newton's method: quadratic, from a centroid whose facet bends little
+_CURVED = 0.5  # largest bend of a gap over a facet, in units of its range: more facets are tried
+_SUN_RADIUS = math.radians(SUN_RADIUS_DEG)
+_STEP = 1e-4  # of the derivatives, in barycentrics: central differences err by its square
+
+
+Depth = Callable[[Floats], Floats]
+"""Vertical optical depth from points (n, 3) of the surface to a receiver in the water."""
 
 
 class View(NamedTuple):
@@ -43,20 +57,10 @@ class View(NamedTuple):
     center: Floats
     axis: Floats  # line of sight, from the receiver
     radius: float
-    sin2_psi: float  # of half the field of view
-    uniforms: Floats  # (rays, 7): disk, cone, tilt of the first reflection
-    per_shift: int  # rays
-    first: int = 0  # ray of a block
-
-    @classmethod
-    def of(cls, link: Link, points: int, seed: int) -> View:
-        """Return the view of a link's aperture, in local coordinates."""
-        aperture, frame = only_aperture(link), frame_of(link)
-        psi = math.radians(0.5 * aperture.fov_deg)
-        axis, center = -np.array(aperture.axis), frame.points(np.array(aperture.center))
-        places, shifts = shifted_points(7, points // SHIFTS, (seed, 19))
-        radius, sin2_psi = aperture.radius / frame.unit, math.sin(psi) ** 2
-        return cls(center, axis, radius, sin2_psi, shifted(places, shifts), len(places))
+    sin2_psi: float  # squared sine of half the field of view
+    uniforms: Floats  # (rays, 7): two of the disk, two of the cone, three of the first reflection
+    per_shift: int  # rays; those of a shift follow one another
+    first: int = 0  # number of the first ray of a block among all rays
 
     def blocks(self) -> Iterator[View]:
         """Yield the view with the rays of some shifts at a time."""
@@ -68,19 +72,21 @@ class View(NamedTuple):
     def later_tilts(self, reflection: int, seed: int) -> Floats:
         """Return the uniforms (rays, 3) of a reflection after the first, whatever the blocks."""
         rng = np.random.PCG64((seed, 23))
-        # PCG64 jumps ahead: the numbers of a ray do not depend on the size of the blocks.
+        # PCG64 jumps ahead: the numbers of a ray do not depend on the size of the blocks. 23 names
+        # the stream, as 19 does that of the points.
         rng.advance(3 * ((reflection - 1) * SHIFTS * self.per_shift + self.first))
         return np.random.Generator(rng).random((len(self.uniforms), 3))
 
     def origins(self) -> Floats:
         """Return points on the disk (rays, 3)."""
-        # even over the disk
+        # even over the disk: dA = d(r^2) dphi / 2
         r, phi = self.radius * np.sqrt(self.uniforms[:, 0]), 2 * math.pi * self.uniforms[:, 1]
         e1, e2 = _across(self.axis)
         return self.center + np.outer(r * np.cos(phi), e1) + np.outer(r * np.sin(phi), e2)
 
     def directions(self) -> Floats:
         """Return directions (rays, 3) by the cosine law inside the field of view."""
+        # cos(theta) dOmega = d(sin^2 theta) dphi / 2: the squared sine is uniform
         return cone(self.axis, self.sin2_psi * self.uniforms[:, 2], self.uniforms[:, 3])
 
     def accepted(self, directions: Floats) -> Floats:
@@ -107,6 +113,17 @@ class View(NamedTuple):
         return overlap / (math.pi * radius**2)
 
 
+def view_of(link: Link, points: int, seed: int) -> View:
+    """Return the view of a link's aperture with quasi-random rays, in local coordinates."""
+    aperture, frame = only_aperture(link), frame_of(link)
+    psi = math.radians(0.5 * aperture.fov_deg)
+    # the axis of an aperture is the direction of light at normal incidence: rays run against it
+    axis, center = -np.array(aperture.axis), frame.points(np.array(aperture.center))
+    places, shifts = shifted_points(7, points // SHIFTS, (seed, 19))
+    radius, sin2_psi = aperture.radius / frame.unit, math.sin(psi) ** 2
+    return View(center, axis, radius, sin2_psi, shifted(places, shifts), len(places))
+
+
 def cone(axis: Floats, sin2: Floats, u_phi: Floats) -> Floats:
     """Return directions (n, 3) at squared sines sin2 and azimuths 2 pi u_phi about an axis."""
     s, phi = np.sqrt(sin2), 2.0 * math.pi * u_phi
@@ -117,7 +134,7 @@ def cone(axis: Floats, sin2: Floats, u_phi: Floats) -> Floats:
 
 def _across(axis: Floats) -> tuple[Floats, Floats]:
     """Return two unit vectors across an axis and each other."""
-    # the axis of coordinates that is farthest from parallel
+    # the axis of coordinates that is farthest from parallel: the cross product keeps its digits
     aside = np.eye(3)[int(np.argmin(np.abs(axis)))]
     e1 = np.cross(axis, aside)
     e1 /= np.linalg.norm(e1)
@@ -175,11 +192,12 @@ def scene_of(
     """Return sea and light at the wavelengths of links, in the local coordinates of these."""
     link = links[0]
     local = frame_of(link).mesh(mesh)
-    n = np.array([each.water.n / each.n_air for each in links])
+    n = np.array([wave_link.water.n / wave_link.n_air for wave_link in links])
+    # Dispersion is so small that light is linear in the index: two ends serve all wavelengths.
     indices, water = np.unique([n.min(), n.max()]), list[QuasiSingle]()
     if days[0].water == "quasi-single" and only_aperture(link).center[2] > 0.0:
-        below = [each.water for each in links], [each.bubbles for each in links]
-        water = [QuasiSingle(*below, index, days) for index in indices.tolist()]
+        waters, bubbles = [x.water for x in links], [x.bubbles for x in links]
+        water = [QuasiSingle(waters, bubbles, index, days) for index in indices.tolist()]
     return SeenSea(
         intersector=EmbreeIntersector(local, case.threads),
         surface=surface_arrays(local, case.meshing.normals, link.physics.unresolved),
@@ -193,11 +211,11 @@ def scene_of(
 
 
 class Hit(NamedTuple):
-    """Points where rays meet the sea: facet normal, and normal for the bending of light."""
+    """Points where rays meet the sea, one row each; normals point up."""
 
-    point: Floats
+    point: Floats  # (rays, 3)
     facet_normal: Floats
-    normal: Floats
+    normal: Floats  # that bends light: interpolated between the corners, or the facet's
 
 
 def first_hits(
@@ -229,21 +247,12 @@ def first_hits(
     return Hit(point, facet_normal, normal), on_mesh | (side * direction[:, 2] < 0.0)
 
 
-_POINTS = 4  # of the aperture in each shift
-_STEPS = 6  # of Newton's method
-_CURVED = 0.5  # largest bend of a gap over a facet, in units of its range
-_SUN_RADIUS = math.radians(SUN_RADIUS_DEG)
-_STEP = 1e-4  # of the derivatives, in barycentrics
-
-
-Depth = Callable[[Floats], Floats]
-
-
 def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] = ()) -> Floats:
-    """Return the mean radiance of bent sun over the irradiance of the sun (rows, shifts).
+    """Return the mean radiance of bent sun over the irradiance of the sun [sr-1].
 
-    At the indices of a reflection, or at the wavelengths with `depths`, vertical optical depths of
-    points. Shadows of the sun by other waves are left out, and so is light bent twice.
+    Shape (indices of a reflection, shifts), or (wavelengths, shifts) with the optical depths of
+    points below the surface. Shadows of the sun by other waves are left out, and so is light bent
+    twice.
     """
     surface, per_shift = scene.surface, view.per_shift
     chosen = (per_shift * np.arange(SHIFTS)[:, None] + np.arange(min(_POINTS, per_shift))).ravel()
@@ -257,7 +266,8 @@ def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] =
     # Nearly all facets are told from their corners, where the gap would have to change its sign.
     near = np.flatnonzero(_may_vanish(_gaps(law, view.center, *corners), slack))
     points = view.origins()[chosen]
-    # a point of the sun's disk for each; pairs are opposite
+    # A point of the sun's disk for each, even over it. Those of a pair are opposite (antithetic):
+    # what is linear over the disk adds no noise.
     odd = np.arange(len(chosen)) % 2
     u = view.uniforms[chosen, 2:4][np.arange(len(chosen)) - odd]
     suns = cone(law.sun, math.sin(_SUN_RADIUS) ** 2 * u[:, 0], u[:, 1] + 0.5 * odd)
@@ -270,7 +280,10 @@ def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] =
 
 
 def _gaps(law: Bending, point: Floats, places: Floats, normals: Floats) -> Floats:
-    """Return s_r - s_m (..., 2) at places with normals, for a point of the aperture."""
+    """Return the gaps s_r - s_m (..., 2) at places with normals, for a point of the aperture.
+
+    s_r is the slope that bends the sun to the point, s_m that of the surface: 0 where it shines.
+    """
     ray = point - places
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     return slopes_to(law.normal(ray), normals)
@@ -285,7 +298,7 @@ def _corners(surface: MeshArrays, facets: Any) -> tuple[Floats, Floats]:
 
 
 def _may_vanish(gaps: Floats, slack: Floats | float) -> NDArray[np.bool_]:
-    """Return whether both components of gaps at the corners may vanish on a facet."""
+    """Return whether both components of gaps (facets, 3, 2) at corners may vanish on a facet."""
     low, high = gaps.min(axis=1), gaps.max(axis=1)
     margin = _CURVED * (high - low) + slack
     return np.asarray(((low <= margin) & (high >= -margin)).all(axis=1))
@@ -297,7 +310,7 @@ def _irradiance(
 ) -> Floats:  # fmt: skip
     """Return the irradiance by bent sun at a point of the aperture, relative to the sun's.
 
-    At the indices of a reflection, or at the wavelengths of the depths.
+    Shape (indices of a reflection,), or (wavelengths,) with `depths`.
     """
     corner, normals = _corners(scene.surface, facets)
     possible = _may_vanish(_gaps(law, point, corner, normals), 0.0)
@@ -319,7 +332,7 @@ def _irradiance(
     if not inside.any():
         return np.zeros(len(depths) or np.size(law.n))
     edges = corner[inside][:, 1:, :2] - corner[inside][:, :1, :2]
-    # from barycentrics to (x, y)
+    # from barycentrics to (x, y): det d(gap)/d(x, y) = det d(gap)/du / det d(x, y)/du
     det = det / np.abs(np.linalg.det(edges))
     place = _blend(u, corner)[inside]
     distance = np.linalg.norm(point - place, axis=1)
@@ -329,15 +342,18 @@ def _irradiance(
     seen = first > distance * (1.0 - 1e-3)
     light_in = law.strength(ray, law.normal(ray)) * view.accepted(-ray) / (distance**2 * det)
     tau = np.array([depth(place) for depth in depths] or [np.zeros(len(place))])
+    # the equation of the module, F cos(theta_y) / (R^2 det), dimmed along the slanted ray
     return np.asarray((light_in * np.exp(-tau / np.abs(ray[:, 2])))[:, seen].sum(axis=1))
 
 
 def _blend(u: Floats, corners: Floats) -> Floats:
+    """Return the values (n, k) at barycentrics u (n, 2) of those at the corners (n, 3, k)."""
     share = np.concatenate([1.0 - u.sum(axis=1, keepdims=True), u], axis=1)
     return np.asarray(np.einsum("ni,nij->nj", share, corners))
 
 
-def _jacobian(gap: Any, u: Floats) -> Floats:
+def _jacobian(gap: Callable[[Floats], Floats], u: Floats) -> Floats:
+    """Return the derivatives (n, 2, 2) of a gap by barycentrics, by central differences."""
     steps = _STEP * np.eye(2)
     return np.stack([(gap(u + s) - gap(u - s)) / (2.0 * _STEP) for s in steps], axis=-1)
 

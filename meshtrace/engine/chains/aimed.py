@@ -1,4 +1,10 @@
-"""Chains aimed over one surface: crossings, weights, and shadowing by waves."""
+"""Chains and unscattered light over one surface: crossings, weights, and shadowing by waves.
+
+`AimedChains` has one surface, in the local frame of a link (lengths over `link.frame.unit`), and
+calls the kernels of chains (`gain`), of unscattered light through smooth facets (`unscattered`) and
+through facets with random slopes (`microfacets`). Scores and gains are shares of the power of a
+source that arrive at a receiver.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +24,11 @@ from meshtrace.engine.chains import unscattered as image
 from meshtrace.engine.chains.gain import Counter, tint_chains, tint_straight
 from meshtrace.engine.chains.sets import Aimed, ChainDrawer, ChainSet, Request
 from meshtrace.engine.crossing import FLAT, ROOT, Search
-from meshtrace.engine.setup.arrays import (
-    locator,
-    mean_square_slope,
-    surface_arrays,
-    with_raster,
-)
+from meshtrace.engine.setup.arrays import locator, mean_square_slope, surface_arrays, with_raster
 from meshtrace.engine.setup.ends import ForcedLink, expected_water, forced_link
 from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths
 from meshtrace.kernels.interface import Direction, MeshArrays, Roughness, Snell
-from meshtrace.kernels.medium import DepthMode, Medium
+from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.scene import FACET, Emitter, Locator, Scene, Target, facet_summary
 from meshtrace.kernels.tints import Tints
 from meshtrace.kernels.vectors import Vec3
@@ -41,8 +42,9 @@ SearchMode = Literal["usual", "thorough"]
 Nodes = tuple[int, int] | None
 """Rings and nodes on each of a quadrature over an aperture; None where it is much wider."""
 
-ROOTS = 64  # crossings of one chain at most
-_NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, that blurs
+ROOTS = 64  # crossings of one chain at most: a buffer; more are not counted
+_NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, below which light
+# is sampled: its facets would be cut into more parts than chains cost; tuned
 _POINT = 0.5  # radius of an aperture over the blur, up to which four points stand for it
 _WIDEST = 20.0  # radius of an aperture over the blur, beyond which Gauss nodes about the light of
 # each part are fewer than those of the whole disk
@@ -51,21 +53,19 @@ LEAST_ERROR = 2e-4  # relative, of light over random slopes: rounded up from wha
 LEAST_IMAGE_ERROR = 2e-6  # of light over smooth facets, where errors of both signs cancel: scans
 _SAMPLED_FACETS = 256  # on which parts of another length are tried: 2 % of the time of them all
 _FEWER, _LONGER = 0.75, 2.0  # nodes and lengths of parts of the coarser quadrature, over the usual
-_SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes
-_KEPT = (  # of the medium over a surface
-    "n_water", "n_air", "raster_x", "raster_y", "raster_step", "raster", "overhangs", "raster_low",
-    "raster_split",
-)  # fmt: skip
-_TOGETHER = 2**15  # scores of chains to close receivers that are found at a time
-_IN_BLOCK = 128  # facets that are left out together where they send no light to a receiver
-_FEW_PAIRS = 8  # of a source and a receiver, for which blocks take longer than all facets
-_AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all asked
+_SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes: a proposal
+# with lighter tails than the slopes would give weights without a bound
+_TOGETHER = 2**15  # scores of chains to close receivers that are computed at a time: memory
+_IN_BLOCK = 128  # facets that are left out together where they send no light to a receiver: time
+_FEW_PAIRS = 8  # of a source and a receiver, for which blocks take longer than all facets: time
+_AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all searched, see
+# `gain._near`: more time, or more noise; unbiased in either case
 
 
 class Quadrature(NamedTuple):
     """Unscattered light of a pair by an integral over the surface."""
 
-    light: float
+    gain: float  # of all facets
     at: Vec3 | None  # point of the source, None for its centre
     lenses: bool = False  # whether the view ends within the aperture, or light there
     cut_short: float = 0.0  # light through facets that were not cut as finely as they should be
@@ -73,6 +73,9 @@ class Quadrature(NamedTuple):
     sampled_facets: NDArray[np.int64] = np.zeros(0, np.int64)
     sampled_gain: Floats = np.zeros(0)
     stride: int = 0
+
+
+_DARK = Quadrature(0.0, None)
 
 
 class AimedChains:
@@ -108,39 +111,43 @@ class AimedChains:
         self.surface: MeshArrays = surface_arrays(self._mesh, normals, unresolved)
         rough, self._mesh_slopes = self.surface.roughness, mean_square_slope(self.surface)
         self.rough = rough.along > 0.0 or rough.across > 0.0
-        # the slope between two directions is known where refraction is physical
-        # the half-vector between two directions fixes the slope that refracts one into the other
+        # The half-vector between two directions fixes the slope that refracts one into the other
+        # only by Snell's law, not by the forms as published.
         physical = link.interface.snell, link.interface.direction
         wide = min(rough.along, rough.across) > _NARROWEST * math.sqrt(self._mesh_slopes)
         self.blurred = physical == (Snell.PHYSICAL, Direction.VECTOR) and wide
         self.facets = np.empty(len(mesh.faces), FACET)
         facet_summary(self.surface, self.facets)
-        # kernels of unscattered light expect the source below the surface
+        # Kernels of unscattered light expect the source below the surface: for a downlink all is
+        # turned upside down, so that its lamp lies below.
         self._mirrored = _upside_down(self.surface) if link.down else None
         self._serve(link)
-        self.nodes: dict[tuple[int, int], Nodes] = {}  # quadratures of the apertures
+        self.nodes: dict[tuple[int, int], Nodes] = {}  # of the aperture, by source and receiver
+        # largest height of the waves above or below the mean level
         self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     def _serve(self, link: ForcedLink) -> None:
         """Set link, water and bins; empty counters."""
-        self.link, self.medium, self.tinting = link, link.medium, UNTINTED
-        self._far: tuple[int, AimedChains] | None = None  # at one of several wavelengths
-        if self.medium.depth_mode == DepthMode.LOCAL:
-            self.medium = with_raster(self.medium, self._intersector)
+        self.link, self.tinting = link, UNTINTED
+        # index of the wavelength that calibrates the others, and the surface at it
+        self._calibration: tuple[int, AimedChains] | None = None
+        # bubbles whose depth is below the local surface need its height everywhere
+        self.medium = with_raster(link.medium, self._intersector)
         self.locator = locator(self.surface, link.targets)
-        self._last: dict[tuple[int, int], Quadrature] = {}  # over the slopes, of each pair
+        self._last: dict[tuple[int, int], Quadrature] = {}  # by source and receiver
         self.counters = np.zeros(len(Counter), np.int64)
 
     def of_link(self, link: ForcedLink) -> AimedChains:
         """Return the same surface over another link of the same frame and slopes."""
-        found = copy(self)
-        found.__dict__.pop("_extent", None)
-        found._serve(link)
-        return found
+        aimed = copy(self)
+        # it depends on the bins, which are those of the receivers
+        aimed.__dict__.pop("_extent", None)
+        aimed._serve(link)
+        return aimed
 
     @cached_property
     def _extent(self) -> Search:
-        """Extent of the search for roots."""
+        """Extent of the search for roots, without the reach of a target."""
         extent = search_extent(self.surface, self.facets, self.locator)
         # level water has the crossings of the flat sea alone
         thorough = self._search_mode == "thorough" and self.surface.max_slope > 0.0
@@ -167,7 +174,8 @@ class AimedChains:
     def _forwards(self, emitter: int, target: int, at: Vec3 | None) -> Scene:
         """Return the scene in which unscattered light runs from the source to the receiver.
 
-        A source in the water may be moved to a point.
+        A source in the water may be moved to a point. Chains of a downlink start at its receiver,
+        the emitter of their scene; unscattered light starts at its lamp.
         """
         link, forwards = self.link, self.link.forwards
         start = link.emitters[emitter]
@@ -176,6 +184,7 @@ class AimedChains:
         scene = self.scene(start, link.targets[target])
         if forwards is None or self._mirrored is None:
             return scene
+        # the ends are interchanged, and so are the indices on both sides of the surface
         surface, facets = self._mirrored
         n = forwards.medium
         return scene._replace(
@@ -195,8 +204,9 @@ class AimedChains:
     def together(self, receivers: Sequence[int], chains: ChainSet) -> Iterator[list[int]]:
         """Yield receivers that a set of chains is aimed at together.
 
-        Over random slopes those for which one of them stands.
+        Over random slopes those that share the crossings of still water of one of them.
         """
+        # a crossing that is searched belongs to one receiver alone
         most = max(_TOGETHER // len(chains.audit), 1) if self.blurred else 1
         groups: dict[int, list[int]] = {}
         for r in receivers:
@@ -209,12 +219,15 @@ class AimedChains:
     ) -> Aimed:
         """Return the scores (wavelengths, chains) of a set, and its unblocked arrivals if `keep`.
 
-        To one receiver, or to receivers `together`: then chains count from one to the next.
+        To one receiver, or to receivers `together`: then column m n + i is chain i of n at the
+        m-th receiver.
         """
         receivers = [receivers] if isinstance(receivers, int) else receivers
-        n, keep = len(chains.audit) * len(receivers), keep or self._far is not None
+        # several wavelengths are weights of the arrivals of one
+        n, keep = len(chains.audit) * len(receivers), keep or self._calibration is not None
         out = kernel.Output(
             score=np.zeros(n),
+            # two crossings a chain: more are rare even where a sea focuses
             arrivals=np.empty(2 * n + 64 if keep else 0, kernel.ARRIVAL),
             counters=np.zeros(len(Counter), np.int64),
             roots=np.zeros(ROOTS, ROOT),
@@ -225,7 +238,7 @@ class AimedChains:
             scene, flat = self.scene(emitter, self.link.targets[first]), chains.crossings(first)
             places = np.array([self.link.targets[r].center for r in receivers])
             near = np.zeros(flat.shape[1], FLAT)
-            found = kernel.blurred_contributions(
+            count = kernel.blurred_contributions(
                 chains.chains, flat, places, near, self.spread, scene, out
             )
         else:
@@ -233,29 +246,35 @@ class AimedChains:
             target, flat = self.link.targets[receiver], chains.crossings(receiver)
             scene, extent = self.scene(emitter, target), self._extent
             search = extent._replace(widest=target.reach + extent.widest)
-            found = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
-        arrivals = out.arrivals[:found]
+            count = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
+        arrivals = out.arrivals[:count]
         self.counters += out.counters
-        if self._far is None:
+        if self._calibration is None:
             return Aimed(out.score[None], arrivals)
         return Aimed(self._tinted_scores(source, chains, n, arrivals), arrivals)
 
-    def at_wavelengths(self, common: CommonPaths) -> AimedChains:
-        """Return the same surface at the wavelengths of common paths.
+    def at_wavelengths(self, shared: CommonPaths) -> AimedChains:
+        """Return the same surface at several wavelengths, on the paths of one base wavelength.
 
-        Light of a facet has one length of its way, that at which it agrees with the light of the
-        wavelength that differs most on the way up.
+        Unscattered light is computed at the base and at the wavelength whose attenuation differs
+        most from it; `direct_light` interpolates the others.
         """
-        tinting, found, far = common.tinting, copy(self), copy(self)
-        if len(common.links) == 1:
-            return found
+        tinting, aimed, calibration = shared.tinting, copy(self), copy(self)
+        if len(shared.links) == 1:
+            return aimed
+        # logarithms of the transmittance over the base's, from each source up to the origin
         starts = self.link.emitters
         ways = [self.straight_tints(e, np.zeros((1, 3)), tinting.tints) for e in starts]
-        most = int(np.abs(tinting.shares @ np.concatenate(ways).T).max(axis=1).argmax())
-        medium = self.link.frame.medium(expected_water(common.links[most], crest=5.0))
-        far.medium = medium._replace(**{name: getattr(self.medium, name) for name in _KEPT})
-        found.tinting, found._far = tinting, (most, far)
-        return found
+        farthest = int(np.abs(tinting.shares @ np.concatenate(ways).T).max(axis=1).argmax())
+        water = expected_water(shared.links[farthest], crest=5.0)
+        medium, base = self.link.frame.medium(water), self.medium
+        # paths are those of the base, whatever the dispersion: its indices
+        medium = medium._replace(n_water=base.n_water, n_air=base.n_air)
+        calibration.medium = with_raster(medium, self._intersector)
+        # records of its own: the error of the gains is that of the light at the base
+        calibration._last = {}
+        aimed.tinting, aimed._calibration = tinting, (farthest, calibration)
+        return aimed
 
     @property
     def wavelengths(self) -> int:
@@ -266,33 +285,40 @@ class AimedChains:
         self, source: int, chains: ChainSet, n: int, arrivals: NDArray[np.void]
     ) -> Floats:
         """Return the scores (wavelengths, n) of chains from their arrivals."""
-        score, own = np.zeros((self.wavelengths, n)), arrivals.copy()
-        own["chain"] %= len(chains.audit)
-        tints = self.chain_tints(source, chains, own, self.tinting.tints)
-        light = self.tinting.factors(tints)
-        light *= arrivals["weight"]
+        score, by_chain = np.zeros((self.wavelengths, n)), arrivals.copy()
+        # arrivals count chains from one receiver to the next, see `aim`
+        by_chain["chain"] %= len(chains.audit)
+        tints = self.chain_tints(source, chains, by_chain, self.tinting.tints)
+        weights = self.tinting.factors(tints)
+        weights *= arrivals["weight"]
         # crossings of one chain follow one another
         first = np.flatnonzero(np.diff(arrivals["chain"], prepend=-1))
         if len(first):
-            score[:, arrivals["chain"][first]] = np.add.reduceat(light, first, axis=1)
+            score[:, arrivals["chain"][first]] = np.add.reduceat(weights, first, axis=1)
         return score
 
     def direct_light(self, source: int, receiver: int, at: Vec3 | None = None) -> Floats:
-        """Return the unscattered gain at each wavelength, see `direct_gains`."""
+        """Return the unscattered gain (wavelengths,) of a receiver, see `direct_gains`."""
         gains = self.direct_gains(source, receiver, at)
-        if self._far is None:
+        if self._calibration is None:
             return gains.sum(keepdims=True)
-        lit, emitter = np.flatnonzero(gains), self.link.emitters[source]
-        start = emitter if at is None else emitter._replace(position=at)
-        tints = self.straight_tints(start, self.centroids[lit], self.tinting.tints)
-        logs = self.tinting.shares @ tints.T
-        most, far = self._far[0], self._far[1].direct_gains(source, receiver, at)
-        if not len(lit):
+        farthest, calibration = self._calibration
+        far_gains = calibration.direct_gains(source, receiver, at)
+        nonzero, emitter = np.flatnonzero(gains), self.link.emitters[source]
+        if not len(nonzero):
             return np.zeros(self.wavelengths)
+        # Beer and Lambert for the light G of a facet: G_j = G exp(-(c_j - c) l). `logs` has this
+        # exponent for l the way from the source to the centroid of the facet, (wavelengths, facets)
+        start = emitter if at is None else emitter._replace(position=at)
+        tints = self.straight_tints(start, self.centroids[nonzero], self.tinting.tints)
+        logs = self.tinting.shares @ tints.T
+        # The light of a facet crosses it at other points, too: its effective l, over that way,
+        # follows from the light at the farthest wavelength, computed on its own.
         with np.errstate(all="ignore"):
-            stretch = np.log(far[lit] / gains[lit]) / logs[most]
+            stretch = np.log(far_gains[nonzero] / gains[nonzero]) / logs[farthest]
+        # equal attenuation, or light too faint for a ratio: the way to the centroid
         stretch[~np.isfinite(stretch) | (stretch <= 0.0)] = 1.0
-        return np.asarray(np.exp(logs * stretch) @ gains[lit])
+        return np.asarray(np.exp(logs * stretch) @ gains[nonzero])
 
     def chain_tints(
         self, source: int, chains: ChainSet, arrivals: NDArray[np.void], tints: Tints | None
@@ -313,7 +339,7 @@ class AimedChains:
 
     @property
     def clear(self) -> Medium:
-        """The water with its bubbles alone."""
+        """The water with its bubbles alone: kernels take its scattering from `tints`."""
         return self.medium._replace(b=0.0, layered=False)
 
     def direct_gains(
@@ -334,28 +360,27 @@ class AimedChains:
         scene = self._forwards(source, receiver, at)
         gain = np.zeros(len(self._mesh.faces))
         stack = np.empty((image.STACK, 3), np.int64)
-        if self.rough and self.blurred:
-            nodes = self.nodes.setdefault(
-                (source, receiver), _disk_nodes(scene.target.radius / self.blur(scene))
-            )
+        # only light through all facets, as usual, is recorded: its error may be asked for
+        pair, usual = (source, receiver), facets is None and longer == 1.0
+        if self.blurred:
+            nodes = self.nodes.setdefault(pair, _disk_nodes(scene.target.radius / self.blur(scene)))
             rule = _rule(nodes, longer)
             blocks = self._blocks if facets is None else _one_block(facets)
             coarse, work = np.zeros(len(gain), bool), np.zeros(len(microfacets.Work))
             work[microfacets.Work.LEFT] = _MOST_NODES
             microfacets.blurred_gain(scene, rule, blocks, stack, coarse, work, gain)
-            if facets is None and longer == 1.0:
-                light, bound = gain.sum(), work[microfacets.Work.CUT_SHORT]
-                lenses = work[microfacets.Work.LENSES] > 0.0
-                self._last[source, receiver] = Quadrature(float(light), at, lenses, float(bound))
+            if usual:
+                _, lenses, cut_short = work.tolist()
+                self._last[pair] = Quadrature(float(gain.sum()), at, lenses > 0.0, cut_short)
         else:
             stretch, lever, bend = self.bounds_of(scene)
-            some = np.arange(len(gain)) if facets is None else facets
-            image.image_gain(scene, some, longer, 1.5 * stretch, lever, bend, stack, gain)
-            if facets is None and longer == 1.0:
+            facets = np.arange(len(gain)) if facets is None else facets
+            image.image_gain(scene, facets, longer, 1.5 * stretch, lever, bend, stack, gain)
+            if usual:
                 illuminated = np.flatnonzero(gain)
                 stride = max(len(illuminated) // _SAMPLED_FACETS, 1)
                 sample = illuminated[::stride]
-                self._last[source, receiver] = Quadrature(
+                self._last[pair] = Quadrature(
                     float(gain.sum()), at,
                     sampled_facets=sample, sampled_gain=gain[sample], stride=stride,
                 )  # fmt: skip
@@ -367,8 +392,8 @@ class AimedChains:
         Over smooth surfaces it is the change by parts of another length on a sample of facets; over
         random slopes, where the view ends within the aperture, by a coarser quadrature.
         """
-        last = self._last.get((source, receiver))
-        if last is None or last.light == 0.0:
+        last = self._last.get((source, receiver), _DARK)
+        if last.gain == 0.0:
             return 0.0
         if last.stride:
             # Images differ from triangles in second order: parts twice as long err four times as
@@ -385,22 +410,20 @@ class AimedChains:
                 error = share * math.hypot(n * difference.sum(), math.sqrt(n * sum_of_squares))
                 if error > 0.0:
                     break
-            return max(error / last.light, LEAST_IMAGE_ERROR)
+            return max(error / last.gain, LEAST_IMAGE_ERROR)
         change = LEAST_ERROR
         if last.lenses:
             coarser = self.direct_gains(source, receiver, last.at, longer=_LONGER).sum()
-            change = max(change, abs(coarser / last.light - 1.0))
-        return math.hypot(change, last.cut_short / last.light)
+            change = max(change, abs(coarser / last.gain - 1.0))
+        return math.hypot(change, last.cut_short / last.gain)
 
     def meets_rim(self, source: int, receiver: int) -> bool:
         """Return whether the view ends within the aperture, for the last unscattered light."""
-        last = self._last.get((source, receiver))
-        return last is not None and last.lenses
+        return self._last.get((source, receiver), _DARK).lenses
 
     def is_cut_short(self, source: int, receiver: int) -> bool:
         """Return whether facets of the last unscattered light were left uncut, to end in time."""
-        last = self._last.get((source, receiver))
-        return last is not None and last.cut_short > 0.0
+        return self._last.get((source, receiver), _DARK).cut_short > 0.0
 
     @cached_property
     def _blocks(self) -> microfacets.Blocks:
@@ -408,6 +431,7 @@ class AimedChains:
         n = len(self.facets)
         if len(self.link.emitters) * len(self.link.targets) <= _FEW_PAIRS:
             return _one_block(np.arange(n))
+        # a grid of side x side blocks, by quantiles: facets are small only where light crosses
         side = math.ceil(math.sqrt(n / _IN_BLOCK))
         place, centroids = np.zeros(n, np.int64), self.centroids
         for axis in (0, 1):
@@ -415,20 +439,24 @@ class AimedChains:
             place = side * place + np.searchsorted(ends, centroids[:, axis])
         order = np.argsort(place, kind="stable")
         start = np.flatnonzero(np.diff(place[order], prepend=-1))
-        sorted_ends = centroids[order]
+        sorted_centroids = centroids[order]
+        # distance of the corners from the centroid, in space
         size = self.facets["radius"] * np.sqrt(
             1.0 + self.facets["slope_x"] ** 2 + self.facets["slope_y"] ** 2
         )
-        low, high = (f.reduceat(sorted_ends, start, axis=0) for f in (np.minimum, np.maximum))
+        low, high = (f.reduceat(sorted_centroids, start, axis=0) for f in (np.minimum, np.maximum))
         middle = 0.5 * (low + high)
+        # the sphere about the middle that holds all facets of a block
         block = np.repeat(np.arange(len(start)), np.diff(start, append=n))
-        far = np.linalg.norm(sorted_ends - middle[block], axis=1) + size[order]
+        far = np.linalg.norm(sorted_centroids - middle[block], axis=1) + size[order]
+        # change of slope over a facet, as in `microfacets.may_shine`
         bend = 2.0 * size[order] * self.facets["curvature"][order]
         radius, bend = (np.maximum.reduceat(x, start) for x in (far, bend))
         return microfacets.Blocks(np.append(start, n), order, middle, radius, bend)
 
     def blur(self, scene: Scene) -> float:
-        """Return the width of the light of one facet on the aperture [m]."""
+        """Return the width of the light of one facet on the aperture, one standard deviation."""
+        # a slope s turns steep light by (n - 1) s, the smaller of the widths along and across wind
         n = scene.medium.n_water / scene.medium.n_air
         height = max(scene.target.center.z - float(scene.surface.high[2]), 1e-6)
         return float(abs(n - 1.0) * height * min(self.surface.roughness[:2]))
@@ -443,12 +471,14 @@ class AimedChains:
             self.nodes[source, receiver] = 1, 1
 
     def bounds_of(self, scene: Scene) -> tuple[float, float, float]:
-        """Return bounds on the change of a landing point with its crossing, and with a slope.
+        """Return bounds (stretch, lever, bend) on the images of facets, for `image_gain`.
 
-        A flat sea stretches light by 1 + (n h / d) (cos i / cos t)^3 in the plane of incidence, h
-        and d the heights of the ends: without bound where it leaves along the surface. Light
-        arrives less flat than straight from above the source. The third is the relative change of
-        this stretch with the crossing, 3 tan t (n / d) cos^3 i / cos t, over the unit of length.
+        `stretch` is |dX/dP|, the change of a landing point X with its crossing P, `lever` [m] that
+        with a slope, |dX/ds|. A flat sea stretches light by 1 + (n h / d) (cos i / cos t)^3 in the
+        plane of incidence, i and t the angles in water and air, h and d the heights of the ends:
+        without bound where it leaves along the surface. Light arrives less flat than straight from
+        above the source. `bend` [m-1] is the relative change of this stretch with the crossing,
+        3 tan t (n / d) cos^3 i / cos t.
         """
         n, target, source = scene.medium.n_water / scene.medium.n_air, scene.target, scene.emitter
         height = target.center[2] + self._waves
@@ -456,13 +486,17 @@ class AimedChains:
         depth = max(-source.position[2] - self._waves, 0.1)
         aside = math.dist(target.center[:2], source.position[:2]) + target.radius
         flattest = aside / math.hypot(aside, max(target.center[2] - self._waves, 1e-6))
+        # waves turn light flatter than a flat sea: 78 degrees (sine 0.98) at least, within the view
         sin_t = min(target.sin_widest, max(0.98, flattest) * min(n, 1.0))
         cos_t, cos_i = math.sqrt(1.0 - sin_t**2), math.sqrt(1.0 - (sin_t / n) ** 2)
+        # a slope ds turns light by (n cos i / cos t - 1) ds, a flat plane meets it at h / cos^2 t
         lever = height * abs(n * cos_i / cos_t - 1.0) / cos_t**2
+        # the stretch of a crossing at hand is checked there, by `unscattered._flat_stretch`
         sin_t = min(target.sin_widest, flattest * min(n, 1.0))
         cos_t, cos_i = math.sqrt(1.0 - sin_t**2), math.sqrt(1.0 - (sin_t / n) ** 2)
         stretch = 1.0 + n * height / depth * max((cos_i / cos_t) ** 3 / 1.5, 1.0)
         bend = 3.0 * sin_t * n / depth * cos_i**3 / cos_t**2
+        # 1.5 for the slopes of the waves, which these formulas of a flat sea leave out
         return 1.5 * stretch, 1.5 * lever, bend
 
 
@@ -493,6 +527,7 @@ def search_extent(surface: MeshArrays, facets: NDArray[np.void], bins: Locator) 
     """Return the extent of the search for roots, `widest` beyond the reach of a target."""
     near = bins.facet if len(bins.facet) else slice(None)
     return Search(
+        # Newton does not settle where normals jump from facet to facet: all of them are searched
         audit=_AUDITED if surface.interpolate else 1.0,
         slope=surface.max_slope,
         margin=2.0 * float(facets["radius"][near].max()),
@@ -510,13 +545,14 @@ def _one_block(facets: NDArray[np.int64]) -> microfacets.Blocks:
 def _disk_nodes(blur: float) -> Nodes:
     """Return the rings, and the nodes of each, for 1e-3 of the light of a Gaussian spot.
 
-    The standard deviation of the spot, anywhere on the unit disk, is 1 / blur. None where slopes
-    take fewer nodes.
+    `blur` is the radius of the aperture over the standard deviation of the spot, which may lie
+    anywhere on the disk. None where nodes about the light of each part are fewer.
     """
     if blur > _WIDEST:
         return None
     if blur <= _POINT:
         return 1, 4
+    # fitted to the numbers that spots of all places needed; `test_microfacets.py` holds the 1e-3
     return math.ceil(1.0 + 1.05 * blur), math.ceil(4.0 + 1.9 * blur)
 
 
@@ -527,27 +563,34 @@ def _rule(on_disk: Nodes, longer: float) -> microfacets.Rule:
     if longer > 1.0:
         rings, around = max(rings - 1, 1), max(math.ceil(_FEWER * around), 3)
     nodes, weights = gauss_legendre(rings)
+    # every other ring turned by half a step, so that no direction is left out
     azimuth = 2.0 * math.pi * (np.arange(around) + 0.5 * (np.arange(rings)[:, None] % 2)) / around
     circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
+    # dA = d(r^2) dphi / 2: Gauss's nodes in r^2
     points = np.sqrt(0.5 * (nodes + 1.0))[:, None, None] * circle
     shares = np.repeat(0.5 * weights / around, around)
     finer = _FEWER if longer > 1.0 else 1.0
     wide = on_disk is None
-    return microfacets.Rule(points.reshape(-1, 2), shares, wide, *_gauss_rules(), longer, finer)
+    about_half, gauss_weights = gauss_rules(microfacets.GAUSS)
+    return microfacets.Rule(
+        points.reshape(-1, 2), shares, wide, 0.5 + about_half, gauss_weights, longer, finer
+    )
 
 
 @cache
-def _gauss_rules() -> tuple[Floats, Floats]:
-    """Return Gauss's nodes and weights of the unit interval, those of n nodes in row n - 1."""
-    nodes, weights = np.zeros((2, microfacets.GAUSS, microfacets.GAUSS))
-    for n in range(1, microfacets.GAUSS + 1):
-        x, w = gauss_legendre(n)
-        nodes[n - 1, :n], weights[n - 1, :n] = 0.5 * (x + 1.0), 0.5 * w
-    return nodes, weights
+def gauss_rules(most: int) -> Floats:
+    """Return Gauss's nodes and weights over (-1/2, 1/2), those of n nodes in row n - 1.
+
+    Shape (2, most, most); a row ends in zeros.
+    """
+    rules = np.zeros((2, most, most))
+    for n in range(1, most + 1):
+        rules[:, n - 1, :n] = 0.5 * np.array(gauss_legendre(n))
+    return rules
 
 
 def on_disk(center: Vec3, end: Emitter | Target, disk: Floats) -> Floats:
-    """Return the points of an emitter or target that belong to points of the unit disk."""
+    """Return the points (n, 3) of an emitter or target that belong to points of the unit disk."""
     return np.asarray(center) + end.radius * disk @ np.array([end.e1, end.e2])
 
 

@@ -1,15 +1,15 @@
 """Unscattered light over the cells of a map: images of the parts of every facet, without noise.
 
-The field of view is that of an angle, and accepts light alike in all cells.
+The field of view is that of an angle, and accepts light alike in all cells. Cells lie on the plane
+of the scene's aperture, whose centre is the middle of the map; `gain[k, m]` is the light on the
+cell k along x and m along y, as the gain of an aperture of its area. Facets without random slopes
+have images (`image_map`), those with them spots (`blurred_map`).
 """
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace.engine.chains import microfacets, unscattered
 from meshtrace.engine.chains.gain import straight_factors
@@ -22,17 +22,16 @@ from meshtrace.kernels.scene import height_on
 from meshtrace.kernels.sources import beam_width, dark_angle, is_dark
 from meshtrace.kernels.vectors import Vec2, Vec3, along, cross2, minus, minus2, norm, scaled
 
-_ROUNDING = 1e-12  # share of an image
-_BENT = 1.25  # slopes are not quite linear in the landing point
-_AT_EDGE = 8  # points along a cell at the edge of the field of view
+_ROUNDING = 1e-12  # share of an image, below which a cell has none of it
+_AT_EDGE = 8  # points along a cell at the edge of the field of view: 1/8 of a cell, or time
 
 
 class Cells(NamedTuple):
     """Square cells of a plane, from the centre of an aperture."""
 
-    x: float  # corner [m]
+    x: float  # corner of the first cell [m]
     y: float
-    step: float  # edge [m]
+    step: float  # edge of a cell [m]
     n: int  # along each axis
 
 
@@ -43,24 +42,24 @@ class Box(NamedTuple):
     east: int
     south: int
     north: int
-    across: int
-
-
-class Rules(NamedTuple):
-    """Gauss's rules over the unit interval about 0, with k points in row k - 1."""
-
-    nodes: NDArray[np.float64]  # (m, m)
-    shares: NDArray[np.float64]  # (m, m)
+    across: int  # points along a cell
 
 
 @inlined
 def _cell_of(x, low, cells):
+    """Return the index of the cell of a coordinate along an axis that starts at `low`.
+
+    -1 or the number of cells outside: clipped before the conversion, which has to fit an integer.
+    """
     return math.floor(min(max((x - low) / cells.step, -1.0), cells.n + 0.0))
 
 
 @outlined
 def _clip(poly, n, axis, bound, sign, out):
-    """Clip a polygon to a half plane; return the number of its corners."""
+    """Clip a polygon of n corners to the half plane sign (x_axis - bound) >= 0.
+
+    Writes `out` and returns the number of its corners.
+    """
     m = 0
     for k in range(n):
         j = k + 1 if k + 1 < n else 0
@@ -78,7 +77,7 @@ def _clip(poly, n, axis, bound, sign, out):
 
 @inlined
 def _moments(poly, n):
-    """Return signed area and centroid of a polygon."""
+    """Return signed area and centroid of a polygon of n corners."""
     area, mx, my = 0.0, 0.0, 0.0
     if n < 3:
         return area, Vec2(mx, my)
@@ -112,6 +111,7 @@ def _radiant(x, y, f, shot, scene):
     if not m.ok:
         return 0.0
     p = Vec3(x, y, height_on(x, y, f, scene.surface))
+    # the dearest test last: rays through the waves
     if not (is_steep(m, scene) or _free(p, m, scene)):
         return 0.0
     return unscattered.carried(1.0, p, m, scene)
@@ -173,10 +173,12 @@ def _overlap(a, b, c, x, y, half, poly):
     """Return (share, u, v): the share of a triangle on a cell, and barycentrics of its centroid.
 
     Array twin: Monte Carlo areas in the tests.
-    The image at a caustic, a point or a line, lies in the cell of its first corner.
+    (x, y) is the middle of the cell, `half` half of its edge. The image at a caustic, a point or a
+    line, lies in the cell of its first corner.
     """
     ab, ac = minus2(b, a), minus2(c, a)
     det = cross2(ab, ac)
+    # [m2]: smaller images would divide by rounding
     if abs(det) < 1e-14:
         share = 1.0 if abs(a.x - x) <= half and abs(a.y - y) <= half else 0.0
         return share, 1.0 / 3.0, 1.0 / 3.0
@@ -197,10 +199,10 @@ def _overlap(a, b, c, x, y, half, poly):
 
 
 @inlined
-def _region(cells):
-    """Return the region of all cells."""
-    half = 0.5 * cells.n * cells.step
-    return unscattered.Region(cells.x + half, cells.y + half, half, 0.0)
+def _landing(cells, coarse, stretch, scene):
+    """Return the `unscattered.Landing` of light on all cells."""
+    half, dark = 0.5 * cells.n * cells.step, dark_angle(scene.emitter)
+    return unscattered.Landing(cells.x + half, cells.y + half, half, 0.0, dark, coarse, stretch)
 
 
 @entry
@@ -210,16 +212,17 @@ def image_map(scene, cells, longer, stretch, lever, bend, stack, poly, colours, 
     Parts of facets are `longer` times as long as usual.
 
     Array twin: `unscattered.image_gain` of one aperture.
+    For stretch, lever and bend see there; `poly` is room for two polygons, (2, 16, 2).
     """
     shot = straight_shot(0.0, 0.0, scene)
+    # every facet once, for all cells: one of its images lies in few of them
     fine, coarse = unscattered.part_sizes(unscattered.BEAM_SHARE, bend, scene)
-    region, dark = _region(cells), dark_angle(scene.emitter)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
-        image = unscattered.Image(stretch + lever * facet.curvature, coarse, dark)
+        landing = _landing(cells, coarse, stretch + lever * facet.curvature, scene)
         n, top = unscattered.whole_facet(2.0 * facet.radius / (longer * fine), stack)
         while top > 0:
-            part, top = unscattered.next_part(f, n, image, region, stack, top, shot, scene)
+            part, top = unscattered.next_part(f, n, landing, stack, top, shot, scene)
             if part.side != 0:
                 _part_cells(part, cells, poly, shot, scene, colours, gain)
 
@@ -230,31 +233,31 @@ def blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gai
 
     Returns False if a facet has to be cut into more than `most` parts along an edge. `across`
     points along a cell resolve any of its light but that at the edge of the field of view. Parts
-    of facets are `longer` times as long as usual.
+    of facets are `longer` times as long as usual. `rules` are `aimed.gauss_rules`.
 
     Array twin: `microfacets.blurred_gain` of one aperture.
     """
     shot = straight_shot(0.0, 0.0, scene)
     edge = microfacets.PART_BEAM * beam_width(scene.emitter) * -scene.emitter.position.z
     source, center = scene.emitter.position, scene.target.center
-    dark = dark_angle(scene.emitter)
+    landing = _landing(cells, 0.0, stretch, scene)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         reach = scene.target.reach + facet.radius
-        if unscattered.is_beside(facet.x - center.x, facet.y - center.y, reach, _region(cells)):
+        if unscattered.is_beside(facet.x - center.x, facet.y - center.y, reach, landing):
             continue
         p = Vec3(facet.x, facet.y, facet.z)
-        if is_dark(p, unscattered.spatial_radius(facet), dark, scene.emitter):
+        if is_dark(p, unscattered.spatial_radius(facet), landing.dark, scene.emitter):
             continue
         # Light of the centroid by the normal of the mesh alone; random slopes spread it from there.
         m = aim_at(p.x, p.y, f, shot, scene)
         x, y = (m.at.x, m.at.y) if m.ok else (0.0, 0.0)
         size = 2.0 * facet.radius * stretch
-        box = _lit_cells(p, minus(p, source), m, f, size, across, cells, scene)
+        box = _cells_in_reach(p, minus(p, source), m, f, size, across, cells, scene)
         if box.west > box.east or box.south > box.north:
             continue
         a, b, c = corners(scene.surface.vertices, f, scene.surface.faces)
-        # an aperture where that light lands
+        # an aperture where that light lands: slopes needed for it are those left to chance
         here = unscattered.aperture_at(Vec3(center.x + x, center.y + y, center.z), scene)
         # The number of parts follows from the slopes needed for the cell straight ahead, where the
         # light is brightest.
@@ -273,36 +276,37 @@ def blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gai
 
 
 @outlined
-def _lit_cells(p, way, m, f, size, most, cells, scene):
+def _cells_in_reach(p, way, m, f, size, most, cells, scene):
     """Return the `Box` of the cells that random slopes may light through a facet.
 
     Array twin: none, a bound.
-    The box about the ellipse of the largest slopes, for slopes linear in the landing point.
+    The box about the ellipse of the largest slopes, for slopes linear in the landing point. `way`
+    leads from the source to the centroid p, m is the `Aim` there without random slopes, `size` [m]
+    that of the image of the facet.
     """
     whole = Box(0, cells.n - 1, 0, cells.n - 1, most)
     length = norm(way)
+    # 1/20 of the height: some 0.1 in the slope, over which landing points are linear
     w, step = scaled(1.0 / length, way), 0.05 * m.flight
     n = normal_at(p.x, p.y, f, scene.surface)
     if not m.ok:
-        return (
-            _reached(p, n, w, length, size, most, cells, scene)
-            if most < microfacets.MOST_SLOPE
-            else whole
-        )
-    o = microfacets.slope_towards(p, n, w, w, length, m.at, scene)
-    a = microfacets.slope_towards(p, n, w, w, length, Vec2(m.at.x + step, m.at.y), scene)
-    b = microfacets.slope_towards(p, n, w, w, length, Vec2(m.at.x, m.at.y + step), scene)
-    if not (o.density > 0.0 and a.density > 0.0 and b.density > 0.0):
+        # Totally reflected by the mesh: random slopes may still let light pass. Cells narrower than
+        # the spot can be asked one by one, see `_reached`.
+        if most < microfacets.MOST_SLOPE:
+            return _reached(p, n, w, length, size, most, cells, scene)
         return whole
-    g11, g12 = (a.along - o.along) / step, (b.along - o.along) / step
-    g21, g22 = (a.across - o.across) / step, (b.across - o.across) / step
+    ok, g11, g12, g21, g22 = microfacets.slope_gradient(
+        p, n, w, length, m.at, Vec2(1.0, 0.0), step, scene
+    )
     det = g11 * g22 - g12 * g21
-    if det == 0.0:
+    if not ok or det == 0.0:
         return whole
-    reach = _BENT * microfacets.MOST_SLOPE / abs(det)
+    # bounding box of the ellipse |G x| <= MOST_SLOPE, as in `microfacets._spot`
+    reach = microfacets.BENT * microfacets.MOST_SLOPE / abs(det)
     dx = reach * math.sqrt(g12 * g12 + g22 * g22) + size
     dy = reach * math.sqrt(g11 * g11 + g21 * g21) + size
     square = g11 * g11 + g12 * g12 + g21 * g21 + g22 * g22
+    # largest singular value of G: one point along a cell for each standard deviation
     steepest = math.sqrt(0.5 * (square + math.sqrt(max(square * square - 4.0 * det * det, 0.0))))
     return Box(
         max(_cell_of(m.at.x - dx, cells.x, cells), 0),
@@ -354,10 +358,10 @@ def _blurred_part(part, box, cells, rules, scene, colours, gain):
             inside, _ = microfacets.margin(pencil.middle, Vec2(x, y), scene)
             if abs(inside) < 0.75 * cells.step:  # the edge of the field of view may pass through
                 across = max(across, min(4 * across, _AT_EDGE))
-            seen = flux * _blur(pencil, x, y, cells, across, rules, scene)
-            if seen > 0.0:
+            collected = flux * _blur(pencil, x, y, cells, across, rules, scene)
+            if collected > 0.0:
                 for colour in range(len(colours.factors.values)):
-                    gain[k, m, colour] += seen * colours.factors.values[colour]
+                    gain[k, m, colour] += collected * colours.factors.values[colour]
 
 
 @outlined
@@ -365,7 +369,7 @@ def _blur(pencil, x, y, cells, across, rules, scene):
     """Return the mean density over a cell of the light of a pencil of unit flux [m-2]."""
     total = 0.0
     middle, normal, w = pencil.middle, pencil.normal, pencil.w
-    nodes, shares = rules.nodes[across - 1], rules.shares[across - 1]
+    nodes, shares = rules[0, across - 1], rules[1, across - 1]
     for k in range(across * across):
         i, j = k // across, k % across
         goal = Vec2(x + cells.step * nodes[i], y + cells.step * nodes[j])

@@ -1,5 +1,11 @@
 """Forced detection: crossings of each chain over one surface, and its contribution to the aperture.
 
+A chain (`sampling.Chains`) is a history of scatterings whose direction of emission w is free: it is
+turned about its source until its last segment, refracted by the surface at a crossing P, lands on a
+chosen point X of the aperture. Its contribution to the gain is |A| I(w) W dOmega/dX: A the area of
+the aperture, I the intensity of the source, W scatterings and transmittance, Omega the solid angle
+of w.
+
 Newton starts from the crossings of a flat sea, which do not depend on the waves. An audit searches
 every facet for all crossings near that of a flat sea that land on one point. Chains at other
 wavelengths are sums over their ways and scatterings, see `kernels.tints`.
@@ -54,8 +60,9 @@ from meshtrace.kernels.vectors import (
     write,
 )
 
-_FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, that is much
-_AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched
+_FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, from which a sea
+# focuses: there may be several crossings, and all facets are searched; tuned, time against noise
+_AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched: the same
 
 ARRIVAL = record_type(
     [
@@ -82,21 +89,21 @@ class Output(NamedTuple):
 class Crossing(NamedTuple):
     """Crossing of a chain, and the light that it brings."""
 
-    weight: float
-    steep: bool  # no wave can cut its paths off
+    weight: float  # contribution to the gain, if no wave cuts it off
+    steep: bool  # no wave can: its paths are steeper than all slopes, its vertices below troughs
     aim: crossing.Aim
-    point: Vec3
+    point: Vec3  # P [m]
     start: Vec3  # of the chain
 
 
 class Counter(IntEnum):
     """Outcomes of the search that are counted."""
 
-    SOLVED = 0
-    NO_FLAT = 1
-    ENUMERATED = 2
-    EXTRA_ROOTS = 3
-    BLOCKED = 4
+    SOLVED = 0  # crossings that Newton finds from those of a flat sea
+    NO_FLAT = 1  # chains without a crossing of a flat sea: no light
+    ENUMERATED = 2  # searches of all facets
+    EXTRA_ROOTS = 3  # crossings that these add
+    BLOCKED = 4  # crossings whose paths other waves cut off
 
 
 @inlined
@@ -124,8 +131,8 @@ def flat_crossings(chains, starts, still, raised, out):
     for i in range(len(chains.last)):
         q, v = row(chains.tail, i), row(chains.last, i)
         size = norm(q)
-        # A chain that ends well below still water and goes on outwards meets the sphere of each P
-        # once: one crossing at most.
+        # A chain that ends well below still water (a margin of 5 %) and goes on outwards (cos 66
+        # degrees = 0.4) meets the sphere of each P once: one crossing at most.
         plain = size < 0.95 * depth and dot(q, v) >= 0.4 * size
         n = ZERO
         for scene in (still, raised):
@@ -154,10 +161,11 @@ def _flat_root(n, start, shot, scene, out):
 
 @outlined
 def _near(n, flat, audit, search, shot, scene, roots, counters):
-    """Append the crossings that belong to one flat crossing; return their number.
+    """Append the crossings that belong to one flat crossing to n others; return their number.
 
     Newton starts from the flat crossing. More roots, if the sea focuses, are searched in a share of
-    the chains and count by the inverse of that share: unbiased.
+    the chains, those whose uniform `audit` is smaller, and count by the inverse of that share:
+    unbiased.
     """
     surface, target, tilt = scene.surface, scene.target, shot.tilt
     radius = crossing.radius_of(flat, search, shot, scene)
@@ -167,7 +175,7 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
         return n  # outside the field of view for any waves
     if shot.branch > 0.0 and not _reaches(flat, radius, shot, scene):
         return n
-    first, share = n, 1.0
+    share = 1.0
     if surface.interpolate:
         # The random slope of the chain moves the crossing of still water to first order: a better
         # start.
@@ -187,10 +195,11 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
     unique = n
     counters[Counter.ENUMERATED.value] += 1
     last = crossing.enumerate_roots(roots, n, flat, radius, NO, shot, scene)
+    # `enumerate_roots` has written behind the first n: those that are new move up
     for k in range(n, last):
         r = roots[k]
         unique = crossing.add_root(roots, unique, ZERO, r.x, r.y, r.facet, shot.branch, 1.0 / share)
-    counters[Counter.EXTRA_ROOTS.value] += unique - max(n, first)
+    counters[Counter.EXTRA_ROOTS.value] += unique - n
     return unique
 
 
@@ -249,6 +258,7 @@ def flat_contributions(chains, flat, scene, score):
             f = flat[i, k]
             if f.branch == 0.0:
                 break
+            # found on the raised sea, for crests that still water does not have
             if f.level != scene.surface.level:
                 continue
             shot = shot_of(chains, i, scene, f.branch, SMOOTH)
@@ -311,7 +321,10 @@ def _lifted(flat, scene):
 
 @outlined
 def _density(flat, x, y, branch, spread, scene):
-    """Return the density of the proposed crossings at (x, y) [m-2], on one branch."""
+    """Return the density of the proposed crossings at (x, y) [m-2], on one branch.
+
+    Summed over the crossings `flat` of still water that may lead there.
+    """
     total = 0.0
     for k in range(len(flat)):
         if flat[k].branch == 0.0:
@@ -517,19 +530,19 @@ class Colours(NamedTuple):
     tints: Tints | None
     mixture: Mixture
     clear: Medium  # the water with its bubbles alone
-    tint: NDArray[np.float64]  # (tints,)
+    log_weights: NDArray[np.float64]  # (tints,) scratch: sums along the way
     factors: Factors
 
 
 @outlined
 def straight_factors(p, q, colours):
-    """Write the factors of a straight way from p to q.
+    """Write the factors of all wavelengths on light along a straight way from p to q.
 
     Array twin: see `tint_chains`.
     """
-    reset_tint(colours.tints, colours.tint)
-    _add_way(p, q, colours.clear, colours.tints, colours.tint)
-    fill_factors(colours.mixture, colours.tint, colours.factors)
+    reset_tint(colours.tints, colours.log_weights)
+    _add_way(p, q, colours.clear, colours.tints, colours.log_weights)
+    fill_factors(colours.mixture, colours.log_weights, colours.factors)
 
 
 @inlined
@@ -538,6 +551,7 @@ def _add_way(p, q, clear, tints, log_weights):
     if tints is not None:
         length = norm(minus(q, p))
         tint_way(tints, log_weights, p.z, q.z, length)
+        # bubbles scatter alike at all wavelengths but for a factor on their optical depth
         depth = scattering_path(clear, p, q, length)
         for r in range(len(tints.c)):
             log_weights[r] -= tints.bubble_c[r] * depth
@@ -545,7 +559,7 @@ def _add_way(p, q, clear, tints, log_weights):
 
 @entry
 def tint_chains(chains, arrivals, emitter, clear, tints, out):
-    """Write the sums (arrivals, tints) of chains that arrive.
+    """Write the sums (arrivals, tints) of chains that arrive, see `kernels.tints`.
 
     Array twin: direct runs of the wavelengths.
     `clear` is the water with its bubbles alone.

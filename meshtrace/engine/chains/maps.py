@@ -9,8 +9,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from meshtrace.engine.chains import microfacets, unscattered
-from meshtrace.engine.chains.aimed import LEAST_ERROR, LEAST_IMAGE_ERROR, AimedChains
-from meshtrace.engine.chains.cells import Cells, Rules, blurred_map, image_map
+from meshtrace.engine.chains.aimed import LEAST_ERROR, LEAST_IMAGE_ERROR, AimedChains, gauss_rules
+from meshtrace.engine.chains.cells import Cells, blurred_map, image_map
 from meshtrace.engine.chains.gain import Colours
 from meshtrace.engine.setup.arrays import locator
 from meshtrace.engine.setup.ends import forced_link, require_height_field
@@ -24,9 +24,9 @@ from meshtrace.link import Link, Receiver, WaterSource
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
-from meshtrace.quadrature import gauss_legendre
 
-_COARSEST = 16  # points along a cell that resolve the blur by random slopes
+_COARSEST = 16  # points along a cell that resolve the blur by random slopes, at most: 256 a cell
+# take as long as sampled chains
 
 
 def unscattered_map(
@@ -38,10 +38,11 @@ def unscattered_map(
     tinting: Tinting = UNTINTED,
     lengths: tuple[float, float] = (1.0, 2.0),
 ) -> tuple[Floats, Floats] | None:
-    """Return the unscattered gain of the first receiver in the cells of a map, and its error.
+    """Return the unscattered gain of the first receiver, were it in each of the cells of a map.
 
-    Shapes (n, n, wavelengths). The gain is that by parts of facets of the first of the `lengths`,
-    over the usual one; the error follows from the second (see `AimedChains.relative_error`).
+    And its error. Shapes (n, n, wavelengths), x and y rising; the receiver keeps its height, area
+    and view. The gain is that by parts of facets of the first of the `lengths`, over the usual one;
+    the error follows from the second (see `AimedChains.relative_error`).
 
     Light counts that crosses the surface once, at its first arrival, and meets nothing else. None
     where it has to be sampled: for extended sources, light from the air, receivers in the water or
@@ -53,6 +54,7 @@ def unscattered_map(
     points = all(isinstance(t, WaterSource) and t.size == 0.0 for t in link.transmitters)
     if not (upright and points) or link.physics.fov != "angle":
         return None
+    # cells start at -extent; a last one may reach beyond +extent, which moves the middle
     middle = 0.5 * grid.n * grid.step - grid.extent
     link = link.replace(receiver=receiver.replace(position=(middle, middle)))
     try:
@@ -61,7 +63,9 @@ def unscattered_map(
     except Refused:
         return None
     aimed = AimedChains(arrays, mesh, normals, link.physics.unresolved)
+    # axes of the aperture along those of the cells
     target = arrays.targets[0]._replace(e1=Vec3(1.0, 0.0, 0.0), e2=Vec3(0.0, 1.0, 0.0))
+    # bins over all of the mesh: those of one receiver hold the facets that it sees alone
     aimed.locator = locator(aimed.surface, [target._replace(reach=math.inf)])
     step = grid.step / arrays.frame.unit
     cells = Cells(-0.5 * grid.n * step, -0.5 * grid.n * step, step, grid.n)
@@ -75,6 +79,7 @@ def unscattered_map(
             cell_gains = next(images)
             if cell_gains is None:
                 return None
+            # a cell stands for the aperture: light per area, times the area of the aperture
             gain += power * target.area / step**2 * cell_gains
     least = LEAST_ERROR if aimed.rough else LEAST_IMAGE_ERROR
     # Errors of both signs, as those at the rim of a view, may cancel in a cell: the change in its
@@ -86,14 +91,10 @@ def unscattered_map(
 
 
 def _image(
-    aimed: AimedChains,
-    target: Target,
-    cells: Cells,
-    tinting: Tinting,
-    emitter: Emitter,
+    aimed: AimedChains, target: Target, cells: Cells, tinting: Tinting, emitter: Emitter,
     longer: float,
-) -> Floats | None:
-    """Return the unscattered gain of apertures of the cells' area from one source.
+) -> Floats | None:  # fmt: skip
+    """Return the gain (n, n, wavelengths) of apertures as large as cells; None to sample it.
 
     Parts of facets are `longer` times as long as usual.
     """
@@ -104,27 +105,20 @@ def _image(
         tints=tinting.tints,
         mixture=tinting._replace(bases=()).mixture(0, ALONE.parts),
         clear=aimed.clear,
-        tint=np.zeros(n_tints),
+        log_weights=np.zeros(n_tints),
         factors=factors_of(n_colours),
     )
     stretch, lever, bend = aimed.bounds_of(scene)
     if not aimed.rough:
+        # a triangle clipped by the four edges of a cell has seven corners: 16 are enough
         stack, polygons = np.empty((unscattered.STACK, 3), np.int64), np.empty((2, 16, 2))
         image_map(scene, cells, longer, 1.5 * stretch, lever, bend, stack, polygons, colours, gain)
         return gain
     blur = aimed.blur(scene)
+    # one point along a cell for each standard deviation of the light
     across = math.ceil(cells.step / blur) if blur > 0.0 else _COARSEST + 1
     if not aimed.blurred or across > _COARSEST:
         return None
-    whole = blurred_map(
-        scene, cells, longer, stretch, microfacets.MOST_PARTS, across, _rules(), colours, gain
-    )
+    most, rules = microfacets.MOST_PARTS, gauss_rules(_COARSEST)
+    whole = blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gain)
     return gain if whole else None
-
-
-def _rules() -> Rules:
-    """Return Gauss's rules of up to `_COARSEST` points."""
-    rules = np.zeros((2, _COARSEST, _COARSEST))
-    for k in range(1, _COARSEST + 1):
-        rules[:, k - 1, :k] = 0.5 * np.array(gauss_legendre(k))
-    return Rules(*rules)

@@ -6,6 +6,12 @@ s*(P, x) is unique, so the light at x is the density of the random slopes at s* 
 |det ds*/dx|, s(P) the slope of the mesh: no search for roots, no caustics. This is refraction by
 microfacets [1]_, their normals distributed by the slopes of the sea [2]_.
 
+A facet is cut into parts (`unscattered.Part`), light runs from the source to the centroid of each:
+a `Pencil`. Its light on the aperture's plane is a `Spot`, roughly Gaussian; where the field of view
+of the centroid ends within the aperture, its `ViewDisk` bounds what counts. Points of that plane
+are in metres from the centre of the aperture, slopes u in standard deviations along and across the
+wind. In a mirrored scene, a downlink upside down, the denser side lies behind the surface.
+
 References
 ----------
 .. [1] B. Walter, S. R. Marschner, H. Li and K. E. Torrance, "Microfacet models for refraction
@@ -57,43 +63,62 @@ from meshtrace.kernels.vectors import (
     scaled,
 )
 
+# What each constant costs: the change of the gain and of the time (x) when it is made twice as
+# careful, measured over a sea of 5 m/s for (led) the default link, (view) a view of 10 degrees onto
+# a radius of 3 m, (beam) a Gaussian beam of 1 degree, (hat) a top hat of 2 degrees. _FINEST,
+# _LENS_SHARE and _NEAR changed none of the four by 1e-9. `aimed._LEAST_ERROR` covers the sum.
 MOST_SLOPE = 5.0  # standard deviations: 4e-6 of the light meets larger random slopes
+# 6.0: led 3e-6; view 2e-6, x 1.3
 PART_SLOPE = 0.7  # standard deviations by which the slope may change over a part of a facet
+# 0.35: led 2e-4, x 1.6; view 2e-5, x 3.1; hat 1e-5
 PART_BEAM = 0.2  # longest edge of a part over the width of the beam
+# 0.1: beam 2e-5, x 5; hat 5e-5, x 1.2
 RIM_BEAM = 0.02  # the same where a beam with a sharp rim ends
+# 0.01: hat 7e-7, x 1.9
 MOST_PARTS = 48
 """Parts along an edge of a facet of a map; facets with more are too large for the blur."""
 
-_CLIPPED = 2.0 * MOST_SLOPE
-_FEW = 16  # parts along an edge: facets of more are cut where light may cross
+_FEW = 16  # parts along an edge: facets of more are cut where light may cross; time alone
 _FINE = 1.5  # parts of facets of several: few neighbours of the same cut cancel errors at edges
+# 3.0: led 2e-4, x 1.6; view 2e-5, x 3; beam 2e-5, x 2.8; hat 6e-5
 _HALF_FINER = 2.0  # the same where the light is smooth: all facets in a narrow beam are cut alike
+# 4.0: hat 1e-5, x 1.1
 _FINER = 4.0  # parts of those of more than a few: no neighbours of the same cut do
-_FINEST = 1.0 / 64.0  # of the longest edge, at the edge of the field of view
+# 8.0: hat 1e-5, x 1.9
+_FINEST = 1.0 / 64.0  # of the longest edge, at the edge of the field of view: bounds the time
 _LENS_SHARE = 0.25  # longest edge of a part over the smaller of aperture and view: its light
 # changes smoothly over that length where their rims meet
-_BENT = 1.25  # slopes are not quite linear in the landing point
-_BESIDE, _MEETS_RIM, _INSIDE = 0, 1, 2  # place of the light of a part on the aperture
-_LITTLE = 1e-9  # parts along an edge: no cut, but light
-_PROBE = 0.5  # distance over which slopes are taken for linear, over the width of the light
-_PER_DEVIATION = 1.2  # Gauss nodes per standard deviation of the light on the aperture
-_AT_LEAST = 2.5  # Gauss nodes: light that hardly changes
-GAUSS = 32
-"""Gauss nodes along a line at most: those of a Gaussian profile of 2 x 1.25 x 5 deviations fit."""
+_NEAR = 2.0  # sizes of a part within which the edge of the field of view may cross it
 _FAINT = 3.5  # least slope of parts that need no cut: their light is some 1e-3 of all
 _EVEN = 5.0  # most change of slope over a part that is half as large from its centre
-_NEAR = 2.0  # sizes of a part within which the edge of the field of view may cross it
-_COARSE = 4.0  # times the lengths of parts, at the first look
-_DIM = 1e-5  # of the brightest facet, up to which the first look errs by 1e-6 of all light
-_NODES = np.int64(2**24)  # finest cut of an edge
+# without either: led 1.5e-6, x 1.05
+_COARSE = 4.0  # times the lengths of parts, at the first look at a Gaussian beam
+_DIM = 1e-5  # of the brightest facet, up to which the first look is enough
+# without them: beam 8e-7, x 2.2
+_PER_DEVIATION = 1.2  # Gauss nodes per standard deviation of the light on the aperture
+# 2.4: view 4e-7, x 1.8
+_AT_LEAST = 2.5  # Gauss nodes: light that hardly changes
+# 5.0: view 4e-7, x 1.7
+GAUSS = 32
+"""Gauss nodes along a line at most: those of a Gaussian profile of 2 x 1.25 x 5 deviations fit."""
+
+# Bounds, tuned: smaller ones could leave out light, larger ones cost time.
+BENT = 1.25
+"""Factor on extents of light from slopes that are linear in the landing point: not quite true."""
+_PROBE = 0.5  # distance over which slopes are taken for linear, over the width of the light
+_CLIPPED = 2.0 * MOST_SLOPE  # size of slopes beyond which a change cuts no part
+
+_BESIDE, _MEETS_RIM, _INSIDE = 0, 1, 2  # place of the light of a part on the aperture
+_LITTLE = 1e-9  # parts along an edge: no cut, but light; 0 is no light
+_NODES = np.int64(2**24)  # an edge has as many nodes, whose halves are whole numbers 24 times
 
 
 class Slope(NamedTuple):
-    """Random slope that refracts light to a point, in standard deviations, and its density."""
+    """Random slope that refracts light to a point, and its density; infinite where none does."""
 
-    along: float
+    along: float  # the wind, in standard deviations
     across: float
-    tilt: Vec2  # the slope, along x and y
+    tilt: Vec2  # the same slope, along x and y
     density: float  # of landing points [m-2], exposure left out
     aim: crossing.Aim
 
@@ -119,13 +144,17 @@ def _normal_from_source(p, goal, scene):
 
 @inlined
 def _normal_to(p, d, goal, scene):
-    """Return (N, r, flight); N = n_w d - n_a r is normal to the facet that refracts to a point."""
+    """Return (N, r, flight); N = n_w d - n_a r is normal to the facet that refracts to a point.
+
+    The point is `goal` on the plane of the aperture, r the direction to it, `flight` its distance.
+    """
     target, medium = scene.target, scene.medium
     at = along(along(target.center, target.e1, goal.x), target.e2, goal.y)
     way = minus(at, p)
     flight = norm(way)
     r = scaled(1.0 / flight, way)
     big = along(scaled(medium.n_water, d), r, -medium.n_air)
+    # Into the denser side N points against the light; facets are known by their upward normals.
     return scaled(-1.0, big) if scene.mirrored else big, r, flight
 
 
@@ -179,8 +208,8 @@ class Rule(NamedTuple):
     is_wide: bool  # the aperture is much wider than the light of a facet
     nodes: NDArray[np.float64]  # (GAUSS, GAUSS), row n - 1 has n nodes of the unit interval
     weights: NDArray[np.float64]  # (GAUSS, GAUSS)
-    parts: float  # lengths of parts over those that suffice
-    finer: float  # numbers of Gauss nodes over those that suffice
+    parts: float  # lengths of parts of facets, over the usual ones
+    finer: float  # numbers of Gauss nodes, over the usual ones
 
 
 class Work(IntEnum):
@@ -194,20 +223,21 @@ class Work(IntEnum):
 class Blocks(NamedTuple):
     """Facets in blocks, so that most of them need no look of their own."""
 
-    start: NDArray[np.int64]  # (blocks + 1,) rows of `facet`
-    facet: NDArray[np.int64]
+    start: NDArray[np.int64]  # (blocks + 1,) first row of `facet` of each block, and the end
+    facet: NDArray[np.int64]  # indices of the facets, block by block
     middle: NDArray[np.float64]  # (blocks, 3)
-    radius: NDArray[np.float64]  # of all points of the facets from the middle [m]
-    bend: NDArray[np.float64]  # largest change of slope over a facet
+    radius: NDArray[np.float64]  # (blocks,) largest distance of a point of a facet from it [m]
+    bend: NDArray[np.float64]  # (blocks,) largest change of slope over a facet
 
 
 @inlined
-def _block_is_lit(b, blocks, dark, scene):
+def _block_may_shine(b, blocks, dark, scene):
     """Return whether a facet of a block may send light to the aperture.
 
-    Array twin: `is_lit` of its facets.
+    Array twin: `may_shine` of its facets.
     """
     p, h = row(blocks.middle, b), blocks.radius[b]
+    # blocks are those of the surface as it is
     if scene.mirrored:
         p = Vec3(p.x, p.y, -p.z)
     return _is_reached(p, h, blocks.bend[b], scene) and not is_dark(p, h, dark, scene.emitter)
@@ -233,15 +263,17 @@ def blurred_gain(scene, rule, blocks, stack, coarse, work, gain):
     # Quadrature of the refraction lobe of Walter et al. (2007) over facets and aperture; no
     # sampling.
     for b in range(len(blocks.radius)):
-        if not _block_is_lit(b, blocks, dark, scene):
+        # thousands of receivers of a map ask: most blocks, and facets, answer by a bound
+        if not _block_may_shine(b, blocks, dark, scene):
             continue
         for k in range(blocks.start[b], blocks.start[b + 1]):
             f = blocks.facet[k]
             facet = scene.facets[f]
             p = Vec3(facet.x, facet.y, facet.z)
-            if is_lit(f, p, unscattered.spatial_radius(facet), dark, scene):
+            if may_shine(f, p, unscattered.spatial_radius(facet), dark, scene):
                 total, finer = _facet_light(f, first, dark, rule, stack, work, scene)
                 gain[f] = unscattered.unless_hidden(total, f, scene)
+                # an uncut facet errs by all of its light at most
                 if work[Work.LEFT.value] <= 0.0:
                     whole = pencil_to(unscattered.Part(f, _NODES, ZERO, ZERO, _NODES), scene)
                     work[Work.CUT_SHORT.value] += max(gain[f], whole.intensity * whole.omega)
@@ -256,10 +288,11 @@ def blurred_gain(scene, rule, blocks, stack, coarse, work, gain):
 
 @inlined
 def _turn_within(p, h, scene):
-    """Return (bounded, N, turn): the change of N, see `_normal_to`, within a distance h of P.
+    """Return (bounded, N, turn): |N - N(P)| <= turn, see `_normal_to`, within a distance h of P.
 
-    Array twin: `is_lit` of facets there.
-    Directions turn by at most h / (D - h), D the distance of the source or of the aperture.
+    Array twin: `may_shine` of facets there.
+    Directions turn by at most h / (D - h), D the distance of the source or of the aperture. Not
+    bounded: the source or the aperture may lie as near as h.
     """
     way = minus(p, scene.emitter.position)
     length = norm(way)
@@ -274,9 +307,9 @@ def _turn_within(p, h, scene):
 
 @inlined
 def _is_reached(p, h, bend, scene):
-    """Return whether the steepest facet within h of P may send light to the aperture, see `is_lit`.
+    """Return whether the steepest facet within h of P may send light to the aperture.
 
-    Array twin: `is_lit` of facets there.
+    Array twin: `may_shine` of facets there, which see.
     """
     bounded, big, turn = _turn_within(p, h, scene)
     if not bounded:
@@ -294,7 +327,7 @@ def _is_reached(p, h, bend, scene):
 
 
 @inlined
-def is_lit(f, p, h, dark, scene):
+def may_shine(f, p, h, dark, scene):
     """Return whether random slopes may send light through a part of a facet.
 
     Array twin: `_part_gain` of its parts.
@@ -310,6 +343,8 @@ def is_lit(f, p, h, dark, scene):
         rough = scene.surface.roughness
         narrow = min(rough.along, rough.across)
         n = normal_at(p.x, p.y, f, scene.surface)
+        # N_z times the slope that is missing at P, s* - s = -N_xy / N_z + n_xy / n_z, so that
+        # light along the surface (N_z = 0) divides by nothing
         u = whitened(rough, Vec2(n.x / n.z * big.z - big.x, n.y / n.z * big.z - big.y))
         steep = math.sqrt(n.x * n.x + n.y * n.y) / n.z + bend
         slack = turn * math.sqrt(1.0 + steep * steep) + bend * (abs(big.z) + turn)
@@ -322,10 +357,13 @@ def is_lit(f, p, h, dark, scene):
 def _facet_light(f, coarse, dark, rule, stack, work, scene):
     """Return (gain, finer) of a facet; quarter parts that need a fine subdivision.
 
-    Parts are `coarse` times as long as they should be; `finer` is whether any of them is.
+    Parts are `coarse` times as long as they should be; `finer` is whether any of them is longer
+    than it should be, so that a second look changes the gain.
     """
     total, finer = 0.0, False
     coarse *= rule.parts
+    # A facet of few parts is cut evenly. One of more is quartered, since most of its quarters need
+    # fewer, or send no light.
     stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, _NODES
     top = 1
     while top > 0:
@@ -342,7 +380,7 @@ def _facet_light(f, coarse, dark, rule, stack, work, scene):
             n = max(_HALF_FINER * smooth, _FINER * sharp, 1.0)
             p = unscattered.centroid(part, scene.surface)
             h = unscattered.spatial_radius(scene.facets[f]) * side / _NODES
-            if not is_lit(f, p, h, dark, scene):
+            if not may_shine(f, p, h, dark, scene):
                 continue
         if work[Work.LEFT.value] <= 0.0:
             n = 1.0
@@ -371,15 +409,18 @@ def _parts_along(part, rule, scene):
     h = unscattered.spatial_radius(facet) * share
     width = beam_width(emitter) * -emitter.position.z
     inside, flight = margin(p, Vec2(0.0, 0.0), scene)
+    # out of view: no cut, `_part_gain` returns nothing
     if inside < -_NEAR * (h + scene.target.radius):
         return 1.0, 1.0
-    # everywhere in view, see `_FINER`
+    # Where the edge of the view may cross, parts are a share of it; the same everywhere in view,
+    # as neighbours of the same cut cancel errors, see `_FINE`.
     view = unscattered.view_radius(flight, scene.target, scene.interface.fov)
     share_of_view = unscattered.VIEW_SHARE * view
     if inside <= _NEAR * (h + scene.target.radius) and share_of_view < scene.target.radius:
         share_of_view = _lens_edge(p, h, scene)
     edge = max(share_of_view, _FINEST * PART_BEAM * width)
     where = _MEETS_RIM
+    # on a wide aperture Gauss nodes follow the rims: parts need not
     if rule.is_wide:
         where = _spot_place(part, pencil_to(part, scene), scene)
         if where == _BESIDE:
@@ -390,6 +431,7 @@ def _parts_along(part, rule, scene):
         if abs(off_axis(p, emitter) - emitter.spread) <= seen:  # the rim may pass through
             edge = min(edge, RIM_BEAM * width)
     longest = 2.0 * facet.radius * share
+    # all light of the part is collected, whatever its slopes
     if where == _INSIDE:
         return longest / (PART_BEAM * width), max(longest / edge, _LITTLE)
     a, b, c = unscattered.corners_of(part, scene.surface)
@@ -397,7 +439,8 @@ def _parts_along(part, rule, scene):
     # The centre is nearer to all points than corners are to each other; slopes far from linear get
     # no such credit.
     from_center = 0.5 if change < _EVEN else 1.0
-    # twice the change from the centre of the aperture to its rim, for light that is not slanted
+    # Twice the change from the centre of the aperture to its rim, for light that is not slanted:
+    # ds = n dr / N_z, dr = radius / flight, in the smaller standard deviation.
     big, _, flight = _normal_from_source(p, Vec2(0.0, 0.0), scene)
     rough, n = scene.surface.roughness, max(scene.medium.n_water, scene.medium.n_air)
     narrow = min(rough.along, rough.across)
@@ -441,7 +484,9 @@ def _spot_place(part, pencil, scene):
             return _MEETS_RIM
         off = minus2(at.at, m.at)
         moves, size = max(moves, math.sqrt(dot2(off, off))), max(size, norm(minus(p, middle)))
-    reach = math.sqrt(spot.half_t * spot.half_t + spot.half_y * spot.half_y) + _BENT * moves
+    # Circles: the light of the part, from the centre of the aperture and from that of the view,
+    # which moves with the point of the part by at most `slack`.
+    reach = math.sqrt(spot.half_t * spot.half_t + spot.half_y * spot.half_y) + BENT * moves
     from_view = math.sqrt((spot.t - view.apart) * (spot.t - view.apart) + spot.y * spot.y)
     from_center, slack = math.sqrt(dot2(m.at, m.at)), size * (1.0 + scene.target.tan_half_fov)
     if from_center - reach > radius:
@@ -493,7 +538,7 @@ def _clipped(p, f, goal, scene):
 
 @inlined
 def margin(p, goal, scene):
-    """Return `view_margin` and distance of light from P to a point of the aperture.
+    """Return (`view_margin`, distance) [m] of light from P to a point of the aperture.
 
     Array twin: see `unscattered.view_margin`.
     """
@@ -527,10 +572,11 @@ def _share_in_view(p, q, r, goal, scene):
 
 @outlined
 def slope_change(f, p, q, r, scene):
-    """Return the variation of the slope to the aperture between points of a facet, and the least.
+    """Return (largest difference, least size) of the slopes needed at three points of a facet.
 
     Array twin: see `slope_towards`.
-    In standard deviations; infinite if no slope refracts light to the aperture at a point.
+    Slopes to the centre of the aperture, in standard deviations; infinite if none refracts light to
+    it at a point.
     """
     u, v, w = _needed(p, f, scene), _needed(q, f, scene), _needed(r, f, scene)
     square = _variation(u, v, w)
@@ -550,6 +596,7 @@ def _slope_to(p, f, goal, scene):
     """Return the random slope at P that refracts light to a point, and the rise of its normal."""
     n = normal_at(p.x, p.y, f, scene.surface)
     big, _, _ = _normal_from_source(p, goal, scene)
+    # N_z <= 0, "the rise": no facet that faces up refracts there, a huge slope stands for it
     steep = max(big.z, 1e-9)
     tilt = Vec2(n.x / n.z - big.x / steep, n.y / n.z - big.y / steep)
     return whitened(scene.surface.roughness, tilt), big.z
@@ -558,8 +605,8 @@ def _slope_to(p, f, goal, scene):
 class Pencil(NamedTuple):
     """Pencil of rays from the source to a part of a facet."""
 
-    middle: Vec3  # [m]
-    normal: Vec3
+    middle: Vec3  # centroid of the part [m]
+    normal: Vec3  # of the mesh there, interpolated
     w: Vec3  # direction from the source
     length: float  # from the source [m]
     omega: float  # solid angle at the source [sr]
@@ -582,32 +629,32 @@ def pencil_to(part, scene):
     return Pencil(middle, normal, w, length, unscattered.solid_angle(p, q, r), strength)
 
 
-class View(NamedTuple):
-    """Disk of the aperture's plane from which light of a point is accepted."""
+class ViewDisk(NamedTuple):
+    """Disk of the aperture's plane on which light of a point of the surface is accepted."""
 
-    high: float  # of the plane, along its axis, from the point [m]
-    apart: float  # centre from that of the aperture [m]
-    ahead: Vec2  # direction of its centre
+    high: float  # distance of the plane from the point, along its axis [m]
+    apart: float  # distance of the centre from that of the aperture [m]
+    ahead: Vec2  # unit vector from the centre of the aperture to that of the disk
     radius: float  # [m], infinite without an edge
 
 
 @inlined
 def _view_of(p, scene):
-    """Return the `View` of a point: the plane cuts the cone about the axis in a circle."""
+    """Return the `ViewDisk` of a point: the plane cuts the cone about the axis in a circle."""
     target = scene.target
     way = minus(p, target.center)
     high, x, y = -dot(way, target.axis), dot(way, target.e1), dot(way, target.e2)
     apart = math.sqrt(x * x + y * y)
     ahead = Vec2(x / apart, y / apart) if apart > 0.0 else Vec2(1.0, 0.0)
     has_edge = scene.interface.fov == FieldOfView.ANGLE and target.cos_half_fov > 0.0
-    return View(high, apart, ahead, high * target.tan_half_fov if has_edge else math.inf)
+    return ViewDisk(high, apart, ahead, high * target.tan_half_fov if has_edge else math.inf)
 
 
 @inlined
 def _lens_edge(p, h, scene):
     """Return the longest edge of a part where the view may end within the aperture [m].
 
-    Infinite where the view of all points within h of P lies inside the aperture.
+    Infinite where the view of all points within h of P lies inside the aperture: no rims meet.
     """
     view, radius = _view_of(p, scene), scene.target.radius
     moves = h * (1.0 + scene.target.tan_half_fov)  # of the rim of the view, at most
@@ -621,14 +668,34 @@ def _lens_edge(p, h, scene):
 
 
 class Spot(NamedTuple):
-    """Light of a part on the aperture's plane, along and across the direction to the view."""
+    """Light of a part on the aperture's plane: axes t along `ViewDisk.ahead`, y to its left."""
 
-    t: float  # centre [m]
+    t: float  # centre, from that of the aperture [m]
     y: float
     half_t: float  # half-width beyond which slopes exceed `MOST_SLOPE` [m]
     half_y: float
-    sigma_t: float  # standard deviation along either axis alone [m]
-    sigma_y: float
+    sigma_t: float  # standard deviation along t at a fixed y [m]
+    sigma_y: float  # along y at a fixed t
+
+
+@outlined
+def slope_gradient(p, n, w, length, at, ahead, step, scene):
+    """Return (ok, du/dt, du/dy, dv/dt, dv/dy), the change of a `Slope` with its landing point.
+
+    Array twin: finite differences of `slope_towards`.
+    [m-1], u and v along and across the wind; t is along the unit vector `ahead` on the plane of the
+    aperture, y to the left of it. Forward differences over `step` from the point `at`; not ok where
+    one of the three points is out of reach. n, w, length: see `slope_towards`.
+    """
+    x = Vec2(at.x + step * ahead.x, at.y + step * ahead.y)
+    z = Vec2(at.x - step * ahead.y, at.y + step * ahead.x)
+    o = slope_towards(p, n, w, w, length, at, scene)
+    a = slope_towards(p, n, w, w, length, x, scene)
+    b = slope_towards(p, n, w, w, length, z, scene)
+    if math.isinf(o.along) or math.isinf(a.along) or math.isinf(b.along):
+        return False, 0.0, 0.0, 0.0, 0.0
+    g11, g12 = (a.along - o.along) / step, (b.along - o.along) / step
+    return True, g11, g12, (a.across - o.across) / step, (b.across - o.across) / step
 
 
 @outlined
@@ -639,29 +706,23 @@ def _spot(pencil, ahead, high, scene):
     """
     rough = scene.surface.roughness
     n = scene.medium.n_water / scene.medium.n_air
+    # steep light turns by (n - 1) times a slope
     narrow = abs(n - 1.0) * high * min(rough.along, rough.across)
     unknown = Spot(0.0, 0.0, math.inf, math.inf, narrow, narrow)
     middle, normal, w = pencil.middle, pencil.normal, pencil.w
     m = crossing.land_from(middle, normal, w, w, pencil.length, scene)
     if not m.ok:
         return unknown
-    step = _PROBE * narrow
-    x, y = Vec2(m.at.x + step * ahead.x, m.at.y + step * ahead.y), m.at
-    z = Vec2(y.x - step * ahead.y, y.y + step * ahead.x)
-    o = slope_towards(middle, normal, w, w, pencil.length, y, scene)
-    a = slope_towards(middle, normal, w, w, pencil.length, x, scene)
-    b = slope_towards(middle, normal, w, w, pencil.length, z, scene)
-    if math.isinf(o.along) or math.isinf(a.along) or math.isinf(b.along):
-        return unknown
-    g11, g12 = (a.along - o.along) / step, (b.along - o.along) / step
-    g21, g22 = (a.across - o.across) / step, (b.across - o.across) / step
+    ok, g11, g12, g21, g22 = slope_gradient(
+        middle, normal, w, pencil.length, m.at, ahead, _PROBE * narrow, scene
+    )
     det = abs(g11 * g22 - g12 * g21)
-    if det == 0.0:
+    if not ok or det == 0.0:
         return unknown
     along_t, along_y = math.sqrt(g11 * g11 + g21 * g21), math.sqrt(g12 * g12 + g22 * g22)
-    # The ellipse |G x| <= MOST_SLOPE: its bounding box has the half-widths MOST_SLOPE |column| /
-    # det.
-    reach = _BENT * MOST_SLOPE / det
+    # The ellipse |G x| <= MOST_SLOPE, G the gradient, has a bounding box of the half-widths
+    # MOST_SLOPE |column| / det; the column is that of the other axis.
+    reach = BENT * MOST_SLOPE / det
     return Spot(
         m.at.x * ahead.x + m.at.y * ahead.y,
         m.at.y * ahead.x - m.at.x * ahead.y,
@@ -674,16 +735,17 @@ def _spot(pencil, ahead, high, scene):
 
 @inlined
 def _number_of_nodes(length, sigma, rule):
-    """Return the Gauss nodes for a length of light of a standard deviation."""
+    """Return the number of Gauss nodes for a length [m] of light of a standard deviation sigma."""
     wanted = rule.finer * (_AT_LEAST + _PER_DEVIATION * length / sigma)
     return math.ceil(min(max(wanted, 2.0), GAUSS + 0.0))
 
 
 @inlined
 def _passed(s, pencil, scene):
-    """Return the light of a `Slope` that crosses the surface, and the water behind it."""
+    """Return the share of light that crosses the surface by a `Slope`, and the water behind it."""
     share = exposure(pencil.w, pencil.normal, s.tilt)
     share *= crossing.transmittance(s.aim, scene.interface)
+    # water before the surface dims a pencil as a whole, see `_part_gain`
     if scene.mirrored and share > 0.0:
         source = scene.emitter.position
         share *= math.exp(-unscattered.straight_depth(pencil.middle, s.aim, source, scene))
@@ -692,19 +754,22 @@ def _passed(s, pencil, scene):
 
 @outlined
 def _lens_light(pencil, rule, work, scene):
-    """Return the light on the part of the aperture from which light of a point is accepted.
+    """Return the light of a pencil on the part of the aperture where the view accepts it.
 
     Array twin: `still_gain` in the tests, over rows of the aperture.
-    Both are disks, whose overlap is a lens; light beyond `MOST_SLOPE` is left out. Along the line
-    of their centres, t, the chord is half = sqrt(min(r^2 - t^2, R^2 - (t - D)^2)): a root at either
-    end, which t = end + L v^2 makes linear in v, and a bend where the rims meet, at which two
-    Gauss rules join. Across it light is smooth.
+    Aperture (radius r) and view (radius R, at a distance D) are disks, whose overlap is a lens;
+    light beyond `MOST_SLOPE` is left out. Along the line of their centres, t, the chord is
+    half = sqrt(min(r^2 - t^2, R^2 - (t - D)^2)): a root at either end, which t = end + L v^2 makes
+    linear in v, and a bend where the rims meet, at which two Gauss rules join. Across it light is
+    smooth.
     """
     view, radius = _view_of(pencil.middle, scene), scene.target.radius
     low, high = max(-radius, view.apart - view.radius), min(radius, view.apart + view.radius)
     if view.high <= 0.0 or low >= high:
         return 0.0
     s = _spot(pencil, view.ahead, view.high, scene)
+    # Where the two rules join: the centre of the smaller disk where it lies inside the other one,
+    # else where the rims meet, r^2 - t^2 = R^2 - (t - D)^2.
     bend = 0.0
     if view.apart + view.radius <= radius:
         bend = view.apart
@@ -759,7 +824,11 @@ def _chord_light(pencil, t, half, ahead, s, rule, work, scene):
 
 @inlined
 def _disk_light(pencil, near, inside, corner, rule, scene):
-    """Return the light of a pencil on the whole aperture, of the share of it in view."""
+    """Return (area, mean density) of the light of a pencil on the whole aperture.
+
+    `inside` is the margin of the view at the centre: within `near` of its edge each node counts by
+    the share of the part, with these corners, that it sees.
+    """
     p, q, r = corner
     total, radius, area = 0.0, scene.target.radius, scene.target.area
     for k in range(len(rule.points)):
@@ -777,8 +846,8 @@ def _disk_light(pencil, near, inside, corner, rule, scene):
 def _part_gain(part, rule, work, scene):
     """Return the gain of a part of a facet.
 
-    Where a part is smaller than the aperture the view of its centre stands for all of it; a larger
-    one is cut at the edge of the view of each node.
+    Where a part is smaller than the aperture the view of its centroid stands for all of it; a
+    larger one is cut at the edge of the view of each node.
     """
     pencil = pencil_to(part, scene)
     middle, radiant, radius = pencil.middle, pencil.intensity, scene.target.radius
@@ -800,6 +869,7 @@ def _part_gain(part, rule, work, scene):
     else:
         work[Work.LEFT.value] -= len(rule.points)
         area, total = _disk_light(pencil, near, inside, (p, q, r), rule, scene)
+    # the way to the centroid stands for those of the part; all nodes share it
     if not scene.mirrored:
         tau = depth_between(scene.medium, scene.emitter.position, middle, pencil.length)
         radiant *= math.exp(-tau)

@@ -31,13 +31,13 @@ class Chains(NamedTuple):
     """Chains of one order, one row each."""
 
     vertex: NDArray[np.float64]  # (n, K, 3) positions relative to the source
-    kind: NDArray[np.int8]  # (n, K) 0 water, 1 bubble
+    kind: NDArray[np.int8]  # (n, K) scatterer: 0 water, 1 bubble
     last: NDArray[np.float64]  # (n, 3) direction of the open segment
     path: NDArray[np.float64]  # (n,) length up to the last vertex [m]
     weight: NDArray[np.float64]  # (n,) 1 / (density of distances, probability of the kinds)
     disk: NDArray[np.float64]  # (n, 2) point of the unit disk aimed at
-    tail: NDArray[np.float64]  # (n, 3) last vertex, or the source
-    tilt: NDArray[np.float64]  # (n, 2) standard normal slopes along and across the wind
+    tail: NDArray[np.float64]  # (n, 3) last vertex, where the open segment starts; 0 without one
+    tilt: NDArray[np.float64]  # (n, 2) random slopes along and across the wind, in deviations
 
 
 class Nominal(NamedTuple):

@@ -35,20 +35,27 @@ from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.stored import SHIFTS
 
+# Which orders of scattering chains follow. `joe_kuo.txt` has points for 72 orders.
 _TAIL = 1e-7  # orders whose share of a Poisson law is smaller together are left out
 _MAX_ORDER = 72
 _MOST_CROWDED = 4.0  # density of collisions near the surface over the mean: chains fill the way
 _MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
-_MOST_KEPT = 2**15  # numbers in a set of points that is kept for the next surface: 256 kB
+
+# Memory and threads: digits depend on none of these.
+_MOST_CACHED = 2**15  # numbers in a set of points that is cached for the next surface: 256 kB
 _BLOCK, _LARGEST = 1024, 8192  # chains of a block for one thread: about, and at most
-_KEPT_BYTES = 2**26  # of chains that are kept for the next surface
-_BITS = 30  # of a point
-CROSSINGS = 4  # of a flat sea, kept for each chain
-_MIXTURE = np.array([0.1, 0.4, 0.15, 0.12, 0.1, 0.08, 0.05])  # free paths, stretched ways
-_NO_POINTS = np.zeros((0, 0)), np.zeros((0, 0))
+_CHAIN_BYTES = 2**26  # chains of more bytes are drawn again for each surface
+CROSSINGS = 4  # crossings of a flat sea that are stored for each chain; the others are lost
+
+# Mixture of the densities of path lengths (`sampling.make_chains`), tuned: any mixture is unbiased,
+# and each chain of a component that does not suit a link is lost to the others.
+_MIXTURE = np.array([0.1, 0.4, 0.15, 0.12, 0.1, 0.08, 0.05])  # free paths, then each of _STRETCH
+_STRETCH = np.array([0.0, 0.015, 0.05, 0.15, 0.4, 1.0])  # from the shortest way (0) to the longest
+_LONGEST_WAY = 1.3, 6.0  # least and greatest length of the longest way, over the shortest
 _FITTED = 0.8  # share of fitted chains in turbid water
-_STRETCH = np.array([0.0, 0.015, 0.05, 0.15, 0.4, 1.0])  # from the shortest way to the longest
-_LONGEST_WAY = 1.3, 6.0  # smallest and largest of the longest way, over the shortest
+
+_BITS = 30  # of a coordinate of a Sobol point, as in scipy
+_NO_POINTS = np.zeros((0, 0)), np.zeros((0, 0))
 
 TURBID = 4.0
 """Scatterings expected on the way, from which water is turbid: chains are fitted to the way."""
@@ -66,28 +73,32 @@ class ChainSet(NamedTuple):
 
     order: int
     chains: Chains
-    audit: Floats
-    find: Callable[[Chains, int], NDArray[np.void]]  # crossings to a receiver
-    flat: dict[int, NDArray[np.void]]  # (n, crossings) FLAT, by receiver; none if they are many
+    audit: Floats  # (n,) uniforms that choose the chains whose facets are all searched
+    find: Callable[[Chains, int], NDArray[np.void]]  # searches the crossings to a receiver
+    flat: dict[int, NDArray[np.void]]  # (n, CROSSINGS) FLAT by receiver; empty if they are many
 
     def crossings(self, receiver: int) -> NDArray[np.void]:
         """Return the crossings (n, crossings) of a flat sea to a receiver."""
         return self.flat[receiver] if receiver in self.flat else self.find(self.chains, receiver)
 
-    def rows(self, rows: slice) -> ChainSet:
-        """Return some of the chains."""
-        arrays: Any = (array[rows] for array in self.chains)
-        flat = {receiver: found[rows] for receiver, found in self.flat.items()}
-        return self._replace(chains=Chains(*arrays), audit=self.audit[rows], flat=flat)
+    def part(self, span: slice) -> ChainSet:
+        """Return the chains of a range of rows, as views of the same arrays."""
+        arrays: Any = (array[span] for array in self.chains)
+        flat = {receiver: crossings[span] for receiver, crossings in self.flat.items()}
+        return self._replace(chains=Chains(*arrays), audit=self.audit[span], flat=flat)
 
 
 class Request(NamedTuple):
-    """Chains of one order from a source, `per_shift` for each shift of the points."""
+    """Chains of one order from a source, `per_shift` for each shift of the points.
+
+    Randomised quasi-Monte Carlo: one net of Sobol points is shifted at random `SHIFTS` (32) times;
+    the spread of the 32 means is the standard error. The chains of a shift follow one another.
+    """
 
     source: int
     order: int
     per_shift: int
-    key: tuple[int, ...]
+    key: tuple[int, ...]  # of the random scrambling and shifts
 
     @property
     def number(self) -> int:
@@ -97,6 +108,7 @@ class Request(NamedTuple):
     def spans(self) -> list[slice]:
         """Return the rows of blocks for threads: whole shifts, or a part of one."""
         n, most = self.per_shift, min(self.per_shift, _LARGEST)
+        # no block has parts of two shifts: its points would be no slice of the net
         if most < n:
             ends = [slice(i, min(i + most, n)) for i in range(0, n, most)]
             return [slice(s * n + e.start, s * n + e.stop) for s in range(SHIFTS) for e in ends]
@@ -105,32 +117,32 @@ class Request(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Chains for one thread: kept ones, or the points and shifts from which they are drawn."""
+    """Chains for one thread: drawn ones, or the points and shifts from which to draw them."""
 
     request: Request
-    rows: slice
-    points: tuple[Floats, Floats]
-    kept: ChainSet | None
+    span: slice  # rows of all chains of the request
+    points: tuple[Floats, Floats]  # (per_shift, width), (SHIFTS, 1, width); empty if drawn
+    chains: ChainSet | None
 
     @property
     def shifts_in(self) -> slice:
         """Shifts of which it holds chains."""
         n = self.request.per_shift
-        return slice(self.rows.start // n, -(-self.rows.stop // n))
+        return slice(self.span.start // n, -(-self.span.stop // n))
 
 
 class Drawing(NamedTuple):
-    """Chains of a request, kept for further surfaces or drawn again for each of them."""
+    """Chains of a request, stored for further surfaces or drawn again for each of them."""
 
     request: Request
-    kept: ChainSet | None
+    chains: ChainSet | None
 
     def blocks(self) -> Iterator[Block]:
         """Yield the chains in blocks."""
-        points = points_of(self.request) if self.kept is None else _NO_POINTS
-        for rows in self.request.spans():
-            kept = self.kept if self.kept is None else self.kept.rows(rows)
-            yield Block(self.request, rows, points, kept)
+        points = points_of(self.request) if self.chains is None else _NO_POINTS
+        for span in self.request.spans():
+            chains = self.chains if self.chains is None else self.chains.part(span)
+            yield Block(self.request, span, points, chains)
 
 
 class ChainDrawer:
@@ -159,38 +171,45 @@ class ChainDrawer:
         ]
 
     def of_link(self, link: ForcedLink) -> ChainDrawer:
-        """Return a sampler of the same chains for another link, stretched with the depths."""
-        found = copy(self)
-        found.link, found.nominals = link, []
+        """Return a sampler of the same chains for another link, stretched with the depths.
+
+        Differences between the links then have little noise: all random numbers are the same.
+        """
+        drawer = copy(self)
+        drawer.link, drawer.nominals = link, []
         emitters = zip(self.link.emitters, link.emitters, strict=True)
         for law, (before, now) in zip(self.nominals, emitters, strict=True):
+            # lengths [m] scale with the depth, densities [m-1] by its inverse
             k = now.position.z / before.position.z
             law = law._replace(distance=law.distance * k, step=law.step * k)
-            found.nominals.append(law._replace(c=law.c / k, density=law.density / k))
-        return found
+            drawer.nominals.append(law._replace(c=law.c / k, density=law.density / k))
+        return drawer
 
     def last_order(self, source: int) -> int:
         """Return the highest order of the chains from a source; refuse too dense water.
 
         Beyond it a Poisson law of the scatterings has less than 1e-7.
         """
-        medium, expected = self.link.medium, self.nominals[source]
+        medium, law = self.link.medium, self.nominals[source]
         b = medium.layer_b.mean() if medium.layered else medium.b
-        most = 1.2 * max(expected.expected, b * expected.distance + float(medium.bubble_path[-1]))
+        # scattered light goes a longer way than straight light: a fifth is allowed for it
+        most = 1.2 * max(law.expected, b * law.distance + float(medium.bubble_path[-1]))
         if b == 0.0 and medium.bubble_path[-1] == 0.0:
             return 0
         # orders end at _MAX_ORDER: denser water would lose light without a sign
-        if 1.0 - poisson_law(1.2 * expected.expected).sum() > _MOST_LEFT_OUT:
+        if 1.0 - poisson_law(1.2 * law.expected).sum() > _MOST_LEFT_OUT:
             raise Refused(
                 "water",
-                f"{expected.expected:.3g} scatterings expected on the way to the surface",
+                f"{law.expected:.3g} scatterings expected on the way to the surface",
                 f'nearly all light within {_MAX_ORDER}; else estimator="analog"',
             )
-        upper = float(expected.density[len(expected.density) // 2 :].max()) * expected.distance
-        if medium.layered and upper > _MOST_CROWDED and expected.expected > 2.0:
+        # Sorted draws fill the straight way; light that dwells in a layer near the surface has its
+        # collisions elsewhere than they, and large weights.
+        upper = float(law.density[len(law.density) // 2 :].max()) * law.distance
+        if medium.layered and upper > _MOST_CROWDED and law.expected > 2.0:
             raise Refused(
                 "water.layers",
-                f"{expected.expected:.3g} scatterings expected, {upper:.3g} times as dense near "
+                f"{law.expected:.3g} scatterings expected, {upper:.3g} times as dense near "
                 "the surface as on average",
                 f"up to {_MOST_CROWDED:g}; light that wanders in a thin turbid layer needs "
                 'estimator="analog"',
@@ -202,53 +221,58 @@ class ChainDrawer:
         """Return all chains of a request, to all receivers by default."""
         chains = self.empty(request, receivers)
         for block in Drawing(request, None).blocks():
-            self._fill((block, chains.rows(block.rows)))
+            self._fill((block, chains.part(block.span)))
         return chains
 
     def draw_all(self, requests: Sequence[Request], threads: int = 1) -> list[Drawing]:
-        """Return sets of chains, which are drawn now if they are few enough to be kept.
+        """Return sets of chains, which are drawn now if they are few enough to be stored.
 
         The threads share their blocks.
         """
-        drawings = [Drawing(request, None) for request in requests]
-        receivers = len(self._first())
-        # many chains are drawn again from their keys, block by block, rather than kept
-        if sum(self._bytes(request, receivers) for request in requests) > _KEPT_BYTES:
-            return drawings
-        rows = [(drawing, self.empty(drawing.request)) for drawing in drawings]
-        jobs = ((block, chains.rows(block.rows)) for d, chains in rows for block in d.blocks())
+        receivers = len(self._representatives())
+        # many chains are drawn again from their keys, block by block, rather than stored
+        if sum(self._bytes(request, receivers) for request in requests) > _CHAIN_BYTES:
+            return [Drawing(request, None) for request in requests]
+        drawings = [Drawing(request, self.empty(request)) for request in requests]
+        jobs = (
+            (block, chains.part(block.span))
+            for request, chains in drawings
+            if chains is not None
+            for block in Drawing(request, None).blocks()
+        )
         deque(ordered_map(self._fill, jobs, threads), maxlen=0)
-        return [Drawing(drawing.request, chains) for drawing, chains in rows]
+        return drawings
 
     def whole(self, drawing: Drawing) -> ChainSet:
-        """Return all chains of a drawing."""
-        return self.draw(drawing.request) if drawing.kept is None else drawing.kept
+        """Return all chains of a request, as stored or drawn again."""
+        return drawing.chains or self.draw(drawing.request)
 
     def drawn(self, block: Block) -> ChainSet:
         """Return the chains of a block."""
-        if block.kept is not None:
-            return block.kept
-        n = block.rows.stop - block.rows.start
-        chains = self._room(block.request, n, self._first())
+        if block.chains is not None:
+            return block.chains
+        n = block.span.stop - block.span.start
+        chains = self._allocate(block.request, n, self._representatives())
         self._fill((block, chains))
         return chains
 
-    def _first(self) -> list[int]:
-        """Return the representative receivers."""
+    def _representatives(self) -> list[int]:
+        """Return the receivers whose crossings of still water serve others nearby."""
         return list(dict.fromkeys(self.link.stands_for.tolist()))
 
     def _bytes(self, request: Request, receivers: int) -> int:
         """Return the memory [bytes] that a request needs for a number of receivers."""
-        row = 25 * request.order + 112 + receivers * CROSSINGS * FLAT.itemsize
-        return request.number * row
+        # a vertex is three numbers and a byte for its kind, a chain 14 numbers at most
+        per_chain = 25 * request.order + 112 + receivers * CROSSINGS * FLAT.itemsize
+        return request.number * per_chain
 
     def empty(self, request: Request, receivers: Collection[int] | None = None) -> ChainSet:
-        """Return an empty set of chains, with room for their crossings unless these are many."""
-        receivers = self._first() if receivers is None else receivers
-        few = self._bytes(request, len(receivers)) <= _KEPT_BYTES
-        return self._room(request, request.number, receivers if few else ())
+        """Allocate all chains of a request, with their crossings unless these are many."""
+        receivers = self._representatives() if receivers is None else receivers
+        few = self._bytes(request, len(receivers)) <= _CHAIN_BYTES
+        return self._allocate(request, request.number, receivers if few else ())
 
-    def _room(self, request: Request, n: int, receivers: Collection[int]) -> ChainSet:
+    def _allocate(self, request: Request, n: int, receivers: Collection[int]) -> ChainSet:
         """Allocate arrays for n chains and their crossings to `receivers`."""
         order = request.order
         chains = Chains(
@@ -262,29 +286,32 @@ class ChainDrawer:
             tilt=np.empty((n, 2)),
         )
         flat = {receiver: np.zeros((n, CROSSINGS), FLAT) for receiver in receivers}
-        return ChainSet(order, chains, np.empty(n), partial(self._found, request.source), flat)
+        return ChainSet(order, chains, np.empty(n), partial(self._search, request.source), flat)
 
     def _fill(self, job: tuple[Block, ChainSet]) -> None:
         """Draw the chains of a block from shifted points; find their crossings of a flat sea."""
-        block, found = job
+        block, drawn = job
         source, per_shift = block.request.source, block.request.per_shift
-        rows = block.shifts_in
-        first = block.rows.start - rows.start * per_shift  # of a part of one shift
+        first = block.span.start - block.shifts_in.start * per_shift  # of a part of one shift
         points, shifts = block.points
-        u = shifted(points[first : first + len(found.audit)], shifts[rows])
-        found.audit[:] = u[:, -2]
+        # columns: 3 for each vertex, 2 of the disk, 2 of the slopes, audit, component
+        u = shifted(points[first : first + len(drawn.audit)], shifts[block.shifts_in])
+        drawn.audit[:] = u[:, -2]
         law = self.nominals[source]
         # one-sample balance heuristic: one coordinate picks the component, all densities weigh
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
-        kernel.make_chains(found.chains, law, self.link.medium, u, component)
-        self.place_points(found.chains)
-        for receiver, out in found.flat.items():
-            flat_crossings(found.chains, *self._still_water(source, receiver), out)
+        kernel.make_chains(drawn.chains, law, self.link.medium, u, component)
+        self.place_points(drawn.chains)
+        for receiver, out in drawn.flat.items():
+            flat_crossings(drawn.chains, *self._still_water(source, receiver), out)
 
     def place_points(self, chains: Chains) -> None:
-        """Leave the points that chains aim at in the unit disk of an aperture."""
+        """Leave the points that chains aim at in the unit disk of an aperture.
 
-    def _found(self, source: int, chains: Chains, receiver: int) -> NDArray[np.void]:
+        Maps, whose apertures are square cells, place them otherwise.
+        """
+
+    def _search(self, source: int, chains: Chains, receiver: int) -> NDArray[np.void]:
         """Return the crossings of a flat sea by chains from a source to a receiver."""
         out = np.zeros((len(chains.path), CROSSINGS), FLAT)
         flat_crossings(chains, *self._still_water(source, receiver), out)
@@ -311,12 +338,13 @@ class ChainDrawer:
 
 
 def levels(link: ForcedLink, crest: float) -> tuple[float, float]:
-    """Return the level of a crest [m], and the ceiling of the ends of chains below all receivers.
+    """Return the height of a crest [m], and the ceiling of the ends of chains, in link units.
 
-    In the unit of the link.
+    The ceiling lies above all crests and below all receivers.
     """
     top = max(crest, 0.0) / link.frame.unit
     lowest = min(t.center[2] for t in link.targets)
+    # above the highest crest, as light may come down to a trough; at most half way to a receiver
     return top, top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
 
 
@@ -328,10 +356,11 @@ def poisson_law(mean: float) -> Floats:
 
 
 def points_of(request: Request) -> tuple[Floats, Floats]:
-    """Return the points of a set of chains and their shifts, kept if they are few."""
+    """Return the points of a set of chains and their shifts, from a cache if they are few."""
+    # besides the vertices: 2 coordinates on the aperture, 2 slopes, audit, component
     width = kernel.DIMENSIONS * request.order + 6
-    few = request.per_shift * width <= _MOST_KEPT
-    return (_kept_points if few else shifted_points)(width, request.per_shift, request.key)
+    few = request.per_shift * width <= _MOST_CACHED
+    return (_cached_points if few else shifted_points)(width, request.per_shift, request.key)
 
 
 def shifted_points(width: int, per_shift: int, key: tuple[int, ...]) -> tuple[Floats, Floats]:
@@ -384,11 +413,16 @@ def _directions(count: int) -> NDArray[np.uint32]:
     return (v[:, None] >> place[:, None]) & 1
 
 
-_kept_points = lru_cache(maxsize=64)(shifted_points)
+_cached_points = lru_cache(maxsize=64)(shifted_points)
 
 
 def shifted(points: Floats, shifts: Floats) -> Floats:
-    """Return the points of each shift in turn, inside of the unit cube."""
+    """Return points (n, width), shifted: all by the first of the shifts (m, 1, width), and so on.
+
+    Shape (m n, width), inside of the unit cube.
+    """
+    # Cranley and Patterson (1976): a random shift modulo 1 makes each point uniform, so that means
+    # are unbiased, and leaves the net as even as it was.
     u = (points[None] + shifts) % 1.0
     # logarithms of 0 and 1 - 1 would be infinite
     return np.clip(u.reshape(-1, u.shape[-1]), 1e-12, 1.0 - 1e-12)
@@ -396,7 +430,7 @@ def shifted(points: Floats, shifts: Floats) -> Floats:
 
 @cache
 def _still_surface() -> MeshArrays:
-    """Return a piece of still water."""
+    """Return a square of still water; crossings beside it count, too: only its level is used."""
     return surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
 
 
@@ -410,22 +444,22 @@ def nominal(
     """Return the expected collisions along the straight path to the highest crest.
 
     The way is the shortest one to any of the targets. Chains are fitted for the turbid ones of the
-    waters with `ratios` of the scattering coefficient.
+    waters with `ratios` of the scattering coefficient. Only a proposal: any law is unbiased, one
+    near the collisions of light that arrives has even weights.
     """
     depth = crest - emitter.position[2]
     n = medium.n_water / medium.n_air
     x, y, _ = emitter.position
-    # share of the horizontal way in the water, by Snell's law for small angles
+    apart = [math.hypot(t.center[0] - x, t.center[1] - y) for t in targets]
+    # Horizontal part in the water: sin i = sin t / n by Snell, angles taken for their tangents.
     offset = min(
-        depth / (depth + n * t.center[2]) * math.hypot(t.center[0] - x, t.center[1] - y)
-        for t in targets
+        depth / (depth + n * t.center[2]) * far for t, far in zip(targets, apart, strict=True)
     )
     distance = math.hypot(depth, offset)
-    slant = max(
-        math.hypot(depth, math.hypot(t.center[0] - x, t.center[1] - y) + t.reach) for t in targets
-    )
+    # the longest way ends at the farthest crossing inside a field of view
+    slant = max(math.hypot(depth, far + t.reach) for t, far in zip(targets, apart, strict=True))
     longest = min(max(slant / distance, _LONGEST_WAY[0]), _LONGEST_WAY[1])
-    nodes = 513
+    nodes = 513  # a layer or cloud of bubbles of 1/500 of the depth is resolved
     height = np.linspace(0.0, 1.0, nodes) * depth
     below = depth - height
     b = np.interp(below / medium.layer_step, np.arange(len(medium.layer_b)), medium.layer_b)
@@ -436,10 +470,13 @@ def nominal(
     b_bub = np.interp(at, np.arange(len(medium.bubble_b)), medium.bubble_b, right=0.0)
     total = np.maximum(b + b_bub, 1e-12)
     step = distance / (nodes - 1)
+    # collisions [1] from the source up to each node: their share is the distribution function
     cumulative = integral(total, step)
     # clear water needs some rate, or free paths would have no scale
     c = max(medium.a + float(b.mean()), 1e-3 / distance)
     uniform = not medium.layered and medium.depth_mode == DepthMode.NONE
+    # A fitted chain takes its length from its directions: these must not depend on the depth, as
+    # the choice between water and bubbles does. In layers collisions are not even along the way.
     turbid = float(np.mean(np.asarray(ratios) * cumulative[-1] >= TURBID))
     fitted = _FITTED * turbid if uniform else 0.0
     return Nominal(
@@ -465,14 +502,17 @@ def flat_mesh(low: Floats, high: Floats) -> TriangleMesh:
 def starts_of(emitter: Emitter, target: Target) -> Floats:
     """Return the starts (x, y) of the search for flat crossings, the likely one first.
 
-    Light that arrives flatter than 60 degrees crosses far out, where Newton comes from anywhere.
+    Shape (15, 2): below the receiver, half way, above the source, and two rings of six.
     """
     rx, ry = target.center[:2]
     sx, sy = emitter.position[:2]
-    rows = [(rx, ry), (0.5 * (rx + sx), 0.5 * (ry + sy)), (sx, sy)]
+    starts = [(rx, ry), (0.5 * (rx + sx), 0.5 * (ry + sy)), (sx, sy)]
+    # Rings up to 60 degrees from the vertical (tan 60 < 2): flatter light crosses far out, where
+    # Newton comes from anywhere. 2 m more for receivers close to the water.
     reach = min(target.reach, 2.0 * (target.center[2] + 2.0))
     for radius in (0.3, 0.8):
+        # turned by the radius against each other, so that the starts fill the disk
         for azimuth in np.arange(6) * math.pi / 3.0 + radius:
             far = radius * reach
-            rows.append((rx + far * math.cos(azimuth), ry + far * math.sin(azimuth)))
-    return np.array(rows)
+            starts.append((rx + far * math.cos(azimuth), ry + far * math.sin(azimuth)))
+    return np.array(starts)

@@ -1,4 +1,10 @@
-"""Unscattered light: image of every facet on the aperture plane."""
+"""Unscattered light through smooth facets: the image of every facet on the plane of the aperture.
+
+Light from the source through a facet is a narrow beam, refracted at each corner. A facet is cut
+into parts so small that intensity and refraction are linear over each: the image of a part is a
+triangle, whose overlap with the disk of the aperture has a closed form. Coordinates of images are
+in metres from the centre of the aperture.
+"""
 
 from __future__ import annotations
 
@@ -30,22 +36,25 @@ from meshtrace.kernels.vectors import (
     unit,
 )
 
+# Sizes of parts, tuned: an image's error falls with the square of its size, the time rises with its
+# inverse square. `tests/engine/chains/test_unscattered.py` holds the result.
 _EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
-
-_ROUNDING = 1e-13  # of the disk's radius squared
 BEAM_SHARE = 0.03  # longest edge of a part over the width of the beam: its light is near linear
 _GAUSSIAN_SHARE = 0.07  # the same for Gaussian beams: equal parts converge exponentially
 VIEW_SHARE = 0.06  # the same over the radius of the field of view, at its edge
-_FINEST = 1.0 / 64.0  # of the longest edge
-_GRAZING = 0.1  # cosine of the edge of views that accept light along the surface
-_FLATTEST = 1e-4  # cosine of such light
+_FINEST = 1.0 / 64.0  # of the longest edge, however narrow the view: bounds the time
 _STRAIGHT = 0.1  # relative change of the stretch of an image along the longest edge of a part
+_GRAZING = 0.1  # cosine of the edge of views that accept light along the surface
+_FLATTEST = 1e-4  # cosine of such light: bounds a stretch that would be infinite
+_ROUNDING = 1e-13  # share of the disk's squared radius: smaller overlaps are none
 STACK = 128
-"""Parts of a large facet that wait to be cut."""
+"""Parts of a large facet that wait to be cut: three more at each of 40 halvings."""
 
 
 class Part(NamedTuple):
     """Part of a facet: a triangle of the grid of n parts along each of its edges.
+
+    All of a facet f is Part(f, n, 0, 0, n).
 
     Corners are the nodes (i, j), (i + side, j), (i, j + side) of that grid: a part of negative side
     points the other way. Integers name a part exactly, so that neighbours share their corners.
@@ -53,8 +62,8 @@ class Part(NamedTuple):
 
     facet: int | np.int64
     n: int | np.int64
-    i: int | np.int64
-    j: int | np.int64
+    i: int | np.int64  # steps from the first corner of the facet towards the second
+    j: int | np.int64  # and towards the third
     side: int | np.int64
 
 
@@ -67,21 +76,19 @@ class Corner(NamedTuple):
     inside: float  # see `view_margin`
 
 
-class Image(NamedTuple):
-    """Bounds on the image of a part of a facet."""
+class Landing(NamedTuple):
+    """Region that light is to land on, and bounds by which parts of facets are left out.
 
-    stretch: float  # of the image of a small part
-    coarse: float  # [m], size up to which that holds
-    dark: float  # angle to the axis beyond which the source sends no light [rad]
+    The region is a square with rounded corners: the disk of an aperture, or a map.
+    """
 
-
-class Region(NamedTuple):
-    """Square with rounded corners, from the centre of an aperture: the aperture, or a map."""
-
-    x: float  # centre [m]
+    x: float  # centre of the square, from that of the aperture [m]
     y: float
-    half: float  # of the edge [m]
+    half: float  # half of its edge, 0 for a disk [m]
     radius: float  # of the corners [m]
+    dark: float  # angle to the axis beyond which the source sends no light [rad]
+    coarse: float  # [m], size of a part up to which `stretch` holds
+    stretch: float  # largest size of the image of a part, over that of the part
 
 
 @inlined
@@ -90,6 +97,7 @@ def aperture_at(place, scene):
 
     Array twin: none, a tuple.
     """
+    # compiled code has no `_replace`: `center` and `target` are first and second
     return Scene(scene.emitter, Target(place, *scene.target[1:]), *scene[2:])
 
 
@@ -121,13 +129,14 @@ def _sector(p, q, r):
     # signed, and right for any two rays less than half a turn apart
     angle = math.atan2(cross2(p, q), dot2(p, q))
     s, t = r / math.hypot(p.x, p.y), r / math.hypot(q.x, q.y)
+    # first moments r^3 / 3 (sin, -cos) of the azimuth, between both rays; s p, t q lie on the rim
     k = r * r / 3.0
     return 0.5 * r * r * angle, k * (t * q.y - s * p.y), k * (s * p.x - t * q.x)
 
 
 @inlined
 def _edge_part(a, b, r):
-    """Return signed area and moments common to the disk r and the triangle (origin, a, b)."""
+    """Return signed area and first moments of the overlap of disk r and triangle (origin, a, b)."""
     d = minus2(b, a)
     d2 = dot2(d, d)
     if d2 == 0.0 or a.x * b.y == a.y * b.x:
@@ -199,7 +208,10 @@ def view_radius(height, target, fov):
 
 @inlined
 def carried(accepted, p, m, scene):
-    """Return the accepted share times intensity and transmittance of surface and water."""
+    """Return the accepted share times intensity [sr-1] and transmittance of surface and water.
+
+    m is the `Aim` at the crossing p.
+    """
     accepted *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
     return accepted * math.exp(-straight_depth(p, m, scene.emitter.position, scene))
 
@@ -239,21 +251,22 @@ def image_gain(scene, facets, longer, stretch, lever, bend, stack, gain):
     The image of a part of a facet is taken for a triangle: its gain is the light in its solid
     angle times the share of the image that lies on the disk. Folds and caustics count
     themselves, since images overlap. `stretch` and `lever` bound |dX/dP| of a flat sea and
-    |dX/dslope|, `bend` the relative change of the first; `stack` is room for (STACK, 3) integers.
-    Parts are `longer` times as long as usual: the change tells the error of the usual ones.
+    |dX/dslope|, `bend` the relative change of the first (`AimedChains.bounds_of`); `stack` is room
+    for (STACK, 3) integers. Parts are `longer` times as long as usual: the change tells the error
+    of the usual ones.
     """
     # Beam tracing (Heckbert and Hanrahan 1984; Watt 1990 for caustics of water): a facet's beam is
     # refracted by its corners and clipped by the aperture.
     shot = crossing.straight_shot(0.0, 0.0, scene)
     gaussian = scene.emitter.kind == SourceKind.GAUSSIAN_BEAM
     fine, coarse = part_sizes(_GAUSSIAN_SHARE if gaussian else BEAM_SHARE, bend, scene)
-    aperture, dark = Region(0.0, 0.0, 0.0, scene.target.radius), dark_angle(scene.emitter)
+    aperture = 0.0, 0.0, 0.0, scene.target.radius, dark_angle(scene.emitter), coarse
     for f in facets:
-        image = Image(stretch + lever * scene.facets[f].curvature, coarse, dark)
+        landing = Landing(*aperture, stretch + lever * scene.facets[f].curvature)
         n, top = whole_facet(2.0 * scene.facets[f].radius / (longer * fine), stack)
         total = 0.0
         while top > 0:
-            part, top = next_part(f, n, image, aperture, stack, top, shot, scene)
+            part, top = next_part(f, n, landing, stack, top, shot, scene)
             if part.side != 0:
                 total += _triangle_gain(part, shot, scene)
         gain[f] = unless_hidden(total, f, scene)
@@ -267,6 +280,7 @@ def part_sizes(share, bend, scene):
     `share` is that of the width of the beam; for `bend` see `image_gain`.
     """
     depth = -scene.emitter.position.z
+    # 5 mm at least, far below the waves of a mesh; 0.1 m at most, as they bend over that length
     edge = min(max(_EDGE * depth, 0.005), 0.1)
     height = scene.target.center.z - scene.surface.high[2]
     view = VIEW_SHARE * view_radius(height, scene.target, scene.interface.fov)
@@ -274,7 +288,8 @@ def part_sizes(share, bend, scene):
     # line, for small parts alone
     straight = _STRAIGHT / max(bend, 1e-300)
     fine = min(edge, share * beam_width(scene.emitter) * depth, max(view, _FINEST * edge), straight)
-    # light into the denser side is nowhere stretched more than at normal incidence
+    # The bound on the image is of first order: tuned, so that larger parts are cut without it.
+    # Light into the denser side is nowhere stretched more than at normal incidence.
     return fine, math.inf if scene.mirrored else min(5.0 * edge, 20.0 * straight)
 
 
@@ -288,6 +303,7 @@ def unless_hidden(total, f, scene):
         return total
     p = Vec3(scene.facets[f].x, scene.facets[f].y, scene.facets[f].z)
     slope, below, above = scene.surface.max_slope, scene.emitter.position, scene.target.center
+    # one ray to either end for a whole facet: it is small, or the water is level
     for end, is_air in ((below, scene.mirrored), (above, not scene.mirrored)):
         way = minus(p, end)
         steep = abs(way.z) > slope * math.hypot(way.x, way.y)
@@ -313,11 +329,11 @@ def whole_facet(n, stack):
 
 
 @outlined
-def next_part(f, n, image, region, stack, top, shot, scene):
+def next_part(f, n, landing, stack, top, shot, scene):
     """Return the next smallest `Part` that may shine, and the height of the stack.
 
     Array twin: all parts of a facet.
-    Parts that may send unscattered light to the region are quartered; side 0: none is left.
+    Parts that may send unscattered light to the `Landing` are quartered; side 0: none is left.
     """
     while top > 0:
         top -= 1
@@ -325,42 +341,43 @@ def next_part(f, n, image, region, stack, top, shot, scene):
         # the smallest parts of the grid are not cut: their images are triangles
         if abs(part.side) == 1:
             return part, top
-        if _may_shine(part, image, region, shot, scene):
+        if _may_shine(part, landing, shot, scene):
             top = push_quarters(stack, top, part)
     return Part(f, n, ZERO, ZERO, ZERO), top
 
 
 @inlined
-def is_beside(x, y, reach, region):
-    """Return whether a point lies farther than a distance from the square of a region.
+def is_beside(x, y, reach, landing):
+    """Return whether a point lies farther than `reach` from the square of a `Landing`.
 
     Array twin: numpy.maximum.
     """
-    dx = max(abs(x - region.x) - region.half, 0.0)
-    dy = max(abs(y - region.y) - region.half, 0.0)
+    dx = max(abs(x - landing.x) - landing.half, 0.0)
+    dy = max(abs(y - landing.y) - landing.half, 0.0)
     return dx * dx + dy * dy > reach * reach
 
 
 @outlined
-def _may_shine(part, image, region, shot, scene):
-    """Return whether unscattered light may reach a region through a part of a facet."""
+def _may_shine(part, landing, shot, scene):
+    """Return whether unscattered light may reach a `Landing` through a part of a facet."""
     f, p = part.facet, centroid(part, scene.surface)
     share, facet = abs(part.side) / part.n, scene.facets[f]
     # cheap bounds first: beam, then field of view, then the image
-    if is_dark(p, spatial_radius(facet) * share, image.dark, scene.emitter):
+    if is_dark(p, spatial_radius(facet) * share, landing.dark, scene.emitter):
         return False
     size, center = facet.radius * share, scene.target.center
-    if is_beside(p.x - center.x, p.y - center.y, scene.target.reach + size, region):
+    if is_beside(p.x - center.x, p.y - center.y, scene.target.reach + size, landing):
         return False
     # Bounds on the image hold for small parts: larger ones are cut without a look at their image,
     # unless no light leaves them.
-    if size > image.coarse:
+    if size > landing.coarse:
         return not _is_reflected(p, size, f, scene)
     m = crossing.aim_at(p.x, p.y, f, shot, scene)
     if m.ok:
-        # flatter light than any that lands on the region is stretched more on its way there
-        reach = size * max(image.stretch, 1.5 * _flat_stretch(m, scene))
-        return not is_beside(m.at.x, m.at.y, region.radius + reach, region)
+        # flatter light than any that lands there is stretched more on its way; 1.5 for the higher
+        # orders over a part
+        reach = size * max(landing.stretch, 1.5 * _flat_stretch(m, scene))
+        return not is_beside(m.at.x, m.at.y, landing.radius + reach, landing)
     for q in corners_of(part, scene.surface):
         if crossing.aim_at(q.x, q.y, f, shot, scene).ok:
             return True
@@ -377,7 +394,7 @@ def part_on(stack, k, f, n):
 def push_quarters(stack, top, part):
     """Push the four quarters of a part on a stack; return its height."""
     half = part.side // 2
-    for k in range(4):  # one at each corner, and the middle one upside down
+    for k in range(4):  # one at each corner, and the middle one the other way round
         stack[top, 0] = part.i + (half if k in (1, 3) else 0)
         stack[top, 1] = part.j + (half if k in (2, 3) else 0)
         stack[top, 2] = -half if k == 3 else half
@@ -411,6 +428,7 @@ def subpart(part, m, i, k):
     Row i has 2 (m - i) - 1 parts, of either side in turn.
     """
     odd = k % 2
+    # in units of the small parts: even ones point as the part does, odd ones lie between them
     x, y, z = i + odd, k // 2 + odd, ONE - 2 * odd
     return Part(
         part.facet,
@@ -434,6 +452,7 @@ def _node(f, n, i, j, surface):
 @inlined
 def centroid(part, surface):
     """Return the centroid of a part [m]."""
+    # a node of the grid three times as fine: exact for all parts
     i, j = 3 * part.i + part.side, 3 * part.j + part.side
     return _node(part.facet, 3 * part.n, i, j, surface)
 
@@ -511,7 +530,7 @@ def _at_edge(a, b):
 
 @outlined
 def _image_light(a, b, c, f, shot, scene):
-    """Return the light of a triangle on facet f that lands on the aperture."""
+    """Return the light through a triangle of facet f that lands on the aperture, as a gain."""
     ab, ac = minus2(b.at, a.at), minus2(c.at, a.at)
     det = cross2(ab, ac)
     radius = scene.target.radius
@@ -521,6 +540,7 @@ def _image_light(a, b, c, f, shot, scene):
     else:
         area, center = disk_overlap(a.at, b.at, c.at, radius)
         share = 2.0 * area / abs(det)
+        # the image is linear: barycentrics of a landing point are those of its crossing
         middle = minus2(center, a.at)
         u, v = cross2(middle, ac) / det, cross2(ab, middle) / det
     if share == 0.0:

@@ -1,7 +1,8 @@
 """Aiming over the exact sum of waves, the limit of its meshes.
 
-Crossings found on a mesh of the same sea are the starts; Newton moves each to where the light
-crosses the exact surface, and the exact slopes and curvatures weigh it there.
+Crossings on a mesh of the same sea are the starts; Newton moves each to where the light crosses the
+exact surface, and the exact slopes and curvatures weigh it there. `studies.convergence` takes the
+difference for the error of the mesh.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ from meshtrace.kernels.vectors import Vec3, dot, row
 
 _TOLERANCE = 1e-8  # [m]: separates crossings that lie close together at a caustic
 _SAME = 1e-6  # [m], crossings nearer to each other are one
-_ITERATIONS = 40
-_STRIDE = 0.5  # [m], longest step of Newton
+_ITERATIONS = 40  # of Newton: more than on a mesh, as no search of facets takes over
+_STRIDE = 0.5  # [m], longest step of Newton: a longer one jumps to another wave
 
 
 class Moved(IntEnum):
-    """Counted outcomes of the displacement of a crossing."""
+    """Counted outcomes of the displacement of a crossing to the exact surface."""
 
     MOVED = 0
     LOST = 1
@@ -77,8 +78,8 @@ def shape_at(waves, x, y):
 @inlined
 def _aim_beside(x, y, dx, dy, s, shot, scene):
     """Return the `Aim` of a crossing at (x + dx, y + dy), close to a point of known shape."""
-    # Second order: slopes linear, heights by the tangent, exact in the limit of the difference
-    # step.
+    # Slopes linear, heights by the tangent: exact in the limit of the difference step, and the
+    # waves need no further sum.
     slope_x, slope_y = s.zx + s.zxx * dx + s.zxy * dy, s.zy + s.zxy * dx + s.zyy * dy
     p = Vec3(x + dx, y + dy, s.z + s.zx * dx + s.zy * dy)
     return crossing.land_sloped(p, slope_x, slope_y, shot, scene)
@@ -116,8 +117,10 @@ def _exact_newton(x, y, waves, shot, scene):
 def _exact_weight(chains, i, x, y, waves, shot, scene):
     """Return |A| I(w) W / |det dX/dOmega| of chain i through a crossing of the exact surface.
 
-    As `weigh` on a mesh, with slopes and curvatures of the waves.
+    As `gain.weigh` on a mesh, with slopes and curvatures of the waves: aperture's area times
+    intensity, scatterings and transmittance over the Jacobian of landing points.
     """
+    # Facet -1: the normal is in the `Aim` already, no random slope is added.
     z, j = _exact_jacobian(x, y, waves, shot, scene)
     p, per_area = Vec3(x, y, z), crossing.solid_angle_per_area(j)
     return weight_of(chains, i, p, j.aim, per_area, FLAT_SEA, shot, scene)[0]
@@ -136,7 +139,8 @@ def move_crossings(chains, arrivals, waves, scene, score, counters):
         a = arrivals[k]
         i, x, y = a.chain, a.point[0], a.point[1]
         forward = dot(row(chains.tail, i), row(chains.last, i))
-        # t = -q.v +- sqrt(...): the open segment t tells which branch it was on
+        # t = -q.v +- sqrt(...), see `crossing.emission_through`: the open segment t tells which
+        # branch it was on
         branch = 1.0 if a.water - chains.path[i] + forward >= 0.0 else -1.0
         shot = shot_of(chains, i, scene, branch, scene.surface.roughness)
         facet = locate(scene.locator, scene.surface, x, y)
@@ -161,19 +165,20 @@ def move_crossings(chains, arrivals, waves, scene, score, counters):
 
 
 @entry
-def direct_light(points, starts, waves, scene, found, score):
-    """Write the unscattered light at each point, over all crossings.
+def direct_light(points, starts, waves, scene, roots, score):
+    """Add the unscattered light to each point of the aperture, over all crossings.
 
     Array twin: rays traced forwards, in the tests.
     `points` are chains without scatterings. Newton starts from every (x, y) of `starts`: the
-    facets through which a mesh sends light to the aperture. `found` is room for the crossings.
+    facets through which a mesh sends light to the aperture. `roots` is room for the crossings.
     """
     for i in range(len(points.weight)):
         shot = crossing.straight_shot(points.disk[i, 0], points.disk[i, 1], scene)
         n = ZERO
         for k in range(len(starts)):
             ok, x, y = _exact_newton(starts[k, 0], starts[k, 1], waves, shot, scene)
-            if ok and not crossing.is_known(found, ZERO, n, x, y, shot.branch, _SAME):
-                found[n].x, found[n].y, found[n].branch = x, y, shot.branch
+            # starts on several facets lead to one crossing
+            if ok and not crossing.is_known(roots, ZERO, n, x, y, shot.branch, _SAME):
+                roots[n].x, roots[n].y, roots[n].branch = x, y, shot.branch
                 n += 1
                 score[i] += _exact_weight(points, i, x, y, waves, shot, scene)

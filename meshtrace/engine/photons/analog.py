@@ -331,7 +331,7 @@ def setup_of(
     # a map is in metres of the world, the frame is that of the link
     cells = _cells_of(records.get("irradiance-map"), link, frame, tinting, turn)
     if frame != arrays.IDENTITY:
-        intersector = intersector.over(frame.mesh(intersector.mesh))
+        intersector = intersector.for_mesh(frame.mesh(intersector.mesh))
     mesh = intersector.mesh
     normals = normals if mesh.max_slope > 0.0 else "facet"  # of a flat sea they are the same
     surface = arrays.surface_arrays(mesh, normals, link.physics.unresolved)

@@ -26,7 +26,7 @@ def parts_of(sea, threads=1):
 @pytest.mark.thorough_but("5-flat", "8192-flat")
 def test_kept_and_drawn_chains_are_the_same(sea, largest, monkeypatch):
     kept, light = parts_of(sea)
-    monkeypatch.setattr(sets, "_KEPT_BYTES", 0)
+    monkeypatch.setattr(sets, "_CHAIN_BYTES", 0)
     monkeypatch.setattr(sets, "_LARGEST", largest)
     for threads in (1, 2):
         drawn, arrivals = parts_of(sea, threads)
@@ -48,9 +48,9 @@ def test_kept_and_drawn_chains_are_the_same(sea, largest, monkeypatch):
 def test_many_chains_are_not_kept():
     link = mt.Link()
     many = ForcedDetection(link, 2**18, seed=1, scattered="chains").scattered_sets
-    assert all(drawing.kept is None for row in many for drawing in row)
+    assert all(drawing.chains is None for row in many for drawing in row)
     few = ForcedDetection(link, 2**10, seed=1, scattered="chains").scattered_sets
-    assert all(drawing.kept is not None for row in few for drawing in row)
+    assert all(drawing.chains is not None for row in few for drawing in row)
 
 
 def test_blocks_hold_each_chain_once():
