@@ -70,11 +70,11 @@ class ChannelModel(Stored):
     """
 
     n: int
-    time_step: Annotated[float, Variable("")]
-    mean: Annotated[float, Variable("", name="gain_mean")]
-    mean_stderr: Annotated[float, Variable("", name="gain_mean_stderr")]
-    scintillation_index: Annotated[float, Variable("")]
-    model_scintillation_index: Annotated[float, Variable("")]
+    time_step: Annotated[float, Variable()]
+    mean: Annotated[float, Variable(name="gain_mean")]
+    mean_stderr: Annotated[float, Variable(name="gain_mean_stderr")]
+    scintillation_index: Annotated[float, Variable()]
+    model_scintillation_index: Annotated[float, Variable()]
     lag: Annotated[Floats, Variable("lag")]
     autocorrelation: Annotated[Floats, Variable("lag")]
     autocorrelation_stderr: Annotated[Floats, Variable("lag")]
@@ -196,8 +196,8 @@ class MarkovChannel(ChannelModel):
     state_gain: Annotated[Floats, Variable("state")]
     steady_state: Annotated[Floats, Variable("state")]
     steady_state_stderr: Annotated[Floats, Variable("state")]
-    transition: Annotated[Floats, Variable("state next_state")]
-    transition_stderr: Annotated[Floats, Variable("state next_state")]
+    transition: Annotated[Floats, Variable("state", "next_state")]
+    transition_stderr: Annotated[Floats, Variable("state", "next_state")]
 
     kind: ClassVar[str] = "markov-channel"
     title: ClassVar[str] = "meshtrace Markov channel"

@@ -312,7 +312,7 @@ class Inference(Stored):
     unit: Annotated[tuple[str, ...], Variable("unknown", name="inferred_unit")]
     estimate: Annotated[Floats, Variable("unknown", name="inferred_value")]
     error: Annotated[Floats, Variable("unknown", name="inferred_stderr")]
-    covariance: Annotated[Floats, Variable("unknown unknown_too", name="inferred_covariance")]
+    covariance: Annotated[Floats, Variable("unknown", "unknown_too", name="inferred_covariance")]
     free_error: Annotated[Floats, Variable("unknown", name="inferred_free_error")]
     singular_values: Annotated[Floats, Variable("direction", name="singular_value")]
     weakest: str

@@ -86,15 +86,15 @@ class Optimum(Stored):
     """
 
     objective: str
-    value: Annotated[float, Variable("", name="quantity")]
-    stderr: Annotated[float, Variable("", name="quantity_stderr")]
+    value: Annotated[float, Variable(name="quantity")]
+    stderr: Annotated[float, Variable(name="quantity_stderr")]
     cost: float
     variables: Annotated[tuple[str, ...], Variable("variable", name="variable")]
     values: Annotated[Floats, Variable("variable", name="optimum_value")]
     start: Annotated[Floats, Variable("variable", name="optimum_start")]
-    bounds: Annotated[Floats, Variable("variable end", name="optimum_bounds")]
-    flatness: Annotated[Floats, Variable("variable end", name="optimum_flatness")]
-    candidates: Annotated[Floats, Variable("candidate variable", name="optimum_history")]
+    bounds: Annotated[Floats, Variable("variable", "end", name="optimum_bounds")]
+    flatness: Annotated[Floats, Variable("variable", "end", name="optimum_flatness")]
+    candidates: Annotated[Floats, Variable("candidate", "variable", name="optimum_history")]
     costs: Annotated[Floats, Variable("candidate", name="optimum_cost")]
     validation: Validation
     notes: tuple[str, ...] = ()

@@ -33,7 +33,7 @@ _LIT = 2.0 / 3.0  # 99.5 % of the light crosses in the fine part, the rest in ce
 _RAYS = 512  # of the background at each of its times
 _COLUMNS = "gain", "gain_stderr", "gain_ballistic", "gain_mean_stderr"
 _MOST_FRAMES = 10**8
-_EACH = Variable("time receiver")
+_EACH = Variable("time", "receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,10 +72,10 @@ class ChannelTrace(Stored):
     down_gain: Annotated[Floats | None, Variable("time")] = None
     down_gain_stderr: Annotated[Floats | None, Variable("time")] = None
     down_gain_ballistic: Annotated[Floats | None, Variable("time")] = None
-    down_gain_mean_stderr: Annotated[float | None, Variable("")] = None
+    down_gain_mean_stderr: Annotated[float | None, Variable()] = None
     tilt_deg: Annotated[Floats | None, Variable("time")] = None
     tilt_azimuth_deg: Annotated[Floats | None, Variable("time")] = None
-    place: Annotated[Floats | None, Variable("time axis")] = None
+    place: Annotated[Floats | None, Variable("time", "axis")] = None
     background_time: Annotated[Floats | None, Variable("background_time")] = None
     background_radiance: Annotated[Floats | None, Variable("background_time")] = None
     background_radiance_stderr: Annotated[Floats | None, Variable("background_time")] = None

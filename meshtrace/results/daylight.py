@@ -43,10 +43,10 @@ class Background(Stored):
 
     part_radiance: Annotated[Floats, Variable("part")]
     part_radiance_stderr: Annotated[Floats, Variable("part")]
-    radiance: Annotated[float, Variable("", name="background_radiance")]
-    radiance_stderr: Annotated[float, Variable("", name="background_radiance_stderr")]
-    acceptance: Annotated[float, Variable("")]
-    wavelength_nm: Annotated[float, Variable("")]
+    radiance: Annotated[float, Variable(name="background_radiance")]
+    radiance_stderr: Annotated[float, Variable(name="background_radiance_stderr")]
+    acceptance: Annotated[float, Variable()]
+    wavelength_nm: Annotated[float, Variable()]
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "background"
@@ -153,8 +153,8 @@ class BackgroundSeries(Stored):
     """
 
     time: Annotated[Floats, Variable("time")]
-    part_radiance: Annotated[Floats, Variable("time part")]
-    part_radiance_stderr: Annotated[Floats, Variable("time part")]
+    part_radiance: Annotated[Floats, Variable("time", "part")]
+    part_radiance_stderr: Annotated[Floats, Variable("time", "part")]
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "background-series"
@@ -237,14 +237,16 @@ class IrradianceSeries(Stored):
 
     time: Annotated[Floats, Variable("time")]
     depth: Annotated[Floats, Variable("depth")]
-    irradiance: Annotated[Floats, Variable("time depth", name="spectral_irradiance")]
-    unscattered: Annotated[Floats, Variable("time depth", name="unscattered_irradiance")]
+    irradiance: Annotated[Floats, Variable("time", "depth", name="spectral_irradiance")]
+    unscattered: Annotated[Floats, Variable("time", "depth", name="unscattered_irradiance")]
     sky: Annotated[Floats, Variable("depth", name="sky_irradiance")]
     still: Annotated[Floats, Variable("depth", name="still_irradiance")]
     provenance: dict[str, Any] = field(default_factory=dict)
     x: Annotated[Floats | None, Variable("x")] = None
     y: Annotated[Floats | None, Variable("y")] = None
-    pattern: Annotated[Floats | None, Variable("time depth x y", name="irradiance_pattern")] = None
+    pattern: Annotated[
+        Floats | None, Variable("time", "depth", "x", "y", name="irradiance_pattern")
+    ] = None
 
     kind: ClassVar[str] = "irradiance-series"
     title: ClassVar[str] = "meshtrace irradiance over time"

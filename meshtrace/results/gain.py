@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
@@ -17,8 +17,8 @@ from meshtrace.fields import attrs
 from meshtrace.kernels.tally import Fate
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
-from meshtrace.results.tallies import ArrivalTally, MapTally, Planes, merged, merged_mean
-from meshtrace.stored import Attribute, Rows, Stored, Variable
+from meshtrace.results.tallies import ArrivalTally, MapTally, Planes, merged_means
+from meshtrace.stored import Columns, Elsewhere, Part, Stored, Variable, Variables
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -103,7 +103,7 @@ class ChainCounts(NamedTuple):
 
 
 _MATTERS = 0.5  # error of the mesh over the standard error: the two together are 12 % larger
-_EACH, _MEAN = Variable("receiver"), Variable("receiver", merged_mean)
+_EACH = Variable("receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -153,30 +153,30 @@ class GainResult(Stored):
         Irradiance on a plane in the air.
     """
 
-    gain: Annotated[Values, _MEAN]
+    gain: Annotated[Values, _EACH]
     gain_stderr: Annotated[Values, _EACH]
     photons: int
-    fates: Annotated[dict[str, FateTally], Attribute()]
+    fates: Annotated[dict[str, FateTally], Elsewhere()]
     provenance: dict[str, Any]
     gain_ballistic: Annotated[Values | None, _EACH] = None
     gain_scattered: Annotated[Values | None, _EACH] = None
     rays_recast: int = 0
     rays_lost: int = 0
-    chains: Annotated[ChainCounts | None, Rows(ChainCounts, prefix="chains_")] = None
+    chains: Annotated[ChainCounts | None, Columns(ChainCounts, "chains")] = None
     scattered: Annotated[
-        list[ScatteredSamples], Rows(ScatteredSamples, "receiver", "scattered_")
+        list[ScatteredSamples], Columns(ScatteredSamples, "scattered", "receiver")
     ] = field(default_factory=list)
     reflected: Annotated[
-        list[ScatteredSamples], Rows(ScatteredSamples, "receiver", "reflected_")
+        list[ScatteredSamples], Columns(ScatteredSamples, "reflected", "receiver")
     ] = field(default_factory=list)
     gain_bound: Annotated[Values | None, _EACH] = None
     gain_reflected: Annotated[Values | None, _EACH] = None
     gain_reflected_stderr: Annotated[Values | None, _EACH] = None
     mesh_error: Annotated[Values | None, _EACH] = None
-    gain_order: Annotated[Floats | None, Variable("receiver order")] = None
-    arrivals: ArrivalTally | None = None
-    planes: Planes | None = None
-    map: MapTally | None = None
+    gain_order: Annotated[Floats | None, Variable("receiver", "order")] = None
+    arrivals: Annotated[ArrivalTally | None, Part(ArrivalTally)] = None
+    planes: Annotated[Planes | None, Part(Planes)] = None
+    map: Annotated[MapTally | None, Part(MapTally)] = None
 
     kind: ClassVar[str] = "gain"
     title: ClassVar[str] = "meshtrace channel gain"
@@ -292,30 +292,34 @@ class GainResult(Stored):
 
     def _content(self) -> xr.Dataset:
         data = super()._content().assign_attrs(scalar=int(np.ndim(self.gain) == 0))
-        if self.fates:
-            codes = np.array([Fate[name.upper()] for name in self.fates], np.int8)
-            flags = {"flag_values": codes, "flag_meanings": " ".join(self.fates)}
-            data.coords["fate"] = ("fate", codes, flags)
-            for name in FateTally._fields:
-                column = np.array([getattr(tally, name) for tally in self.fates.values()])
-                data[f"fate_{name}"] = ("fate", column, attrs(f"fate_{name}"))
         return data.assign_coords(receiver=np.arange(len(self.gains)))
 
+    def _derived(self) -> Variables:
+        """Return the fates as flags of the CF conventions, with their photons and weights."""
+        if not self.fates:
+            return {}
+        codes = np.array([Fate[name.upper()] for name in self.fates], np.int8)
+        flags = {"flag_values": codes, "flag_meanings": " ".join(self.fates)}
+        columns = zip(*self.fates.values(), strict=True)
+        named = zip(FateTally._fields, map(np.array, columns), strict=True)
+        return {"fate": ("fate", codes, flags)} | {f"fate_{n}": ("fate", x) for n, x in named}
+
     @classmethod
-    def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
-        """Return the fields that a dataset holds, as numbers for a single receiver."""
-        found, fates = super().arrays(data), {}
-        if "scalar" not in data.attrs:
-            allowed = f"a dataset of a {cls.__name__}"
-            raise Refused("data", Described("no attribute scalar"), allowed)
-        if data.attrs["scalar"]:
-            each = {name for name, _, variable in cls._described() if variable.dims == "receiver"}
-            found |= {name: float(found[name][0]) for name in each & found.keys()}
+    def _restored(cls, data: xr.Dataset, provenance: Any, **parts: Any) -> GainResult:
+        parts["fates"] = {}
         if "fate" in data.coords:
             columns = (data[f"fate_{name}"].values.tolist() for name in FateTally._fields)
             names = data["fate"].attrs["flag_meanings"].split()
-            fates = dict(zip(names, map(FateTally, *columns), strict=True))
-        return {**found, "fates": fates}
+            parts["fates"] = dict(zip(names, map(FateTally, *columns), strict=True))
+        result = super()._restored(data, provenance, **parts)
+        if not data.attrs["scalar"]:
+            return result
+        numbers: dict[str, Any] = {}
+        for name in (item.name for item in fields(result)):
+            array = getattr(result, name)
+            if isinstance(array, np.ndarray) and array.ndim == 1:
+                numbers[name] = float(array[0])
+        return replace(result, **numbers)
 
     def _origin_lines(self) -> list[str]:
         """Return estimator, sea and wind of a run."""
@@ -386,7 +390,11 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         raise Refused("results", Described("photon ids overlap"), "disjoint runs")
     n = np.array([r.photons for r in results])
     total = int(n.sum())
-    means = merged(results, n)
+    means = merged_means(results, n)
+    for name in ("arrivals", "planes", "map"):
+        tallies = [getattr(result, name) for result in results]
+        if tallies[0] is not None:
+            means[name] = tallies[0].merged(tallies, n)
     fates = {}
     for name in first.fates:
         photons = sum(r.fates[name].photons for r in results)

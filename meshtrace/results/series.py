@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _FEW = 50  # gains shown in place of statistics
 _MOST_NOISE = 0.05  # fraction of the variance below which noise is not reported
-_EACH = Variable("{along} receiver")
+_EACH = Variable("step", "receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,7 +58,7 @@ class GainSeries(Stored):
     """
 
     along: Literal["time", "realization"]
-    coordinate: Annotated[NDArray[Any], Variable("{along}", name="{along}")]
+    coordinate: Annotated[NDArray[Any], Variable("step", name="step")]
     gain: Annotated[Floats, _EACH]
     gain_stderr: Annotated[Floats, _EACH]
     gain_ballistic: Annotated[Floats, _EACH]
@@ -67,6 +67,7 @@ class GainSeries(Stored):
 
     kind: ClassVar[str] = "series"
     title: ClassVar[str] = "meshtrace gain series"
+    _step_name: ClassVar[str] = "along"
 
     @property
     def gains(self) -> Floats:
@@ -204,10 +205,10 @@ class CoverageMap(Stored):
 
     x: Annotated[Floats, Variable("x")]
     y: Annotated[Floats, Variable("y")]
-    gain: Annotated[Floats, Variable("x y")]
-    gain_stderr: Annotated[Floats, Variable("x y")]
+    gain: Annotated[Floats, Variable("x", "y")]
+    gain_stderr: Annotated[Floats, Variable("x", "y")]
     provenance: dict[str, Any] = field(default_factory=dict)
-    gain_bound: Annotated[Floats | None, Variable("x y")] = None
+    gain_bound: Annotated[Floats | None, Variable("x", "y")] = None
 
     kind: ClassVar[str] = "coverage"
     title: ClassVar[str] = "meshtrace coverage map"
@@ -317,6 +318,9 @@ class ByWavelength(Stacked, Generic[Result]):
     kind: ClassVar[str] = "wavelengths"
     title: ClassVar[str] = "meshtrace results by wavelength"
     _along: ClassVar[tuple[str, str]] = ("wavelength", "wavelength_nm")
+
+    def _stack(self) -> tuple[Floats, tuple[Result, ...]]:
+        return self.wavelength_nm, self.results
 
     def at_wavelength(self, wavelength_nm: float) -> Result:
         """Return the result at a wavelength [nm].

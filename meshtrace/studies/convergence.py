@@ -35,7 +35,7 @@ from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
-from meshtrace.stored import SHIFTS, Stored, Variable
+from meshtrace.stored import SHIFTS, Part, Stored, Variable
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.refinement import (
     CommonChains,
@@ -93,22 +93,23 @@ class ConvergenceStudy(Stored):
     """
 
     parameter: str
-    values: Annotated[Floats, Variable("{parameter}", name="{parameter}")]
+    values: Annotated[Floats, Variable("step", name="step")]
     normals: Annotated[tuple[Normals, ...], Variable("normals")]
-    samples: Annotated[Floats, Variable("normals {parameter} repeat shift")]
-    ballistic: Annotated[Floats, Variable("normals {parameter} repeat", name="samples_ballistic")]
-    scatter: Annotated[Floats, Variable("normals {parameter}")]
-    slope_variance: Annotated[Floats, Variable("normals {parameter}", name="mss")]
-    total_reflection: Annotated[Floats, Variable("normals {parameter}")]
-    mesh_time: Annotated[Floats, Variable("normals {parameter}")]
-    bvh_time: Annotated[Floats, Variable("normals {parameter}")]
-    evaluation_time: Annotated[Floats, Variable("normals {parameter}")]
-    reference: Reference | None = None
+    samples: Annotated[Floats, Variable("normals", "step", "repeat", "shift")]
+    ballistic: Annotated[Floats, Variable("normals", "step", "repeat", name="samples_ballistic")]
+    scatter: Annotated[Floats, Variable("normals", "step")]
+    slope_variance: Annotated[Floats, Variable("normals", "step", name="mss")]
+    total_reflection: Annotated[Floats, Variable("normals", "step")]
+    mesh_time: Annotated[Floats, Variable("normals", "step")]
+    bvh_time: Annotated[Floats, Variable("normals", "step")]
+    evaluation_time: Annotated[Floats, Variable("normals", "step")]
+    reference: Annotated[Reference | None, Part(Reference)] = None
     tolerance: float = 1e-3
     provenance: dict[str, Any] = field(default_factory=dict)
 
     kind: ClassVar[str] = "convergence"
     title: ClassVar[str] = "meshtrace convergence"
+    _step_name: ClassVar[str] = "parameter"
 
     @property
     def step(self) -> Floats:

@@ -28,7 +28,6 @@ from meshtrace.errors import (
     require_word,
 )
 from meshtrace.fading import Estimate
-from meshtrace.fields import attrs
 from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface, SurfaceModel
 from meshtrace.models import Floats
@@ -36,7 +35,7 @@ from meshtrace.results.daylight import Background
 from meshtrace.results.provenance import water_of
 from meshtrace.results.series import ByWavelength, checked_wavelengths, spectral
 from meshtrace.scenario import Scenario
-from meshtrace.stored import Attribute, Rows, Stacked, Stored, Variable
+from meshtrace.stored import Attribute, Columns, Elsewhere, Stacked, Stored, Variable, Variables
 from meshtrace.studies.background import background_over_seas, described, light_of
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.operating_point import (
@@ -83,15 +82,15 @@ class LinkPerformance(Stored):
     """
 
     depths: Annotated[tuple[float, ...], Variable("depth", name="depth")]
-    ooks: Annotated[tuple[OokLink, ...], Attribute()]
-    figures: Annotated[tuple[OperatingPoint, ...], Rows(OperatingPoint, "depth bit_rate")]
-    fades: Annotated[tuple[FadingSamples, ...], Attribute()]
+    ooks: Annotated[tuple[OokLink, ...], Elsewhere()]
+    figures: Annotated[tuple[OperatingPoint, ...], Columns(OperatingPoint, "", "depth", "bit_rate")]
+    fades: Annotated[tuple[FadingSamples, ...], Elsewhere()]
     limit: Annotated[float, Attribute("ber_limit")]
     confidence: float
     status: str
     provenance: dict[str, Any] = field(default_factory=dict)
     light: str = DARK
-    responses: Annotated[tuple[ChannelResponse | None, ...], Attribute()] = ()
+    responses: Annotated[tuple[ChannelResponse | None, ...], Elsewhere()] = ()
 
     kind: ClassVar[str] = "performance"
     title: ClassVar[str] = "meshtrace link performance"
@@ -288,16 +287,16 @@ class LinkPerformance(Stored):
                 )
         return lines
 
-    def _content(self) -> xr.Dataset:
-        data = super()._content()
-        if len(self.depths) > 1:
-            ends = ("range", "range_low", "range_high")
-            for name, ranges in zip(ends, np.transpose(self.range_at_ber()), strict=True):
-                data[name] = ("bit_rate", ranges, attrs(name))
-        return data
+    def _derived(self) -> Variables:
+        """Return the range of each bit rate."""
+        if len(self.depths) == 1:
+            return {}
+        ranges = np.transpose(self.range_at_ber())
+        names = ("range", "range_low", "range_high")
+        return {name: ("bit_rate", values) for name, values in zip(names, ranges, strict=True)}
 
     @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any, **more: Any) -> LinkPerformance:
+    def _restored(cls, data: xr.Dataset, provenance: Any, **fields: Any) -> LinkPerformance:
         ooks = tuple(OokLink.model_validate(ook) for ook in provenance["ook"])
         if len(ooks) != data["bit_rate"].size:
             raise ValueError("other numbers of bit rates and transmissions")
@@ -306,8 +305,8 @@ class LinkPerformance(Stored):
             for one in provenance["responses"]
         )
         require_between(provenance.get("tilt_outage", 0.0), 0.0, 1.0, "tilt_outage", "[]")
-        given = {"ooks": ooks, "responses": responses, "fades": ()}
-        return super()._restored(data, provenance, **given)
+        parts = {"ooks": ooks, "responses": responses, "fades": ()}
+        return super()._restored(data, provenance, **parts)
 
 
 _FLOOR = 1e-15  # of bit error rates in texts
@@ -377,6 +376,9 @@ class DepthSweep(Stacked):
     kind: ClassVar[str] = "depth-sweep"
     title: ClassVar[str] = "meshtrace link performance over depth and wind"
     _along: ClassVar[tuple[str, str]] = ("wind_speed", "wind_speed")
+
+    def _stack(self) -> tuple[Sequence[float], tuple[LinkPerformance, ...]]:
+        return self.wind_speeds, self.performances
 
     def _headline(self) -> str:
         winds = ", ".join(f"{speed:g}" for speed in self.wind_speeds)

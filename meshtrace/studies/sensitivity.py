@@ -28,7 +28,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
-from meshtrace.stored import SHIFTS, Rows, Stored, Variable
+from meshtrace.stored import SHIFTS, Columns, Stored, Variable
 from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.keys import Parameter, Variant, parameters
@@ -158,11 +158,11 @@ class Sensitivities(Stored):
     """
 
     of: str
-    value: Annotated[float, Variable("", name="quantity")]
-    stderr: Annotated[float, Variable("", name="quantity_stderr")]
+    value: Annotated[float, Variable(name="quantity")]
+    stderr: Annotated[float, Variable(name="quantity_stderr")]
     unit: str
-    table: Annotated[Table, Rows(Row, "parameter", "sensitivity_")]
-    logs: Annotated[Floats, Variable("parameter parameter_too", name="sensitivity_covariance")]
+    table: Annotated[Table, Columns(Row, "sensitivity", "parameter")]
+    logs: Annotated[Floats, Variable("parameter", "parameter_too", name="sensitivity_covariance")]
     provenance: dict[str, Any] = field(default_factory=dict)
     light: str = ""
 

@@ -178,8 +178,8 @@ class Design(Stored):
     together: tuple[BestValue, ...]
     reach: tuple[Reach, ...]
     budget: tuple[Line, ...]
-    scanned: Annotated[Floats, Variable("choice point", name="design_value")]
-    reserves: Annotated[Floats, Variable("choice point", name="design_reserve_db")]
+    scanned: Annotated[Floats, Variable("choice", "point", name="design_value")]
+    reserves: Annotated[Floats, Variable("choice", "point", name="design_reserve_db")]
     notes: tuple[str, ...] = ()
     status: str = ""
     provenance: dict[str, Any] = field(default_factory=dict)
