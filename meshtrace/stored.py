@@ -311,12 +311,13 @@ class Stored(ABC):
     _step_name: ClassVar[str] = ""
     _classes: ClassVar[dict[str, type[Stored]]] = {}
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(cls, kind: str = "", title: str = "") -> None:
         """Register the kind of a class that has one."""
         super().__init_subclass__()
         check_methods(cls)
-        if cls.kind:
-            Stored._classes[cls.kind] = cls
+        if kind:
+            cls.kind, cls.title = kind, title
+            Stored._classes[kind] = cls
 
     def summary(self) -> str:
         """Return the numbers with their standard errors and units as text for a terminal."""

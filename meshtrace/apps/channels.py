@@ -6,7 +6,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -143,7 +143,7 @@ def _memory_note(statistics: dict[str, Any], model: Floats, cause: str) -> list[
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class MarkovChannel(ChannelModel):
+class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov channel"):
     r"""Finite-state Markov channel: states between thresholds, one gain in each.
 
     .. math:: P_{ij} = n_{ij} / n_i, \quad \pi P = \pi, \quad
@@ -198,9 +198,6 @@ class MarkovChannel(ChannelModel):
     steady_state_stderr: Annotated[Floats, Variable("state")]
     transition: Annotated[Floats, Variable("state", "next_state")]
     transition_stderr: Annotated[Floats, Variable("state", "next_state")]
-
-    kind: ClassVar[str] = "markov-channel"
-    title: ClassVar[str] = "meshtrace Markov channel"
 
     @classmethod
     def fit(
@@ -372,7 +369,9 @@ GeneratedLaw = Literal["gamma-gamma", "lognormal", "empirical"]
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class TransformedGaussian(ChannelModel):
+class TransformedGaussian(
+    ChannelModel, kind="transformed-gaussian", title="meshtrace transformed Gaussian series"
+):
     r"""Generator of gains: a Gaussian series of a certain correlation, transformed to a law.
 
     .. math:: g_t = F^{-1}(\Phi(z_t)), \quad
@@ -432,9 +431,6 @@ class TransformedGaussian(ChannelModel):
     score: Annotated[Floats, Variable("score")]
     gain_quantile: Annotated[Floats, Variable("score")]
     gaussian_autocorrelation: Annotated[Floats, Variable("lag")]
-
-    kind: ClassVar[str] = "transformed-gaussian"
-    title: ClassVar[str] = "meshtrace transformed Gaussian series"
 
     @classmethod
     def fit(

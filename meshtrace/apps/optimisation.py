@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack
+from typing import Annotated, Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 from pydantic import Field
@@ -54,7 +54,7 @@ class Validation(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Optimum(Stored):
+class Optimum(Stored, kind="optimum", title="meshtrace optimum"):
     """Best link of an optimisation.
 
     Attributes
@@ -99,9 +99,6 @@ class Optimum(Stored):
     validation: Validation
     notes: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "optimum"
-    title: ClassVar[str] = "meshtrace optimum"
 
     @property
     def history(self) -> Floats:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal, Unpack
+from typing import Annotated, Any, Literal, Unpack
 
 import numpy as np
 
@@ -37,7 +37,7 @@ _EACH = Variable("time", "receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ChannelTrace(Stored):
+class ChannelTrace(Stored, kind="trace", title="meshtrace channel trace"):
     """Channel of a link over time.
 
     Attributes
@@ -80,9 +80,6 @@ class ChannelTrace(Stored):
     background_radiance: Annotated[Floats | None, Variable("background_time")] = None
     background_radiance_stderr: Annotated[Floats | None, Variable("background_time")] = None
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "trace"
-    title: ClassVar[str] = "meshtrace channel trace"
 
     @property
     def rate(self) -> float:

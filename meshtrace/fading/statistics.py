@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,7 +47,7 @@ from meshtrace.stored import Attribute, Columns, Part, Stored, Variable, Variabl
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FadingStatistics(Stored):
+class FadingStatistics(Stored, kind="fading", title="meshtrace fading statistics"):
     """Fading statistics of one set of gains, made by `fading_statistics`.
 
     Parameters
@@ -115,9 +115,6 @@ class FadingStatistics(Stored):
         tuple[Estimate, ...], Columns(Estimate, "mean_fade_duration", "threshold")
     ] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "fading"
-    title: ClassVar[str] = "meshtrace fading statistics"
 
     def _headline(self) -> str:
         index = _text(self.scintillation_index)

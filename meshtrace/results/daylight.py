@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,7 @@ sun seen directly. Under water: "sky" and "sun" through the surface, scattered l
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Background(Stored):
+class Background(Stored, kind="background", title="meshtrace background light"):
     """Radiance of the background, averaged over aperture and field of view of a receiver.
 
     Attributes
@@ -48,9 +48,6 @@ class Background(Stored):
     acceptance: Annotated[float, Variable()]
     wavelength_nm: Annotated[float, Variable()]
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "background"
-    title: ClassVar[str] = "meshtrace background light"
 
     @classmethod
     def of_groups(
@@ -139,7 +136,9 @@ class Background(Stored):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BackgroundSeries(Stored):
+class BackgroundSeries(
+    Stored, kind="background-series", title="meshtrace background light over time"
+):
     """Background of a receiver over a moving sea, with the same rays at all times.
 
     Attributes
@@ -156,9 +155,6 @@ class BackgroundSeries(Stored):
     part_radiance: Annotated[Floats, Variable("time", "part")]
     part_radiance_stderr: Annotated[Floats, Variable("time", "part")]
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "background-series"
-    title: ClassVar[str] = "meshtrace background light over time"
 
     @property
     def radiance(self) -> Floats:
@@ -210,7 +206,7 @@ class Flashes(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class IrradianceSeries(Stored):
+class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradiance over time"):
     """Downward irradiance at depths under a moving sea.
 
     Attributes
@@ -247,9 +243,6 @@ class IrradianceSeries(Stored):
     pattern: Annotated[
         Floats | None, Variable("time", "depth", "x", "y", name="irradiance_pattern")
     ] = None
-
-    kind: ClassVar[str] = "irradiance-series"
-    title: ClassVar[str] = "meshtrace irradiance over time"
 
     @property
     def mean(self) -> Floats:

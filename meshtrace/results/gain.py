@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -107,7 +107,7 @@ _EACH = Variable("receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GainResult(Stored):
+class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
     """Channel gain of one link over one surface.
 
     Attributes
@@ -177,9 +177,6 @@ class GainResult(Stored):
     arrivals: Annotated[ArrivalTally | None, Part(ArrivalTally)] = None
     planes: Annotated[Planes | None, Part(Planes)] = None
     map: Annotated[MapTally | None, Part(MapTally)] = None
-
-    kind: ClassVar[str] = "gain"
-    title: ClassVar[str] = "meshtrace channel gain"
 
     @property
     def gains(self) -> Floats:

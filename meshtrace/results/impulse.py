@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ _MOST_BINS = 10**7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ImpulseResponse(Stored):
+class ImpulseResponse(Stored, kind="impulse-response", title="meshtrace impulse response"):
     """Impulse response of a channel, h(t) in gain per second.
 
     Attributes
@@ -55,9 +55,6 @@ class ImpulseResponse(Stored):
     weight: Annotated[Floats, Variable("arrival", name="arrival_weight")]
     angle: Annotated[Floats, Variable("arrival", name="arrival_angle")]
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "impulse-response"
-    title: ClassVar[str] = "meshtrace impulse response"
 
     def _headline(self) -> str:
         spread = f"rms delay spread {self.rms_delay_spread:.4g} s"

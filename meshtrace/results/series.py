@@ -39,7 +39,7 @@ _EACH = Variable("step", "receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GainSeries(Stored):
+class GainSeries(Stored, kind="series", title="meshtrace gain series"):
     """Gains of one link over many surfaces, all with the same chains.
 
     Attributes
@@ -65,8 +65,6 @@ class GainSeries(Stored):
     mean_stderr: Any
     provenance: dict[str, Any] = field(default_factory=dict)
 
-    kind: ClassVar[str] = "series"
-    title: ClassVar[str] = "meshtrace gain series"
     _step_name: ClassVar[str] = "along"
 
     @property
@@ -187,7 +185,7 @@ LIT = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CoverageMap(Stored):
+class CoverageMap(Stored, kind="coverage", title="meshtrace coverage map"):
     """Gain of a receiver at each place of its plane.
 
     Attributes
@@ -209,9 +207,6 @@ class CoverageMap(Stored):
     gain_stderr: Annotated[Floats, Variable("x", "y")]
     provenance: dict[str, Any] = field(default_factory=dict)
     gain_bound: Annotated[Floats | None, Variable("x", "y")] = None
-
-    kind: ClassVar[str] = "coverage"
-    title: ClassVar[str] = "meshtrace coverage map"
 
     def _headline(self) -> str:
         shape = " x ".join(map(str, self.gain.shape))
@@ -290,7 +285,9 @@ Options = ParamSpec("Options")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ByWavelength(Stacked, Generic[Result]):
+class ByWavelength(
+    Stacked, Generic[Result], kind="wavelengths", title="meshtrace results by wavelength"
+):
     """Results of one link at several wavelengths, with common paths where that is possible.
 
     The standard errors of the wavelengths are correlated: their noise cancels in ratios.
@@ -315,8 +312,6 @@ class ByWavelength(Stacked, Generic[Result]):
     wavelength_nm: Floats
     results: tuple[Result, ...]
 
-    kind: ClassVar[str] = "wavelengths"
-    title: ClassVar[str] = "meshtrace results by wavelength"
     _along: ClassVar[tuple[str, str]] = ("wavelength", "wavelength_nm")
 
     def _stack(self) -> tuple[Floats, tuple[Result, ...]]:

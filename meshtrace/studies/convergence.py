@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ConvergenceStudy(Stored):
+class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"):
     """Gain of one link against a parameter of the discretisation.
 
     Attributes
@@ -107,8 +107,6 @@ class ConvergenceStudy(Stored):
     tolerance: float = 1e-3
     provenance: dict[str, Any] = field(default_factory=dict)
 
-    kind: ClassVar[str] = "convergence"
-    title: ClassVar[str] = "meshtrace convergence"
     _step_name: ClassVar[str] = "parameter"
 
     @property
@@ -572,7 +570,9 @@ _WITHIN_ONE = math.erf(math.sqrt(0.5))  # of normal errors within one standard e
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FadingConvergence(Stored):
+class FadingConvergence(
+    Stored, kind="fading-convergence", title="meshtrace fading over the band of waves"
+):
     """Scintillation index of unscattered light against the highest frequency of the sea.
 
     Attributes
@@ -602,9 +602,6 @@ class FadingConvergence(Stored):
     tolerance: float
     recommended: float
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "fading-convergence"
-    title: ClassVar[str] = "meshtrace fading over the band of waves"
 
     def _headline(self) -> str:
         percent = 100.0 * self.tolerance

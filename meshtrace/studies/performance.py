@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LinkPerformance(Stored):
+class LinkPerformance(Stored, kind="performance", title="meshtrace link performance"):
     """Performance of a link at one or several depths and bit rates.
 
     Attributes
@@ -91,9 +91,6 @@ class LinkPerformance(Stored):
     provenance: dict[str, Any] = field(default_factory=dict)
     light: str = DARK
     responses: Annotated[tuple[ChannelResponse | None, ...], Elsewhere()] = ()
-
-    kind: ClassVar[str] = "performance"
-    title: ClassVar[str] = "meshtrace link performance"
 
     def _headline(self) -> str:
         first, count = self.figures[0], len(self.figures)
@@ -359,7 +356,9 @@ def _range(depths: tuple[float, ...], ber: Floats, target: float) -> float:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DepthSweep(Stacked):
+class DepthSweep(
+    Stacked, kind="depth-sweep", title="meshtrace link performance over depth and wind"
+):
     """Performance over depth, for several winds.
 
     Attributes
@@ -373,8 +372,6 @@ class DepthSweep(Stacked):
     wind_speeds: Sequence[float]
     performances: tuple[LinkPerformance, ...]
 
-    kind: ClassVar[str] = "depth-sweep"
-    title: ClassVar[str] = "meshtrace link performance over depth and wind"
     _along: ClassVar[tuple[str, str]] = ("wind_speed", "wind_speed")
 
     def _stack(self) -> tuple[Sequence[float], tuple[LinkPerformance, ...]]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Annotated, Any, ClassVar, NamedTuple, Unpack, overload
+from typing import Annotated, Any, NamedTuple, Unpack, overload
 
 import numpy as np
 from pydantic import Field
@@ -135,7 +135,7 @@ class Table(tuple[Row, ...]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sensitivities(Stored):
+class Sensitivities(Stored, kind="sensitivity", title="meshtrace sensitivities"):
     """Sensitivities of a quantity of a link.
 
     Attributes
@@ -165,9 +165,6 @@ class Sensitivities(Stored):
     logs: Annotated[Floats, Variable("parameter", "parameter_too", name="sensitivity_covariance")]
     provenance: dict[str, Any] = field(default_factory=dict)
     light: str = ""
-
-    kind: ClassVar[str] = "sensitivity"
-    title: ClassVar[str] = "meshtrace sensitivities"
 
     def _headline(self) -> str:
         largest = max(self.table, key=lambda row: abs(np.nan_to_num(row.elasticity)))
