@@ -98,15 +98,15 @@ class Elsewhere:
         return {}
 
     def read(self, data: xr.Dataset, hint: Any) -> Any:
-        """Return that there is no value."""
+        """Return MISSING."""
         return MISSING
 
 
 class Variable:
-    """Dimensions of an array or number, and its name in files: that of the field by default.
+    """Array or number with its dimensions and its name in files, by default that of the field.
 
-    `fields.toml` has units and long name of the name. Values with fewer dimensions have the first
-    ones.
+    Units and long name are those of the name in `fields.toml`. Values with fewer dimensions have
+    the first ones.
     """
 
     def __init__(self, *dims: str, name: str = "") -> None:
@@ -118,7 +118,7 @@ class Variable:
         return {self.name: (self.dims[: array.ndim], array)}
 
     def read(self, data: xr.Dataset, hint: Any) -> Any:
-        """Return the array, number or tuple of texts of a dataset, MISSING if it has none."""
+        """Return the array, number or tuple that a dataset has for a field, or MISSING."""
         if self.name not in data.variables:
             return MISSING
         values = self.checked(data[self.name], hint).to_numpy()
@@ -127,7 +127,7 @@ class Variable:
         return tuple(values.tolist()) if get_origin(hint) is tuple else values
 
     def checked(self, array: xr.DataArray, hint: Any) -> xr.DataArray:
-        """Return an array; refuse other dimensions than a result writes, or text for numbers."""
+        """Check that an array has the dimensions that a result writes, and numbers or text."""
         dims, lacking = self.dims[: array.ndim], self.dims[array.ndim :]
         # values of one receiver lack that dimension; a number has none
         fits = array.dims == dims and (array.ndim or not lacking) and {*lacking} <= {"receiver"}
@@ -143,7 +143,7 @@ class Variable:
 
 
 class Columns:
-    """Rows of a named tuple or dataclass: a variable for each column, its name behind a prefix.
+    """Named tuples or dataclasses as rows: a variable for each column, its name behind a prefix.
 
     An `Estimate` in the column `ber` has the variables ber, ber_low and ber_high. A column with the
     name of a dimension, or `name`, is its coordinate. Without dimensions there is a single row.
@@ -154,44 +154,45 @@ class Columns:
 
     def write(self, value: Any) -> Variables:
         """Return the columns of rows that go through the last dimension first."""
-        rows, variables = value if self.dims else [value], Variables()
+        table = value if self.dims else [value]
         columns = {
-            n: [reduce(getattr, path, row) for row in rows] for n, path, _ in self._columns()
+            item.name: (item, [reduce(getattr, path, row) for row in table])
+            for item, path, _ in self._columns()
         }
-        shape = (*(len({*columns[dim]}) for dim in self.dims[:-1]), -1)[: len(self.dims)]
-        for name, column in columns.items() if rows else ():
-            # files have no truth values
+        shape = (*(len({*columns[dim][1]}) for dim in self.dims[:-1]), -1)[: len(self.dims)]
+        variables = Variables()
+        for item, column in columns.values() if table else ():
+            # netCDF has no truth values
             array = np.array(column, np.int8 if isinstance(column[0], bool | np.bool) else None)
-            array, dims = array.reshape(shape), self.dims
-            if name in dims:
-                array = array[tuple(slice(None) if dim == name else 0 for dim in dims)]
-                dims = (name,)
-            variables[name] = dims, array
+            # a coordinate is the same along all other dimensions
+            repeats = tuple(0 if dim not in item.dims else slice(None) for dim in self.dims)
+            variables |= item.write(array.reshape(shape)[repeats])
         return variables
 
     def read(self, data: xr.Dataset, hint: Any) -> Any:
-        """Return the rows of a dataset, MISSING if it has no column of them."""
+        """Return the rows that a dataset has for a field, or MISSING."""
         import xarray as xr
 
-        names = [name for name, _, _ in self._columns()]
-        columns = [name for name in names if name in data.variables and name not in self.dims]
-        if not columns:
+        columns = {item.name: (item, kind) for item, _, kind in self._columns()}
+        present = [name for name in columns if name in data.variables and name not in self.dims]
+        if not present:
             return MISSING
-        if lacking := [name for name in names if name not in data.variables]:
-            raise ValueError(f"no variable {lacking[0]} beside {columns[0]}")
-        values = []
-        arrays = xr.broadcast(*(data[name] for name in names))
-        for (name, _, kind), array in zip(self._columns(), arrays, strict=True):
-            array = Variable(*self.dims, name=name).checked(array.transpose(*self.dims), kind)
-            values.append(array.values.ravel().astype(bool if kind is bool else array.dtype))
-        rows = _rows(self.kind, (column.tolist() for column in values))
-        return (get_origin(hint) or hint)(rows) if self.dims else rows[0]
+        if lacking := [name for name in columns if name not in data.variables]:
+            raise ValueError(f"no variable {lacking[0]} beside {present[0]}")
+        arrays = (
+            item.checked(data[name].transpose(*item.dims, missing_dims="ignore"), kind)
+            for name, (item, kind) in columns.items()
+        )
+        flat = (x.transpose(*self.dims).to_numpy().ravel().tolist() for x in xr.broadcast(*arrays))
+        table = _rows(self.kind, flat)
+        return (get_origin(hint) or hint)(table) if self.dims else table[0]
 
-    def _columns(self) -> Iterator[tuple[str, tuple[str, ...], Any]]:
-        """Yield the name in files of each column, its path within a row, and its type."""
+    def _columns(self) -> Iterator[tuple[Variable, tuple[str, ...], Any]]:
+        """Yield the variable of each column, its path within a row, and its type."""
         for path, hint in _paths(self.kind):
             words = (word for word in (self.prefix, *path) if word not in ("", "value"))
-            yield self.dims[0] if path == ("name",) else "_".join(words), path, hint
+            name = self.dims[0] if path == ("name",) else "_".join(words)
+            yield Variable(*([name] if name in self.dims else self.dims), name=name), path, hint
 
 
 def _paths(kind: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -203,10 +204,10 @@ def _paths(kind: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
 
 def _rows(kind: Any, columns: Iterator[list[Any]]) -> list[Any]:
     """Return rows of the next columns, in the order of `_paths`."""
-    values = [
-        _rows(hint, columns) if hasattr(hint, "_fields") else next(columns)
-        for hint in _hints(kind).values()
-    ]
+    values: list[Any] = []
+    for hint in _hints(kind).values():
+        column = _rows(hint, columns) if hasattr(hint, "_fields") else next(columns)
+        values.append(map(bool, column) if hint is bool else column)
     return [kind(*row) for row in zip(*values, strict=True)]
 
 
@@ -221,7 +222,7 @@ class Part:
         return variables_of(value)
 
     def read(self, data: xr.Dataset, hint: Any) -> Any:
-        """Return the part of a dataset, MISSING if it has none of its variables."""
+        """Return the part that a dataset has for a field, or MISSING."""
         fields = fields_of(self.kind, data)
         return self.kind(**fields) if fields else MISSING
 
@@ -234,24 +235,24 @@ class Attribute(Elsewhere):
 
     def plain(self, value: Any) -> Any:
         """Return a value as an attribute of a file."""
-        plain = np.isscalar(value) or isinstance(value, np.ndarray)
-        return value if plain else json.dumps(value, default=vars)
+        is_plain = np.isscalar(value) or isinstance(value, np.ndarray)
+        return value if is_plain else json.dumps(value, default=vars)
 
     def read(self, data: xr.Dataset, hint: Any) -> Any:
-        """Return the attribute as a value of a type, MISSING if the dataset has none."""
+        """Return the attribute of a dataset as a value of a type, or MISSING."""
         from pydantic import TypeAdapter
 
         if self.name not in data.attrs:
             return MISSING
         value = data.attrs[self.name]
-        if np.asarray(value).dtype.kind == "f":
-            _check_range("an attribute", np.asarray(value))
+        _check_range("an attribute", np.asarray(value))
         if hint is Any:
             return value
         if isinstance(value, str) and hint is not str:
             with suppress(ValueError):  # a word, or damaged: the type decides
                 value = json.loads(value)
-        value = np.asarray(value).tolist() if hasattr(value, "dtype") else value
+        # numbers of netCDF are those of numpy
+        value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
         return TypeAdapter(hint).validate_python(value)
 
 
@@ -279,7 +280,7 @@ def described(kind: Any) -> dict[str, tuple[Any, Any]]:
 
 
 def variables_of(item: Any) -> Variables:
-    """Return the variables of a result or part: its fields, and what derives from them."""
+    """Return the variables of a result or part: its fields, and what it derives from them."""
     variables = Variables()
     for name, (_, description) in described(type(item)).items():
         value = getattr(item, name)
@@ -406,9 +407,9 @@ class Stored(ABC):
         kind, version = dataset.attrs.get("kind"), dataset.attrs.get("format_version", 0)
         is_version = np.ndim(version) == 0 and version == FORMAT_VERSION
         if not isinstance(kind, str) or kind != cls.kind or not is_version:
-            found = f"a {kind} of format_version {version}" if kind else "no result"
+            problem = f"a {kind} of format_version {version}" if kind else "no result"
             allowed = f"{cls.kind} of format_version {FORMAT_VERSION}"
-            raise Refused(name, Described(found), allowed)
+            raise Refused(name, Described(problem), allowed)
         try:
             for label in dataset.dims:
                 if label in dataset.variables and bool(dataset[label].isnull().any()):
@@ -534,8 +535,8 @@ def kind_of(kind: Any, name: str = "kind") -> type[Stored]:
         If there is no such kind.
     """
     if not isinstance(kind, str) or kind not in _HOMES:
-        found = Described("no result" if kind is None else f"kind {show(kind)}")
-        raise Refused(name, found, f"results of kind {', '.join(_HOMES)}")
+        problem = Described("no result" if kind is None else f"kind {show(kind)}")
+        raise Refused(name, problem, f"results of kind {', '.join(_HOMES)}")
     import_module(_HOMES[kind])
     return Stored._classes[kind]
 

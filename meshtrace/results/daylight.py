@@ -55,8 +55,9 @@ class Background(Stored, kind="background", title="meshtrace background light"):
     ) -> Self:
         """Return the mean of independent parts (n, parts), with their scatter as its error."""
         total = parts.sum(axis=1)
-        light = float(total.mean()), float(error_of_groups(total))
-        return cls(parts.mean(axis=0), error_of_groups(parts), *light, acceptance, wavelength_nm)
+        # the parts of a sample share its rays: their errors do not add in quadrature
+        radiance = float(total.mean()), float(error_of_groups(total))
+        return cls(parts.mean(axis=0), error_of_groups(parts), *radiance, acceptance, wavelength_nm)
 
     @property
     def parts(self) -> dict[str, float]:
@@ -69,15 +70,16 @@ class Background(Stored, kind="background", title="meshtrace background light"):
         return dict(zip(PARTS, self.part_radiance_stderr.tolist(), strict=True))
 
     @property
-    def light(self) -> str:
-        """Name of the light."""
+    def light_name(self) -> str:
+        """Name of the daylight, such as "clear sky"."""
         return str(self.provenance["daylight"]["light"])
 
     def _check(self) -> None:
-        dict(self.parts | self.parts_stderr)  # one of each part
+        # strict pairs refuse other numbers of parts
+        dict(self.parts | self.parts_stderr)
 
     def _origin_lines(self) -> list[str]:
-        return [self.light]
+        return [self.light_name]
 
     @property
     def power_per_nm(self) -> float:
@@ -120,7 +122,7 @@ class Background(Stored, kind="background", title="meshtrace background light"):
 
     def _headline(self) -> str:
         return (
-            f"{self.light}: {self.radiance:.4e} +- {self.radiance_stderr:.1e} W m-2 sr-1 nm-1 "
+            f"{self.light_name}: {self.radiance:.4e} +- {self.radiance_stderr:.1e} W m-2 sr-1 nm-1 "
             f"at {self.wavelength_nm:g} nm"
         )
 
@@ -289,6 +291,7 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
         if (k <= 0.0).any():
             raise Refused("thresholds", thresholds, "numbers > 0")
         above = (self.irradiance / self.mean)[:, :, None] > k
+        # a flash begins between a time below and the next one above
         begun = np.count_nonzero(above[1:] & ~above[:-1], axis=0)
         seconds = step * np.count_nonzero(above, axis=0)
         duration = np.divide(seconds, begun, out=np.full(begun.shape, np.nan), where=begun > 0)
@@ -297,11 +300,12 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
     def spectrum(self) -> tuple[Floats, Floats]:
         """Return frequencies [Hz] and the power density of E / mean [Hz-1], (depths, n).
 
-        By Welch's method with eight segments; for equally spaced times.
+        By Welch's method with seven segments; for equally spaced times.
         """
         from scipy.signal import welch
 
         relative = (self.irradiance / self.mean - 1.0).T
+        # segments of a quarter that overlap by half of it, scipy's default
         rate, length = 1.0 / self._step(), max(len(self.time) // 4, 2)
         frequency, density = welch(relative, rate, nperseg=length, axis=-1)
         return frequency, density
@@ -323,6 +327,7 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
         step = float(self.x[1] - self.x[0])
         relative = self.pattern / self.pattern.mean(axis=(0, 2, 3), keepdims=True) - 1.0
         cycles, density = periodogram(relative, 1.0 / step, "hann", axis=2)
+        # from cycles per metre to radians: S(k) dk = S(1 / lambda) d(1 / lambda)
         return 2.0 * np.pi * cycles, density.mean(axis=(0, 3)) / (2.0 * np.pi)
 
     def _step(self) -> float:
@@ -337,21 +342,21 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
 
     def summary(self) -> str:
         """Return mean, coefficient of variation, and flashes at each depth as text."""
-        rows = [
+        lines = [
             f"downward irradiance at {len(self.time)} times, "
             f"{self.time[0]:g} to {self.time[-1]:g} s",
             "   depth  W m-2 nm-1  unscattered       CV   highest  flashes > 1.5 mean",
         ]
         try:
-            found = self.flashes([1.5])
-            seen = [
-                f"{r:.0f} per min, {1e3 * d:.3g} ms" if r else "none"
-                for r, d in zip(found.per_minute[:, 0], found.duration[:, 0], strict=True)
+            _, rates, durations = self.flashes([1.5])
+            flashes = [
+                f"{rate:.0f} per min, {1e3 * duration:.3g} ms" if rate else "none"
+                for rate, duration in zip(rates[:, 0], durations[:, 0], strict=True)
             ]
-        except Refused:
-            seen = [""] * len(self.depth)
+        except Refused:  # times that are not equally spaced
+            flashes = [""] * len(self.depth)
         share = self.unscattered.mean(axis=0) / self.mean
         highest = self.irradiance.max(axis=0) / self.mean
-        for row in zip(self.depth, self.mean, share, self.cv, highest, seen, strict=True):
-            rows.append("{:6g} m  {:10.4g}  {:10.1%}  {:8.3g}  {:8.3g}  {}".format(*row))
-        return "\n".join(rows)
+        for row in zip(self.depth, self.mean, share, self.cv, highest, flashes, strict=True):
+            lines.append("{:6g} m  {:10.4g}  {:10.1%}  {:8.3g}  {:8.3g}  {}".format(*row))
+        return "\n".join(lines)
