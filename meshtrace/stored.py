@@ -121,12 +121,12 @@ class Variable:
         """Return the array, number or tuple that a dataset has for a field, or MISSING."""
         if self.name not in data.variables:
             return MISSING
-        values = self.checked(data[self.name], hint).to_numpy()
+        values = self.checked(data.variables[self.name], hint).to_numpy()
         if not values.ndim:
             return values.item()
         return tuple(values.tolist()) if get_origin(hint) is tuple else values
 
-    def checked(self, array: xr.DataArray, hint: Any) -> xr.DataArray:
+    def checked(self, array: xr.Variable, hint: Any) -> xr.Variable:
         """Check that an array has the dimensions that a result writes, and numbers or text."""
         dims, lacking = self.dims[: array.ndim], self.dims[array.ndim :]
         # values of one receiver lack that dimension; a number has none
@@ -136,7 +136,7 @@ class Variable:
         if not fits or is_empty:
             shape = ", ".join(f"{dim} {size}" for dim, size in array.sizes.items())
             raise ValueError(f"{self.name} of dimensions ({shape}), not ({', '.join(self.dims)})")
-        if array.dtype.kind not in ("UOST" if _is_text(hint) else "biuf"):
+        if array.dtype.kind not in ("UOT" if _is_text(hint) else "biuf"):
             raise TypeError(f"{self.name} of {array.dtype}")
         _check_range(self.name, array.to_numpy())
         return array
@@ -171,20 +171,18 @@ class Columns:
 
     def read(self, data: xr.Dataset, hint: Any) -> Any:
         """Return the rows that a dataset has for a field, or MISSING."""
-        import xarray as xr
-
         columns = {item.name: (item, kind) for item, _, kind in self._columns()}
         present = [name for name in columns if name in data.variables and name not in self.dims]
         if not present:
             return MISSING
         if lacking := [name for name in columns if name not in data.variables]:
             raise ValueError(f"no variable {lacking[0]} beside {present[0]}")
-        arrays = (
-            item.checked(data[name].transpose(*item.dims, missing_dims="ignore"), kind)
-            for name, (item, kind) in columns.items()
-        )
-        flat = (x.transpose(*self.dims).to_numpy().ravel().tolist() for x in xr.broadcast(*arrays))
-        table = _rows(self.kind, flat)
+        sizes = {dim: data.sizes[dim] for dim in self.dims}
+        flat = []
+        for name, (item, kind) in columns.items():
+            array = data.variables[name].transpose(*item.dims, missing_dims="ignore")
+            flat.append(item.checked(array, kind).set_dims(sizes).to_numpy().ravel().tolist())
+        table = _rows(self.kind, iter(flat))
         return (get_origin(hint) or hint)(table) if self.dims else table[0]
 
     def _columns(self) -> Iterator[tuple[Variable, tuple[str, ...], Any]]:
