@@ -340,9 +340,10 @@ class Stored(ABC):
         about = {
             item.name: item.plain(getattr(self, name))
             for name, (_, item) in described(type(self)).items()
-            if isinstance(item, Attribute) and item.name
+            if isinstance(item, Attribute)
         }
         data = xr.Dataset(variables_of(self), attrs=about)
+        # before units are looked up: they are those of the name in files
         if self._step_name:
             data = data.rename(step=about[self._step_name])
         for name, variable in data.variables.items():
@@ -408,6 +409,7 @@ class Stored(ABC):
             problem = f"a {kind} of format_version {version}" if kind else "no result"
             allowed = f"{cls.kind} of format_version {FORMAT_VERSION}"
             raise Refused(name, Described(problem), allowed)
+        # a digest says that a file is whole, not that meshtrace wrote it
         try:
             for label in dataset.dims:
                 if label in dataset.variables and bool(dataset[label].isnull().any()):
@@ -535,6 +537,7 @@ def kind_of(kind: Any, name: str = "kind") -> type[Stored]:
     if not isinstance(kind, str) or kind not in _HOMES:
         problem = Described("no result" if kind is None else f"kind {show(kind)}")
         raise Refused(name, problem, f"results of kind {', '.join(_HOMES)}")
+    # only now: applications import much that a gain does not need
     import_module(_HOMES[kind])
     return Stored._classes[kind]
 

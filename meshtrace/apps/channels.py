@@ -306,6 +306,11 @@ class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov
             state = following[state][t]
         return self.state_gain[np.frombuffer(visited, np.uint8)]
 
+    def _check(self) -> None:
+        # both have dimensions of their own, which nothing compares
+        if self.threshold.size != self.state_gain.size - 1:
+            raise ValueError("other numbers of states than thresholds and one")
+
     def _headline(self) -> str:
         return f"Markov channel of {self.state_gain.size} states from {self.n} gains"
 

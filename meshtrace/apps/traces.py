@@ -113,6 +113,11 @@ class ChannelTrace(Stored, kind="trace", title="meshtrace channel trace"):
             return math.nan
         return float(np.corrcoef(self.gain, self.down_gain)[0, 1])
 
+    def _check(self) -> None:
+        # a downlink with a part of its arrays would fail in its series only
+        if len({getattr(self, f"down_{name}") is None for name in _COLUMNS}) > 1:
+            raise ValueError("a downlink without all of its gains and errors")
+
     def _headline(self) -> str:
         means = ", ".join(f"{m:.4e}" for m in np.atleast_1d(self.gain.mean(axis=0))[:4])
         if len(self.time) < 2:

@@ -127,6 +127,7 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
         return replace(statistics, provenance=self.provenance, notes=notes)
 
     def _headline(self) -> str:
+        # a line has room for four receivers
         means = self.gains.mean(axis=0)
         pairs = zip(means[:4], self.mean_stderrs, strict=False)
         shown = ", ".join(f"mean {mean:.4e} +- {stderr:.1e}" for mean, stderr in pairs)
@@ -352,6 +353,7 @@ class ByWavelength(
     @property
     def brightest(self) -> float:
         """Wavelength of the highest mean gain of the first receiver [nm]."""
+        # gains of a series have their surfaces as a dimension, those of a map its places
         gain = self["gain"]
         if "receiver" in gain.dims:
             gain = gain.isel(receiver=0)

@@ -53,6 +53,7 @@ def merged_mean(
 ) -> tuple[Floats, Floats]:
     """Return mean and standard error of all photons; a run of one photon has no error."""
     total = int(n.sum())
+    # exact for any split of the photons, unlike weights by the standard errors
     mean = np.asarray(sum(k / total * m for m, k in zip(means, n, strict=True)))
     # s^2 (k - 1) + m^2 is the mean square of a run: those of runs add by their photons
     square = sum(
@@ -169,6 +170,7 @@ class ArrivalTally(Tally):
 
     def moved(self, receivers: Sequence[int], samples: int) -> ArrivalTally:
         """Return the arrivals at other receivers, their samples counted after some others."""
+        # joined photons of some receivers stand behind the chains of all, which count from 0
         receiver = np.array(receivers, np.int64)[self.receiver]
         return replace(self, receiver=receiver, sample=self.sample + samples)
 

@@ -470,3 +470,19 @@ def test_a_forged_share_of_tilts_is_refused(share, results, tmp_path):
     write_dataset(data.assign_attrs(provenance=json.dumps(provenance)), tmp_path / "forged.nc")
     with pytest.raises(Refused, match="tilt_outage"):
         load(tmp_path / "forged.nc")
+
+
+@pytest.mark.parametrize(
+    ("kind", "change"),
+    [("inference", lambda d: d.assign(inferred_unit=d.inferred_unit.astype("S4"))),
+     ("markov-channel", lambda d: d.isel(threshold=slice(1))),
+     ("trace", lambda d: d.drop_vars("down_gain_mean_stderr")),
+     ("sensitivity", lambda d: d.assign(sensitivity_second=xr.full_like(d.sensitivity_second, 1e300))),
+     ("sensitivity", lambda d: d.assign(sensitivity_base=d.sensitivity_base.isel(parameter=0, drop=True))),
+     ("fading", lambda d: d.assign(scintillation_index_high=("new", [1.0])))],
+)  # fmt: skip
+def test_forged_columns_and_parts_are_refused(kind, change, results, tmp_path):
+    """Once read, and a traceback in the summary or numbers that no study writes."""
+    write_dataset(change(results[kind].to_dataset()), tmp_path / "forged.nc")
+    with pytest.raises(Refused, match=r"forged.nc: "):
+        load(tmp_path / "forged.nc")
