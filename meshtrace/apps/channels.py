@@ -307,8 +307,8 @@ class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov
         return self.state_gain[np.frombuffer(visited, np.uint8)]
 
     def _check(self) -> None:
-        # both have dimensions of their own, which nothing compares
-        if self.threshold.size != self.state_gain.size - 1:
+        # thresholds, states and next states have dimensions of their own, which nothing compares
+        if self.transition.shape != 2 * (self.threshold.size + 1,):
             raise ValueError("other numbers of states than thresholds and one")
 
     def _headline(self) -> str:
