@@ -114,6 +114,7 @@ class Variable:
 
     def write(self, value: Any) -> Variables:
         """Return the variable of a value."""
+        # the gain of a single receiver is a number, and in files an array of one
         array = np.atleast_1d(value) if self.dims else np.asarray(value)
         return {self.name: (self.dims[: array.ndim], array)}
 
@@ -159,6 +160,7 @@ class Columns:
             item.name: (item, [reduce(getattr, path, row) for row in table])
             for item, path, _ in self._columns()
         }
+        # the last size follows from the number of rows
         shape = (*(len({*columns[dim][1]}) for dim in self.dims[:-1]), -1)[: len(self.dims)]
         variables = Variables()
         for item, column in columns.values() if table else ():
@@ -468,6 +470,7 @@ class Stacked(Stored):
         import xarray as xr
 
         (dim, name), (labels, results) = self._along, self._stack()
+        # variables are stacked, attributes cannot be: a file has them as a text for each result
         parts = [result._content() for result in results]
         each = [json.dumps(part.attrs, default=lambda number: number.tolist()) for part in parts]
         data = xr.concat(
@@ -496,6 +499,7 @@ def _alike(parts: Sequence[xr.Dataset]) -> list[xr.Dataset]:
         for name, size in part.sizes.items():
             sizes[name] = max(sizes.get(name, 0), size)
     padded = []
+    # wavelengths differ in their orders of scattering: an order without chains has no gain
     for part in parts:
         free = {name: size for name, size in part.sizes.items() if name not in part.coords}
         lack = {name: (0, sizes[name] - size) for name, size in free.items() if size < sizes[name]}
