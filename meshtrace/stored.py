@@ -11,9 +11,8 @@ import html
 import io
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import fields
 from functools import cache, reduce
 from importlib import import_module
 from os import PathLike
@@ -22,7 +21,6 @@ from typing import (
     TYPE_CHECKING,
     Any,
     ClassVar,
-    NamedTuple,
     Self,
     get_args,
     get_origin,
@@ -35,6 +33,7 @@ from numpy.typing import NDArray
 from meshtrace.checks import check_call, check_methods
 from meshtrace.errors import (
     LARGEST,
+    MISSING,
     Described,
     Refused,
     one_line,
@@ -83,103 +82,178 @@ _HOMES = {
 
 _hints: Callable[..., dict[str, Any]] = cache(get_type_hints)  # which takes milliseconds
 
-Variables = dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]]
-
 _MARK = b"meshtrace-sha256"
 _TRAILER = len(_MARK) + hashlib.sha256().digest_size
 
+Variables = dict[str, tuple[Any, ...]]
+"""Arrays by their names in files: dimensions, values and, where not those of the name, attributes.
+"""
 
-class Variable(NamedTuple):
-    """Dimensions of an array, its rule for merging and its name in files.
 
-    A dimension or a name in braces is the value of that field; values with fewer dimensions have
-    the first ones. A mean merges together with its standard error, which has no separate rule.
+class Elsewhere:
+    """Field that no file has, or that its class writes and reads itself."""
+
+    def write(self, value: Any) -> Variables:
+        """Return no variable."""
+        return {}
+
+    def read(self, data: xr.Dataset, hint: Any) -> Any:
+        """Return MISSING."""
+        return MISSING
+
+
+class Variable:
+    """Array or number with its dimensions and its name in files, by default that of the field.
+
+    Units and long name are those of the name in `fields.toml`. Values with fewer dimensions have
+    the first ones.
     """
 
-    dims: str
-    rule: Callable[..., Any] | None = None
-    name: str = ""
+    def __init__(self, *dims: str, name: str = "") -> None:
+        self.dims, self.name = dims, name
+
+    def write(self, value: Any) -> Variables:
+        """Return the variable of a value."""
+        # the gain of a single receiver is a number, and in files an array of one
+        array = np.atleast_1d(value) if self.dims else np.asarray(value)
+        return {self.name: (self.dims[: array.ndim], array)}
+
+    def read(self, data: xr.Dataset, hint: Any) -> Any:
+        """Return the array, number or tuple that a dataset has for a field, or MISSING."""
+        if self.name not in data.variables:
+            return MISSING
+        values = self.checked(data.variables[self.name], hint).to_numpy()
+        if not values.ndim:
+            return values.item()
+        return tuple(values.tolist()) if get_origin(hint) is tuple else values
+
+    def checked(self, array: xr.Variable, hint: Any) -> xr.Variable:
+        """Check that an array has the dimensions that a result writes, and numbers or text."""
+        dims, lacking = self.dims[: array.ndim], self.dims[array.ndim :]
+        # values of one receiver lack that dimension; a number has none
+        fits = array.dims == dims and (array.ndim or not lacking) and {*lacking} <= {"receiver"}
+        # a link may have no receivers, and light no scatterings
+        is_empty = any(n == 0 for dim, n in array.sizes.items() if dim not in ("receiver", "order"))
+        if not fits or is_empty:
+            shape = ", ".join(f"{dim} {size}" for dim, size in array.sizes.items())
+            raise ValueError(f"{self.name} of dimensions ({shape}), not ({', '.join(self.dims)})")
+        if array.dtype.kind not in ("UOT" if _is_text(hint) else "biuf"):
+            raise TypeError(f"{self.name} of {array.dtype}")
+        _check_range(self.name, array.to_numpy())
+        return array
 
 
-class Rows(NamedTuple):
-    """Kind and dimensions of rows with named fields, or of one of them: columns are variables.
+class Columns:
+    """Named tuples or dataclasses as rows: a variable for each column, its name behind a prefix.
 
-    The name of a variable is that of its column behind the prefix: `ber_low` is `low` of `ber`, but
-    `ber` its `value`. A column with the name of a dimension, or `name`, is its coordinate.
+    An `Estimate` in the column `ber` has the variables ber, ber_low and ber_high. A column with the
+    name of a dimension, or `name`, is its coordinate. Without dimensions there is a single row.
     """
 
-    kind: type
-    dims: str = ""
-    prefix: str = ""
+    def __init__(self, kind: type, prefix: str = "", *dims: str) -> None:
+        self.kind, self.prefix, self.dims = kind, prefix, dims
 
-    def variables(self, rows: Sequence[Any], sizes: Mapping[str, int]) -> Variables:
-        """Return the columns of rows; `sizes` are the sizes of all dimensions but the last."""
-        dims = tuple(self.dims.split())
-        shape = (*(sizes[name] for name in dims[:-1]), -1)[: len(dims)]
-        found: Variables = {}
-        for path, name in self._names():
-            column = [reduce(getattr, path, row) for row in rows]
-            kind = np.int8 if isinstance(column[0], bool | np.bool) else None
-            array = np.reshape(np.array(column, kind), shape)
-            if name in dims:  # varies along that alone
-                array = array[tuple(slice(None) if one == name else 0 for one in dims)]
-            found[name] = ((name,) if name in dims else dims, array, attrs(name))
-        return found
+    def write(self, value: Any) -> Variables:
+        """Return the columns of rows that go through the last dimension first."""
+        table = value if self.dims else [value]
+        columns = {
+            item.name: (item, [reduce(getattr, path, row) for row in table])
+            for item, path, _ in self._columns()
+        }
+        # the last size follows from the number of rows
+        shape = (*(len({*columns[dim][1]}) for dim in self.dims[:-1]), -1)[: len(self.dims)]
+        variables = Variables()
+        for item, column in columns.values() if table else ():
+            # netCDF has no truth values
+            array = np.array(column, np.int8 if isinstance(column[0], bool | np.bool) else None)
+            # a coordinate is the same along all other dimensions
+            repeats = tuple(0 if dim not in item.dims else slice(None) for dim in self.dims)
+            variables |= item.write(array.reshape(shape)[repeats])
+        return variables
 
-    def read(self, data: xr.Dataset) -> list[Any]:
-        """Return the rows of a dataset, none if it lacks them."""
-        import xarray as xr
+    def read(self, data: xr.Dataset, hint: Any) -> Any:
+        """Return the rows that a dataset has for a field, or MISSING."""
+        columns = {item.name: (item, kind) for item, _, kind in self._columns()}
+        present = [name for name in columns if name in data.variables and name not in self.dims]
+        if not present:
+            return MISSING
+        if lacking := [name for name in columns if name not in data.variables]:
+            raise ValueError(f"no variable {lacking[0]} beside {present[0]}")
+        sizes = {dim: data.sizes[dim] for dim in self.dims}
+        flat = []
+        for name, (item, kind) in columns.items():
+            array = data.variables[name].transpose(*item.dims, missing_dims="ignore")
+            flat.append(item.checked(array, kind).set_dims(sizes).to_numpy().ravel().tolist())
+        table = _rows(self.kind, iter(flat))
+        return (get_origin(hint) or hint)(table) if self.dims else table[0]
 
-        names = [name for _, name in self._names()]
-        if names[-1] not in data.variables:
-            own = [name for name in names if name not in self.dims.split()]
-            if any(name in data.variables for name in own):
-                raise ValueError(f"no variable {names[-1]} beside {own[0]}")
-            return []
-        columns = xr.broadcast(*(data[name] for name in names))
-        flat = (one.transpose(*self.dims.split()).values.ravel().tolist() for one in columns)
-        return [_row(self.kind, iter(values)) for values in zip(*flat, strict=True)]
-
-    def _names(self) -> Iterator[tuple[tuple[str, ...], str]]:
-        """Yield the path of each column within a row, and its name in files."""
-        dims = self.dims.split()
-        for path in _paths(self.kind):
-            column = "_".join(path).removesuffix("_value")
-            name = dims[0] if column == "name" else f"{self.prefix}{column}".removesuffix("_value")
-            yield path, column if column in dims else name
+    def _columns(self) -> Iterator[tuple[Variable, tuple[str, ...], Any]]:
+        """Yield the variable of each column, its path within a row, and its type."""
+        for path, hint in _paths(self.kind):
+            words = (word for word in (self.prefix, *path) if word not in ("", "value"))
+            name = self.dims[0] if path == ("name",) else "_".join(words)
+            yield Variable(*([name] if name in self.dims else self.dims), name=name), path, hint
 
 
-def _paths(kind: Any) -> Iterator[tuple[str, ...]]:
-    """Yield the names that lead to each number or text of a row."""
+def _paths(kind: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Yield the names that lead to each number or text of a row, and its type."""
     for name, hint in _hints(kind).items():
-        inner = _paths(hint) if hasattr(hint, "_fields") else [()]
-        yield from ((name, *path) for path in inner)
+        inner = _paths(hint) if hasattr(hint, "_fields") else [((), hint)]
+        yield from (((name, *path), last) for path, last in inner)
 
 
-def _row(kind: Any, values: Iterator[Any]) -> Any:
-    """Return a row of the next values, in the order of `_paths`."""
-    found = []
+def _rows(kind: Any, columns: Iterator[list[Any]]) -> list[Any]:
+    """Return rows of the next columns, in the order of `_paths`."""
+    values: list[Any] = []
     for hint in _hints(kind).values():
-        value = _row(hint, values) if hasattr(hint, "_fields") else next(values)
-        if hint in (int, float, str) and not isinstance(value, str if hint is str else int | float):
-            raise TypeError(f"{value!r:.40} for a {hint.__name__}")
-        found.append(bool(value) if hint is bool else value)
-    return kind(*found)
+        column = _rows(hint, columns) if hasattr(hint, "_fields") else next(columns)
+        values.append(map(bool, column) if hint is bool else column)
+    return [kind(*row) for row in zip(*values, strict=True)]
 
 
-def _check_array(array: xr.DataArray, dims: list[str], hint: Any) -> None:
-    """Refuse an array of other dimensions than a result writes, or of text for numbers."""
-    # values of one receiver lack that dimension; a number has none
-    few = (array.ndim or not dims) and set(dims[array.ndim :]) <= {"receiver"}
-    # a link may have no receivers, and light no scatterings
-    is_empty = any(n == 0 for name, n in array.sizes.items() if name not in ("receiver", "order"))
-    if not few or list(array.dims) != dims[: array.ndim] or is_empty:
-        shape = ", ".join(f"{name} {size}" for name, size in array.sizes.items())
-        raise ValueError(f"{array.name} of dimensions ({shape}), not ({', '.join(dims)})")
-    if array.dtype.kind not in ("UOST" if _is_text(hint) else "biuf"):
-        raise TypeError(f"{array.name} of {array.dtype}")
-    if array.dtype.kind == "f":
-        _check_range(str(array.name), array.to_numpy())
+class Part:
+    """Tally or named tuple of arrays, whose own fields are described."""
+
+    def __init__(self, kind: type) -> None:
+        self.kind = kind
+
+    def write(self, value: Any) -> Variables:
+        """Return the variables of a part."""
+        return variables_of(value)
+
+    def read(self, data: xr.Dataset, hint: Any) -> Any:
+        """Return the part that a dataset has for a field, or MISSING."""
+        fields = fields_of(self.kind, data)
+        return self.kind(**fields) if fields else MISSING
+
+
+class Attribute(Elsewhere):
+    """Attribute of a dataset, of another name than the field: number or text, or else JSON."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def plain(self, value: Any) -> Any:
+        """Return a value as an attribute of a file."""
+        is_plain = np.isscalar(value) or isinstance(value, np.ndarray)
+        return value if is_plain else json.dumps(value, default=vars)
+
+    def read(self, data: xr.Dataset, hint: Any) -> Any:
+        """Return the attribute of a dataset as a value of a type, or MISSING."""
+        from pydantic import TypeAdapter
+
+        if self.name not in data.attrs:
+            return MISSING
+        value = data.attrs[self.name]
+        _check_range("an attribute", np.asarray(value))
+        if hint is Any:
+            return value
+        if isinstance(value, str) and hint is not str:
+            with suppress(ValueError):  # a word, or damaged: the type decides
+                value = json.loads(value)
+        # numbers of netCDF are those of numpy
+        value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+        return TypeAdapter(hint).validate_python(value)
 
 
 def _is_text(hint: Any) -> bool:
@@ -189,110 +263,71 @@ def _is_text(hint: Any) -> bool:
 
 def _check_range(name: str, values: NDArray[Any]) -> None:
     """Refuse numbers whose squares overflow in statistics."""
-    if (np.isfinite(values) & (np.abs(values) > LARGEST)).any():
+    if values.dtype.kind == "f" and (np.isfinite(values) & (np.abs(values) > LARGEST)).any():
         raise ValueError(f"{name} beyond {LARGEST:g}")
 
 
-class Attribute(NamedTuple):
-    """Name in files of a field that is an attribute; none if the field is not, or elsewhere."""
+def described(kind: Any) -> dict[str, tuple[Any, Any]]:
+    """Return type and description of each field; one without is an attribute of its name."""
+    fields = {}
+    for name, hint in _hints(kind, include_extras=True).items():
+        if get_origin(hint) is not ClassVar and name != "provenance":
+            description = getattr(hint, "__metadata__", [Attribute(name)])[0]
+            if isinstance(description, Variable) and not description.name:
+                description = Variable(*description.dims, name=name)
+            fields[name] = _hints(kind)[name], description
+    return fields
 
-    name: str = ""
+
+def variables_of(item: Any) -> Variables:
+    """Return the variables of a result or part: its fields, and what it derives from them."""
+    variables = Variables()
+    for name, (_, description) in described(type(item)).items():
+        value = getattr(item, name)
+        variables |= {} if value is None else description.write(value)
+    return variables | getattr(item, "_derived", dict)()
 
 
-class WithArrays:
-    """Base of the dataclasses with fields of type ``Annotated[array, Variable(...)]``.
-
-    Fields of type ``Annotated[rows, Rows(...)]`` have a variable for each column. Fields whose type
-    is another such class, or None, have their arrays in the same dataset.
-    """
-
-    @classmethod
-    def _described(cls, kind: Any = Variable) -> Iterator[tuple[str, Any, Any]]:
-        """Yield attribute, type and description of each array, or of another kind."""
-        hints = _hints(cls)
-        for attribute, hint in _hints(cls, include_extras=True).items():
-            for about in getattr(hint, "__metadata__", ()):
-                if isinstance(about, kind):
-                    yield attribute, hints[attribute], about
-
-    @classmethod
-    def _parts(cls) -> Iterator[tuple[str, Any]]:
-        """Yield attribute and class of each field that holds further arrays."""
-        for attribute, hint in _hints(cls).items():
-            for kind in get_args(hint):
-                if isinstance(kind, type) and issubclass(kind, WithArrays):
-                    yield attribute, kind
-
-    def to_variables(self) -> Variables:
-        """Return the arrays by their names in files, with dimensions and attributes."""
-        found: Variables = {}
-        for attribute, _, variable in self._described():
-            value, dims = getattr(self, attribute), variable.dims.format(**vars(self)).split()
-            name = (variable.name or attribute).format(**vars(self))
-            if value is not None:
-                array = np.atleast_1d(value) if dims else np.asarray(value)
-                found[name] = (tuple(dims[: array.ndim]), array, attrs(name))
-        sizes = {name: len(array) for name, (dims, array, _) in found.items() if dims == (name,)}
-        for attribute, _, rows in self._described(Rows):
-            given = getattr(self, attribute)
-            if given:
-                found |= rows.variables(given if rows.dims else [given], sizes)
-        for attribute, _ in self._parts():
-            part = getattr(self, attribute)
-            found |= {} if part is None else part.to_variables()
-        return found
-
-    @classmethod
-    def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
-        """Return the fields that a dataset holds: numbers, arrays, tuples of texts."""
-        found: dict[str, Any] = {}
-        for attribute, hint, variable in cls._described():
-            name = variable.name or attribute
-            name = name.format(**data.attrs) if "{" in name else name
-            if name in data.variables:
-                _check_array(data[name], variable.dims.format(**data.attrs).split(), hint)
-                value = data[name].to_numpy()
-                found[attribute] = tuple(value.tolist()) if get_origin(hint) is tuple else value
-                if not value.ndim:
-                    found[attribute] = value.item()
-        for attribute, hint, table in cls._described(Rows):
-            several, rows = get_origin(hint) or hint, table.read(data)
-            found[attribute] = several(rows) if table.dims else rows[0] if rows else None
-        for attribute, kind in cls._parts():
-            fields = kind.arrays(data)
-            found[attribute] = kind(**fields) if fields else None
-        return found
+def fields_of(kind: type, data: xr.Dataset) -> dict[str, Any]:
+    """Return the fields of a result or part that a dataset holds."""
+    fields = {name: item.read(data, hint) for name, (hint, item) in described(kind).items()}
+    return {name: value for name, value in fields.items() if value is not MISSING}
 
 
 @check_methods
-class Stored(WithArrays, ABC):
+class Stored(ABC):
     """Result with a text, a notebook table, a Dataset and a file.
 
-    Subclasses are frozen dataclasses (`repr=False`) with a `kind` and a `title`. Fields described
-    by a `Variable` or `Rows` become variables of the dataset, all others but the provenance its
-    attributes, of the same name or that of an `Attribute`.
+    Subclasses are frozen dataclasses (`repr=False`) with a `kind` and a `title`. A field of type
+    ``Annotated[array, Variable(*dims)]`` is a variable of the dataset, the columns of rows with
+    `Columns` and the arrays of a tally with `Part` are several. All others but the provenance are
+    attributes, of the same name or that of an `Attribute`. Where a field, `_step_name`, has the
+    name of a dimension and of its coordinate, descriptions call both "step".
     """
 
     kind: ClassVar[str] = ""
     title: ClassVar[str] = ""
     provenance: Any
 
+    _step_name: ClassVar[str] = ""
     _classes: ClassVar[dict[str, type[Stored]]] = {}
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(cls, kind: str = "", title: str = "") -> None:
         """Register the kind of a class that has one."""
         super().__init_subclass__()
         check_methods(cls)
-        if cls.kind:
-            Stored._classes[cls.kind] = cls
+        if kind:
+            cls.kind, cls.title = kind, title
+            Stored._classes[kind] = cls
 
     def summary(self) -> str:
         """Return the numbers with their standard errors and units as text for a terminal."""
-        lines, found = [self._headline()], self.to_variables()
-        for name, (dims, value, about) in found.items():
+        lines, variables = [self._headline()], variables_of(self)
+        for name, (dims, value) in variables.items():
             if not dims and not name.endswith("_stderr"):
-                error = f" +- {found[f'{name}_stderr'][1]:.1g}" if f"{name}_stderr" in found else ""
-                text = f"{value:.6g}{error} {about['units']}".removesuffix(" 1")
+                error = variables.get(f"{name}_stderr")
+                text = f"{value:.6g}" + (f" +- {error[1]:.1g}" if error else "")
+                text = f"{text} {attrs(name)['units']}".removesuffix(" 1")
                 lines.append(f"  {name.replace('_', ' '):<20} {text}")
         return "\n".join(lines + self._origin_lines())
 
@@ -304,32 +339,30 @@ class Stored(WithArrays, ABC):
         """Return the Dataset without kind, version and provenance."""
         import xarray as xr
 
-        about = {name: _plain(self, field) for field, name in self._named()}
-        return xr.Dataset(self.to_variables(), attrs=about)
+        about = {
+            item.name: item.plain(getattr(self, name))
+            for name, (_, item) in described(type(self)).items()
+            if isinstance(item, Attribute)
+        }
+        data = xr.Dataset(variables_of(self), attrs=about)
+        # before units are looked up: they are those of the name in files
+        if self._step_name:
+            data = data.rename(step=about[self._step_name])
+        for name, variable in data.variables.items():
+            variable.attrs = variable.attrs or attrs(str(name))
+        return data
 
     @classmethod
-    def _named(cls) -> list[tuple[str, str]]:
-        """Return fields and names of the attributes of the dataset."""
-        arrays = {one[0] for one in (*cls._described((Variable, Rows)), *cls._parts())}
-        own: Any = cls  # a dataclass
-        names = {field.name: field.name for field in fields(own) if field.name not in arrays}
-        names.pop("provenance", None)
-        names |= {name: about.name for name, _, about in cls._described(Attribute)}
-        return [(field, name) for field, name in names.items() if name]
-
-    @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any, **more: Any) -> Self:
+    def _restored(cls, data: xr.Dataset, provenance: Any, **fields: Any) -> Self:
         """Return the result of a dataset of this kind; attributes that it lacks have defaults.
 
-        `more` are the fields that are neither in its variables nor in its attributes.
+        `fields` are those that are neither in its variables nor in its attributes.
         """
-        found, hints = cls.arrays(data), _hints(cls)
-        for field, name in cls._named():
-            if name in data.attrs:
-                found[field] = _typed(data.attrs[name], hints[field])
-        return cls(**{**found, **more, "provenance": provenance})
+        if cls._step_name:
+            data = data.rename({data.attrs[cls._step_name]: "step"})
+        return cls(**{**fields_of(cls, data), **fields, "provenance": provenance})
 
-    def _check(self) -> None:
+    def _check(self) -> None:  # noqa: B027
         """Raise for values of a file that no study writes: its digest may be that of a forger."""
 
     def _origin_lines(self) -> list[str]:
@@ -375,9 +408,10 @@ class Stored(WithArrays, ABC):
         kind, version = dataset.attrs.get("kind"), dataset.attrs.get("format_version", 0)
         is_version = np.ndim(version) == 0 and version == FORMAT_VERSION
         if not isinstance(kind, str) or kind != cls.kind or not is_version:
-            found = f"a {kind} of format_version {version}" if kind else "no result"
+            problem = f"a {kind} of format_version {version}" if kind else "no result"
             allowed = f"{cls.kind} of format_version {FORMAT_VERSION}"
-            raise Refused(name, Described(found), allowed)
+            raise Refused(name, Described(problem), allowed)
+        # a digest says that a file is whole, not that meshtrace wrote it
         try:
             for label in dataset.dims:
                 if label in dataset.variables and bool(dataset[label].isnull().any()):
@@ -412,16 +446,15 @@ class Stored(WithArrays, ABC):
 class Stacked(Stored):
     """Results of one kind along a dimension, each with its provenance.
 
-    Subclasses are dataclasses of two fields: labels along the dimension and the results. `_along`
-    is the dimension and the name of the labels.
+    Subclasses are dataclasses of labels along the dimension and the results. `_along` is the
+    dimension and the name of the labels in files.
     """
 
     _along: ClassVar[tuple[str, str]] = ("", "")
 
+    @abstractmethod
     def _stack(self) -> tuple[Any, tuple[Any, ...]]:
         """Return the labels and the results."""
-        labels, results = vars(self).values()
-        return labels, results
 
     @classmethod
     def _of_stack(cls, labels: Any, results: tuple[Any, ...]) -> Self:
@@ -437,27 +470,25 @@ class Stacked(Stored):
         import xarray as xr
 
         (dim, name), (labels, results) = self._along, self._stack()
+        # variables are stacked, attributes cannot be: a file has them as a text for each result
         parts = [result._content() for result in results]
         each = [json.dumps(part.attrs, default=lambda number: number.tolist()) for part in parts]
-        parts = [
-            part.drop_attrs(deep=False).drop_vars(name, errors="ignore") for part in _alike(parts)
-        ]
         data = xr.concat(
-            parts, dim, data_vars="all", coords="minimal", compat="override",
-            join="outer", combine_attrs="override",
+            [part.drop_vars(name, errors="ignore") for part in _alike(parts)],
+            dim, data_vars="all", coords="minimal", compat="override", join="outer",
+            combine_attrs="override",
         )  # fmt: skip
-        return data.assign_coords({name: (dim, np.asarray(labels), attrs(name))}).assign_attrs(
-            of=results[0].kind, each=each
-        )
+        data.attrs = {"of": results[0].kind, "each": each}
+        return data.assign_coords({name: (dim, np.asarray(labels), attrs(name))})
 
     @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any, **more: Any) -> Self:
+    def _restored(cls, data: xr.Dataset, provenance: Any, **fields: Any) -> Self:
         (dim, name), kind = cls._along, kind_of(data.attrs["of"])
-        results = []
-        abouts = np.atleast_1d(data.attrs["each"])
-        for i, (about, origin) in enumerate(zip(abouts, provenance, strict=True)):
-            one = data.isel({dim: i}).assign_attrs(**json.loads(about))
-            results.append(kind._restored(one, origin))
+        each = zip(np.atleast_1d(data.attrs["each"]), provenance, strict=True)
+        results = [
+            kind._restored(data.isel({dim: i}).assign_attrs(json.loads(about)), origin)
+            for i, (about, origin) in enumerate(each)
+        ]
         return cls._of_stack(data[name].to_numpy(), tuple(results))
 
 
@@ -467,38 +498,13 @@ def _alike(parts: Sequence[xr.Dataset]) -> list[xr.Dataset]:
     for part in parts:
         for name, size in part.sizes.items():
             sizes[name] = max(sizes.get(name, 0), size)
-    found = []
+    padded = []
+    # wavelengths differ in their orders of scattering: an order without chains has no gain
     for part in parts:
-        free = {n: k for n, k in part.sizes.items() if n not in part.coords}
-        lack = {n: (0, sizes[n] - k) for n, k in free.items() if k < sizes[n]}
-        found.append(part.pad(lack, constant_values=0.0) if lack else part)
-    return found
-
-
-def _plain(result: Stored, name: str) -> Any:
-    """Return a field as an attribute of a file: numbers and texts as they are, others as JSON."""
-    value = getattr(result, name)
-    if isinstance(value, np.ndarray):
-        return value
-    if value and isinstance(value, tuple) and all(isinstance(v, int | float) for v in value):
-        return list(value)
-    return value if np.isscalar(value) else json.dumps(value, default=vars)
-
-
-def _typed(value: Any, hint: Any) -> Any:
-    """Return an attribute of a file as a value of a type."""
-    from pydantic import TypeAdapter
-
-    if np.asarray(value).dtype.kind == "f":
-        _check_range("an attribute", np.asarray(value))
-    if hint is Any:
-        return value
-    if isinstance(value, str) and hint is not str:
-        with suppress(ValueError):  # a word, or damaged: the type decides
-            value = json.loads(value)
-    return TypeAdapter(hint).validate_python(
-        np.asarray(value).tolist() if hasattr(value, "dtype") else value
-    )
+        free = {name: size for name, size in part.sizes.items() if name not in part.coords}
+        lack = {name: (0, sizes[name] - size) for name, size in free.items() if size < sizes[name]}
+        padded.append(part.pad(lack, constant_values=0.0) if lack else part)
+    return padded
 
 
 @check_call
@@ -533,8 +539,9 @@ def kind_of(kind: Any, name: str = "kind") -> type[Stored]:
         If there is no such kind.
     """
     if not isinstance(kind, str) or kind not in _HOMES:
-        found = Described("no result" if kind is None else f"kind {show(kind)}")
-        raise Refused(name, found, f"results of kind {', '.join(_HOMES)}")
+        problem = Described("no result" if kind is None else f"kind {show(kind)}")
+        raise Refused(name, problem, f"results of kind {', '.join(_HOMES)}")
+    # only now: applications import much that a gain does not need
     import_module(_HOMES[kind])
     return Stored._classes[kind]
 

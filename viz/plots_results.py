@@ -443,7 +443,7 @@ def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = 
     if isinstance(result, BackgroundSeries):
         return marks.finished(marks.lines(ax, data, "part_radiance"), ylim=(0.0, None))
     ax = marks.bars(ax, data, "part_radiance")
-    ax.set_title(verbatim(result.light), loc="left")
+    ax.set_title(verbatim(result.light_name), loc="left")
     return marks.finished(ax, y="background_radiance")
 
 

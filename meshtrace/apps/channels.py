@@ -6,7 +6,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,11 +70,11 @@ class ChannelModel(Stored):
     """
 
     n: int
-    time_step: Annotated[float, Variable("")]
-    mean: Annotated[float, Variable("", name="gain_mean")]
-    mean_stderr: Annotated[float, Variable("", name="gain_mean_stderr")]
-    scintillation_index: Annotated[float, Variable("")]
-    model_scintillation_index: Annotated[float, Variable("")]
+    time_step: Annotated[float, Variable()]
+    mean: Annotated[float, Variable(name="gain_mean")]
+    mean_stderr: Annotated[float, Variable(name="gain_mean_stderr")]
+    scintillation_index: Annotated[float, Variable()]
+    model_scintillation_index: Annotated[float, Variable()]
     lag: Annotated[Floats, Variable("lag")]
     autocorrelation: Annotated[Floats, Variable("lag")]
     autocorrelation_stderr: Annotated[Floats, Variable("lag")]
@@ -143,7 +143,7 @@ def _memory_note(statistics: dict[str, Any], model: Floats, cause: str) -> list[
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class MarkovChannel(ChannelModel):
+class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov channel"):
     r"""Finite-state Markov channel: states between thresholds, one gain in each.
 
     .. math:: P_{ij} = n_{ij} / n_i, \quad \pi P = \pi, \quad
@@ -196,11 +196,8 @@ class MarkovChannel(ChannelModel):
     state_gain: Annotated[Floats, Variable("state")]
     steady_state: Annotated[Floats, Variable("state")]
     steady_state_stderr: Annotated[Floats, Variable("state")]
-    transition: Annotated[Floats, Variable("state next_state")]
-    transition_stderr: Annotated[Floats, Variable("state next_state")]
-
-    kind: ClassVar[str] = "markov-channel"
-    title: ClassVar[str] = "meshtrace Markov channel"
+    transition: Annotated[Floats, Variable("state", "next_state")]
+    transition_stderr: Annotated[Floats, Variable("state", "next_state")]
 
     @classmethod
     def fit(
@@ -309,6 +306,11 @@ class MarkovChannel(ChannelModel):
             state = following[state][t]
         return self.state_gain[np.frombuffer(visited, np.uint8)]
 
+    def _check(self) -> None:
+        # thresholds, states and next states have dimensions of their own, which nothing compares
+        if self.transition.shape != 2 * (self.threshold.size + 1,):
+            raise ValueError("other numbers of states than thresholds and one")
+
     def _headline(self) -> str:
         return f"Markov channel of {self.state_gain.size} states from {self.n} gains"
 
@@ -372,7 +374,9 @@ GeneratedLaw = Literal["gamma-gamma", "lognormal", "empirical"]
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class TransformedGaussian(ChannelModel):
+class TransformedGaussian(
+    ChannelModel, kind="transformed-gaussian", title="meshtrace transformed Gaussian series"
+):
     r"""Generator of gains: a Gaussian series of a certain correlation, transformed to a law.
 
     .. math:: g_t = F^{-1}(\Phi(z_t)), \quad
@@ -432,9 +436,6 @@ class TransformedGaussian(ChannelModel):
     score: Annotated[Floats, Variable("score")]
     gain_quantile: Annotated[Floats, Variable("score")]
     gaussian_autocorrelation: Annotated[Floats, Variable("lag")]
-
-    kind: ClassVar[str] = "transformed-gaussian"
-    title: ClassVar[str] = "meshtrace transformed Gaussian series"
 
     @classmethod
     def fit(

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
+from typing import Annotated, Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -280,7 +280,7 @@ class Predictor(Restored):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Inference(Stored):
+class Inference(Stored, kind="inference", title="meshtrace inference"):
     """Unknown parameters of a link from measurements.
 
     Attributes
@@ -312,7 +312,7 @@ class Inference(Stored):
     unit: Annotated[tuple[str, ...], Variable("unknown", name="inferred_unit")]
     estimate: Annotated[Floats, Variable("unknown", name="inferred_value")]
     error: Annotated[Floats, Variable("unknown", name="inferred_stderr")]
-    covariance: Annotated[Floats, Variable("unknown unknown_too", name="inferred_covariance")]
+    covariance: Annotated[Floats, Variable("unknown", "unknown_too", name="inferred_covariance")]
     free_error: Annotated[Floats, Variable("unknown", name="inferred_free_error")]
     singular_values: Annotated[Floats, Variable("direction", name="singular_value")]
     weakest: str
@@ -321,9 +321,6 @@ class Inference(Stored):
     measured: Annotated[Floats, Variable("measurement", name="measured_value")]
     predicted: Annotated[Floats, Variable("measurement", name="predicted_value")]
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "inference"
-    title: ClassVar[str] = "meshtrace inference"
 
     @property
     def value(self) -> dict[str, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Unpack
+from typing import Annotated, Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 from pydantic import Field
@@ -54,7 +54,7 @@ class Validation(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Optimum(Stored):
+class Optimum(Stored, kind="optimum", title="meshtrace optimum"):
     """Best link of an optimisation.
 
     Attributes
@@ -86,22 +86,19 @@ class Optimum(Stored):
     """
 
     objective: str
-    value: Annotated[float, Variable("", name="quantity")]
-    stderr: Annotated[float, Variable("", name="quantity_stderr")]
+    value: Annotated[float, Variable(name="quantity")]
+    stderr: Annotated[float, Variable(name="quantity_stderr")]
     cost: float
     variables: Annotated[tuple[str, ...], Variable("variable", name="variable")]
     values: Annotated[Floats, Variable("variable", name="optimum_value")]
     start: Annotated[Floats, Variable("variable", name="optimum_start")]
-    bounds: Annotated[Floats, Variable("variable end", name="optimum_bounds")]
-    flatness: Annotated[Floats, Variable("variable end", name="optimum_flatness")]
-    candidates: Annotated[Floats, Variable("candidate variable", name="optimum_history")]
+    bounds: Annotated[Floats, Variable("variable", "end", name="optimum_bounds")]
+    flatness: Annotated[Floats, Variable("variable", "end", name="optimum_flatness")]
+    candidates: Annotated[Floats, Variable("candidate", "variable", name="optimum_history")]
     costs: Annotated[Floats, Variable("candidate", name="optimum_cost")]
     validation: Validation
     notes: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "optimum"
-    title: ClassVar[str] = "meshtrace optimum"
 
     @property
     def history(self) -> Floats:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal, Unpack
+from typing import Annotated, Any, Literal, Unpack
 
 import numpy as np
 
@@ -33,11 +33,11 @@ _LIT = 2.0 / 3.0  # 99.5 % of the light crosses in the fine part, the rest in ce
 _RAYS = 512  # of the background at each of its times
 _COLUMNS = "gain", "gain_stderr", "gain_ballistic", "gain_mean_stderr"
 _MOST_FRAMES = 10**8
-_EACH = Variable("time receiver")
+_EACH = Variable("time", "receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ChannelTrace(Stored):
+class ChannelTrace(Stored, kind="trace", title="meshtrace channel trace"):
     """Channel of a link over time.
 
     Attributes
@@ -72,17 +72,14 @@ class ChannelTrace(Stored):
     down_gain: Annotated[Floats | None, Variable("time")] = None
     down_gain_stderr: Annotated[Floats | None, Variable("time")] = None
     down_gain_ballistic: Annotated[Floats | None, Variable("time")] = None
-    down_gain_mean_stderr: Annotated[float | None, Variable("")] = None
+    down_gain_mean_stderr: Annotated[float | None, Variable()] = None
     tilt_deg: Annotated[Floats | None, Variable("time")] = None
     tilt_azimuth_deg: Annotated[Floats | None, Variable("time")] = None
-    place: Annotated[Floats | None, Variable("time axis")] = None
+    place: Annotated[Floats | None, Variable("time", "axis")] = None
     background_time: Annotated[Floats | None, Variable("background_time")] = None
     background_radiance: Annotated[Floats | None, Variable("background_time")] = None
     background_radiance_stderr: Annotated[Floats | None, Variable("background_time")] = None
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "trace"
-    title: ClassVar[str] = "meshtrace channel trace"
 
     @property
     def rate(self) -> float:
@@ -115,6 +112,11 @@ class ChannelTrace(Stored):
         if min(np.ptp(self.gain), np.ptp(self.down_gain)) == 0.0:
             return math.nan
         return float(np.corrcoef(self.gain, self.down_gain)[0, 1])
+
+    def _check(self) -> None:
+        # a downlink with a part of its arrays would fail in its series only
+        if len({getattr(self, f"down_{name}") is None for name in _COLUMNS}) > 1:
+            raise ValueError("a downlink without all of its gains and errors")
 
     def _headline(self) -> str:
         means = ", ".join(f"{m:.4e}" for m in np.atleast_1d(self.gain.mean(axis=0))[:4])

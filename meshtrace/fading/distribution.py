@@ -21,6 +21,7 @@ from meshtrace.errors import (
     require_whole,
 )
 from meshtrace.models import Floats
+from meshtrace.stored import Variable
 
 Reference = Literal["mean", "median", "absolute"]
 
@@ -296,18 +297,18 @@ def _scintillation(g: Floats, noise: Floats, axis: int = -1) -> Floats:
 class Histogram(NamedTuple):
     """A probability density over bins: edges (m + 1,), density (m,) and its stderr (m,)."""
 
-    edges: Floats
-    density: Floats
-    density_stderr: Floats
+    edges: Annotated[Floats, Variable("gain_bin_edge", name="gain_bin_edge")]
+    density: Annotated[Floats, Variable("gain_bin", name="gain_pdf")]
+    density_stderr: Annotated[Floats, Variable("gain_bin", name="gain_pdf_stderr")]
 
 
 class Distribution(NamedTuple):
     """An empirical CDF: sorted gains (n,), P(gain <= x) (n,) and its confidence limits (n,)."""
 
-    gain: Floats
-    probability: Floats
-    low: Floats
-    high: Floats
+    gain: Annotated[Floats, Variable("gain")]
+    probability: Annotated[Floats, Variable("gain", name="gain_cdf")]
+    low: Annotated[Floats, Variable("gain", name="gain_cdf_low")]
+    high: Annotated[Floats, Variable("gain", name="gain_cdf_high")]
 
 
 @check_call

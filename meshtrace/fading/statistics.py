@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
 from meshtrace.checks import NonNegative, Probability, Seed, check_call
-from meshtrace.errors import Described, Refused, require_array
+from meshtrace.errors import require_array
 from meshtrace.fading.distribution import (
     MOST_RESAMPLES,
     Distribution,
@@ -42,20 +42,12 @@ from meshtrace.fading.series import (
     level_crossing_rate,
     mean_fade_duration,
 )
-from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import Attribute, Rows, Stored, Variable, Variables
-
-if TYPE_CHECKING:
-    import xarray
-
-
-_PDF = {"gain_bin_edge": "gain_bin_edge", "gain_pdf": "gain_bin", "gain_pdf_stderr": "gain_bin"}
-_CDF = ("gain", "gain_cdf", "gain_cdf_low", "gain_cdf_high")
+from meshtrace.stored import Attribute, Columns, Part, Stored, Variable, Variables
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FadingStatistics(Stored):
+class FadingStatistics(Stored, kind="fading", title="meshtrace fading statistics"):
     """Fading statistics of one set of gains, made by `fading_statistics`.
 
     Parameters
@@ -100,32 +92,29 @@ class FadingStatistics(Stored):
     n_effective: float
     block: Annotated[int, Attribute("block_length")]
     confidence: float
-    mean: Annotated[float, Variable("", name="gain_mean")]
-    mean_stderr: Annotated[float, Variable("", name="gain_mean_stderr")]
-    median: Annotated[float, Variable("", name="gain_median")]
-    scintillation_index: Annotated[Estimate, Rows(Estimate, prefix="scintillation_index_")]
-    noise_share: Annotated[float, Variable("")]
+    mean: Annotated[float, Variable(name="gain_mean")]
+    mean_stderr: Annotated[float, Variable(name="gain_mean_stderr")]
+    median: Annotated[float, Variable(name="gain_median")]
+    scintillation_index: Annotated[Estimate, Columns(Estimate, "scintillation_index")]
+    noise_share: Annotated[float, Variable()]
     thresholds: Annotated[tuple[float, ...], Variable("threshold", name="threshold")]
     relative_to: Annotated[Reference, Attribute("threshold_relative_to")]
-    outage: Annotated[tuple[Estimate, ...], Rows(Estimate, "threshold", "outage_")]
-    pdf: Annotated[Histogram, Attribute()]
-    cdf: Annotated[Distribution, Attribute()]
+    outage: Annotated[tuple[Estimate, ...], Columns(Estimate, "outage", "threshold")]
+    pdf: Annotated[Histogram, Part(Histogram)]
+    cdf: Annotated[Distribution, Part(Distribution)]
     fits: tuple[DistributionFit, ...]
     goodness: tuple[GoodnessOfFit, ...]
     notes: tuple[str, ...]
     lag: Annotated[Floats | None, Variable("lag")] = None
     autocorrelation: Annotated[Floats | None, Variable("lag")] = None
-    coherence_time: Annotated[Estimate | None, Rows(Estimate, prefix="coherence_time_")] = None
+    coherence_time: Annotated[Estimate | None, Columns(Estimate, "coherence_time")] = None
     level_crossing_rate: Annotated[
-        tuple[Estimate, ...], Rows(Estimate, "threshold", "level_crossing_rate_")
+        tuple[Estimate, ...], Columns(Estimate, "level_crossing_rate", "threshold")
     ] = ()
     mean_fade_duration: Annotated[
-        tuple[Estimate, ...], Rows(Estimate, "threshold", "mean_fade_duration_")
+        tuple[Estimate, ...], Columns(Estimate, "mean_fade_duration", "threshold")
     ] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "fading"
-    title: ClassVar[str] = "meshtrace fading statistics"
 
     def _headline(self) -> str:
         index = _text(self.scintillation_index)
@@ -162,42 +151,28 @@ class FadingStatistics(Stored):
             lines.append(line)
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
-    def to_variables(self) -> Variables:
-        """Return the arrays by their names in files, with dimensions and attributes."""
-        pdf, cdf, fits = self.pdf, self.cdf, self.fits
-        table: list[tuple[str, tuple[str, ...], Any]] = [
-            ("gain_bin", ("gain_bin",), 0.5 * (pdf.edges[1:] + pdf.edges[:-1])),
-            ("gain_bin_width", ("gain_bin",), np.diff(pdf.edges)),
-            *((name, (_PDF[name],), values) for name, values in zip(_PDF, pdf, strict=True)),
-            *((name, ("gain",), values) for name, values in zip(_CDF, cdf, strict=True)),
-        ]
-        if fits:
-            names = list(dict.fromkeys(name for fit in fits for name in fit.parameters))
-            known = {test.model: test for test in self.goodness}
-            # laws without a test have nan in its columns
-            none = GoodnessOfFit("lognormal", math.nan, math.nan, 0)
-            tests = [known.get(fit.model, none) for fit in fits]
-            values = [[fit.parameters.get(name, math.nan) for name in names] for fit in fits]
-            table += [
-                ("model", ("model",), [fit.model for fit in fits]),
-                ("fit_parameter", ("fit_parameter",), names),
-                ("fit_value", ("model", "fit_parameter"), values),
-                ("aic", ("model",), [fit.aic for fit in fits]),
-                ("ks", ("model",), [test.ks for test in tests]),
-                ("ks_p_value", ("model",), [test.p_value for test in tests]),
-            ]
-        variables = super().to_variables()
-        return variables | {name: (dims, np.asarray(v), attrs(name)) for name, dims, v in table}
-
-    @classmethod
-    def arrays(cls, data: xarray.Dataset) -> dict[str, Any]:
-        """Return the fields that the variables of a dataset hold."""
-        if lacking := [name for name in (*_PDF, *_CDF) if name not in data.variables]:
-            allowed = f"a dataset of a {cls.__name__}"
-            raise Refused("data", Described(f"no variable {lacking[0]}"), allowed)
-        return super().arrays(data) | {
-            "pdf": Histogram(*(data[name].to_numpy() for name in _PDF)),
-            "cdf": Distribution(*(data[name].to_numpy() for name in _CDF)),
+    def _derived(self) -> Variables:
+        """Return the bins of the density, and the fitted laws with their tests."""
+        edges, fits = self.pdf.edges, self.fits
+        bins: Variables = {
+            "gain_bin": ("gain_bin", 0.5 * (edges[1:] + edges[:-1])),
+            "gain_bin_width": ("gain_bin", np.diff(edges)),
+        }
+        if not fits:
+            return bins
+        names = list(dict.fromkeys(name for fit in fits for name in fit.parameters))
+        known = {test.model: test for test in self.goodness}
+        # laws without a test have nan in its columns
+        none = GoodnessOfFit("lognormal", math.nan, math.nan, 0)
+        tests = [known.get(fit.model, none) for fit in fits]
+        values = [[fit.parameters.get(name, math.nan) for name in names] for fit in fits]
+        return bins | {
+            "model": ("model", [fit.model for fit in fits]),
+            "fit_parameter": ("fit_parameter", names),
+            "fit_value": (("model", "fit_parameter"), values),
+            "aic": ("model", [fit.aic for fit in fits]),
+            "ks": ("model", [test.ks for test in tests]),
+            "ks_p_value": ("model", [test.p_value for test in tests]),
         }
 
 

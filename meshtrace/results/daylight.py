@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,7 @@ sun seen directly. Under water: "sky" and "sun" through the surface, scattered l
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Background(Stored):
+class Background(Stored, kind="background", title="meshtrace background light"):
     """Radiance of the background, averaged over aperture and field of view of a receiver.
 
     Attributes
@@ -43,14 +43,11 @@ class Background(Stored):
 
     part_radiance: Annotated[Floats, Variable("part")]
     part_radiance_stderr: Annotated[Floats, Variable("part")]
-    radiance: Annotated[float, Variable("", name="background_radiance")]
-    radiance_stderr: Annotated[float, Variable("", name="background_radiance_stderr")]
-    acceptance: Annotated[float, Variable("")]
-    wavelength_nm: Annotated[float, Variable("")]
+    radiance: Annotated[float, Variable(name="background_radiance")]
+    radiance_stderr: Annotated[float, Variable(name="background_radiance_stderr")]
+    acceptance: Annotated[float, Variable()]
+    wavelength_nm: Annotated[float, Variable()]
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "background"
-    title: ClassVar[str] = "meshtrace background light"
 
     @classmethod
     def of_groups(
@@ -58,8 +55,9 @@ class Background(Stored):
     ) -> Self:
         """Return the mean of independent parts (n, parts), with their scatter as its error."""
         total = parts.sum(axis=1)
-        light = float(total.mean()), float(error_of_groups(total))
-        return cls(parts.mean(axis=0), error_of_groups(parts), *light, acceptance, wavelength_nm)
+        # the parts of a sample share its rays: their errors do not add in quadrature
+        radiance = float(total.mean()), float(error_of_groups(total))
+        return cls(parts.mean(axis=0), error_of_groups(parts), *radiance, acceptance, wavelength_nm)
 
     @property
     def parts(self) -> dict[str, float]:
@@ -72,15 +70,16 @@ class Background(Stored):
         return dict(zip(PARTS, self.part_radiance_stderr.tolist(), strict=True))
 
     @property
-    def light(self) -> str:
-        """Name of the light."""
+    def light_name(self) -> str:
+        """Name of the daylight, such as "clear sky"."""
         return str(self.provenance["daylight"]["light"])
 
     def _check(self) -> None:
-        dict(self.parts | self.parts_stderr)  # one of each part
+        # strict pairs refuse other numbers of parts
+        dict(self.parts | self.parts_stderr)
 
     def _origin_lines(self) -> list[str]:
-        return [self.light]
+        return [self.light_name]
 
     @property
     def power_per_nm(self) -> float:
@@ -123,7 +122,7 @@ class Background(Stored):
 
     def _headline(self) -> str:
         return (
-            f"{self.light}: {self.radiance:.4e} +- {self.radiance_stderr:.1e} W m-2 sr-1 nm-1 "
+            f"{self.light_name}: {self.radiance:.4e} +- {self.radiance_stderr:.1e} W m-2 sr-1 nm-1 "
             f"at {self.wavelength_nm:g} nm"
         )
 
@@ -139,7 +138,9 @@ class Background(Stored):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BackgroundSeries(Stored):
+class BackgroundSeries(
+    Stored, kind="background-series", title="meshtrace background light over time"
+):
     """Background of a receiver over a moving sea, with the same rays at all times.
 
     Attributes
@@ -153,12 +154,9 @@ class BackgroundSeries(Stored):
     """
 
     time: Annotated[Floats, Variable("time")]
-    part_radiance: Annotated[Floats, Variable("time part")]
-    part_radiance_stderr: Annotated[Floats, Variable("time part")]
+    part_radiance: Annotated[Floats, Variable("time", "part")]
+    part_radiance_stderr: Annotated[Floats, Variable("time", "part")]
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "background-series"
-    title: ClassVar[str] = "meshtrace background light over time"
 
     @property
     def radiance(self) -> Floats:
@@ -210,7 +208,7 @@ class Flashes(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class IrradianceSeries(Stored):
+class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradiance over time"):
     """Downward irradiance at depths under a moving sea.
 
     Attributes
@@ -237,17 +235,16 @@ class IrradianceSeries(Stored):
 
     time: Annotated[Floats, Variable("time")]
     depth: Annotated[Floats, Variable("depth")]
-    irradiance: Annotated[Floats, Variable("time depth", name="spectral_irradiance")]
-    unscattered: Annotated[Floats, Variable("time depth", name="unscattered_irradiance")]
+    irradiance: Annotated[Floats, Variable("time", "depth", name="spectral_irradiance")]
+    unscattered: Annotated[Floats, Variable("time", "depth", name="unscattered_irradiance")]
     sky: Annotated[Floats, Variable("depth", name="sky_irradiance")]
     still: Annotated[Floats, Variable("depth", name="still_irradiance")]
     provenance: dict[str, Any] = field(default_factory=dict)
     x: Annotated[Floats | None, Variable("x")] = None
     y: Annotated[Floats | None, Variable("y")] = None
-    pattern: Annotated[Floats | None, Variable("time depth x y", name="irradiance_pattern")] = None
-
-    kind: ClassVar[str] = "irradiance-series"
-    title: ClassVar[str] = "meshtrace irradiance over time"
+    pattern: Annotated[
+        Floats | None, Variable("time", "depth", "x", "y", name="irradiance_pattern")
+    ] = None
 
     @property
     def mean(self) -> Floats:
@@ -294,6 +291,7 @@ class IrradianceSeries(Stored):
         if (k <= 0.0).any():
             raise Refused("thresholds", thresholds, "numbers > 0")
         above = (self.irradiance / self.mean)[:, :, None] > k
+        # a flash begins between a time below and the next one above
         begun = np.count_nonzero(above[1:] & ~above[:-1], axis=0)
         seconds = step * np.count_nonzero(above, axis=0)
         duration = np.divide(seconds, begun, out=np.full(begun.shape, np.nan), where=begun > 0)
@@ -302,11 +300,12 @@ class IrradianceSeries(Stored):
     def spectrum(self) -> tuple[Floats, Floats]:
         """Return frequencies [Hz] and the power density of E / mean [Hz-1], (depths, n).
 
-        By Welch's method with eight segments; for equally spaced times.
+        By Welch's method with seven segments; for equally spaced times.
         """
         from scipy.signal import welch
 
         relative = (self.irradiance / self.mean - 1.0).T
+        # segments of a quarter that overlap by half of it, scipy's default
         rate, length = 1.0 / self._step(), max(len(self.time) // 4, 2)
         frequency, density = welch(relative, rate, nperseg=length, axis=-1)
         return frequency, density
@@ -328,6 +327,7 @@ class IrradianceSeries(Stored):
         step = float(self.x[1] - self.x[0])
         relative = self.pattern / self.pattern.mean(axis=(0, 2, 3), keepdims=True) - 1.0
         cycles, density = periodogram(relative, 1.0 / step, "hann", axis=2)
+        # from cycles per metre to radians: S(k) dk = S(1 / lambda) d(1 / lambda)
         return 2.0 * np.pi * cycles, density.mean(axis=(0, 3)) / (2.0 * np.pi)
 
     def _step(self) -> float:
@@ -342,21 +342,21 @@ class IrradianceSeries(Stored):
 
     def summary(self) -> str:
         """Return mean, coefficient of variation, and flashes at each depth as text."""
-        rows = [
+        lines = [
             f"downward irradiance at {len(self.time)} times, "
             f"{self.time[0]:g} to {self.time[-1]:g} s",
             "   depth  W m-2 nm-1  unscattered       CV   highest  flashes > 1.5 mean",
         ]
         try:
-            found = self.flashes([1.5])
-            seen = [
-                f"{r:.0f} per min, {1e3 * d:.3g} ms" if r else "none"
-                for r, d in zip(found.per_minute[:, 0], found.duration[:, 0], strict=True)
+            _, rates, durations = self.flashes([1.5])
+            flashes = [
+                f"{rate:.0f} per min, {1e3 * duration:.3g} ms" if rate else "none"
+                for rate, duration in zip(rates[:, 0], durations[:, 0], strict=True)
             ]
-        except Refused:
-            seen = [""] * len(self.depth)
+        except Refused:  # times that are not equally spaced
+            flashes = [""] * len(self.depth)
         share = self.unscattered.mean(axis=0) / self.mean
         highest = self.irradiance.max(axis=0) / self.mean
-        for row in zip(self.depth, self.mean, share, self.cv, highest, seen, strict=True):
-            rows.append("{:6g} m  {:10.4g}  {:10.1%}  {:8.3g}  {:8.3g}  {}".format(*row))
-        return "\n".join(rows)
+        for row in zip(self.depth, self.mean, share, self.cv, highest, flashes, strict=True):
+            lines.append("{:6g} m  {:10.4g}  {:10.1%}  {:8.3g}  {:8.3g}  {}".format(*row))
+        return "\n".join(lines)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from meshtrace.fields import attrs
 from meshtrace.kernels.tally import Fate
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
-from meshtrace.results.tallies import ArrivalTally, MapTally, Planes, merged, merged_mean
-from meshtrace.stored import Attribute, Rows, Stored, Variable
+from meshtrace.results.tallies import ArrivalTally, MapTally, Planes, merged_means
+from meshtrace.stored import Columns, Elsewhere, Part, Stored, Variable, Variables
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -102,12 +102,14 @@ class ChainCounts(NamedTuple):
     cut_short: int = 0
 
 
-_MATTERS = 0.5  # error of the mesh over the standard error: the two together are 12 % larger
-_EACH, _MEAN = Variable("receiver"), Variable("receiver", merged_mean)
+# Error of the mesh over the standard error from which a summary shows it: joined in quadrature the
+# two are hypot(1, 0.5) = 1.12 standard errors, and below that nobody would decide otherwise.
+_MATTERS = 0.5
+_EACH = Variable("receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GainResult(Stored):
+class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
     """Channel gain of one link over one surface.
 
     Attributes
@@ -153,33 +155,30 @@ class GainResult(Stored):
         Irradiance on a plane in the air.
     """
 
-    gain: Annotated[Values, _MEAN]
+    gain: Annotated[Values, _EACH]
     gain_stderr: Annotated[Values, _EACH]
     photons: int
-    fates: Annotated[dict[str, FateTally], Attribute()]
+    fates: Annotated[dict[str, FateTally], Elsewhere()]
     provenance: dict[str, Any]
     gain_ballistic: Annotated[Values | None, _EACH] = None
     gain_scattered: Annotated[Values | None, _EACH] = None
     rays_recast: int = 0
     rays_lost: int = 0
-    chains: Annotated[ChainCounts | None, Rows(ChainCounts, prefix="chains_")] = None
+    chains: Annotated[ChainCounts | None, Columns(ChainCounts, "chains")] = None
     scattered: Annotated[
-        list[ScatteredSamples], Rows(ScatteredSamples, "receiver", "scattered_")
+        list[ScatteredSamples], Columns(ScatteredSamples, "scattered", "receiver")
     ] = field(default_factory=list)
     reflected: Annotated[
-        list[ScatteredSamples], Rows(ScatteredSamples, "receiver", "reflected_")
+        list[ScatteredSamples], Columns(ScatteredSamples, "reflected", "receiver")
     ] = field(default_factory=list)
     gain_bound: Annotated[Values | None, _EACH] = None
     gain_reflected: Annotated[Values | None, _EACH] = None
     gain_reflected_stderr: Annotated[Values | None, _EACH] = None
     mesh_error: Annotated[Values | None, _EACH] = None
-    gain_order: Annotated[Floats | None, Variable("receiver order")] = None
-    arrivals: ArrivalTally | None = None
-    planes: Planes | None = None
-    map: MapTally | None = None
-
-    kind: ClassVar[str] = "gain"
-    title: ClassVar[str] = "meshtrace channel gain"
+    gain_order: Annotated[Floats | None, Variable("receiver", "order")] = None
+    arrivals: Annotated[ArrivalTally | None, Part(ArrivalTally)] = None
+    planes: Annotated[Planes | None, Part(Planes)] = None
+    map: Annotated[MapTally | None, Part(MapTally)] = None
 
     @property
     def gains(self) -> Floats:
@@ -200,31 +199,34 @@ class GainResult(Stored):
     def _each(self, name: str) -> list[float]:
         """Return a field for each receiver, nan for a missing one."""
         value = getattr(self, name)
-        found = np.full(len(self.gains), np.nan) if value is None else np.atleast_1d(value)
-        return [float(one) for one in found]
+        numbers = np.broadcast_to(math.nan if value is None else value, self.gains.shape)
+        return [float(number) for number in numbers]
 
     def _headline(self) -> str:
-        rows = zip(self.gains, self.stderrs, self._each("gain_bound"), strict=True)
+        receivers = zip(self.gains, self.stderrs, self._each("gain_bound"), strict=True)
         parts = [
             f"gain {gain:.4e} +- {stderr:.1e}" if gain or not bound > 0.0 else self._dark(bound)
-            for gain, stderr, bound in rows
+            for gain, stderr, bound in receivers
         ]
+        # a line of a terminal has room for four
         shown = parts[:4] + [f"{len(parts) - 4} more"] * (len(parts) > 4)
         return ", ".join([*shown, self._samples])
 
     def _dark(self, bound: float) -> str:
-        """Return the bound of a gain without light; chains have not measured it."""
+        """Return the upper bound of a gain of 0 as text."""
+        # of n photons none arrived: a measurement; that no chain connects is none
         if self.fates:
             return f"dark to below {bound:.2g}"
         return f"not found with {self._samples}, below {bound:.2g}"
 
     @property
     def _samples(self) -> str:
-        """Return the number of samples of each estimator."""
-        found = {row.estimator: row.samples for row in self.scattered}
-        if "chains" in found or not found:  # those that were asked for: each order has some more
-            found = {**found, "photons" if self.fates else "chains": self.photons}
-        return " and ".join(f"{n:,} {name}" for name, n in found.items())
+        """Return the number of samples of each estimator as text."""
+        counts = {item.estimator: item.samples for item in self.scattered}
+        # the number that was asked for: each order of scattering has some more
+        if "chains" in counts or not counts:
+            counts["photons" if self.fates else "chains"] = self.photons
+        return " and ".join(f"{n:,} {name}" for name, n in counts.items())
 
     def summary(self, wall_time: float | None = None, verbose: bool = False) -> str:
         """Return the gain and the fates of the photons as text for a terminal.
@@ -258,12 +260,12 @@ class GainResult(Stored):
         return "\n".join(lines)
 
     def _gain_lines(self, verbose: bool) -> list[str]:
-        """Return gain and errors of each receiver, with a notable error of the mesh."""
+        """Return gain and errors of each receiver, and the error of the mesh where it matters."""
         lines = []
         names = "gain", "gain_stderr", "gain_bound", "mesh_error"
         parts = "gain_ballistic", "gain_reflected"
         columns = zip(*(self._each(name) for name in (*names, *parts)), strict=True)
-        for i, (gain, stderr, bound, of_mesh, direct, reflected) in enumerate(columns):
+        for i, (gain, stderr, bound, mesh_error, ballistic, reflected) in enumerate(columns):
             name = "channel gain" if np.ndim(self.gain) == 0 else f"channel gain [{i}]"
             if not gain > 0.0:
                 dark = f"{self._dark(bound)} at 95 % confidence" if bound > 0.0 else "dark"
@@ -273,49 +275,56 @@ class GainResult(Stored):
             lines.append(_line(name, f"{gain:.4e}  ({10.0 * math.log10(gain):.3f} dB optical)"))
             errors = f"{stderr:.1e}  ({percent:.2g} %, {decibel:.2g} dB)"
             lines.append(_line("standard error", errors))
+            # false for nan, the bound of a gain whose standard error can be trusted
             if bound > 0.0:
                 few = "at 95 % confidence: few samples, light of rare paths may be missing"
                 lines.append(_line("upper bound", f"{bound:.4e}  {few}"))
-            if of_mesh > _MATTERS * stderr or (verbose and of_mesh >= 0.0):
-                text = f"{of_mesh:.1e}  ({100.0 * of_mesh / gain:.2g} %)"
+            if mesh_error > _MATTERS * stderr or (verbose and mesh_error >= 0.0):
+                text = f"{mesh_error:.1e}  ({100.0 * mesh_error / gain:.2g} %)"
                 lines.append(_line("error of the mesh", text))
             if self.gain_ballistic is not None:
-                text = f"{direct:.4e} unscattered; scattered {100.0 * (1.0 - direct / gain):.1f} %"
+                scattered = 100.0 * (1.0 - ballistic / gain)
+                text = f"{ballistic:.4e} unscattered; scattered {scattered:.1f} %"
                 if self.gain_reflected is not None:
                     text += f", of which reflected first {100.0 * reflected / gain:.2g} %"
                 lines.append(_line("", text))
             if self.scattered:
-                by = self.scattered[i]
-                text = f"{by.samples:,} {by.estimator}, {by.scored:,} of them with a contribution"
-                lines.append(_line("", f"{text}; effective sample size {by.effective:,.0f}"))
+                estimator, samples, scored, effective = self.scattered[i]
+                text = f"{samples:,} {estimator}, {scored:,} of them with a contribution"
+                lines.append(_line("", f"{text}; effective sample size {effective:,.0f}"))
         return lines
 
     def _content(self) -> xr.Dataset:
         data = super()._content().assign_attrs(scalar=int(np.ndim(self.gain) == 0))
-        if self.fates:
-            codes = np.array([Fate[name.upper()] for name in self.fates], np.int8)
-            flags = {"flag_values": codes, "flag_meanings": " ".join(self.fates)}
-            data.coords["fate"] = ("fate", codes, flags)
-            for name in FateTally._fields:
-                column = np.array([getattr(tally, name) for tally in self.fates.values()])
-                data[f"fate_{name}"] = ("fate", column, attrs(f"fate_{name}"))
         return data.assign_coords(receiver=np.arange(len(self.gains)))
 
+    def _derived(self) -> Variables:
+        """Return the fates as flags of the CF conventions, with their photons and weights."""
+        if not self.fates:
+            return {}
+        codes = np.array([Fate[name.upper()] for name in self.fates], np.int8)
+        flags = {"flag_values": codes, "flag_meanings": " ".join(self.fates)}
+        columns = zip(*self.fates.values(), strict=True)
+        named = zip(FateTally._fields, map(np.array, columns), strict=True)
+        return {"fate": ("fate", codes, flags)} | {f"fate_{n}": ("fate", x) for n, x in named}
+
     @classmethod
-    def arrays(cls, data: xr.Dataset) -> dict[str, Any]:
-        """Return the fields that a dataset holds, as numbers for a single receiver."""
-        found, fates = super().arrays(data), {}
-        if "scalar" not in data.attrs:
-            allowed = f"a dataset of a {cls.__name__}"
-            raise Refused("data", Described("no attribute scalar"), allowed)
-        if data.attrs["scalar"]:
-            each = {name for name, _, variable in cls._described() if variable.dims == "receiver"}
-            found |= {name: float(found[name][0]) for name in each & found.keys()}
+    def _restored(cls, data: xr.Dataset, provenance: Any, **parts: Any) -> GainResult:
+        parts["fates"] = {}
         if "fate" in data.coords:
             columns = (data[f"fate_{name}"].values.tolist() for name in FateTally._fields)
             names = data["fate"].attrs["flag_meanings"].split()
-            fates = dict(zip(names, map(FateTally, *columns), strict=True))
-        return {**found, "fates": fates}
+            parts["fates"] = dict(zip(names, map(FateTally, *columns), strict=True))
+        result = super()._restored(data, provenance, **parts)
+        if not data.attrs["scalar"]:
+            return result
+        # files have arrays of receivers also for a link with a single one
+        numbers: dict[str, Any] = {}
+        for name in (item.name for item in fields(result)):
+            array = getattr(result, name)
+            if isinstance(array, np.ndarray) and array.ndim == 1:
+                numbers[name] = float(array[0])
+        return replace(result, **numbers)
 
     def _origin_lines(self) -> list[str]:
         """Return estimator, sea and wind of a run."""
@@ -333,18 +342,19 @@ class GainResult(Stored):
 
 
 def like(gain: Values, array: Any) -> Any:
-    """Return values of the receivers, as a number for a single receiver."""
+    """Return values of the receivers, as a number where `gain` is one."""
     return float(array[0]) if array is not None and np.ndim(gain) == 0 else array
 
 
 def bound_where_dark(gain: Values, photons: int) -> Values | None:
-    """Return the upper bound 3 / n of dark analog gains at 95 % confidence, None if all are lit.
+    """Return the upper bound of analog gains of 0 at 95 % confidence, None if all are positive.
 
-    An event that none of n independent trials shows has a probability below 3 / n (rule of three);
-    the weight of a photon is at most 1, and no gain is above 1.
+    An event that none of n independent trials shows has a probability below 3 / n (rule of three,
+    from (1 - p)^n = 0.05).
     """
     gains = np.atleast_1d(gain)
     dark = ~(gains > 0.0)
+    # the weight of a photon is at most 1, so that a gain is at most the share of hits
     return like(gain, np.where(dark, min(3.0 / photons, 1.0), np.nan)) if dark.any() else None
 
 
@@ -377,8 +387,9 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         if r.provenance["run"]["estimator"] != "analog":
             raise Refused(f"results[{i}]", Described("a forced result"), "analog runs")
         if _identity(r) != _identity(results[0]):
-            found = Described("configurations differ")
-            raise Refused(f"results[{i}]", found, "runs of one configuration")
+            problem = Described("configurations differ")
+            raise Refused(f"results[{i}]", problem, "runs of one configuration")
+    # sums of floats in one order, so that the order of the runs does not change the last bits
     results = sorted(results, key=_ranges)
     first = results[0]
     ranges = sorted(span for r in results for span in _ranges(r))
@@ -386,7 +397,11 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         raise Refused("results", Described("photon ids overlap"), "disjoint runs")
     n = np.array([r.photons for r in results])
     total = int(n.sum())
-    means = merged(results, n)
+    means = merged_means(results, n)
+    for name in ("arrivals", "planes", "map"):
+        tallies = [getattr(result, name) for result in results]
+        if tallies[0] is not None:
+            means[name] = tallies[0].merged(tallies, n)
     fates = {}
     for name in first.fates:
         photons = sum(r.fates[name].photons for r in results)
@@ -408,12 +423,14 @@ def merge(results: Sequence[GainResult]) -> GainResult:
 def _ranges(result: GainResult) -> list[tuple[int, int]]:
     """Return the photon ids of a result as half-open ranges."""
     run = result.provenance["run"]
+    # merged runs have several, with gaps between them
     alone = [run["first_photon"], run["first_photon"] + result.photons]
     spans = run.get("photon_ranges", [alone])
     return [(int(a), int(b)) for a, b in spans]
 
 
 def _identity(result: GainResult) -> str:
+    """Return the configuration of a run as text, without what runs to be merged may differ in."""
     free = ("first_photon", "photons", "threads", "batch_size", "photon_ranges", "rtol")
     run = {k: v for k, v in result.provenance["run"].items() if k not in free}
     return json.dumps([result.provenance[k] for k in ("link", "surface")] + [run])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,11 +17,12 @@ from meshtrace.results.tallies import SPEED_OF_LIGHT as SPEED_OF_LIGHT
 from meshtrace.results.tallies import ArrivalTally, error_of_groups, sums_by_group
 from meshtrace.stored import SHIFTS, Stored, Variable
 
+# A single late photon may stretch the delays by any factor: 1e7 bins by 32 groups are 2.6 GB.
 _MOST_BINS = 10**7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ImpulseResponse(Stored):
+class ImpulseResponse(Stored, kind="impulse-response", title="meshtrace impulse response"):
     """Impulse response of a channel, h(t) in gain per second.
 
     Attributes
@@ -46,18 +47,15 @@ class ImpulseResponse(Stored):
     edges: Annotated[Floats, Variable("bin_edge", name="delay_edges")]
     h: Annotated[Floats, Variable("bin", name="impulse_response")]
     h_stderr: Annotated[Floats, Variable("bin", name="impulse_response_stderr")]
-    first_arrival: Annotated[float, Variable("")]
-    mean_delay: Annotated[float, Variable("")]
-    mean_delay_stderr: Annotated[float, Variable("")]
-    rms_delay_spread: Annotated[float, Variable("")]
-    rms_delay_spread_stderr: Annotated[float, Variable("")]
+    first_arrival: Annotated[float, Variable()]
+    mean_delay: Annotated[float, Variable()]
+    mean_delay_stderr: Annotated[float, Variable()]
+    rms_delay_spread: Annotated[float, Variable()]
+    rms_delay_spread_stderr: Annotated[float, Variable()]
     delay: Annotated[Floats, Variable("arrival", name="arrival_delay")]
     weight: Annotated[Floats, Variable("arrival", name="arrival_weight")]
     angle: Annotated[Floats, Variable("arrival", name="arrival_angle")]
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "impulse-response"
-    title: ClassVar[str] = "meshtrace impulse response"
 
     def _headline(self) -> str:
         spread = f"rms delay spread {self.rms_delay_spread:.4g} s"
@@ -108,8 +106,9 @@ def impulse_response(
     """
     arrivals = getattr(result, "arrivals", None)
     if arrivals is None:
-        found = Described("no arrivals")
-        raise Refused("result", found, "a result of simulate(..., record=[Arrivals()])")
+        raise Refused(
+            "result", Described("no arrivals"), "a result of simulate(..., record=[Arrivals()])"
+        )
     return response_of(arrivals, bin_width, receiver, result.provenance)
 
 
@@ -120,11 +119,11 @@ def response_of(
     provenance: dict[str, Any] | None = None,
 ) -> ImpulseResponse:
     """Return the impulse response of arrivals."""
-    mine = arrivals.receiver == receiver
-    if not mine.any():
+    chosen = arrivals.receiver == receiver
+    if not chosen.any():
         raise Refused("receiver", receiver, "a receiver where light arrived")
-    time = arrivals.time[mine]
-    weight, group = arrivals.weight[mine], arrivals.group[mine]
+    time, angle = arrivals.time[chosen], arrivals.angle[chosen]
+    weight, group = arrivals.weight[chosen], arrivals.group[chosen]
     first = float(time.min())
     delay = time - first
     longest = float(delay.max())
@@ -135,7 +134,8 @@ def response_of(
     by_group = sums_by_group(group, weight, bins, int(bins.max()) + 1)
     moments = np.stack([sums_by_group(group, weight * delay**k)[:, 0] for k in range(3)], axis=1)
     mean, spread = _delays(moments.mean(axis=0))
-    others = (moments.sum(axis=0) - moments) / (SHIFTS - 1)  # jackknife: all groups but one
+    # mean and spread are ratios of sums: their errors come from the jackknife, all groups but one
+    others = (moments.sum(axis=0) - moments) / (SHIFTS - 1)
     factor = (SHIFTS - 1) / np.sqrt(SHIFTS)
     errors = [float(factor * v.std()) for v in np.array([_delays(m) for m in others]).T]
     return ImpulseResponse(
@@ -149,12 +149,13 @@ def response_of(
         rms_delay_spread_stderr=errors[1],
         delay=delay,
         weight=weight,
-        angle=arrivals.angle[mine],
+        angle=angle,
         provenance=provenance or {},
     )
 
 
 def _delays(moments: Floats) -> tuple[float, float]:
-    """Return mean and root variance from sums of w, w t, w t^2."""
+    """Return mean and standard deviation from sums of w, w t, w t^2."""
     mean = moments[1] / moments[0]
+    # rounding may turn the variance of equal delays negative
     return float(mean), float(np.sqrt(max(moments[2] / moments[0] - mean**2, 0.0)))

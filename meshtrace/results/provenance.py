@@ -55,6 +55,7 @@ def _git_commit(root: Path) -> str:
     project = root / "pyproject.toml"
     if not project.is_file() or 'name = "meshtrace"' not in project.read_text(encoding="utf-8"):
         return "unknown"
+    # variables of a hook of git would point to the repository of that hook
     outside = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
     try:
         done = subprocess.run(

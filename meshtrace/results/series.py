@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 _FEW = 50  # gains shown in place of statistics
 _MOST_NOISE = 0.05  # fraction of the variance below which noise is not reported
-_EACH = Variable("{along} receiver")
+_EACH = Variable("step", "receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GainSeries(Stored):
+class GainSeries(Stored, kind="series", title="meshtrace gain series"):
     """Gains of one link over many surfaces, all with the same chains.
 
     Attributes
@@ -58,15 +58,14 @@ class GainSeries(Stored):
     """
 
     along: Literal["time", "realization"]
-    coordinate: Annotated[NDArray[Any], Variable("{along}", name="{along}")]
+    coordinate: Annotated[NDArray[Any], Variable("step", name="step")]
     gain: Annotated[Floats, _EACH]
     gain_stderr: Annotated[Floats, _EACH]
     gain_ballistic: Annotated[Floats, _EACH]
     mean_stderr: Any
     provenance: dict[str, Any] = field(default_factory=dict)
 
-    kind: ClassVar[str] = "series"
-    title: ClassVar[str] = "meshtrace gain series"
+    _step_name: ClassVar[str] = "along"
 
     @property
     def gains(self) -> Floats:
@@ -111,22 +110,24 @@ class GainSeries(Stored):
 
         n, n_receivers = self.gains.shape
         require_whole(receiver, 0, n_receivers - 1, "receiver")
-        gain, common = self.gains[:, receiver], float(self.mean_stderrs[receiver])
+        gain, mean_stderr = self.gains[:, receiver], float(self.mean_stderrs[receiver])
         stderr = self.gain_stderr.reshape(n, -1)[:, receiver]
         noise = float(np.mean(stderr**2))
-        own = max(noise - common**2, 0.0) * n / max(n - 1, 1)
+        # all surfaces have the same chains: the error of the mean widens no spread
+        own_noise = max(noise - mean_stderr**2, 0.0) * n / max(n - 1, 1)
         if self.along == "realization":
-            options["gain_stderr"] = (np.sqrt(own / noise) if noise > 0.0 else 0.0) * stderr
+            options["gain_stderr"] = (np.sqrt(own_noise / noise) if noise > 0.0 else 0.0) * stderr
         else:
             options["time"] = self.time
-        found = fading_statistics(gain, common_stderr=common, **options)
-        notes, share = found.notes, own / max(float(gain.var()), own, 1e-300)
+        statistics = fading_statistics(gain, common_stderr=mean_stderr, **options)
+        notes, share = statistics.notes, own_noise / max(float(gain.var()), own_noise, 1e-300)
         if self.along == "time" and share >= _MOST_NOISE:
             note = f"Monte Carlo noise is {100.0 * share:.0f} % of the variance: increase photons"
             notes = (*notes, note)
-        return replace(found, provenance=self.provenance, notes=notes)
+        return replace(statistics, provenance=self.provenance, notes=notes)
 
     def _headline(self) -> str:
+        # a line has room for four receivers
         means = self.gains.mean(axis=0)
         pairs = zip(means[:4], self.mean_stderrs, strict=False)
         shown = ", ".join(f"mean {mean:.4e} +- {stderr:.1e}" for mean, stderr in pairs)
@@ -153,20 +154,21 @@ class GainSeries(Stored):
         return "\n".join(lines)
 
     def _check(self) -> None:
+        # an attribute, which the check of the sizes of variables leaves out
         stderrs = self.mean_stderrs
         if stderrs.dtype.kind not in "biuf" or stderrs.shape != self.gains.shape[1:]:
             raise ValueError(f"mean_stderr of {stderrs.dtype}, shape {stderrs.shape}")
 
     def _origin_lines(self) -> list[str]:
         """Return the scintillation index of unscattered light, measured and in closed form."""
-        found, light = self.provenance.get("closed_form"), self.gain_ballistic
-        if not found or not light.any():
+        closed, ballistic = self.provenance.get("closed_form"), self.gain_ballistic
+        if not closed or not ballistic.any():
             return []
-        measured = light.var(ddof=1) / light.mean() ** 2
+        measured = ballistic.var(ddof=1) / ballistic.mean() ** 2
         return [
             f"  unscattered light    scintillation index {measured:.3g}, closed form "
-            f"{found['index_of_band']:.3g} up to {found['omega_max']:.3g} rad/s, "
-            f"{found['index_of_all']:.3g} with all waves"
+            f"{closed['index_of_band']:.3g} up to {closed['omega_max']:.3g} rad/s, "
+            f"{closed['index_of_all']:.3g} with all waves"
         ]
 
     def _statistics(self, receiver: int) -> str:
@@ -176,8 +178,8 @@ class GainSeries(Stored):
         except ValueError as error:
             lines = []
             if self.along == "time":
-                rows = zip(self.time[:_FEW], self.gains[:, receiver], strict=False)
-                lines = [f"  {t:>12g} s {g:.4e}" for t, g in rows]
+                frames = zip(self.time[:_FEW], self.gains[:, receiver], strict=False)
+                lines = [f"  {t:>12g} s {g:.4e}" for t, g in frames]
             return "\n".join([*lines, f"no fading statistics: {error}"])
 
 
@@ -186,7 +188,7 @@ LIT = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CoverageMap(Stored):
+class CoverageMap(Stored, kind="coverage", title="meshtrace coverage map"):
     """Gain of a receiver at each place of its plane.
 
     Attributes
@@ -204,13 +206,10 @@ class CoverageMap(Stored):
 
     x: Annotated[Floats, Variable("x")]
     y: Annotated[Floats, Variable("y")]
-    gain: Annotated[Floats, Variable("x y")]
-    gain_stderr: Annotated[Floats, Variable("x y")]
+    gain: Annotated[Floats, Variable("x", "y")]
+    gain_stderr: Annotated[Floats, Variable("x", "y")]
     provenance: dict[str, Any] = field(default_factory=dict)
-    gain_bound: Annotated[Floats | None, Variable("x y")] = None
-
-    kind: ClassVar[str] = "coverage"
-    title: ClassVar[str] = "meshtrace coverage map"
+    gain_bound: Annotated[Floats | None, Variable("x", "y")] = None
 
     def _headline(self) -> str:
         shape = " x ".join(map(str, self.gain.shape))
@@ -222,28 +221,29 @@ class CoverageMap(Stored):
             f"gain at {self.gain.size} places, x {self.x[0]:g} to {self.x[-1]:g} m, "
             f"y {self.y[0]:g} to {self.y[-1]:g} m"
         )
-        lit = self.gain > 0.0
-        if not lit.any():
+        received = self.gain > 0.0
+        if not received.any():
             return f"{header}\n  no light received"
         highest = self.gain == self.gain.max()
-        found = place_of_highest(self.gain, self.gain_stderr)
+        cell = place_of_highest(self.gain, self.gain_stderr)
         place = f"place not resolved: {as_high(self.gain, self.gain_stderr).sum()} within errors"
-        if found is not None:
-            place = f"at ({self.x[found[0]]:g}, {self.y[found[1]]:g}) m"
-        error = np.median(self.gain_stderr[lit] / self.gain[lit])
-        rows = [
+        if cell is not None:
+            place = f"at ({self.x[cell[0]]:g}, {self.y[cell[1]]:g}) m"
+        error = np.median(self.gain_stderr[received] / self.gain[received])
+        lines = [
             header,
             f"  highest              {self.gain.max():.4e} +- "
             f"{self.gain_stderr[highest].max():.1e} {place}",
             f"  mean                 {self.gain.mean():.4e}",
-            f"  dark places          {int((~lit).sum())}",
+            f"  dark places          {int((~received).sum())}",
             f"  median error         {100.0 * error:.2g} %",
         ]
         if self.gain_bound is not None:
-            rows.append(f"  bound where dark     {np.nanmax(self.gain_bound):.1e}")
-        return "\n".join([*rows, *self._origin_lines()])
+            lines.append(f"  bound where dark     {np.nanmax(self.gain_bound):.1e}")
+        return "\n".join([*lines, *self._origin_lines()])
 
     def _check(self) -> None:
+        # a coverage map has a highest place, and nan has none
         if not (np.isfinite(self.gain).all() and np.isfinite(self.gain_stderr).all()):
             raise ValueError("a gain that is not finite")
 
@@ -268,6 +268,7 @@ def as_high(gain: Floats, stderr: Floats) -> NDArray[np.bool_]:
     The error of a difference is that of independent errors, at 95 % confidence for all cells
     together: of many cells with noise the highest is a chance.
     """
+    # Bonferroni: the chance that any of `size` comparisons errs is at most 5 %
     z = -NormalDist().inv_cdf(0.05 / gain.size)
     best = np.unravel_index(int(gain.argmax()), gain.shape)
     near: NDArray[np.bool_] = gain + z * np.hypot(stderr, stderr[best]) >= gain[best]
@@ -280,6 +281,7 @@ def place_of_highest(gain: Floats, stderr: Floats) -> tuple[int, int] | None:
     It is resolved if all cells that are `as_high` are next to it.
     """
     best = np.array(np.unravel_index(int(gain.argmax()), gain.shape))
+    # neighbours as high as the highest cell are its peak, not another one
     away = np.abs(np.argwhere(as_high(gain, stderr)) - best)
     return (int(best[0]), int(best[1])) if (away <= 1).all() else None
 
@@ -289,7 +291,9 @@ Options = ParamSpec("Options")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ByWavelength(Stacked, Generic[Result]):
+class ByWavelength(
+    Stacked, Generic[Result], kind="wavelengths", title="meshtrace results by wavelength"
+):
     """Results of one link at several wavelengths, with common paths where that is possible.
 
     The standard errors of the wavelengths are correlated: their noise cancels in ratios.
@@ -306,17 +310,18 @@ class ByWavelength(Stacked, Generic[Result]):
     >>> import meshtrace as mt
     >>> from meshtrace.surfaces import FlatSea
     >>> link = mt.Link(water=mt.Water.from_type("jerlov-II"))
-    >>> found = mt.simulate(link, FlatSea(), photons=1024, wavelengths_nm=[450, 500, 550])
-    >>> found["gain"].dims, found.brightest
+    >>> spectrum = mt.simulate(link, FlatSea(), photons=1024, wavelengths_nm=[450, 500, 550])
+    >>> spectrum["gain"].dims, spectrum.brightest
     (('wavelength', 'receiver'), 500.0)
     """
 
     wavelength_nm: Floats
     results: tuple[Result, ...]
 
-    kind: ClassVar[str] = "wavelengths"
-    title: ClassVar[str] = "meshtrace results by wavelength"
     _along: ClassVar[tuple[str, str]] = ("wavelength", "wavelength_nm")
+
+    def _stack(self) -> tuple[Floats, tuple[Result, ...]]:
+        return self.wavelength_nm, self.results
 
     def at_wavelength(self, wavelength_nm: float) -> Result:
         """Return the result at a wavelength [nm].
@@ -326,11 +331,10 @@ class ByWavelength(Stacked, Generic[Result]):
         Refused
             If the result has no such wavelength.
         """
-        found = np.flatnonzero(self.wavelength_nm == wavelength_nm)
-        if not len(found):
+        if wavelength_nm not in self.wavelength_nm:
             known = ", ".join(f"{nm:g}" for nm in self.wavelength_nm)
             raise Refused("wavelength_nm", wavelength_nm, known)
-        return self.results[int(found[0])]
+        return dict(self)[wavelength_nm]
 
     def __iter__(self) -> Iterator[tuple[float, Result]]:
         """Yield wavelengths [nm] and results."""
@@ -349,6 +353,7 @@ class ByWavelength(Stacked, Generic[Result]):
     @property
     def brightest(self) -> float:
         """Wavelength of the highest mean gain of the first receiver [nm]."""
+        # gains of a series have their surfaces as a dimension, those of a map its places
         gain = self["gain"]
         if "receiver" in gain.dims:
             gain = gain.isel(receiver=0)
@@ -363,15 +368,15 @@ class ByWavelength(Stacked, Generic[Result]):
         """Return a line for each wavelength as text for a terminal."""
         first = self.results[0]
         if not isinstance(first, GainResult):
-            return "\n".join(f"{nm:>8g} nm  {found._headline()}" for nm, found in self)
+            return "\n".join(f"{nm:>8g} nm  {result._headline()}" for nm, result in self)
         lines = [f"{'nm':>8}{'gain':>13}{'standard error':>16}{'effective samples':>19}  water"]
-        for nm, found in self:
-            assert isinstance(found, GainResult)
-            for r, (gain, stderr) in enumerate(zip(found.gains, found.stderrs, strict=True)):
-                samples = f"{found.scattered[r].effective:,.0f}" if found.scattered else "-"
-                water = found.provenance.get("link", {}).get("water", {})
-                known = [f"{key} {water[key]:.4g}" for key in ("a", "b", "n") if key in water]
-                about = ", ".join([f"receiver {r}"] * (len(found.gains) > 1) + known)
+        for nm, result in self:
+            assert isinstance(result, GainResult)
+            water = result.provenance.get("link", {}).get("water", {})
+            known = [f"{key} {water[key]:.4g}" for key in ("a", "b", "n") if key in water]
+            for r, (gain, stderr) in enumerate(zip(result.gains, result.stderrs, strict=True)):
+                samples = f"{result.scattered[r].effective:,.0f}" if result.scattered else "-"
+                about = ", ".join([f"receiver {r}"] * (len(result.gains) > 1) + known)
                 lines.append(f"{nm:>8g}{gain:>13.4e}{stderr:>16.1e}{samples:>19}  {about}")
         return "\n".join(lines)
 
@@ -409,7 +414,8 @@ def checked_wavelengths(wavelengths_nm: Any) -> list[float]:
         If there is none, or one twice, or one is no finite number.
     """
     allowed = "one or more wavelengths [nm]"
-    found = np.sort(np.atleast_1d(require_finite(wavelengths_nm, "wavelengths_nm", allowed)))
-    if len(np.unique(found)) < len(found):
+    values = np.atleast_1d(require_finite(wavelengths_nm, "wavelengths_nm", allowed))
+    rising = np.unique(values)
+    if len(rising) < len(values):
         raise Refused("wavelengths_nm", Described("one given twice"), "different wavelengths [nm]")
-    return [float(nm) for nm in found]
+    return [float(nm) for nm in rising]

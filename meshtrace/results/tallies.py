@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.fields import attrs
 from meshtrace.models import Floats
-from meshtrace.stored import SHIFTS, Variable, Variables, WithArrays
+from meshtrace.stored import SHIFTS, Variable, Variables, described, variables_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,6 +53,7 @@ def merged_mean(
 ) -> tuple[Floats, Floats]:
     """Return mean and standard error of all photons; a run of one photon has no error."""
     total = int(n.sum())
+    # exact for any split of the photons, unlike weights by the standard errors
     mean = np.asarray(sum(k / total * m for m, k in zip(means, n, strict=True)))
     # s^2 (k - 1) + m^2 is the mean square of a run: those of runs add by their photons
     square = sum(
@@ -60,18 +61,6 @@ def merged_mean(
         for m, s, k in zip(means, errors, n, strict=True)
     )
     return mean, np.sqrt(np.maximum(square - mean * mean, 0.0) / max(total - 1, 1))
-
-
-def _joined(parts: Sequence[NDArray[Any]], n: NDArray[np.int64]) -> NDArray[Any]:
-    return np.concatenate(parts)
-
-
-def _joined_shares(parts: Sequence[Floats], n: NDArray[np.int64]) -> Floats:
-    return np.concatenate([k / n.sum() * part for part, k in zip(parts, n, strict=True)])
-
-
-def _common(parts: Sequence[NDArray[Any]], n: NDArray[np.int64]) -> NDArray[Any]:
-    return parts[0]
 
 
 SPEED_OF_LIGHT = 299_792_458.0
@@ -83,33 +72,28 @@ def travel_time(water: Floats, air: Floats, n_water: float, n_air: float) -> Flo
     return (n_water * water + n_air * air) / SPEED_OF_LIGHT
 
 
-_CELLS = "map_axis_x map_axis_y"
+def merged_means(runs: Sequence[Any], n: NDArray[np.int64]) -> dict[str, Any]:
+    """Return the fields with a standard error, and the errors, for all photons of runs of n."""
+    means: dict[str, Any] = {}
+    for name in described(type(runs[0])):
+        values, stderr = [getattr(run, name) for run in runs], f"{name}_stderr"
+        if hasattr(runs[0], stderr) and values[0] is not None:
+            pair = merged_mean(values, [getattr(run, stderr) for run in runs], n)
+            means[name], means[stderr] = (v if v.ndim else v.item() for v in pair)
+    return means
 
 
-class Tally(WithArrays):
+class Tally:
     """Arrays of a run in addition to its gains; subclasses are dataclasses of them."""
 
     def __repr__(self) -> str:
-        shapes = (f"{name} {array.shape}" for name, (_, array, _) in self.to_variables().items())
+        shapes = (f"{name} {array.shape}" for name, (_, array) in variables_of(self).items())
         return f"<{type(self).__name__}: {', '.join(shapes)}>"
 
-
-def merged(runs: Sequence[WithArrays], n: NDArray[np.int64]) -> dict[str, Any]:
-    """Return the fields of all photons of several runs of n photons, by the rules of the arrays."""
-    found: dict[str, Any] = {}
-    for name, _, variable in runs[0]._described():
-        values = [getattr(run, name) for run in runs]
-        if variable.rule is merged_mean and values[0] is not None:
-            errors = [getattr(run, f"{name}_stderr") for run in runs]
-            both = (v if v.ndim else v.item() for v in merged_mean(values, errors, n))
-            found[name], found[f"{name}_stderr"] = both
-        elif variable.rule is not None and values[0] is not None:
-            found[name] = variable.rule(values, n)
-    for name, kind in runs[0]._parts():
-        parts = [getattr(run, name) for run in runs]
-        if parts[0] is not None:
-            found[name] = kind(**merged(parts, n))
-    return found
+    @classmethod
+    def merged(cls, tallies: Sequence[Any], n: NDArray[np.int64]) -> Self:
+        """Return the tally of all photons of several runs of n photons on the same axes."""
+        return replace(tallies[0], **merged_means(tallies, n))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -143,23 +127,25 @@ class ArrivalTally(Tally):
         Number of scatterings, and of reflections by the bottom.
     """
 
-    receiver: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_receiver")]
-    weight: Annotated[Floats, Variable("arrival", _joined_shares, "arrival_weight")]
-    water_path: Annotated[Floats, Variable("arrival", _joined, "arrival_water_path")]
-    air_path: Annotated[Floats, Variable("arrival", _joined, "arrival_air_path")]
-    time: Annotated[Floats, Variable("arrival", _joined, "arrival_time")]
-    angle: Annotated[Floats, Variable("arrival", _joined, "arrival_angle")]
-    group: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_group")]
-    sample: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_sample")]
-    part: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_part")]
-    order: Annotated[NDArray[np.int64], Variable("arrival", _joined, "arrival_order")]
+    receiver: Annotated[NDArray[np.int64], Variable("arrival", name="arrival_receiver")]
+    weight: Annotated[Floats, Variable("arrival", name="arrival_weight")]
+    water_path: Annotated[Floats, Variable("arrival", name="arrival_water_path")]
+    air_path: Annotated[Floats, Variable("arrival", name="arrival_air_path")]
+    time: Annotated[Floats, Variable("arrival", name="arrival_time")]
+    angle: Annotated[Floats, Variable("arrival", name="arrival_angle")]
+    group: Annotated[NDArray[np.int64], Variable("arrival", name="arrival_group")]
+    sample: Annotated[NDArray[np.int64], Variable("arrival", name="arrival_sample")]
+    part: Annotated[NDArray[np.int64], Variable("arrival", name="arrival_part")]
+    order: Annotated[NDArray[np.int64], Variable("arrival", name="arrival_order")]
 
     def to_dataset(self) -> xr.Dataset:
         """Return the rows as a Dataset, a variable with its unit for each column."""
         import xarray as xr
 
-        columns = vars(self).items()
-        return xr.Dataset({n: ("arrival", x, attrs(f"arrival_{n}")) for n, x in columns})
+        names = described(type(self))
+        return xr.Dataset(
+            {name: ("arrival", getattr(self, name), attrs(f"arrival_{name}")) for name in names}
+        )
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return the rows as a pandas DataFrame, in the units of `to_dataset`.
@@ -184,14 +170,21 @@ class ArrivalTally(Tally):
 
     def moved(self, receivers: Sequence[int], samples: int) -> ArrivalTally:
         """Return the arrivals at other receivers, their samples counted after some others."""
+        # joined photons of some receivers stand behind the chains of all, which count from 0
         receiver = np.array(receivers, np.int64)[self.receiver]
         return replace(self, receiver=receiver, sample=self.sample + samples)
 
     @classmethod
-    def concatenated(cls, tables: Sequence[ArrivalTally]) -> ArrivalTally:
+    def concatenated(cls, tables: Sequence[ArrivalTally]) -> Self:
         """Return the arrivals of several tables."""
-        columns = zip(*(vars(table).values() for table in tables), strict=True)
+        columns = ([getattr(table, name) for table in tables] for name in described(cls))
         return cls(*map(np.concatenate, columns))
+
+    @classmethod
+    def merged(cls, tallies: Sequence[ArrivalTally], n: NDArray[np.int64]) -> Self:
+        """Return the arrivals of several runs of n photons."""
+        shares = zip(tallies, n / n.sum(), strict=True)
+        return cls.concatenated([replace(run, weight=k * run.weight) for run, k in shares])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -227,28 +220,28 @@ class Planes(Tally):
     just above the sea: W m-2 per W m-2 and W m-2 sr-1 per W m-2.
     """
 
-    depth: Annotated[Floats, Variable("plane", _common, "plane_depth")]
-    e_d: Annotated[Floats, Variable("plane", merged_mean)]
-    e_u: Annotated[Floats, Variable("plane", merged_mean)]
-    e_od: Annotated[Floats, Variable("plane", merged_mean)]
-    e_ou: Annotated[Floats, Variable("plane", merged_mean)]
+    depth: Annotated[Floats, Variable("plane", name="plane_depth")]
+    e_d: Annotated[Floats, Variable("plane")]
+    e_u: Annotated[Floats, Variable("plane")]
+    e_od: Annotated[Floats, Variable("plane")]
+    e_ou: Annotated[Floats, Variable("plane")]
     e_d_stderr: Annotated[Floats, Variable("plane")]
     e_u_stderr: Annotated[Floats, Variable("plane")]
     e_od_stderr: Annotated[Floats, Variable("plane")]
     e_ou_stderr: Annotated[Floats, Variable("plane")]
-    radiance: Annotated[Floats | None, Variable("plane cosine azimuth", merged_mean)] = None
-    radiance_stderr: Annotated[Floats | None, Variable("plane cosine azimuth")] = None
-    cosine_edges: Annotated[Floats | None, Variable("cosine_edge", _common)] = None
-    azimuth_edges: Annotated[Floats | None, Variable("azimuth_edge", _common)] = None
+    radiance: Annotated[Floats | None, Variable("plane", "cosine", "azimuth")] = None
+    radiance_stderr: Annotated[Floats | None, Variable("plane", "cosine", "azimuth")] = None
+    cosine_edges: Annotated[Floats | None, Variable("cosine_edge")] = None
+    azimuth_edges: Annotated[Floats | None, Variable("azimuth_edge")] = None
 
-    def to_variables(self) -> Variables:
-        """Return the arrays by their names in files, with the centres of the radiance bins."""
-        found = super().to_variables()
-        for name in ("cosine", "azimuth"):
-            edges = getattr(self, f"{name}_edges")
-            if edges is not None:
-                found[name] = ((name,), 0.5 * (edges[1:] + edges[:-1]), attrs(name))
-        return found
+    def _derived(self) -> Variables:
+        """Return the centres of the bins in radiance."""
+        bins = {"cosine": self.cosine_edges, "azimuth": self.azimuth_edges}
+        return {
+            name: ((name,), 0.5 * (edges[1:] + edges[:-1]))
+            for name, edges in bins.items()
+            if edges is not None
+        }
 
     @staticmethod
     def radiance_of(flux: Floats, stderr: Floats) -> dict[str, Floats]:
@@ -266,6 +259,9 @@ class Planes(Tally):
         }
 
 
+_AXES = "map_axis_x", "map_axis_y"  # in a dataset x and y are the cells of other maps
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class MapTally(Tally):
     """Irradiance on a horizontal plane in the air.
@@ -278,7 +274,7 @@ class MapTally(Tally):
         Irradiance within the field of view per emitted power [m-2], and its standard error.
     """
 
-    x: Annotated[Floats, Variable("map_axis_x", _common, "map_x")]
-    y: Annotated[Floats, Variable("map_axis_y", _common, "map_y")]
-    irradiance: Annotated[Floats, Variable(_CELLS, merged_mean, "map_irradiance")]
-    irradiance_stderr: Annotated[Floats, Variable(_CELLS, None, "map_irradiance_stderr")]
+    x: Annotated[Floats, Variable("map_axis_x", name="map_x")]
+    y: Annotated[Floats, Variable("map_axis_y", name="map_y")]
+    irradiance: Annotated[Floats, Variable(*_AXES, name="map_irradiance")]
+    irradiance_stderr: Annotated[Floats, Variable(*_AXES, name="map_irradiance_stderr")]

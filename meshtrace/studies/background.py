@@ -218,7 +218,7 @@ def described(ook: OokLink, background: Background) -> str:
     sun = f" at zenith angle {day['sun_zenith_deg']:g} deg" if follows else ""
     width = ook.optics.equivalent_width_nm
     return (
-        f"{background.light}{sun}, {background.radiance:.3g} W m-2 sr-1 nm-1 "
+        f"{background.light_name}{sun}, {background.radiance:.3g} W m-2 sr-1 nm-1 "
         f"at {background.wavelength_nm:g} nm, "
         f"{ook.background_rate:.3g} counts/s through {width:g} nm, {occupancy(ook):.2g} for a cell "
         f"in its dead time"

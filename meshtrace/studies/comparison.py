@@ -36,7 +36,7 @@ _DECIBEL = 10.0 / math.log(10.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Stored):
+class Comparison(Stored, kind="comparison", title="meshtrace comparison of links"):
     """Gains of several links and their differences from the first one.
 
     Attributes
@@ -71,9 +71,6 @@ class Comparison(Stored):
     background_radiance_stderr: Annotated[Floats | None, Variable("link")] = None
     ber: Annotated[Floats | None, Variable("link")] = None
     ber_stderr: Annotated[Floats | None, Variable("link")] = None
-
-    kind: ClassVar[str] = "comparison"
-    title: ClassVar[str] = "meshtrace comparison of links"
 
     @classmethod
     def of_samples(
@@ -309,7 +306,7 @@ class JointOutage(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Duplex(Stacked):
+class Duplex(Stacked, kind="duplex", title="meshtrace gains of both directions"):
     """Gains of an uplink and a downlink over the same surfaces.
 
     Attributes
@@ -321,8 +318,6 @@ class Duplex(Stacked):
     up: GainSeries
     down: GainSeries
 
-    kind: ClassVar[str] = "duplex"
-    title: ClassVar[str] = "meshtrace gains of both directions"
     _along: ClassVar[tuple[str, str]] = ("direction", "direction")
 
     @property

@@ -35,7 +35,7 @@ from meshtrace.mesh import SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
-from meshtrace.stored import SHIFTS, Stored, Variable
+from meshtrace.stored import SHIFTS, Part, Stored, Variable
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.refinement import (
     CommonChains,
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ConvergenceStudy(Stored):
+class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"):
     """Gain of one link against a parameter of the discretisation.
 
     Attributes
@@ -93,22 +93,21 @@ class ConvergenceStudy(Stored):
     """
 
     parameter: str
-    values: Annotated[Floats, Variable("{parameter}", name="{parameter}")]
+    values: Annotated[Floats, Variable("step", name="step")]
     normals: Annotated[tuple[Normals, ...], Variable("normals")]
-    samples: Annotated[Floats, Variable("normals {parameter} repeat shift")]
-    ballistic: Annotated[Floats, Variable("normals {parameter} repeat", name="samples_ballistic")]
-    scatter: Annotated[Floats, Variable("normals {parameter}")]
-    slope_variance: Annotated[Floats, Variable("normals {parameter}", name="mss")]
-    total_reflection: Annotated[Floats, Variable("normals {parameter}")]
-    mesh_time: Annotated[Floats, Variable("normals {parameter}")]
-    bvh_time: Annotated[Floats, Variable("normals {parameter}")]
-    evaluation_time: Annotated[Floats, Variable("normals {parameter}")]
-    reference: Reference | None = None
+    samples: Annotated[Floats, Variable("normals", "step", "repeat", "shift")]
+    ballistic: Annotated[Floats, Variable("normals", "step", "repeat", name="samples_ballistic")]
+    scatter: Annotated[Floats, Variable("normals", "step")]
+    slope_variance: Annotated[Floats, Variable("normals", "step", name="mss")]
+    total_reflection: Annotated[Floats, Variable("normals", "step")]
+    mesh_time: Annotated[Floats, Variable("normals", "step")]
+    bvh_time: Annotated[Floats, Variable("normals", "step")]
+    evaluation_time: Annotated[Floats, Variable("normals", "step")]
+    reference: Annotated[Reference | None, Part(Reference)] = None
     tolerance: float = 1e-3
     provenance: dict[str, Any] = field(default_factory=dict)
 
-    kind: ClassVar[str] = "convergence"
-    title: ClassVar[str] = "meshtrace convergence"
+    _step_name: ClassVar[str] = "parameter"
 
     @property
     def step(self) -> Floats:
@@ -588,7 +587,9 @@ _WITHIN_ONE = math.erf(math.sqrt(0.5))  # of normal errors within one standard e
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FadingConvergence(Stored):
+class FadingConvergence(
+    Stored, kind="fading-convergence", title="meshtrace fading over the band of waves"
+):
     """Scintillation index of unscattered light against the highest frequency of the sea.
 
     Attributes
@@ -618,9 +619,6 @@ class FadingConvergence(Stored):
     tolerance: float
     recommended: float
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "fading-convergence"
-    title: ClassVar[str] = "meshtrace fading over the band of waves"
 
     def _headline(self) -> str:
         percent = 100.0 * self.tolerance

@@ -22,7 +22,6 @@ from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Described, Refused, require_between, require_finite, require_word
 from meshtrace.fading import Estimate
-from meshtrace.fields import attrs
 from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface, SurfaceModel
 from meshtrace.models import Floats
@@ -30,7 +29,7 @@ from meshtrace.results.daylight import Background
 from meshtrace.results.provenance import water_of
 from meshtrace.results.series import ByWavelength, checked_wavelengths, spectral
 from meshtrace.scenario import Scenario
-from meshtrace.stored import Attribute, Rows, Stacked, Stored, Variable
+from meshtrace.stored import Attribute, Columns, Elsewhere, Stacked, Stored, Variable, Variables
 from meshtrace.studies.background import background_over_seas, described, light_of
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.operating_point import (
@@ -48,7 +47,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LinkPerformance(Stored):
+class LinkPerformance(Stored, kind="performance", title="meshtrace link performance"):
     """Performance of a link at one or several depths and bit rates.
 
     Attributes
@@ -76,18 +75,15 @@ class LinkPerformance(Stored):
     """
 
     depths: Annotated[tuple[float, ...], Variable("depth", name="depth")]
-    ooks: Annotated[tuple[OokLink, ...], Attribute()]
-    figures: Annotated[tuple[OperatingPoint, ...], Rows(OperatingPoint, "depth bit_rate")]
-    fades: Annotated[tuple[FadingSamples, ...], Attribute()]
+    ooks: Annotated[tuple[OokLink, ...], Elsewhere()]
+    figures: Annotated[tuple[OperatingPoint, ...], Columns(OperatingPoint, "", "depth", "bit_rate")]
+    fades: Annotated[tuple[FadingSamples, ...], Elsewhere()]
     limit: Annotated[float, Attribute("ber_limit")]
     confidence: float
     status: str
     provenance: dict[str, Any] = field(default_factory=dict)
     light: str = DARK
-    responses: Annotated[tuple[ChannelResponse | None, ...], Attribute()] = ()
-
-    kind: ClassVar[str] = "performance"
-    title: ClassVar[str] = "meshtrace link performance"
+    responses: Annotated[tuple[ChannelResponse | None, ...], Elsewhere()] = ()
 
     def _headline(self) -> str:
         first, count = self.figures[0], len(self.figures)
@@ -288,16 +284,16 @@ class LinkPerformance(Stored):
                 )
         return lines
 
-    def _content(self) -> xr.Dataset:
-        data = super()._content()
-        if len(self.depths) > 1:
-            ends = ("range", "range_low", "range_high")
-            for name, ranges in zip(ends, np.transpose(self.range_at_ber()), strict=True):
-                data[name] = ("bit_rate", ranges, attrs(name))
-        return data
+    def _derived(self) -> Variables:
+        """Return the range of each bit rate."""
+        if len(self.depths) == 1:
+            return {}
+        ranges = np.transpose(self.range_at_ber())
+        names = ("range", "range_low", "range_high")
+        return {name: ("bit_rate", values) for name, values in zip(names, ranges, strict=True)}
 
     @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any, **more: Any) -> LinkPerformance:
+    def _restored(cls, data: xr.Dataset, provenance: Any, **fields: Any) -> LinkPerformance:
         ooks = tuple(OokLink.model_validate(ook) for ook in provenance["ook"])
         if len(ooks) != data["bit_rate"].size:
             raise ValueError("other numbers of bit rates and transmissions")
@@ -360,7 +356,9 @@ def _range(depths: tuple[float, ...], ber: Floats, target: float) -> float:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DepthSweep(Stacked):
+class DepthSweep(
+    Stacked, kind="depth-sweep", title="meshtrace link performance over depth and wind"
+):
     """Performance over depth, for several winds.
 
     Attributes
@@ -374,9 +372,10 @@ class DepthSweep(Stacked):
     wind_speeds: Sequence[float]
     performances: tuple[LinkPerformance, ...]
 
-    kind: ClassVar[str] = "depth-sweep"
-    title: ClassVar[str] = "meshtrace link performance over depth and wind"
     _along: ClassVar[tuple[str, str]] = ("wind_speed", "wind_speed")
+
+    def _stack(self) -> tuple[Sequence[float], tuple[LinkPerformance, ...]]:
+        return self.wind_speeds, self.performances
 
     def _headline(self) -> str:
         winds = ", ".join(f"{speed:g}" for speed in self.wind_speeds)

@@ -30,7 +30,7 @@ from meshtrace.models import Floats
 from meshtrace.quadrature import gauss_legendre
 from meshtrace.results.gain import Fate
 from meshtrace.results.tallies import error_of_groups
-from meshtrace.stored import SHIFTS, Variable, WithArrays
+from meshtrace.stored import SHIFTS, Variable
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Restored
 
@@ -286,7 +286,7 @@ _QUADRATURE_ERROR = 1e-5  # relative, of the unscattered light through the exact
 
 
 @dataclass(frozen=True)
-class Reference(WithArrays):
+class Reference:
     """The gain over the exact surface, with the chains of the study.
 
     Attributes
@@ -302,10 +302,10 @@ class Reference(WithArrays):
     """
 
     samples: Annotated[Floats, Variable("shift", name="exact_samples")]
-    ballistic: Annotated[float, Variable("", name="exact_gain_ballistic")]
-    quadrature_error: Annotated[float, Variable("", name="exact_quadrature_error")]
-    slope_variance: Annotated[float, Variable("", name="exact_mss")]
-    lost: Annotated[int, Variable("", name="exact_lost")]
+    ballistic: Annotated[float, Variable(name="exact_gain_ballistic")]
+    quadrature_error: Annotated[float, Variable(name="exact_quadrature_error")]
+    slope_variance: Annotated[float, Variable(name="exact_mss")]
+    lost: Annotated[int, Variable(name="exact_lost")]
 
     @property
     def gain(self) -> float:

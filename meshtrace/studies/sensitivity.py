@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Annotated, Any, ClassVar, NamedTuple, Unpack, overload
+from typing import Annotated, Any, NamedTuple, Unpack, overload
 
 import numpy as np
 from pydantic import Field
@@ -28,7 +28,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
-from meshtrace.stored import SHIFTS, Rows, Stored, Variable
+from meshtrace.stored import SHIFTS, Columns, Stored, Variable
 from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.keys import Parameter, Variant, parameters
@@ -135,7 +135,7 @@ class Table(tuple[Row, ...]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sensitivities(Stored):
+class Sensitivities(Stored, kind="sensitivity", title="meshtrace sensitivities"):
     """Sensitivities of a quantity of a link.
 
     Attributes
@@ -158,16 +158,13 @@ class Sensitivities(Stored):
     """
 
     of: str
-    value: Annotated[float, Variable("", name="quantity")]
-    stderr: Annotated[float, Variable("", name="quantity_stderr")]
+    value: Annotated[float, Variable(name="quantity")]
+    stderr: Annotated[float, Variable(name="quantity_stderr")]
     unit: str
-    table: Annotated[Table, Rows(Row, "parameter", "sensitivity_")]
-    logs: Annotated[Floats, Variable("parameter parameter_too", name="sensitivity_covariance")]
+    table: Annotated[Table, Columns(Row, "sensitivity", "parameter")]
+    logs: Annotated[Floats, Variable("parameter", "parameter_too", name="sensitivity_covariance")]
     provenance: dict[str, Any] = field(default_factory=dict)
     light: str = ""
-
-    kind: ClassVar[str] = "sensitivity"
-    title: ClassVar[str] = "meshtrace sensitivities"
 
     def _headline(self) -> str:
         largest = max(self.table, key=lambda row: abs(np.nan_to_num(row.elasticity)))

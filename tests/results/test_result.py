@@ -11,7 +11,7 @@ import meshtrace as mt
 from meshtrace.results import Fate
 from meshtrace.results.gain import FATE_MEANING, FateTally
 from meshtrace.results.tallies import standard_error
-from meshtrace.stored import FORMAT_VERSION
+from meshtrace.stored import FORMAT_VERSION, variables_of
 from meshtrace.surfaces import FlatSea
 
 FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
@@ -49,9 +49,9 @@ def assert_same(a, b):
     for name in ("arrivals", "planes", "map"):
         assert (getattr(a, name) is None) == (getattr(b, name) is None)
         if getattr(a, name) is not None:
-            one, other = getattr(a, name).to_variables(), getattr(b, name).to_variables()
+            one, other = variables_of(getattr(a, name)), variables_of(getattr(b, name))
             assert one.keys() == other.keys()
-            for key, (dims, values, _) in one.items():
+            for key, (dims, values) in one.items():
                 assert other[key][0] == dims
                 np.testing.assert_array_equal(other[key][1], values, err_msg=key)
 

@@ -15,14 +15,14 @@ import xarray as xr
 
 import meshtrace as mt
 from meshtrace.apps import measured
-from meshtrace.errors import Refused
+from meshtrace.errors import MISSING, Refused
 from meshtrace.results import load
 from meshtrace.results.gain import bound_where_dark
 from meshtrace.results.provenance import _git_commit, environment
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import (
     FORMAT_VERSION,
-    Rows,
+    Columns,
     Stored,
     read_dataset,
     write_dataset,
@@ -377,14 +377,14 @@ class Point(NamedTuple):
 
 def test_rows_within_rows_are_columns_and_come_back():
     rows = [Point("a", Interval(1.0, 0.5), True), Point("b", Interval(2.0, 1.5), False)]
-    table = Rows(Point, "link")
-    found = table.variables(rows, {})
-    assert {name: (dims, column.tolist()) for name, (dims, column, _) in found.items()} == {
+    table = Columns(Point, "", "link")
+    found = table.write(rows)
+    assert {name: (dims, column.tolist()) for name, (dims, column) in found.items()} == {
         "link": (("link",), ["a", "b"]), "gain": (("link",), [1.0, 2.0]),
         "gain_low": (("link",), [0.5, 1.5]), "outage": (("link",), [1, 0]),
     }  # fmt: skip
-    assert table.read(xr.Dataset(found)) == rows
-    assert table.read(xr.Dataset()) == []
+    assert table.read(xr.Dataset(found), list) == rows
+    assert table.read(xr.Dataset(), list) is MISSING
 
 
 class Place(NamedTuple):
@@ -395,11 +395,11 @@ class Place(NamedTuple):
 
 def test_rows_of_two_dimensions_have_their_coordinates():
     rows = [Place(z, b, Interval(z + b, 0.0)) for z in (10.0, 20.0) for b in (1.0, 2.0, 3.0)]
-    table = Rows(Place, "depth bit_rate")
-    data = xr.Dataset(table.variables(rows, {"depth": 2}))
+    table = Columns(Place, "", "depth", "bit_rate")
+    data = xr.Dataset(table.write(rows))
     assert data["ber"].sel(depth=20.0, bit_rate=3.0) == 23.0
     assert data["depth"].dims == ("depth",)
-    assert table.read(data.transpose()) == rows
+    assert table.read(data.transpose(), list) == rows
 
 
 def test_a_result_has_a_line_of_text():
@@ -469,4 +469,21 @@ def test_a_forged_share_of_tilts_is_refused(share, results, tmp_path):
     provenance = {**json.loads(data.attrs["provenance"]), "tilt_outage": share}
     write_dataset(data.assign_attrs(provenance=json.dumps(provenance)), tmp_path / "forged.nc")
     with pytest.raises(Refused, match="tilt_outage"):
+        load(tmp_path / "forged.nc")
+
+
+@pytest.mark.parametrize(
+    ("kind", "change"),
+    [("inference", lambda d: d.assign(inferred_unit=d.inferred_unit.astype("S4"))),
+     ("markov-channel", lambda d: d.isel(threshold=slice(1))),
+     ("markov-channel", lambda d: d.isel(next_state=slice(1))),
+     ("trace", lambda d: d.drop_vars("down_gain_mean_stderr")),
+     ("sensitivity", lambda d: d.assign(sensitivity_second=xr.full_like(d.sensitivity_second, 1e300))),
+     ("sensitivity", lambda d: d.assign(sensitivity_base=d.sensitivity_base.isel(parameter=0, drop=True))),
+     ("fading", lambda d: d.assign(scintillation_index_high=("new", [1.0])))],
+)  # fmt: skip
+def test_forged_columns_and_parts_are_refused(kind, change, results, tmp_path):
+    """Once read, and a traceback in the summary or numbers that no study writes."""
+    write_dataset(change(results[kind].to_dataset()), tmp_path / "forged.nc")
+    with pytest.raises(Refused, match=r"forged.nc: "):
         load(tmp_path / "forged.nc")

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar
 
 from meshtrace.errors import require_word
 from meshtrace.models import Floats
@@ -143,7 +143,7 @@ Row = TypeVar("Row", BestValue, Reach)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Design(Stored):
+class Design(Stored, kind="design", title="meshtrace design"):
     """Answers to the questions of a system designer about one link.
 
     Attributes
@@ -178,14 +178,11 @@ class Design(Stored):
     together: tuple[BestValue, ...]
     reach: tuple[Reach, ...]
     budget: tuple[Line, ...]
-    scanned: Annotated[Floats, Variable("choice point", name="design_value")]
-    reserves: Annotated[Floats, Variable("choice point", name="design_reserve_db")]
+    scanned: Annotated[Floats, Variable("choice", "point", name="design_value")]
+    reserves: Annotated[Floats, Variable("choice", "point", name="design_reserve_db")]
     notes: tuple[str, ...] = ()
     status: str = ""
     provenance: dict[str, Any] = field(default_factory=dict)
-
-    kind: ClassVar[str] = "design"
-    title: ClassVar[str] = "meshtrace design"
 
     def at(self, light: str) -> Figures:
         """Return the figures by "night" or by "day"."""

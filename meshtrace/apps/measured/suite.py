@@ -17,7 +17,7 @@ from dataclasses import dataclass, fields
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -224,7 +224,7 @@ _Words = Annotated[tuple[str, ...], Variable("row")]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MeasuredTable(Stored):
+class MeasuredTable(Stored, kind="measured", title="meshtrace measured against computed"):
     """Measured beside computed values.
 
     Attributes
@@ -261,9 +261,6 @@ class MeasuredTable(Stored):
     verdict: _Words
     dominant: _Words
     provenance: dict[str, Any]
-
-    kind: ClassVar[str] = "measured"
-    title: ClassVar[str] = "meshtrace measured against computed"
 
     def rows(self) -> list[tuple[str, ...]]:
         """Return the rows of the table as texts."""
