@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import chain, cycle, islice
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,9 +61,8 @@ class Goal:
         self, objective: Objective | Custom, quantile: float, lights: Lights, limit: float
     ) -> None:
         if not callable(objective) and objective not in get_args(Objective):
-            raise Refused(
-                "objective", objective, f"{', '.join(get_args(Objective))}, or a function"
-            )
+            allowed = f"{', '.join(get_args(Objective))}, or a function"
+            raise Refused("objective", objective, allowed)
         self.objective = objective
         self._quantile, self._lights = quantile, lights
         self._rates = Quantity("range" if callable(objective) else objective, limit)
@@ -241,11 +240,11 @@ class Sample(Restored):
         tilts = None if uav is None else uav.tilt(self._winds[i])
         ends = []
         for k, (x, y) in enumerate(self._offsets.tolist()):
-            there: dict[str, Any] = {"position": (end.position[0] + x, end.position[1] + y)}
+            there = end.replace(position=(end.position[0] + x, end.position[1] + y))
             if tilts is not None:
-                there["tilt_deg"] = math.degrees(tilts.angle[k])
-                there["tilt_azimuth_deg"] = math.degrees(tilts.azimuth[k])
-            ends.append(end.replace(**there))
+                angle, azimuth = math.degrees(tilts.angle[k]), math.degrees(tilts.azimuth[k])
+                there = there.replace(tilt_deg=angle, tilt_azimuth_deg=azimuth)
+            ends.append(there)
         return link.model_copy(update={name: tuple(ends)})
 
     def gains(self, at: Variant) -> Floats:
@@ -265,10 +264,10 @@ class Sample(Restored):
 
         name = f"candidates of seed {self._seed}"
         places = sum(len(at.receivers) for at in self._links(link, uav, 0))
-        rows = self._near.campaign.over(
+        gains = self._near.campaign.over(
             setup, steps, name, self._identity, lambda step: (places, SHIFTS)
         )
-        return np.array(list(rows))
+        return np.array(list(gains))
 
     def _over_sea(self, link: Link, uav: Uav | None, i: int) -> Floats:
         """Return the gains of a candidate over sea i, shape (places, shifts)."""

@@ -155,7 +155,7 @@ class Predictor(Restored):
         self, campaign: Campaign, start: Variant, data: Measurements, unknowns: list[Parameter]
     ) -> None:
         self.inputs = (campaign.alone, start, data, unknowns)
-        self._campaign, self._names = campaign, data.names
+        self._campaign, self.data, self._names = campaign, data, data.names
         self._lights, self._rates = Lights(campaign), Quantity("ber", 1e-3)
         self._of_link = np.array([p.name != SCALE for p in unknowns])
         self._unknowns = [p for p in unknowns if p.name != SCALE]
@@ -463,8 +463,8 @@ def infer(
     data = read_measurements(measurements)
     if surface is None and not isinstance(link, Scenario):
         surface = FlatSea()
-    options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
-    campaign = campaign_of(link, surface, "infer", several=False, **options)
+    run.setdefault("photons", DEFAULT_CHAINS)
+    campaign = campaign_of(link, surface, "infer", several=False, **run)
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
     variant = Variant(campaign.link, campaign.surface)
@@ -473,33 +473,27 @@ def infer(
         variant = variant._replace(detector=detector, daylight=light_of(campaign, None))
     of_keys = parameters(variant, keys, None, "vertex", "unknown") if keys else []
     for p in of_keys:
+        # every gain of the sea needs another mesh, which common chains do not share
         if p.name.split(".")[0] in ("sea", "wind_speed"):
             raise Refused("unknown", p.name, "keys of link, detector and daylight, or scale")
     of_link = iter(of_keys)
     unknowns = [_SCALE if name == SCALE else next(of_link) for name in names]
-    priors = _priors(prior, names, unknowns)
+    slope, target = _priors(prior, names, unknowns)
     if not names or len(set(names)) < len(names):
         raise Refused("unknown", names, "one or more names, each once")
-    known = len(data.value) + len(priors.target)
+    known = len(data.value) + len(target)
     if len(names) > known:
         raise Refused("unknown", names, f"at most {known}: measurements and priors")
-    fit = _Fit(data, names, unknowns, priors, Predictor(campaign, variant, data, unknowns))
+    model = Predictor(campaign, variant, data, unknowns)
     with campaign.workers():
-        return fit.result(campaign.provenance())
+        return _Fit(model, names, unknowns, slope, target).result(campaign.provenance())
 
 
-class _Priors(NamedTuple):
-    """Knowledge of unknowns in the coordinates of the fit: slope @ x = target, with error 1."""
-
-    slope: Floats  # (priors, n)
-    target: Floats  # (priors,)
-
-
-def _priors(prior: Any, names: list[str], unknowns: list[Parameter]) -> _Priors:
-    """Return the priors in the coordinates of the fit."""
+def _priors(prior: Any, names: list[str], unknowns: list[Parameter]) -> tuple[Floats, Floats]:
+    """Return the priors in the coordinates of the fit: slope @ x = target, with error 1."""
     table = {} if prior is None else prior
     require_keys(table, names, "prior")
-    priors = _Priors(np.zeros((len(table), len(names))), np.zeros(len(table)))
+    slope, target = np.zeros((len(table), len(names))), np.zeros(len(table))
     for i, (name, pair) in enumerate(table.items()):
         mean, std = require_pair(pair, f"prior.{name}", "(mean, std), std > 0")
         axis = names.index(name)
@@ -507,19 +501,21 @@ def _priors(prior: Any, names: list[str], unknowns: list[Parameter]) -> _Priors:
         if not std > 0.0 or not (mean > 0.0 or p.absolute):
             raise Refused(f"prior.{name}", pair, "(mean, std), std > 0")
         off = mean - (p.base if p.absolute else p.origin)
+        # of a logarithm the error is the relative one
         mean, std = (off, std) if p.absolute else (math.log(off / p.scale), std / off)
-        priors.slope[i, axis], priors.target[i] = 1.0 / std, mean / std
-    return priors
+        slope[i, axis], target[i] = 1.0 / std, mean / std
+    return slope, target
 
 
-class _Fit(NamedTuple):
-    """Least squares for the unknowns, given by their names and as parameters."""
+class _Fit:
+    """Least squares for the unknowns, with priors as further measurements, see `_priors`."""
 
-    data: Measurements
-    names: list[str]
-    unknowns: list[Parameter]
-    priors: _Priors
-    model: Predictor
+    def __init__(
+        self, model: Predictor, names: list[str], unknowns: list[Parameter], slope: Floats,
+        target: Floats,
+    ) -> None:  # fmt: skip
+        self.model, self.data, self.names, self.unknowns = model, model.data, names, unknowns
+        self._slope, self._target = slope, target
 
     def _variance(self, prediction: Prediction) -> Floats:
         """Return the variances of ln gain by the measurements, Poisson's for counts."""
@@ -543,24 +539,23 @@ class _Fit(NamedTuple):
         from scipy.optimize import least_squares
 
         sigma = self._sigma(last)
-        counted = self.data.counted
-        slope, target = self.priors
 
         def residuals(x: Floats) -> Floats:
             off = self._residuals(self.model.at(x).log, last.log)
-            return np.concatenate([off / sigma, slope @ x - target])
+            return np.concatenate([off / sigma, self._slope @ x - self._target])
 
         def jacobian(x: Floats) -> Floats:
             prediction = self.model.at(x)
-            growth = np.where(counted, np.exp(prediction.log - last.log), 1.0)
-            return np.concatenate([prediction.slope * (growth / sigma)[:, None], slope])
+            growth = np.where(self.data.counted, np.exp(prediction.log - last.log), 1.0)
+            return np.concatenate([prediction.slope * (growth / sigma)[:, None], self._slope])
 
+        # beyond these a prediction is dark or overflows, from which no step leads back
         far = [100.0 * p.step if p.absolute else _FARTHEST for p in self.unknowns]
         limits = np.where([name == SCALE for name in self.names], _ANY_SCALE, far)
         bounds = -limits, limits
-        least = least_squares(residuals, x0, jac=jacobian, bounds=bounds, x_scale="jac")
-        solution: Floats = least.x
-        return solution
+        return np.asarray(
+            least_squares(residuals, x0, jac=jacobian, bounds=bounds, x_scale="jac").x
+        )
 
     def result(self, origin: dict[str, Any]) -> Inference:
         """Return the fit, with the identifiability at its start."""
@@ -583,7 +578,7 @@ class _Fit(NamedTuple):
                 break
         covariance, after = self._covariance(last)
         off = self._residuals(last.log, last.log) / self._sigma(last)
-        beside = self.priors.slope @ x - self.priors.target
+        beside = self._slope @ x - self._target
         absolute = np.array([p.absolute for p in self.unknowns])
         moves = list(zip(self.unknowns, x, strict=True))
         values = [p.moved(step) for p, step in moves]
@@ -614,7 +609,7 @@ class _Fit(NamedTuple):
         sigma = self._sigma(last)
         whitened = last.slope / sigma[:, None]
         noise = (np.diag(self._variance(last)) + last.covariance) / np.outer(sigma, sigma)
-        known = self.priors.slope.T @ self.priors.slope
+        known = self._slope.T @ self._slope
         information, spread = whitened.T @ whitened + known, whitened.T @ noise @ whitened + known
         # directions that no measurement tells would have infinite variance
         inverse = np.linalg.pinv(information, rcond=_LEAST**2, hermitian=True)

@@ -256,12 +256,11 @@ def _campaign(
         down = campaign.link.mirrored() if single and campaign.link.direction == "up" else None
     if down is None:
         return campaign.of(campaign.link, "up")
-    options: StudyOptions = {**run}
-    if isinstance(link, Scenario):
+    if isinstance(link, Scenario):  # the downlink is a link alone, without the file's sea and mesh
         if surface is None and isinstance(link.surface, MeshSource):
             surface = link.surface
-        options["mesh"] = run.get("mesh") or link.meshing
-    return both_directions(campaign, campaign_of(down, surface, "trace", **options))
+        run["mesh"] = run.get("mesh") or link.meshing
+    return both_directions(campaign, campaign_of(down, surface, "trace", **run))
 
 
 def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
@@ -281,14 +280,15 @@ def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
         frames.append(of_link[SHIFTS:].reshape(-1, 3, links, receivers))
         samples += np.moveaxis(of_link[:SHIFTS], 0, -1)
     at_times, mean_error = np.concatenate(frames), error_of_groups(samples / n, axis=-1)
-    mine = slice(None) if isinstance(campaign.link.receiver, tuple) else 0
-    columns: dict[str, Any] = {}
-    for k, prefix in enumerate(("", "down_")[:links]):
-        gain = *at_times[:, :, k].swapaxes(0, 1), mean_error[k]
-        for name, values in zip(_COLUMNS, gain, strict=True):
-            columns[f"{prefix}{name}"] = values[..., mine][()]
+    # a result of a single receiver has no axis of receivers
+    axis = slice(None) if isinstance(campaign.link.receiver, tuple) else 0
+    columns: list[Any] = [
+        values[..., axis][()]
+        for k in range(links)
+        for values in (*at_times[:, :, k].swapaxes(0, 1), mean_error[k])
+    ]
     origin = {name: campaign.provenance(link) for name, link in campaign.links.items()}
-    return ChannelTrace(steps.labels, **columns, provenance=origin)
+    return replace(ChannelTrace(steps.labels, *columns), provenance=origin)
 
 
 def _gains_of_piece(campaign: Campaign, steps: Steps) -> Callable[[int], Floats]:
@@ -332,10 +332,9 @@ def _light(campaign: Campaign, steps: Steps, day: Daylight, rate: float) -> dict
     links = None if steps.links is None else [steps.links[i] for i in frames]
     single = campaign.of(campaign.link, "up")._replace(progress=None)
     lights = backgrounds(single, single.in_time(times[frames], links), day, _RAYS)
+    radiance, stderr = np.array([(b.radiance, b.radiance_stderr) for b in lights]).T
     return {
         "background_time": times[frames],
-        "background_radiance": np.array([background.radiance for background in lights]),
-        "background_radiance_stderr": np.array(
-            [background.radiance_stderr for background in lights]
-        ),
+        "background_radiance": radiance,
+        "background_radiance_stderr": stderr,
     }

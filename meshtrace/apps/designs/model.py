@@ -133,11 +133,9 @@ def log_quantile(gains: Floats, tilt: TiltFactors, share: float, lognormal: bool
     dark = 1.0 - float(weight.sum())
     if dark >= share:
         return -math.inf
-    middle, spread = (
-        float(log_gains.mean()),
-        float(log_gains.std(ddof=1)) if log_gains.size > 1 else 0.0,
-    )
-    spread = max(spread, 1e-6)
+    middle = float(log_gains.mean())
+    # a narrower law is a step, of which brentq finds no root
+    spread = max(float(log_gains.std(ddof=1)) if log_gains.size > 1 else 0.0, 1e-6)
     below = ndtr if lognormal else probability_in_log(spread)
 
     def excess(x: float) -> float:
@@ -207,15 +205,10 @@ class LinkModel:
         error, few = 100.0 * self.fades.chain_error, self.means.seas
         remarks = [f"surfaces {self.seas}, of the scans {few}; error by the chains {error:.2g} %"]
         if self.assumed:
-            remarks.append(
-                "no day in the link file: a clear sky, the sun at a zenith angle of 30 deg"
-            )
+            remarks += ["no day in the link file: a clear sky, the sun at a zenith angle of 30 deg"]
         if self.flight is not None:
-            share = 100.0 * self.fades.tilt.outage
-            remarks.append(
-                "the tilts of the aircraft count as in link_performance; "
-                f"{share:.2g} % of them leave the field of view"
-            )
+            share = f"{100.0 * self.fades.tilt.outage:.2g} % of them leave the field of view"
+            remarks += [f"the tilts of the aircraft count as in link_performance; {share}"]
         return tuple(remarks)
 
     # ---- gains ------------------------------------------------------------------------------
@@ -278,8 +271,8 @@ class LinkModel:
     @cache  # noqa: B019
     def _blurred(self, period: str, response: ChannelResponse | None) -> float:
         """Return ln of the required power behind a response, with the window of the link."""
-        changes = {"response": response, "window": self.need(period).window}
-        receiver = with_background(self.dark.replace(**changes), self.background_by(period))
+        ook = self.dark.replace(response=response, window=self.need(period).window)
+        receiver = with_background(ook, self.background_by(period))
         return math.log(receiver.required_power(self.limit))
 
     def _tilt(self, fov_deg: float) -> TiltFactors:
@@ -349,13 +342,20 @@ class LinkModel:
 
     # ---- reserves ---------------------------------------------------------------------------
 
-    def reserve(self, period: str, log_ratio: float = 0.0, **changes: float) -> float:
-        """Return the reserve [dB] at a ratio of gains; `changes` are radius, fov_deg and width."""
+    def reserve(
+        self, period: str, log_ratio: float = 0.0, radius: float | None = None,
+        fov_deg: float | None = None, width: float | None = None,
+    ) -> float:  # fmt: skip
+        """Return the reserve [dB] at a ratio of gains, behind the given or other optics."""
         optics = self.dark.optics
-        fov = changes.get("fov_deg", optics.fov_deg)
-        width = changes.get("width", optics.filter_width_nm)
-        ook = self._behind(changes.get("radius", optics.radius), fov, width)
-        bright = self._brightness(period)(fov) if "fov_deg" in changes else 1.0
+        fov = optics.fov_deg if fov_deg is None else fov_deg
+        # a scan over the lens or the filter needs no backgrounds of other views
+        bright = 1.0 if fov_deg is None else self._brightness(period)(fov)
+        ook = self._behind(
+            optics.radius if radius is None else radius,
+            fov,
+            optics.filter_width_nm if width is None else width,
+        )
         return self.above(log_ratio + self.quantile(fov), ook, self.needed(period, ook, bright))
 
     def needed(self, period: str, ook: OokLink, brightness: float = 1.0) -> float:
@@ -364,8 +364,8 @@ class LinkModel:
 
     def _behind(self, radius: float, fov_deg: float, width: float) -> OokLink:
         """Return the transmission in the dark behind other optics."""
-        optics = {"radius": radius, "fov_deg": fov_deg, "filter_width_nm": width}
-        ook = self.dark.replace(optics=self.dark.optics.replace(**optics))
+        optics = self.dark.optics.replace(radius=radius, fov_deg=fov_deg, filter_width_nm=width)
+        ook = self.dark.replace(optics=optics)
         if ook.response is not None and ook.response.angle_deg:
             seen = tuple(a for a in ook.response.angle_deg if a <= 0.5 * fov_deg)
             ook = ook.replace("response.angle_deg", seen)
@@ -403,7 +403,7 @@ class LinkModel:
         """
         nm, background = link.transmitters[0].wavelength_nm, self.background_by(period)
         day = self.days[period].at_wavelength(nm)
-        origin = {**background.provenance, "daylight": day.model_dump(mode="json")}
+        origin = background.provenance | {"daylight": day.model_dump(mode="json")}
         seen = replace(
             background, radiance=bright * background.radiance, wavelength_nm=nm, provenance=origin
         )
@@ -471,27 +471,23 @@ class LinkModel:
         absorbed, error_a = self.means.ratio(straight, empty)
         scattered, error_b = self.means.ratio(link, straight)
         water = [_same("absorption in the water", DECIBELS * absorbed, DECIBELS * error_a)]
-        if DECIBELS * error_b > _UNKNOWN_DB:
-            rest, error = (
-                gain_db - DECIBELS * absorbed,
-                math.hypot(chain_error_db, DECIBELS * error_a),
-            )
-            return [_same("geometry, surface and scattering", rest, error), *water]
-        water.append(_same("scattering in the water", DECIBELS * scattered, DECIBELS * error_b))
-        rest, error = gain_db - DECIBELS * (scattered + absorbed), math.hypot(error_a, error_b)
-        return [
-            _same("geometry and surface", rest, math.hypot(chain_error_db, DECIBELS * error)),
-            *water,
-        ]
+        name, rest, error = (
+            "geometry, surface and scattering",
+            gain_db - DECIBELS * absorbed,
+            error_a,
+        )
+        if DECIBELS * error_b <= _UNKNOWN_DB:
+            water.append(_same("scattering in the water", DECIBELS * scattered, DECIBELS * error_b))
+            name, rest = "geometry and surface", gain_db - DECIBELS * (scattered + absorbed)
+            error = math.hypot(error_a, error_b)
+        return [_same(name, rest, math.hypot(chain_error_db, DECIBELS * error)), *water]
 
     def _needs(self, period: str) -> tuple[float, ...]:
         """Return the required power of an ideal detector [dBm] and penalties of parts [dB]."""
         need = self.need(period)
-        quiet = {"sipm.dark_count_rate": 0.0, "sipm.p_crosstalk": 0.0, "sipm.p_afterpulse": 0.0}
-        prompt = need.fixed.replace(response=None)
-        free = prompt
-        for key, value in quiet.items():
-            free = free.replace(key, value)
+        prompt = free = need.fixed.replace(response=None)
+        for key in ("sipm.dark_count_rate", "sipm.p_crosstalk", "sipm.p_afterpulse"):
+            free = free.replace(key, 0.0)
         steps = (free.replace("sipm.pde", 1.0), free, prompt, need.fixed)
         powers = [ook.required_power(self.limit) for ook in steps] + [need.exact]
         levels = [DECIBELS * math.log(p / 1e-3) if math.isfinite(p) else math.inf for p in powers]

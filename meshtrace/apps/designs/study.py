@@ -11,25 +11,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.interpolate import PchipInterpolator
 
-from meshtrace.apps.designs.model import (
-    COLOUR,
-    DEFAULT_CHAINS,
-    LENS,
-    RATE,
-    VIEW,
-    WIDTH,
-    LinkModel,
-)
+from meshtrace.apps.designs.model import COLOUR, DEFAULT_CHAINS, LENS, RATE, VIEW, WIDTH, LinkModel
 from meshtrace.apps.designs.page import DAY, LIGHTS, BestValue, Design, LightName, Reach
 from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms.background import filter_shift_nm
 from meshtrace.comms.capacity import capacity, hard_information
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_keys,
-)
+from meshtrace.errors import Described, Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.parallel import results_of
@@ -118,8 +106,8 @@ def design(
     """
     if not isinstance(scenario, Scenario):
         raise Refused("scenario", Described(type(scenario).__name__), "a Scenario")
-    options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
-    campaign = campaign_of(scenario, None, "design", True, several=False, **options)
+    run.setdefault("photons", DEFAULT_CHAINS)
+    campaign = campaign_of(scenario, None, "design", True, several=False, **run)
     with campaign.workers():
         return _page(_Study(campaign, outage, limit, realizations), campaign, over)
 
@@ -157,9 +145,9 @@ def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
         reserves=np.array([scan.reserves for scan in scans]),
         notes=study.notes(),
         status=study.dark.status,
-        provenance={
-            **campaign.provenance(campaign.link),
-            **study.ensemble.provenance(),
+        provenance=campaign.provenance(campaign.link)
+        | study.ensemble.provenance()
+        | {
             "ook": study.dark.model_dump(mode="json"),
             "daylight": study.days[DAY].model_dump(mode="json"),
         },
@@ -207,12 +195,11 @@ class _Study(LinkModel):
         if key == COLOUR:
             return self._colours(values)
         logs, errors = self._logs(key, values)
-        name, scans = {LENS: "radius", VIEW: "fov_deg", WIDTH: "width"}.get(key), []
+        optics = [[v if name == key else None for name in OPTICS] for v in values.tolist()]
+        scans = []
         for period in LIGHTS:
-            reserves = [
-                self.reserve(period, log, **({name: v} if name else {}))
-                for v, log in zip(values.tolist(), logs[period], strict=True)
-            ]
+            pairs = zip(logs[period], optics, strict=True)
+            reserves = [self.reserve(period, log, *changed) for log, changed in pairs]
             scans.append(self._scan(period, key, values, np.array(reserves), DECIBELS * errors))
         return scans
 
@@ -235,7 +222,7 @@ class _Study(LinkModel):
         Less the power that the response of the channel costs.
         """
         if key == WIDTH:
-            return {light: np.zeros(len(values)) for light in LIGHTS}, np.zeros(len(values))
+            return dict.fromkeys(LIGHTS, np.zeros(len(values))), np.zeros(len(values))
         straight = key.endswith("position.0")
         at = values if straight else np.log(values)
         step, links, places = 2 if key == VIEW else 1, self._at(key, values), at[_nodes(key)]

@@ -9,11 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, Self, get_args
+from typing import Any, Self, get_args
 
 from meshtrace.comms import OokLink
 from meshtrace.comms.ook import Preset
 from meshtrace.errors import Refused, is_number, require_keys, require_word
+from meshtrace.models import Model
 from meshtrace.optics import Water, WaterType
 from meshtrace.optics.spectra import WATER_TYPES
 from meshtrace.scenario import Scenario
@@ -27,10 +28,10 @@ GIVEN = "as given"
 """Word for a part of the link as given at the start."""
 
 
-class Control(NamedTuple):
+class Control(Model, frozen=True):
     """A value that the user of the explorer moves.
 
-    Attributes
+    Parameters
     ----------
     name : str
         Name of the control and of its variable in the page.
@@ -38,7 +39,7 @@ class Control(NamedTuple):
         Texts beside it.
     group : str
         Heading of its group.
-    keys : list of str
+    keys : tuple of str
         Dotted keys of a link file, of which the first present one is set.
     low, high : float
         Range of the slider; see `State.ranges`.
@@ -54,7 +55,7 @@ class Control(NamedTuple):
     label: str
     unit: str
     group: str
-    keys: list[str]
+    keys: tuple[str, ...]
     low: float
     high: float
     step: float
@@ -66,7 +67,7 @@ _ROWS = tomllib.loads(
     Path(__file__).with_name("assets").joinpath("controls.toml").read_text(encoding="utf-8")
 )
 
-CONTROLS = tuple(Control(name=name, **row) for name, row in _ROWS.items())
+CONTROLS = tuple(Control.model_validate(row | {"name": name}) for name, row in _ROWS.items())
 """All controls with a number, in the order of the page."""
 
 BY_NAME = {control.name: control for control in CONTROLS}
@@ -86,10 +87,10 @@ CASE_1 = "chlorophyll"
 _CHLOROPHYLL = 0.5  # of the choice [mg m-3]
 
 
-class Choice(NamedTuple):
+class Choice(Model, frozen=True):
     """A word that the user of the explorer chooses.
 
-    Attributes
+    Parameters
     ----------
     label, group : str
         Text beside it, and heading of its group.
@@ -102,12 +103,16 @@ class Choice(NamedTuple):
     words: tuple[str, ...]
 
 
+_SKIES = "none", "clear", "overcast", "moon", "night"
 CHOICES = {
-    "water": Choice("Type", "Water", (GIVEN, CASE_1, *WATER_TYPES)),
-    "lamp": Choice("Kind", "Lamp", (GIVEN, *_LAMPS)),
-    "detector": Choice("Detector", "Receiver", (GIVEN, *get_args(Preset))),
-    "aircraft": Choice("Aircraft", "Receiver", (GIVEN, *UAVS)),
-    "light": Choice("Daylight", "Bits", (GIVEN, "none", "clear", "overcast", "moon", "night")),
+    name: Choice(label=label, group=group, words=(GIVEN, *words))
+    for name, label, group, words in (
+        ("water", "Type", "Water", (CASE_1, *WATER_TYPES)),
+        ("lamp", "Kind", "Lamp", tuple(_LAMPS)),
+        ("detector", "Detector", "Receiver", get_args(Preset)),
+        ("aircraft", "Aircraft", "Receiver", tuple(UAVS)),
+        ("light", "Daylight", "Bits", _SKIES),
+    )
 }
 """Choices by name."""
 
@@ -118,9 +123,9 @@ def groups() -> dict[str, dict[str, list[dict[str, Any]]]]:
     for c in CONTROLS:
         title = f"{c.label} [{c.unit}]" if c.unit else c.label
         group = by_tab.setdefault(c.group, {"choices": [], "numbers": []})
-        group["numbers"].append({**c._asdict(), "title": title})
+        group["numbers"].append(c.model_dump() | {"title": title})
     for name, choice in CHOICES.items():
-        by_tab[choice.group]["choices"].append({"name": name, **choice._asdict()})
+        by_tab[choice.group]["choices"].append(choice.model_dump() | {"name": name})
     return by_tab
 
 
@@ -174,7 +179,8 @@ def with_coefficients(config: Table) -> Table:
     if water.spectrum is None or water.layers is not None:
         return config
     names = Water.model_fields.keys() - {"spectrum", "wavelength_nm", "layers"}
-    return {**config, "water": plain(Water(**{name: getattr(water, name) for name in names}))}
+    numbers = Water.model_validate({name: getattr(water, name) for name in names})
+    return config | {"water": plain(numbers)}
 
 
 def with_choice(config: Table, name: str, word: str) -> Table:
@@ -199,7 +205,7 @@ def with_choice(config: Table, name: str, word: str) -> Table:
         "aircraft": {"preset": word},
         "light": {"model": word},
     }[name]
-    return {**config, {"aircraft": "uav", "light": "daylight"}.get(name, name): table}
+    return config | {{"aircraft": "uav", "light": "daylight"}.get(name, name): table}
 
 
 def _with_lamp(config: Table, word: str) -> Table:
@@ -211,10 +217,11 @@ def _with_lamp(config: Table, word: str) -> Table:
     lamp, angle = place
     kind, key = _LAMPS[word]
     kind = f"air-{kind}" if "height" in lamp else kind
-    widest = min(lamp[angle], _widest(kind))
-    common_keys = {k: lamp[k] for k in _OF_LAMPS if k in lamp}
-    lamp.clear()
-    lamp.update({**common_keys, "kind": kind, key: widest})
+    half_angle = min(lamp[angle], _widest(kind))
+    # in place, as the lamp may be an item of a list; keys of one kind alone are refused by another
+    for stale in lamp.keys() - set(_OF_LAMPS):
+        del lamp[stale]
+    lamp.update({"kind": kind, key: half_angle})
     return config
 
 
@@ -306,7 +313,7 @@ class State:
             If a control is unknown, or its value or the link that it makes is not allowed.
         """
         require_keys(values, [*BY_NAME, *CHOICES])
-        moves = {**dict(self.moves), **values}
+        moves = dict(self.moves) | dict(values)
         ended = {other for name in values for other in _REPLACED.get(name, ())}
         for name in ended - values.keys():
             moves.pop(name, None)
@@ -397,8 +404,8 @@ class State:
     @property
     def settings(self) -> dict[str, Any]:
         """Values of all controls, with the words chosen for water and light."""
-        words = dict.fromkeys(CHOICES, GIVEN)
-        return {**self.values, **words, **{k: v for k, v in self.moves if k in CHOICES}}
+        words = dict.fromkeys(CHOICES, GIVEN) | {k: v for k, v in self.moves if k in CHOICES}
+        return self.values | words
 
     @cached_property
     def channel(self) -> Scenario:

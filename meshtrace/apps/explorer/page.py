@@ -114,9 +114,11 @@ class Page:
         self._loop = asyncio.get_running_loop()
         self.server.cli.set_defaults(authKey=self._token)
         self.server.controller.on_server_bind.add(functools.partial(self._bind, host))
-        options: Any = {"port": 0, "host": host, "timeout": _IDLE, "exec_mode": "coroutine"}
-        quiet: Any = {"show_connection_info": False, "open_browser": False, "thread": True}
-        task = asyncio.create_task(self.server.start(**options, **quiet, disable_logging=True))
+        serving: Any = self.server.start(
+            port=0, host=host, timeout=_IDLE, exec_mode="coroutine", thread=True,
+            show_connection_info=False, open_browser=False, disable_logging=True,
+        )  # fmt: skip
+        task = asyncio.create_task(serving)
         task.add_done_callback(self._end)
         ready = self.server.ready
         first = asyncio.FIRST_COMPLETED
@@ -258,7 +260,7 @@ class Page:
         if self._kept is not None:
             before = self._kept[0]
             self._keep(True)
-            self._restore({**dict(before.moves), "time": before.time})
+            self._restore(dict(before.moves) | {"time": before.time})
 
     def _keep(self, present: bool) -> None:
         page, session = self.server.state, self.session
@@ -289,8 +291,8 @@ class Page:
         """Set all variables of the page."""
         state, page = self.session.state, self.server.state
         page.trame__title, page.trame__template_main = "meshtrace explorer", _TEMPLATE
-        page.update({**state.settings, "title": title, "base": base})
-        page.update({"controls": groups(), "labels": readings.LABELS, "colors": COLORS})
+        page.update(state.settings | {"title": title, "base": base, "colors": COLORS})
+        page.update({"controls": groups(), "labels": readings.LABELS})
         page.update(dict.fromkeys(("refused", "text", "text_title"), ""))
         page.update(dict.fromkeys(("playing", "text_shown", "design_shown"), False))
         page.update(dict.fromkeys(("kept", "design", "designing")))
@@ -402,22 +404,20 @@ class Page:
     def _refresh(self) -> None:
         """Set the readings, the charts and the marks of stale answers."""
         session, page = self.session, self.server.state
-        stale = {name: not session.fresh(name) for name in STAGES}
         other = self._designed is not None and self._designed.moves != session.state.moves
-        page.stale = {**stale, "design": other}
+        page.stale = {name: not session.fresh(name) for name in STAGES} | {"design": other}
         page.update(session.state.limits)
         page.working = session.working
         page.reading = readings.gain_reading(session)
         page.fading = readings.fading_reading(session)
         page.caption = readings.caption(session)
         page.map_note = readings.map_note(session)
-        moves, time = dict(session.state.moves), session.state.time
-        page.moves = (
-            moves if time == session.state.initial.meshing.time else {**moves, "time": time}
-        )
+        # what the address of the page holds: the time only where it is another
+        page.moves, time = dict(session.state.moves), session.state.time
+        if time != session.state.initial.meshing.time:
+            page.moves = page.moves | {"time": time}
         if self._kept is not None:
-            lines = readings.differences(self._kept[0], session.state)
-            page.kept = {**page.kept, "lines": lines}
+            page.kept = page.kept | {"lines": readings.differences(self._kept[0], session.state)}
 
     def _refresh_views(self) -> None:
         """Set the side view, the plan, the time and the colour bar."""

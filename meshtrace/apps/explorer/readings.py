@@ -76,15 +76,14 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
     empty: dict[str, Any] = dict.fromkeys(("gain", "db", "unscattered", "chains"), "–")
     empty |= {"notes": [], "value": None, "lean": _lean(session.state)}
     if isinstance(answer, Failed):
-        return {**empty, **_NO_BITS, "notes": [answer.reason]}
+        return empty | _NO_BITS | {"notes": [str(answer)]}
     if not isinstance(answer, Signal):
-        return {**empty, **_NO_BITS}
+        return empty | _NO_BITS
     result, gain, sample, share = answer.gain, float(answer.gain.gains[0]), "photons", "–"
     if result.gain_ballistic is not None:
         unscattered = float(np.ravel(result.gain_ballistic)[0])
         sample, share = "chains", f"{100.0 * unscattered / gain if gain > 0.0 else 0.0:.1f} %"
-    texts_of = {
-        **empty,
+    reading = empty | {
         "value": gain,
         "gain": with_error(gain, float(result.stderrs[0])),
         "db": decibels(gain),
@@ -97,8 +96,8 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
         gaps = np.abs(series.time - session.state.time)
         now = float(np.interp(session.state.time, series.time, series.gain))
         if len(gaps) and gaps.min() < 1.0 / FADING_RATE:  # not within a gap of the series
-            texts_of |= {"value": now, "gain": f"{now:.3e}", "db": decibels(now)}
-    return {**texts_of, **_bits(answer)}
+            reading |= {"value": now, "gain": f"{now:.3e}", "db": decibels(now)}
+    return reading | _bits(answer)
 
 
 def _lean(state: State) -> str:
@@ -124,8 +123,8 @@ def _bits(signal: Signal) -> dict[str, str]:
         "margin": minus(f"{margin:+.1f} dB") if np.isfinite(margin) else "–",
         "ber": bit_error_rate(signal.ber),
         "spread": _spread(detector),
-        "light": signal.light or "dark",
-        "background": f"{detector.background_rate:.2g} counts/s" if signal.light else "–",
+        "light": signal.daylight or "dark",
+        "background": f"{detector.background_rate:.2g} counts/s" if signal.daylight else "–",
     }
 
 
@@ -147,7 +146,7 @@ def fading_reading(session: Session) -> dict[str, Any]:
     empty: dict[str, Any] = {"time": [], "gain": [], "duration": DURATION, "note": ""}
     empty |= dict.fromkeys(("index", "all_waves", "low"), "–")
     if isinstance(fading, Failed):
-        return {**empty, "note": fading.reason}
+        return empty | {"note": str(fading)}
     if not isinstance(fading, Fading) or not fading.gain.any():
         return empty
     relative = fading.gain / fading.gain.mean()
@@ -182,7 +181,7 @@ def differences(before: State, now: State) -> list[str]:
 def map_note(session: Session) -> str:
     """Return the reason for the lack of a map, or nothing."""
     coverage = session.answer("map")
-    return coverage.reason if isinstance(coverage, Failed) and session.fresh("map") else ""
+    return str(coverage) if isinstance(coverage, Failed) and session.fresh("map") else ""
 
 
 def map_shades(coverage: CoverageMap) -> Any:

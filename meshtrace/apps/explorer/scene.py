@@ -367,9 +367,9 @@ def _lamp(source: WaterSource | AirLamp, link: Link) -> dict[str, Any]:
     x, y, z = source.center
     bright *= min(math.exp(_loss(link.water) * abs(z) / 3.0), 5.0) if z < 0.0 else 1.0
     own_axis, own_shape = _beam(source.pattern, half, source.axis, abs(z), bright)
-    fields = {"at": source.center, "own": {"axis": own_axis, "shape": own_shape}}
+    in_place = {"at": source.center, "own": {"axis": own_axis, "shape": own_shape}}
     if z < 0.0:
-        return {**fields, "place": [x, y, z, 0.0], "axis": own_axis, "shape": own_shape}
+        return in_place | {"place": [x, y, z, 0.0], "axis": own_axis, "shape": own_shape}
     n, (u, v, w) = link.water.n / link.n_air, source.axis
     bent = (u / n, v / n, -math.sqrt(1.0 - (u * u + v * v) / n**2))
     narrow = math.degrees(math.asin(math.sin(math.radians(min(half, 89.0))) / n))
@@ -377,7 +377,7 @@ def _lamp(source: WaterSource | AirLamp, link: Link) -> dict[str, Any]:
     back = way * math.tan(math.radians(min(half, 80.0))) / math.tan(math.radians(max(narrow, 0.01)))
     apex = [x + way * u - back * bent[0], y + way * v - back * bent[1], -back * bent[2], 1.0]
     axis, shape = _beam(source.pattern, narrow, bent, abs(apex[2]) * 1.5, bright)
-    return {**fields, "place": apex, "axis": axis, "shape": shape}
+    return in_place | {"place": apex, "axis": axis, "shape": shape}
 
 
 def _beam(

@@ -43,12 +43,7 @@ from meshtrace.apps.explorer.controls import BITS_ALONE, State
 from meshtrace.comms import ChannelResponse, OokLink
 from meshtrace.comms.background import warn_of_background, with_background
 from meshtrace.errors import Described, Refused, one_line
-from meshtrace.fading import (
-    Estimate,
-    block_length,
-    scintillation_index,
-    scintillation_of_spectrum,
-)
+from meshtrace.fading import Estimate, block_length, scintillation_index, scintillation_of_spectrum
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.parallel import import_path, python_start
@@ -98,7 +93,7 @@ class Signal(NamedTuple):
         Result of the simulation.
     notes : tuple of str
         Warnings.
-    light : str
+    daylight : str
         Name of the light above the sea; "" without.
     detector : OokLink or None
         Transmission through the channel with the background light; None before that is known, and
@@ -109,7 +104,7 @@ class Signal(NamedTuple):
 
     gain: GainResult
     notes: tuple[str, ...] = ()
-    light: str = ""
+    daylight: str = ""
     detector: OokLink | None = None
     ber: float = math.nan
 
@@ -137,11 +132,8 @@ class Fading:
     index_of_all: float | None = None
 
 
-@dataclass(frozen=True)
-class Failed:
+class Failed(str):
     """Reason for the lack of an answer of a stage."""
-
-    reason: str
 
 
 def gains(state: State, check: Check) -> Iterator[Signal]:
@@ -151,14 +143,16 @@ def gains(state: State, check: Check) -> Iterator[Signal]:
     `link_performance`: its averaging window takes half a second to choose.
     """
     analog = isinstance(state.channel.run.estimator, Analog)
-    run: Any = {"time": state.time, "progress": check}
     day, sky_light = state.scenario.daylight, None
     rough, fine = PHOTONS if analog else CHAINS
     for photons in (rough, fine):
         check()
+        # the rough gain is there to be fast: its response would be noise
         record = [Arrivals()] if photons == fine else []
-        work = partial(simulate, state.channel, photons=photons, record=record, **run)
-        gain, notes = _noted(work)
+        gain, notes = _noted(partial(
+            simulate, state.channel, time=state.time, photons=photons, record=record,
+            progress=check,
+        ))  # fmt: skip
         yield Signal(gain, notes)
         if len(state.scenario.link.receivers) == 1:
             sky_light = sky_light or _noted(partial(_light, state))
@@ -305,7 +299,7 @@ async def design_of(scenario: Scenario) -> Design:
     with TemporaryDirectory(prefix="meshtrace-") as folder:
         link, made = Path(folder, "link.toml"), Path(folder, "design.nc")
         link.write_text(scenario.to_toml(), encoding="utf-8")
-        environment = {**os.environ, "PYTHONPATH": import_path()}
+        environment = dict(os.environ) | {"PYTHONPATH": import_path()}
         start = python_start(*_DESIGN, str(link), "-o", str(made), env=environment)
         process = await asyncio.create_subprocess_exec(
             *start.args, env=start.env,
@@ -418,21 +412,14 @@ class Answer(NamedTuple):
     complete: bool
 
 
-class Work(NamedTuple):
-    """Work of a stage: its answers for a state, and the parts of the state that they depend on."""
-
-    run: Callable[[State, Check], Iterator[Any]]
-    of_time: bool = True
-    of_bits: bool = False
-
-
-STAGES = {
-    "gain": Work(gains, of_bits=True),
-    "rays": Work(rays),
-    "fading": Work(fading, of_time=False),
-    "map": Work(coverage),
+STAGES: dict[str, Callable[[State, Check], Iterator[Any]]] = {
+    "gain": gains,
+    "rays": rays,
+    "fading": fading,
+    "map": coverage,
 }
-"""Stages in the order of the work; the map is made on demand."""
+"""Stages in the order of the work, as functions that yield their answers for a state; the map is
+made on demand."""
 
 
 class Session(Worker):
@@ -510,18 +497,18 @@ class Session(Worker):
     def fresh(self, name: str) -> bool:
         """Return whether the latest answer of a stage belongs to the present state."""
         answer = self._answers.get(name)
-        return answer is not None and answer.key == _key(STAGES[name], self._state)
+        return answer is not None and answer.key == _key(name, self._state)
 
     def _work(self, ticket: Ticket, state: State, with_map: bool) -> None:
-        for name, stage in STAGES.items():
-            known, key = self._answers.get(name), _key(stage, state)
+        for name, answers in STAGES.items():
+            known, key = self._answers.get(name), _key(name, state)
             if (name == "map" and not with_map) or (known and known.complete and known.key == key):
                 continue
             self.working = name
             self._publish(ticket, name, None)
             answer = None
             try:
-                for value in stage.run(state, ticket.check):
+                for value in answers(state, ticket.check):
                     first = answer is None and name == "gain"
                     answer = Answer(value, key, False)
                     self._publish(ticket, name, answer)
@@ -546,12 +533,13 @@ class Session(Worker):
         """Publish an internal error as the answer of its stage."""
         name = self.working or "gain"
         reason = Failed(f"{type(error).__name__}: {error}")
-        self._answers[name] = Answer(reason, _key(STAGES[name], self._state), True)
+        self._answers[name] = Answer(reason, _key(name, self._state), True)
         self.working = ""
         self._on_answer(name)
 
 
-def _key(stage: Work, state: State) -> Any:
+def _key(stage: str, state: State) -> Any:
     """Return the part of a state that the answers of a stage depend on."""
-    moves = tuple(m for m in state.moves if stage.of_bits or m[0] not in BITS_ALONE)
-    return moves, state.time if stage.of_time else None
+    # only the stage of the gain shows bits, and the series begins at time 0 in any case
+    moves = tuple(m for m in state.moves if stage == "gain" or m[0] not in BITS_ALONE)
+    return moves, None if stage == "fading" else state.time

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -67,13 +66,9 @@ def through_spheres(
 
 @cache
 def laser_light(
-    phase: str,
-    a: float,
-    divergence_mrad: float,
-    surface: str,
-    lengths: tuple[float, ...],
+    phase: str, a: float, divergence_mrad: float, surface: str, lengths: tuple[float, ...],
     chunks: int,
-) -> Floats:
+) -> Floats:  # fmt: skip
     """Return `through_spheres` of each chunk for a horizontal laser, at attenuation lengths."""
     depth = _DEPTH if surface == "flat" else 1000.0
     divergence = math.degrees(1e-3 * divergence_mrad)
@@ -82,8 +77,10 @@ def laser_light(
     link, mesh = Link(water=water, transmitter=beam), FlatSea().mesh(0.0, 2000.0, 500.0)
 
     def chunk(seed: int) -> Floats:
-        limits: Any = {"max_vertices": _VERTICES, "max_events": _VERTICES, "roulette": 1e-3}
-        paths = trace_paths(link, mesh, _CHUNK, seed=seed, **limits)
+        paths = trace_paths(
+            link, mesh, _CHUNK, seed=seed, max_vertices=_VERTICES, max_events=_VERTICES,
+            roulette=1e-3,
+        )  # fmt: skip
         center, axis = np.array([0.0, 0.0, -depth]), np.array(beam.axis)
         return through_spheres(paths, _CHUNK, center, axis, np.array(lengths) / _C, a)
 
