@@ -18,13 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.engine.setup.options import Meshing
 from meshtrace.engine.simulate import simulate
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_finite,
-    require_whole,
-    require_writable,
-)
+from meshtrace.errors import Described, Refused, require_finite, require_whole, require_writable
 from meshtrace.fading.spectral import resolve_band
 from meshtrace.files import atomic
 from meshtrace.link import Link
@@ -359,9 +353,9 @@ def _beside_gain(
         for earlier in (*right.lines, *right.collections):
             earlier.set_visible(False)  # what is yet to come sets the limits alone
         (past,) = right.plot([], [], color=PALETTE["sky"], lw=1.8)
-        received: Any = {"color": FATE_COLORS["received"]}
-        (mark,) = right.plot([], [], "o", markersize=9, **received)
-        now = right.axvline(times[0], lw=0.8, **received)
+        color = FATE_COLORS["received"]
+        (mark,) = right.plot([], [], "o", markersize=9, color=color)
+        now = right.axvline(times[0], lw=0.8, color=color)
         title = right.set_title("")
     for i, picture in enumerate(pictures):
         image.set_data(picture)
@@ -398,12 +392,15 @@ def _save_maps(
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
     images = []
     for ax, map_drawn in zip(axes, maps, strict=True):
-        look: Any = {"extent": np.concatenate(map_drawn.ends), "interpolation": "bilinear"}
-        look |= {"cmap": map_drawn.colors, "norm": map_drawn.norm, "origin": "lower"}
-        images.append(ax.imshow(np.zeros((2, 2)), **look))
-        beyond = "both" if map_drawn.norm.vmin else "max"  # of light there is none below 0
-        size: Any = {"extend": beyond, "shrink": 0.78, "aspect": 18}
-        figure.colorbar(images[-1], ax=ax, label=map_drawn.label, **size)
+        extent: Any = np.concatenate(map_drawn.ends)
+        image = ax.imshow(
+            np.zeros((2, 2)), extent=extent, interpolation="bilinear", origin="lower",
+            cmap=map_drawn.colors, norm=map_drawn.norm,
+        )  # fmt: skip
+        images.append(image)
+        extend = "both" if map_drawn.norm.vmin else "max"  # of light there is none below 0
+        label = map_drawn.label
+        figure.colorbar(image, ax=ax, label=label, extend=extend, shrink=0.78, aspect=18)
         seen_from_above(ax)
 
     def draw(values: Any, titles: Sequence[str]) -> Figure:
@@ -492,7 +489,7 @@ def view(
         mesh is requested.
     """
     outputs = {"screenshot": screenshot, "html": html, "movie": movie, "light": light}
-    _refuse_unwritable({**outputs, "export": export})
+    _refuse_unwritable(outputs | {"export": export})
     window = not (any(outputs.values()) or export)
     if window and not has_display():
         raise Refused("view", Described("no display"), "screenshot, html, movie or export")
@@ -507,8 +504,8 @@ def view(
             of_picture: GainResult | None = gain
         else:
             of_picture = _gain_of(link, surface, time, shown.get("seed", 1))
-        off = style.replace(off_screen=not window)
-        still: Shown = {**shown, "paths": traced, "style": off}
+        still = shown.copy()
+        still["paths"], still["style"] = traced, style.replace(off_screen=not window)
         plotter = scene(link, surface, time=time, gain=of_picture, **still)
         if screenshot:
             with atomic(screenshot) as temporary:
@@ -521,17 +518,21 @@ def view(
         if window:
             plotter.show(title=title)
         plotter.close()
-    film: Any = {"progress": progress}
     if movie or light:
-        times, film["frame_rate"] = _frames(series, time, frames, frame_rate)
+        times, rate = _frames(series, time, frames, frame_rate)
     if movie and isinstance(link, Link) and isinstance(surface, MeshSource):
-        received = shown.get("received") or RECEIVED_SHOWN
-        moving: Shown = {**shown, "paths": paths or None, "received": received}
-        files.append(save_movie(link, surface, times, movie, gain=series, **film, **moving))
+        moving = shown.copy()
+        # in a movie by default received light alone: other paths would hide the sea
+        moving["paths"], moving["received"] = paths or None, shown.get("received") or RECEIVED_SHOWN
+        files.append(save_movie(
+            link, surface, times, movie, gain=series, frame_rate=rate, progress=progress, **moving
+        ))  # fmt: skip
     if light:
         if link is None or not isinstance(surface, SurfaceModel):
             raise Refused("light", Described("of a mesh"), "a link over a sea")
-        files.append(save_light(link, surface, light, times, extent=style.extent, **film))
+        files.append(save_light(
+            link, surface, light, times, extent=style.extent, frame_rate=rate, progress=progress
+        ))  # fmt: skip
     return files
 
 
