@@ -14,14 +14,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from meshtrace.checks import Shape, check_call
-from meshtrace.errors import (
-    MISSING,
-    Described,
-    Refused,
-    extra,
-    require_between,
-    require_word,
-)
+from meshtrace.errors import MISSING, Described, Refused, extra, require_between, require_word
 from meshtrace.kernels.sources import LEAST_COS, Sky
 from meshtrace.kernels.sources import land_sunlight as land_sunlight
 from meshtrace.kernels.vectors import Vec3
@@ -476,7 +469,7 @@ class Daylight(Model, frozen=True):
         """
         if self.pattern == "uniform":
             return np.ones_like(wavelength_nm)
-        fields: dict[str, Any] = {**defaults_of("clear"), **self.recipe}
+        fields: dict[str, Any] = defaults_of("clear") | self.recipe
         air = (fields[name] for name in _ATMOSPHERE)
         nodes, direct, diffuse = _clear_spectra(self.sun_zenith_deg, *air)
         whole = math.cos(math.radians(self.sun_zenith_deg)) * direct + diffuse
@@ -525,9 +518,11 @@ class Daylight(Model, frozen=True):
         def by_spectrl2(checked: Self) -> Irradiance:
             return clear_irradiance(checked.sun_zenith_deg, checked.wavelength_nm, **options)
 
-        place = {"sun_zenith_deg": sun_zenith_deg, "sun_azimuth_deg": sun_azimuth_deg}
-        band = {"wavelength_nm": wavelength_nm, "pattern": pattern}
-        return cls._modelled("clear", by_spectrl2, options, **place, **band, **fields)
+        fields |= {
+            "sun_zenith_deg": sun_zenith_deg, "sun_azimuth_deg": sun_azimuth_deg,
+            "wavelength_nm": wavelength_nm, "pattern": pattern,
+        }  # fmt: skip
+        return cls._modelled("clear", by_spectrl2, options, fields)
 
     @classmethod
     def at(
@@ -557,7 +552,7 @@ class Daylight(Model, frozen=True):
         """
         _require_absent(options, SUN)
         sun = sun_position(time, latitude, longitude)
-        options = {"day_of_year": sun.day_of_year, **options}
+        options.setdefault("day_of_year", sun.day_of_year)
         return cls.clear_sky(sun.zenith_deg, sun.azimuth_deg, wavelength_nm, pattern, **options)
 
     @classmethod
@@ -588,12 +583,11 @@ class Daylight(Model, frozen=True):
 
         def through_clouds(checked: Self) -> Irradiance:
             clear = default_irradiance(checked.sun_zenith_deg, checked.wavelength_nm)
-            above = checked.replace(**clear._asdict())
+            above = checked.replace(direct=clear.direct, diffuse=clear.diffuse)
             return Irradiance(0.0, transmittance * above.irradiance)
 
-        band = {"sun_zenith_deg": sun_zenith_deg, "wavelength_nm": wavelength_nm}
-        options = {"transmittance": transmittance}
-        return cls._modelled("overcast", through_clouds, options, **band, **fields)
+        fields |= {"sun_zenith_deg": sun_zenith_deg, "wavelength_nm": wavelength_nm}
+        return cls._modelled("overcast", through_clouds, {"transmittance": transmittance}, fields)
 
     @classmethod
     def moon(
@@ -630,9 +624,9 @@ class Daylight(Model, frozen=True):
             share = MOON_OVER_SUN * moon_phase_factor(phase_deg)
             return Irradiance(share * sun.direct, share * sun.diffuse)
 
-        place = {"sun_zenith_deg": zenith_deg, "sun_azimuth_deg": azimuth_deg}
-        place["wavelength_nm"] = wavelength_nm
-        return cls._modelled("moon", by_moon, {"phase_deg": phase_deg}, **place, **fields)
+        fields |= {"sun_zenith_deg": zenith_deg, "sun_azimuth_deg": azimuth_deg}
+        fields["wavelength_nm"] = wavelength_nm
+        return cls._modelled("moon", by_moon, {"phase_deg": phase_deg}, fields)
 
     @classmethod
     def night(cls, **fields: Any) -> Self:
@@ -646,7 +640,7 @@ class Daylight(Model, frozen=True):
         2.4e-9 and 2.8e-9 at 470 nm. The same value is taken at every wavelength.
         """
         dark = Irradiance(0.0, math.pi * NIGHT_RADIANCE)
-        return cls._modelled("night", lambda _: dark, {}, **fields)
+        return cls._modelled("night", lambda _: dark, {}, fields)
 
     @classmethod
     def _modelled(
@@ -654,16 +648,16 @@ class Daylight(Model, frozen=True):
         model: str,
         irradiance: Callable[[Self], Irradiance],
         options: Mapping[str, Any],
-        **fields: Any,
+        fields: dict[str, Any],
     ) -> Self:
         """Return the light of a model, whose recipe are the options that differ from defaults."""
         _require_absent(fields, ("direct", "diffuse", "recipe"))
-        fields = {**MODELS[model].fields, **fields}
+        fields = dict(MODELS[model].fields) | fields
         # the model gets checked fields; the irradiances of 1 only hold their place
-        irradiances = irradiance(cls(direct=1.0, diffuse=1.0, **fields))._asdict()
+        checked = cls.model_validate(fields | {"direct": 1.0, "diffuse": 1.0})
         known = defaults_of(model)
         recipe = {name: value for name, value in options.items() if value != known[name]}
-        return cls(**irradiances, **fields, recipe=recipe)
+        return cls.model_validate(fields | irradiance(checked)._asdict() | {"recipe": recipe})
 
     def at_wavelength(self, wavelength_nm: float) -> Self:
         """Return the light of the same model at another wavelength.
@@ -691,7 +685,7 @@ class Daylight(Model, frozen=True):
             for name, daylight_model in MODELS.items()
             if name != "uniform"
         }
-        table = {**fields, **self.recipe}
+        table = fields | self.recipe
         model = lights.get(self.light)
         # irradiances that were set by hand follow from no model
         if model is None or light_of(model, self.wavelength_nm, table) != self:
@@ -725,16 +719,16 @@ class UnavailableDaylight:
 
 def light_of(model: str, wavelength_nm: float, table: Mapping[str, Any]) -> Any:
     """Return the `Daylight` of a model at a wavelength [nm], with the keys of a link file."""
-    table = {"wavelength_nm": wavelength_nm, **table}
+    table = {"wavelength_nm": wavelength_nm} | dict(table)
     if "direct" in table or "diffuse" in table:
         _require_absent(table, MODELS[model].keys, "without direct and diffuse")
         irradiance = {"direct": 0.0, "diffuse": 0.0}
-        return Daylight.model_validate({**irradiance, **MODELS[model].fields, **table})
+        return Daylight.model_validate(irradiance | dict(MODELS[model].fields) | table)
     if model == "uniform":
         raise Refused("diffuse", MISSING, "the irradiance of the uniform sky [W m-2 nm-1]")
     if "time" in table:
         _require_absent(table, SUN, "without time, which gives the sun")
-        return Daylight.at(**{"latitude": None, "longitude": None, **table})
+        return Daylight.at(**{"latitude": None, "longitude": None} | table)
     if model == "moon":
         # link files place the moon by the keys of the sun
         table = {key.removeprefix("sun_"): value for key, value in table.items()}
