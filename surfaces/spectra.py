@@ -713,10 +713,7 @@ class TabulatedSpectrum(Spectrum, frozen=True):
             fields = {key: value for key, value in data.items() if key != "file"}
             if not isinstance(data["file"], str | PathLike):
                 raise Refused("file", data["file"], "the path of a text file")
-            return {
-                **cls.from_file(data["file"]).model_dump(include={"omega", "density"}),
-                **fields,
-            }
+            return cls.from_file(data["file"]).model_dump(include={"omega", "density"}) | fields
         return data
 
     @model_validator(mode="after")

@@ -153,7 +153,7 @@ def _best_window(link: OokLink) -> float:
     fixed = {"model": "W", "saturation": False}
     least, best = math.inf, 0
     for i in (10, 0, 20, 5, 15, *range(21)):  # most of the rest fail at the power of these
-        trial = link.model_copy(update={**fixed, "window": float(windows[i])})
+        trial = link.model_copy(update=fixed | {"window": float(windows[i])})
         if math.isinf(least) or trial.ber(least) < _DESIGN_BER:
             needed = trial.required_power(_DESIGN_BER)
             least, best = min((least, best), (needed, i))

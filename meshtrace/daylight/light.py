@@ -728,7 +728,8 @@ def light_of(model: str, wavelength_nm: float, table: Mapping[str, Any]) -> Any:
         raise Refused("diffuse", MISSING, "the irradiance of the uniform sky [W m-2 nm-1]")
     if "time" in table:
         _require_absent(table, SUN, "without time, which gives the sun")
-        return Daylight.at(**{"latitude": None, "longitude": None} | table)
+        nowhere: dict[str, Any] = {"latitude": None, "longitude": None}  # which `at` refuses
+        return Daylight.at(**nowhere | table)
     if model == "moon":
         # link files place the moon by the keys of the sun
         table = {key.removeprefix("sun_"): value for key, value in table.items()}

@@ -578,13 +578,11 @@ def _on_axis(link: Any) -> Any:
     if not (link.transmitters and link.receivers):
         raise Refused("receiver", link.receiver, "one receiver")
     straight = {"position": (0.0, 0.0), "tilt_deg": 0.0, "zenith_deg": 0.0, "fov_deg": 180.0}
-    ends = {"transmitter": link.transmitters[0], "receiver": link.receivers[0]}
-    facing = link.replace(
-        **{
-            name: end.replace(**{k: v for k, v in straight.items() if k in type(end).model_fields})
-            for name, end in ends.items()
-        }
+    lamp, aperture = (
+        end.replace(**{key: straight[key] for key in straight.keys() & type(end).model_fields})
+        for end in (link.transmitters[0], link.receivers[0])
     )
+    facing = link.replace(transmitter=lamp, receiver=aperture)
     return facing.replace(planes=None).mirrored() if facing.direction == "down" else facing
 
 

@@ -430,9 +430,9 @@ def _moved(kind: type[Any], end: Any, place: Any) -> Any:
     # what was not set takes the default of the new kind
     fields = {name: getattr(end, name) for name in end.model_fields_set if name not in _PLACED}
     level = "depth" if hasattr(place, "depth") else "height"
+    fields |= {"position": place.position, level: getattr(place, level)}
     angles = zip(_axis(kind), _axis(type(place)), strict=True)
-    turned = {new: getattr(place, old) for new, old in angles}
-    return kind(**fields, position=place.position, **{level: getattr(place, level)}, **turned)
+    return kind(**fields | {new: getattr(place, old) for new, old in angles})
 
 
 def _axis(kind: type[Any]) -> tuple[str, str]:

@@ -272,7 +272,7 @@ def _read_argo(file: Path) -> Constituents:
         profile_rows = profiles[name]
         if profile_rows is not None and 0.0 <= profile_rows[0][1] <= most:
             constituents[field] = profile_rows[0][1]
-    return Constituents(**constituents)
+    return Constituents.model_validate(constituents)
 
 
 def _good(data: Any, name: str, profile: int) -> Floats:
