@@ -75,9 +75,11 @@ class Goal:
     def costs(self, at: Variant, sample: Sample) -> Floats:
         """Return the number to minimise: of all gains, then of the groups of the jackknife."""
         gains, ook = self._lit(at, sample)
+        # a quantile is no mean over groups, nor is a user's function: each is taken without each
         if callable(self.objective) or self.objective == "outage":
             at, weights = at._replace(detector=ook), sample.weights
             return np.array([self._cost(at, without, weights) for without in without_each(gains)])
+        # a closed eye has no need to divide by, yet a search goes on from a number
         if self.objective in ("margin", "range") and math.isinf(self._rates.need(ook)):
             worst = 0.0 if self.objective == "range" else -math.log(_DARK)  # a closed eye
             return np.array([worst for _ in without_each(gains)])
@@ -93,6 +95,7 @@ class Goal:
     def _cost(self, at: Variant, gains: Floats, weights: Floats) -> float:
         """Return the number of a function, or the quantile of -ln(gain / need)."""
         means = gains.mean(axis=-1)
+        # seas count equally, places by the probability of their strata
         weights = np.tile(weights, len(means)) / len(means)
         if callable(self.objective):
             return float(self.objective(at, means.ravel(), weights))
@@ -131,6 +134,7 @@ class Goal:
         def there(depth: float) -> Variant:
             return at._replace(link=at.link.at_depth(depth))
 
+        # each group moves the depth by one step of Newton, with the fall of the whole sample
         depth, _, fall = range_of(lambda at: float(self._logs(there(at), sample)[0]), at.link)
         return -depth - self._logs(there(depth), sample) / fall
 
@@ -203,6 +207,7 @@ class Sample(Restored):
             campaign, self._seas, phases=random, fading=True,
             kept=self._seas, around=self._spread(link, uav, 0),
         )  # fmt: skip
+        # without such variables only the response asks for arrivals, and of a few seas
         traced = self._seas if turned else min(self._seas, MOST_SEAS)
         self._lights = lru_cache(_CASES * traced)(self._light)
         self.responses = Responses(self.some_light, Variant(link, None, uav=uav))
@@ -277,6 +282,7 @@ class Sample(Restored):
         lights, per_place = iter(self.arrivals(link, uav, i)), []
         for at in links:
             at_place = list(islice(lights, len(at.receivers)))
+            # a facet at the edge of a view is cut as a whole, or not: its light is integrated again
             cut = [_by_edge(arrivals, 0.5 * link.receivers[0].fov_deg) for arrivals in at_place]
             facets = [arrivals.facet[near] for arrivals, near in zip(at_place, cut, strict=True)]
             exact = frozen.unscattered(at, mesh, facets) if any(map(len, facets)) else None
@@ -322,6 +328,7 @@ class Sample(Restored):
     def _factor(self, link: Link, arrivals: Light) -> Floats:
         """Return the weights of arrivals at a candidate, relative to the start."""
         half = math.radians(0.5 * link.receivers[0].fov_deg)
+        # arrivals are those of the widest view
         factor = (arrivals.angle <= half).astype(float)
         old, new = self._start.transmitters[0], link.transmitters[0]
         if isinstance(old, Led) and isinstance(new, Led):

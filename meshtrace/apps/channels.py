@@ -116,6 +116,7 @@ def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[Floats, dict[str, An
     if np.ptp(g) == 0.0:
         raise Refused("gain", Described("all equal"), "gains that vary")
     rho = autocorrelation(g, max_lag=g.size - 1)
+    # beyond its memory the correlation of a series is noise, which no model should follow
     lags = flat_top(rho).size
     replicates = correlation_replicates(g, lags, block_length(g), _RESAMPLES, seed)
     return g, {
@@ -134,6 +135,7 @@ def _memory_note(statistics: dict[str, Any], model: Floats, cause: str) -> list[
     """Return a note if the autocorrelations of a model and its series differ."""
     off = model - statistics["autocorrelation"]
     at = int(np.argmax(np.abs(off)))
+    # within three standard errors a difference is chance
     if abs(off[at]) < max(_NOTED, 3.0 * statistics["autocorrelation_stderr"][at]):
         return []
     return [
@@ -254,7 +256,9 @@ class MarkovChannel(ChannelModel):
         steady = _steady(transition)
         level = np.bincount(states, g, m) / np.bincount(states, minlength=m)
         mean = float(steady @ level)
+        # states have one gain each: the spread within them is lost
         variance = float(steady @ (level - mean) ** 2)
+        # E[h(0) h(t)] = sum_i pi_i h_i (P^t h)_i: each lag is one more product with P
         rho, expected = np.empty(statistics["lag"].size), level - mean
         for lag in range(rho.size):
             rho[lag] = (steady * (level - mean)) @ expected / variance
@@ -296,6 +300,7 @@ class MarkovChannel(ChannelModel):
         first = int(rng.choice(self.steady_state.size, p=self.steady_state))
         uniform = rng.random(n)
         cumulative = np.cumsum(self.transition, axis=1)
+        # rounding must leave no gap above the last state
         cumulative[:, -1] = 1.0
         # the next state of each state at each step, as bytes that Python indexes fast
         following = [
@@ -350,6 +355,7 @@ def _chain_errors(
     m = len(counts)
     pair = states[:-1] * m + states[1:]
     seen = np.flatnonzero(counts.ravel())
+    # there is one transition fewer than gains, and no block may be longer
     block = min(block, pair.size)
     columns = ((pair == state_pair).astype(np.float64) for state_pair in seen)
     pairs = np.zeros((m * m, _RESAMPLES))
@@ -358,9 +364,11 @@ def _chain_errors(
     row = share.sum(axis=1, keepdims=True)
     # a replicate without a state says nothing about leaving it
     p = np.divide(share, row, out=np.full_like(share, np.nan), where=row > 0.0)
+    # the variance of n blocks about their mean is too small by (n - 1) / n
     blocks = max(pair.size / block, 2.0)
     stretch = math.sqrt(blocks / (blocks - 1.0))
     left = counts.sum(axis=1, keepdims=True)
+    # no resample shows how often a thing happens that happened once; half a count keeps p off 0
     rare = (counts + 0.5) / (left + 1.0)
     binomial = np.sqrt(rare * (1.0 - rare) / left)
     often = np.minimum(counts, left - counts) >= _FEWEST_TRANSITIONS
@@ -471,17 +479,21 @@ class TransformedGaussian(ChannelModel):
         quantile = _quantiles(g, law)
         power = _hermite_powers(quantile)
         mean = float(_WEIGHTS @ quantile)
+        # the correlation of the transformed series grows with that of z, so that a table inverts it
         grid = np.linspace(-1.0, 1.0, 2001)
         observed, law_of = g, _transformed(grid, power)
         if threshold is not None:
             require_between(threshold, 0.0, math.inf, "threshold")
+            # what is to be kept is when fades come, not how deep they are
             observed = (g < threshold * g.mean()).astype(np.float64)
             if np.ptp(observed) == 0.0:
                 raise Refused("threshold", threshold, "a gain that the series crosses")
             law_of = _fade_correlation(grid, float(observed.mean()))
         wanted = autocorrelation(observed, max_lag=statistics["lag"].size - 1)
+        # tapered to 0, as a correlation that is cut off has negative power
         wanted *= flat_top(autocorrelation(g, max_lag=g.size - 1))
         gaussian = np.interp(wanted, law_of, grid)
+        # a period in which the correlation does not meet its own copy
         size = 8 * gaussian.size
         realizable = np.fft.irfft(_spectrum(gaussian, size), size)[: gaussian.size]
         rho = _transformed(realizable, power)
@@ -502,6 +514,7 @@ class TransformedGaussian(ChannelModel):
     def _drawn(self, n: int, rng: np.random.Generator) -> Floats:
         from scipy import fft
 
+        # a transform is periodic: the surplus keeps the end of the series apart from its start
         size = fft.next_fast_len(n + self.gaussian_autocorrelation.size, real=True)
         white = fft.rfft(rng.standard_normal(size))
         white *= np.sqrt(_spectrum(self.gaussian_autocorrelation, size))
@@ -526,8 +539,10 @@ def _quantiles(g: Floats, law: GeneratedLaw) -> Floats:
         below = (np.arange(g.size) + 0.5) / g.size
         return np.interp(_SCORES, special.ndtri(below), np.sort(g))
     fitted = fit_gamma_gamma(g, n_effective=effective_samples(g))
+    # over ln h, since the law has no closed inverse and its lower tail spans decades
     log_h = np.linspace(-16.0, 6.0, 8192)
     below = fitted.law.cdf(fitted.parameters["mean"] * np.exp(log_h))
+    # where the distribution function has digits left, and grows
     inside = (below > 1e-8) & (below < 1.0 - 1e-8) & (np.diff(below, prepend=-1.0) > 0.0)
     log_quantile = np.interp(_SCORES, special.ndtri(below[inside]), log_h[inside])
     return fitted.parameters["mean"] * np.exp(log_quantile)

@@ -87,6 +87,7 @@ def read_measurements(source: Any) -> Measurements:
     values, errors, keys, names = [], [], [], []
     for i, row in enumerate(table):
         rest, path = dict(row), f"measurements[{i}]"
+        # counts without an error follow the law of Poisson, whose error is that of the prediction
         if "counts" in rest and "stderr" not in rest and "gain" not in rest:
             name, counts = "counts", rest.pop("counts")
             allowed = "a number >= 0"
@@ -171,6 +172,7 @@ class Predictor(Restored):
             if ends != 1:
                 raise Refused("receiver", Described(f"{ends} apertures"), "one aperture")
             self._starts.append(at)
+        # a and b enter the weights of paths alone: their derivatives are moments of one run
         self._quick = has_moments(start.link)
         alone = campaign.alone
         self._near = lru_cache(_LARGEST)(lambda i: Neighbours(alone.of(self._starts[i].link)))
@@ -212,9 +214,11 @@ class Predictor(Restored):
         d ln q / dx = (d ln q / d ln g) (d ln g / dx) + (d ln q / dx at a fixed gain)
         """
         n = len(self._starts)
+        # a scale of all gains adds to their logarithms, and needs no prediction
         logs, growth, slopes = gains.log.copy(), np.ones(n), np.zeros((n, len(x)))
         for i, gain in enumerate(gains.log):
             logs[i] = self._of_gain(i, x, gain)
+            # at a given light, a difference is free of the noise of the chains
             low, high = (self._of_gain(i, x, gain + step) for step in (-_STEP, _STEP))
             growth[i] = (high - low) / (2.0 * _STEP)
             for k in range(len(x)):
@@ -266,6 +270,7 @@ class Predictor(Restored):
     def _weighed(self, number: int, x: tuple[float, ...]) -> tuple[Link, Light]:
         """Return a measured link at a point of the unknowns, and its light."""
         quick = [self._quick and p.name in WATER for p in self._unknowns]
+        # the light at the start serves all values of a and b, other unknowns trace their own
         traced = tuple(None if q else step for q, step in zip(quick, x, strict=True))
         link, arrivals = self._at(number, x).link, self._light(number, traced)
         old, new = self._at(number, traced).link.water, link.water
@@ -461,6 +466,7 @@ def infer(
     '0.11'
     """
     data = read_measurements(measurements)
+    # measurements of tanks and lakes are of still water; waves are asked for
     if surface is None and not isinstance(link, Scenario):
         surface = FlatSea()
     run.setdefault("photons", DEFAULT_CHAINS)
@@ -469,6 +475,7 @@ def infer(
     keys = [name for name in names if name != SCALE]
     variant = Variant(campaign.link, campaign.surface)
     detector = electronics_of(campaign, getattr(campaign.scenario, "detector", None), None)
+    # measured gains say nothing about a detector, whose background takes time
     if detector is not None and set(data.names) & set(OF_DETECTOR):
         variant = variant._replace(detector=detector, daylight=light_of(campaign, None))
     of_keys = parameters(variant, keys, None, "vertex", "unknown") if keys else []
@@ -520,6 +527,7 @@ class _Fit:
     def _variance(self, prediction: Prediction) -> Floats:
         """Return the variances of ln gain by the measurements, Poisson's for counts."""
         # the variance of a logarithm is the relative variance; of counts it is 1 / mean
+        # of counts the standard error is nan here, and not used
         relative = np.square(self.data.stderr / np.maximum(self.data.value, 1e-300))
         return np.where(self.data.counted, np.exp(-prediction.log), relative)
 
@@ -561,6 +569,7 @@ class _Fit:
         """Return the fit, with the identifiability at its start."""
         x = np.zeros(len(self.names))
         first = self.model.at(x)
+        # without this start a wrong scale would look like wrong water
         if SCALE in self.names:  # one with the right mean
             positive = self.data.value > 0.0
             off = np.log(self.data.value[positive]) - first.log[positive]
@@ -583,6 +592,7 @@ class _Fit:
         moves = list(zip(self.unknowns, x, strict=True))
         values = [p.moved(step) for p, step in moves]
         scales = [1.0 if p.absolute else abs(p.scale) * math.exp(step) for p, step in moves]
+        # an error of a logarithm beyond 1 leaves not even the order of magnitude
         hidden = ~absolute & ((before > _UNKNOWN) | (after > _UNKNOWN))
         return Inference(
             unknown=tuple(self.names),
@@ -632,6 +642,7 @@ def _relative(singular: Floats, directions: Floats) -> Floats:
 
 def _words(names: list[str], absolute: Any, singular: Floats, directions: Floats) -> str:
     """Return the combination that the measurements determine least, in words."""
+    # the least singular value belongs to the change that the measurements hardly see
     v = directions[-1] / directions[-1][int(np.abs(directions[-1]).argmax())]
     step, parts = 0.1, []
     for i in np.argsort(-np.abs(v)):

@@ -220,11 +220,13 @@ def _resolved(
     whole: Any = getattr(surface, "for_fading", None)
     if whole is None:
         return surface, [None] * len(depths)
+    # a lamp far above gives the parallel light of the sun, for which `fading_band` has the lever
     lamp = AirLed(height=_SUN_HEIGHT, half_angle_deg=60.0)
     bands: list[float | None] = []
     for depth in depths:
         disk = WaterReceiver(depth=depth, radius=collector.radius, fov_deg=180.0)
         bands.append(fading_band(Link(transmitter=lamp, receiver=disk, water=water), whole))
+    # one sea for all depths: short waves matter at the shallowest, and their slopes blur at others
     resolved: Surface = whole.model_copy(update={"omega_max": max(filter(None, bands))})
     return resolved, bands
 
@@ -350,9 +352,11 @@ class DepthPlan:
             missing = sea.unresolved_slopes(fine)
             tilts = lever * np.sqrt((0.0, 0.0) if missing is None else missing.vertex)
         trough = 0.0 if collector.floating else _SLOPES * sizes.height
+        # a collector that comes out of the water has no irradiance below it
         if trough >= depth:
             allowed = f'> {trough:.3g} m, below all troughs, or below = "waves"'
             raise Refused("depths", depth, allowed)
+        # how far aside light may enter: bent by a steep slope, and slanted above or below z = 0
         bent = _SLOPES * lever * min(sizes.slope, 0.4) + math.hypot(*ray.entry(trough))
         self._place(tilts, sizes.spacing, bent)
         self._blur(tilts)
@@ -367,14 +371,17 @@ class DepthPlan:
         blur = math.sqrt(0.25 * radius**2 + 0.25 * disk[1] ** 2 + tilts.max() ** 2)
         cell = blur / _CELLS
         if patch is not None:
+            # whole numbers of cells make an edge of the patch
             cell = patch[1] / math.ceil(patch[1] / cell)
         spacing = min(blur / _RAYS, finest)
         spacing = cell / math.ceil(self.collector.fineness * cell / spacing)  # even on still water
+        # light that lands farther off never reaches the collector
         support = radius + disk[0] + _BLURS * float(tilts.max())
         around = _SCATTERED * self.depth if self.ray.water.b > 0.0 else 0.0
         half = max(support + around, 0.0 if patch is None else patch[0] + support) + 3.0 * cell
         self.cell, self.cells, self._support = cell, 2 * math.ceil(half / cell), support
         points = 2 * math.ceil((0.5 * self.cells * cell + bent + 2.0 * spacing) / spacing) + 1
+        # tiles of equal size share one plan of the transform
         tiles = math.ceil(points / _MOST_LINES)
         self._lines = math.ceil(points / tiles)
         points = tiles * self._lines
@@ -418,6 +425,7 @@ class DepthPlan:
         sunlit, cells = self._landed(time), self.collector.cells
         sunlight, rest = self.scattered.sunlight, self.scattered.sky + self.scattered.sunlight
         unscattered, follows = float((sunlit * self._direct).sum()), 0.0
+        # scattered light follows the pattern of the unscattered, blurred by its own spread
         relative = sunlit / self.still - 1.0
         if sunlight > 0.0:
             follows = float((relative * self._follows).sum())
@@ -427,6 +435,7 @@ class DepthPlan:
         pattern = np.fft.ifft2(np.fft.fft2(sunlit) * self._transfer).real
         if sunlight > 0.0:
             pattern += sunlight * np.fft.ifft2(np.fft.fft2(relative) * self._wide).real
+        # every nth cell is the middle of a cell of the patch
         stride = round(float(cells[1] - cells[0]) / self.cell)
         first = len(sunlit) // 2 - stride * (len(cells) // 2)
         part = slice(first, first + stride * len(cells), stride)
@@ -493,6 +502,7 @@ class ScatteredLight:
                 transmitter=AirLed(wavelength_nm=day.wavelength_nm),
                 receiver=WaterReceiver(depth=depth, radius=0.01, fov_deg=180.0),
             )
+            # a multiple of the 32 groups of the estimator
             count = 32 * max(1, photons // 32)
             seen = background(link, FlatSea(), day, photons=count, seed=seed, threads=1)
             self.sky = math.pi * float(seen.part_radiance[PARTS.index("sky")])
@@ -512,6 +522,7 @@ class ScatteredLight:
         ray, depth, day = self._ray, self._depth, self._ray.day
         pencil = Sun(
             zenith_deg=day.sun_zenith_deg, azimuth_deg=(day.sun_azimuth_deg + 180.0) % 360.0,
+            # a pencil: narrow beside any cell
             half_width=1e-6 * depth, position=ray.entry(depth),
         )  # fmt: skip
         planes = IrradiancePlanes(depths=(depth,))
@@ -533,6 +544,7 @@ class ScatteredLight:
         irradiances = self._traced([plane]).map
         assert irradiances is not None
         power = np.array(irradiances.irradiance) * step**2
+        # the unscattered light of the pencil lands in the middle cell
         power[n // 2, n // 2] -= self._ray.at(self._depth) / self._level
         return np.asarray(np.maximum(power, 0.0) / self._share)
 

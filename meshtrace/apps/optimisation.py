@@ -132,6 +132,7 @@ class Optimum(Stored):
         ]
         check = self.validation
         gained = f"{check.difference:.3g} +- {check.stderr:.1g}"
+        # costs that are logarithms of a ratio of powers read as decibels
         if self.objective in ("gain", "margin", "outage"):
             gained = f"{DECIBELS * check.difference:.2f} +- {DECIBELS * check.stderr:.2f} dB"
         reached = f"{self.objective} {self.value:.4g} after {len(self.history)} candidates"
@@ -242,6 +243,7 @@ def optimize(
     'transmitter.half_angle_deg is at the bound 3'
     """
     run.setdefault("photons", DEFAULT_CHAINS)
+    # quantiles feel the short waves that make light fade; means hardly do
     fading = realizations > 1 and objective in FADES
     campaign = campaign_of(link, surface, "optimize", fading, several=False, **run)
     flight = campaign.flight(flight)
@@ -296,17 +298,21 @@ class _Search:
         names, link = [p.name for p in variables], campaign.link
         self._log = np.array([not p.absolute for p in variables]) & (bounds[:, 0] > 0.0)
         self._widest = float(bounds[names.index(_FOV), 1]) if _FOV in names else None
+        # values of these keys weigh the arrivals of one run again, without new light
         self._turned = tuple(name for name in REWEIGHED if name in names)
+        # arrivals have an angle and a direction of emission: neither another cut nor more lamps
         if link.physics.fov != "angle" or isinstance(link.transmitter, tuple):
             self._turned = ()
         if link.direction == "down":  # facets are as wide as the spot of a lamp in the air
             self._turned = tuple(name for name in self._turned if name == _FOV)
         self._sample = self._new_sample(campaign.run.seed)
         self._history: dict[tuple[float, ...], Floats] = {}
+        # a start outside of the bounds begins at their nearest point
         self._start = np.clip([p.base for p in variables], *bounds.T)
 
     def _new_sample(self, seed: int) -> Sample:
         link, run = self.campaign.link, self.campaign.run.replace(seed=seed)
+        # a narrower view only cuts light off, so that the widest one serves all candidates
         if self._widest is not None:
             link = link.replace(_FOV, self._widest)
         return self._draw(self.campaign.of(link)._replace(run=run), turned=self._turned)
@@ -351,11 +357,13 @@ class _Search:
         if method == "auto":
             method = "bounded" if n == 1 and not constraints else "cobyqa"
             method = "global" if n > _MOST else method
+        # scipy's bounded search knows neither
         if method == "bounded" and (n > 1 or constraints):
             allowed = "cobyqa or global, for several variables or constraints"
             raise Refused("method", method, allowed)
         if method == "cobyqa" and n > _MOST:
             raise Refused("method", method, f"global, for more than {_MOST} variables")
+        # the start is a candidate whatever the search tries, so that the best is never worse
         self._cost(self._place(self._start))
         getattr(self, f"_{method}")(constraints)
         # COBYQA and the start may leave candidates that break a constraint in the history
@@ -438,12 +446,14 @@ class _Search:
         improved = bool(difference > 2.0 * error) if error > 0.0 else difference > 0.0
         new_quantity = goal.quantity(at, float(new[0]), fresh)
         old_quantity = goal.quantity(self.variant(self._start), float(old[0]), fresh)
+        # an optimum at a bound says that the bound, not the physics, has chosen
         for p, place, ends in zip(self.variables, self._place(best), self.bounds, strict=True):
             for side, end in enumerate(ends):
                 if abs(place - side) < _AT_BOUND:
                     notes.append(f"{p.name} is at the bound {end:g}")
         if not improved:
             notes.append("no improvement found")
+        # the outage of a sample is a step function: the error of its smooth cost stands for it
         error_of_value = goal.error(cost, stderr)
         value = goal.quantity(at, cost, self._sample)
         return Optimum(

@@ -250,13 +250,17 @@ def _campaign(
 ) -> Campaign:
     """Return the campaign of one or both directions."""
     campaign = campaign_of(link, surface, "trace", fading=True, chains=DEFAULT_CHAINS, **run)
+    # thousands of frames are worth a smaller mesh
     campaign = campaign._replace(lit=_LIT)
+    # only an uplink between single ends has one mirror image
     if down == "mirrored":
         single = len(campaign.link.receivers) == 1 == len(campaign.link.transmitters)
         down = campaign.link.mirrored() if single and campaign.link.direction == "up" else None
     if down is None:
+        # named by its direction, as files and provenance have it
         return campaign.of(campaign.link, "up")
     if isinstance(link, Scenario):  # the downlink is a link alone, without the file's sea and mesh
+        # both directions cross one sea, whatever the downlink alone would choose
         if surface is None and isinstance(link.surface, MeshSource):
             surface = link.surface
         run["mesh"] = run.get("mesh") or link.meshing
@@ -275,6 +279,7 @@ def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
         return ((SHIFTS + 3 * min(_PIECE, n - first)) * links * receivers,)
 
     work = f"pieces of {_PIECE} frames"
+    # all frames share chains, so that the mean has the error of the sums over frames at each shift
     for numbers in campaign.over(setup, pieces, "frames", identity, shape, work):
         of_link = numbers.reshape(-1, links, receivers)
         frames.append(of_link[SHIFTS:].reshape(-1, 3, links, receivers))
@@ -328,8 +333,10 @@ def _light(campaign: Campaign, steps: Steps, day: Daylight, rate: float) -> dict
     """Return the background of the first link at the frames next to the times of a lower rate."""
     times = steps.labels
     wanted = np.minimum(np.arange(0.0, times[-1] + 0.5 / rate, 1.0 / rate), times[-1])
+    # rounding must not push a time behind its frame
     frames = np.unique(np.searchsorted(times, wanted - 1e-9))
     links = None if steps.links is None else [steps.links[i] for i in frames]
+    # the frames have reported the progress of the whole trace
     single = campaign.of(campaign.link, "up")._replace(progress=None)
     lights = backgrounds(single, single.in_time(times[frames], links), day, _RAYS)
     radiance, stderr = np.array([(b.radiance, b.radiance_stderr) for b in lights]).T

@@ -97,6 +97,7 @@ class MeanGains:
         for link in dict.fromkeys(links):
             if link not in self._known:
                 groups.setdefault(link.replace("receiver", self._link.receiver), []).append(link)
+        # receivers share a run: links that differ by them alone are its receivers
         for base, members in groups.items():
             if base == self._link:
                 logs = self._logs([self._link, *members])
@@ -117,6 +118,7 @@ class MeanGains:
 
 def log_means(gains: Floats) -> Floats:
     """Return the logarithms of the mean gains of links (links, 1 + groups), see `without_each`."""
+    # a floor in place of 0, whose logarithm no difference would survive
     means = [[without.mean() for without in without_each(of_link)] for of_link in gains]
     return np.log(np.maximum(np.array(means), 1e-300))
 
@@ -156,6 +158,7 @@ class Need:
         fixed = dark.replace(window=self.window)
         self.fixed, self._floor = fixed, dark.sipm.dark_count_rate + dark.background_rate + 1.0
         # from a millionth of the present background to ten thousand times it
+        # each required power is a search, and scans ask for thousands
         rates = max(receiver.background_rate, self._floor) * np.geomspace(1e-6, 1e4, 15)
         powers = [fixed.replace(background_rate=r).required_power(limit) for r in rates.tolist()]
         finite = np.isfinite(powers)
@@ -193,6 +196,7 @@ class LinkModel:
         self.seas = seas if isinstance(campaign.surface, SeededSurface) else 1
         nm, day = self.link.transmitters[0].wavelength_nm, scenario.daylight
         night, day = Daylight.night(wavelength_nm=nm), checked_daylight(day, self.link)
+        # a link file with a night says nothing about its day, which is then assumed
         if day is not None and day.light in _NIGHTS:
             night, day = day, None
         self.assumed = day is None
@@ -223,6 +227,7 @@ class LinkModel:
         """Chains of the responses, over the seas of the mean gains."""
         campaign = self.means.campaign
         turned: tuple[str, ...] = ()
+        # the widest view of the scan: narrower ones only cut its light off
         if self.turns:
             turned = (VIEW,)
             widest = max(90.0, self.link.only_receiver.fov_deg)
@@ -326,6 +331,7 @@ class LinkModel:
     def _brightness(self, period: str) -> Callable[[float], float]:
         """Return the radiance by field of view, relative to the given link."""
         fov_deg = self.link.only_receiver.fov_deg
+        # by night the dark counts are more than the background, in any view
         if period == NIGHT:
             return lambda fov: 1.0
         views = np.unique([*_VIEWS, fov_deg])
@@ -367,12 +373,14 @@ class LinkModel:
         optics = self.dark.optics.replace(radius=radius, fov_deg=fov_deg, filter_width_nm=width)
         ook = self.dark.replace(optics=optics)
         if ook.response is not None and ook.response.angle_deg:
+            # late light comes from aside: a narrower view has a shorter response
             seen = tuple(a for a in ook.response.angle_deg if a <= 0.5 * fov_deg)
             ook = ook.replace("response.angle_deg", seen)
         return ook
 
     def above(self, log_gain: float, ook: OokLink, need: float) -> float:
         """Return a gain over the required one [dB]."""
+        # a closed eye, or no light: no number of decibels opens it
         if math.isinf(need) or math.isinf(log_gain):
             return -math.inf
         return DECIBELS * (log_gain + math.log(float(ook.received_power(1.0)) / need))
@@ -382,6 +390,7 @@ class LinkModel:
 
         A given window is a share of the bit; else the best one is sought.
         """
+        # a window in seconds would take in the next bit at a higher rate
         if window is None and self.dark.window is not None:
             window = self.dark.window * self.dark.bit_rate / bit_rate
         dark = self.dark.replace(bit_rate=bit_rate, window=window)
@@ -390,6 +399,7 @@ class LinkModel:
     def brightness(self, period: str, wavelengths_nm: Sequence[float]) -> Floats:
         """Return the radiances at wavelengths [nm] over that at the wavelength of the link."""
         day, own_nm = self.days[period], self.link.transmitters[0].wavelength_nm
+        # the night and a uniform sky have one radiance at all wavelengths
         if day.pattern == "uniform":
             return np.ones(len(wavelengths_nm))
         backgrounds = self._rays.at_wavelengths(self.link, day, wavelengths_nm)
@@ -451,6 +461,7 @@ class LinkModel:
             lines.append(Line(f"minus {name}", unit, -night, -day))
         night, day = (received - sum(row) for row in needs)
         lines.append(Line("margin of the mean", "dB", night, day, total=True))
+        # the quantile over the mean: what is left of the margin when fading takes its share
         fade = DECIBELS * (self.quantile(self.link.only_receiver.fov_deg) - math.log(leaned))
         name, error = f"fading at an outage of {100.0 * self.outage:g} %", self.quantile_stderr
         lines.append(_same(name, fade, DECIBELS * error))
@@ -488,6 +499,7 @@ class LinkModel:
         prompt = free = need.fixed.replace(response=None)
         for key in ("sipm.dark_count_rate", "sipm.p_crosstalk", "sipm.p_afterpulse"):
             free = free.replace(key, 0.0)
+        # each step adds one imperfection, so that the penalties add up to the required power
         steps = (free.replace("sipm.pde", 1.0), free, prompt, need.fixed)
         powers = [ook.required_power(self.limit) for ook in steps] + [need.exact]
         levels = [DECIBELS * math.log(p / 1e-3) if math.isfinite(p) else math.inf for p in powers]
@@ -505,6 +517,7 @@ class LinkModel:
         ends = tuple(dict.fromkeys((*self.link.receivers, *link.receivers)))
         whole = link.replace("receiver", ends if len(ends) > 1 else ends[0])
         campaign = self.campaign.of(whole, f"link and {_name_of(link)}")._replace(progress=None)
+        # one sea alone has no spread
         steps = campaign.surfaces(max(min(self.seas, _RUN_SEAS), 2))
         gains = campaign.gains(steps)[0, 0, :, -1]  # (seas, shifts)
         means, total = gains.mean(axis=1), float(gains.mean())

@@ -116,6 +116,7 @@ def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
     """Return the page of a study; independent parts share the threads, the longest first."""
     bounds = study.bounds(ranges)
     study.prepare(bounds)
+    # the scans of lens, view and filter are shared with the search for all three together
     alone = [key for key in bounds if key not in OPTICS]
     (by_key, together), night, day, *others = results_of(
         campaign.threads,
@@ -207,7 +208,9 @@ class _Study(LinkModel):
         """Return the values of a scan, the link's among them."""
         present = self._given(key)
         spaced = np.linspace if key.endswith("position.0") else np.geomspace
+        # a gain is counted from the value of the link, which the scan must hold
         values = spaced(*bounds, _POINTS)
+        # a gain is counted from the value of the link, which must be among those of the scan
         if bounds[0] <= present <= bounds[1]:
             values[np.abs(values - present).argmin()] = present
         return values
@@ -257,9 +260,11 @@ class _Study(LinkModel):
         error = self.quantile_stderr
         gain = self.quantile(self.link.only_receiver.fov_deg)
         nodes = values[:: len(values) // _WINDOWS]
+        # the best window is sought at a few rates: as a share of the bit it changes slowly
         shares = [self.at_rate(period, v).averaging_window * v for v in nodes.tolist()]
         self.windows[period] = np.log(nodes), np.array(shares)
         ooks = [self.at_rate(period, v, self.window_at(period, v)) for v in values.tolist()]
+        # the reserve is smooth over the rate, and its search for a power the costly part
         coarse = [self.above(gain, ook, ook.required_power(self.limit)) for ook in ooks[::2]]
         reserves = np.interp(np.log(values), np.log(values[::2]), coarse)
         carried, errors = [], []
@@ -312,12 +317,14 @@ class _Study(LinkModel):
         if merit is not None:
             sought, at_present = merit, float(np.interp(math.log(present), np.log(values), merit))
         if key == WIDTH:
+            # outside of its band at the edge of the view a narrow filter would take light away
             least = self._least_width(self.link.only_receiver.fov_deg)
             allowed = values >= min(least, values[-1])
             sought = reserves = np.where(allowed, reserves, math.nan)
             notes.append(f"shift at the edge of the view {least:.2g} nm")
         best = int(np.argmax(np.where(allowed, sought, -np.inf)))
         inside = allowed & (sought >= sought[best] - np.maximum(_FLAT_DB, errors))
+        # values that the errors cannot tell from the best one are as good
         low, high = _around(inside, best)
         if best in (0, len(values) - 1) and values[best] != present:
             notes.append("at the bound")
@@ -342,6 +349,7 @@ class _Study(LinkModel):
             self._logs(key, x)[0][period] for key, x in ((LENS, radii), (VIEW, views))
         )
         radii, views, by_radius, by_view = (x[::2] for x in (radii, views, by_radius, by_view))
+        # logarithms of both ratios are added: what lens and view do to each other a run tells
         least = bounds[WIDTH][0]
         reserves = np.array([
             [
@@ -395,6 +403,7 @@ class _Study(LinkModel):
 
     def _bit_rate(self, period: LightName, scans: list[Scan]) -> float:
         """Return the greatest bit rate that closes [bit s-1], near the scan's."""
+        # the scan brackets the rate, with a margin of 2 % for its interpolation
         known = next(s for s in scans if (s.choice.key, s.choice.light) == (RATE, period))
         rates, near = np.log(known.values), known.reserves >= 0.0
         low = float(rates[near].max(initial=math.log(_BIT_RATES[0]))) - 0.02
@@ -447,6 +456,7 @@ class _Study(LinkModel):
 
     def _at_depth(self, period: LightName, depth: float, log_quantile: float) -> float:
         """Return the reserve at a depth [dB]; a receiver in the water has its light there."""
+        # a receiver in the air has its background whatever the depth of the lamp
         bright = 1.0
         if self.link.direction == "down" and period == DAY:
             bright = self.radiance(period, self.link.at_depth(depth))
@@ -485,6 +495,7 @@ def _closing(choice: BestValue, values: Floats, reserves: Floats) -> Reach:
     closes, nearest = reserves >= 0.0, int(np.abs(values - present).argmin())
     if not closes.any():
         return Reach(period, key, unit, present, math.nan, "at most")
+    # of several ranges that close the one next to the present value is the least change
     near = min(np.flatnonzero(closes).tolist(), key=lambda k: abs(k - nearest))
     low, high = _around(closes, near)
     rising = near < nearest or (near == nearest and key != LENS)

@@ -151,6 +151,7 @@ def value_of(config: Mapping[str, Any], control: Control) -> float | None:
     place = _place(config, control)
     if place is None or not is_number(place[0][place[1]]):  # a profile
         return None
+    # twelve digits, or 0.05 m would show as 5.000000000000001 cm
     return float(f"{control.per_unit * place[0][place[1]]:.12g}")
 
 
@@ -175,6 +176,7 @@ def with_value(config: Table, control: Control, value: float) -> Table:
 
 def with_coefficients(config: Table) -> Table:
     """Return tables whose water has the values that follow from its spectrum as numbers."""
+    # beside a spectrum a moved a or b would be refused
     water = Scenario.from_config(config).link.water
     if water.spectrum is None or water.layers is not None:
         return config
@@ -318,6 +320,7 @@ class State:
         for name in ended - values.keys():
             moves.pop(name, None)
         initial = State(self.initial).settings
+        # parts first: the values that they bring decide which other moves are none
         parts = {n: v for n, v in moves.items() if n in _PARTS and v != initial[n]}
         if "lamp" in values and "half_angle" in moves.keys() - values.keys():
             widest = State(self.initial, tuple(parts.items())).ranges["half_angle"][1]
@@ -340,6 +343,7 @@ class State:
         if not self.moves:
             return self.initial
         config = self._config
+        # a detector that nobody asked for stays out of the link file
         if self.initial.detector is None and not _OF_DETECTOR & dict(self.moves).keys():
             config = {key: table for key, table in config.items() if key != "detector"}
         return Scenario.from_config(config)
@@ -369,6 +373,7 @@ class State:
         start = self if not self.moves else State(self.initial)
         ranges = {n: slider_range(control, start.values[n]) for n, control in BY_NAME.items()}
         lamp, spectrum = self.scenario.link.transmitters[0], self.scenario.link.water.spectrum
+        # a Gaussian beam has no half angle of 60 degrees or more
         low, high = ranges["half_angle"]
         ranges["half_angle"] = low, min(high, _widest(lamp.kind))
         if spectrum is not None:

@@ -154,6 +154,7 @@ class Page:
 
         async def index(request: web.Request) -> web.Response:
             html = Path(self.server.server_options.content, "index.html").read_text("utf-8")
+            # trame asks this address for its connection, without the query of the page
             place = f'<html data-session-manager-url="paraview/?token={self._token}"'
             headers = {"Content-Security-Policy": policy(request, html)}
             text = _FIXED_ZOOM.sub("", html.replace("<html", place, 1))
@@ -349,6 +350,7 @@ class Page:
 
     def _scene_soon(self) -> None:
         """Update the scene once for all moves of a short time."""
+        # one update is on its way, and takes the state as it is then
         if self._loop is None or self._scene_due is not None:
             return
         wait = max(self._scene_time + _SCENE_PERIOD - self._loop.time(), 0.0)
@@ -526,6 +528,7 @@ def _is_of(request: web.Request, host: str) -> bool:
     if request.transport is None:
         return False
     address, port, *_ = request.transport.get_extra_info("sockname")
+    # a page may be opened by the name of this machine, too
     names = {host, address}
     names.add("localhost" if ip_address(address).is_loopback else socket.gethostname())
     try:

@@ -136,6 +136,7 @@ def _spread(detector: OokLink) -> str:
     if detector.filters.response is None:
         return f"{text}, short"
     text = f"{text}, {detector.spread_in_bits:.2g} bit"
+    # what the spread of the pulses costs in power
     cost = detector.required_power(LIMIT) / detector.replace(response=None).required_power(LIMIT)
     return f"{text}, {minus(f'{10.0 * math.log10(cost):.1f} dB')}" if np.isfinite(cost) else text
 
@@ -190,6 +191,7 @@ def map_shades(coverage: CoverageMap) -> Any:
 
     share = coverage.gain / max(float(coverage.gain.max()), 1e-300)
     shades = (255.0 * colormaps["viridis"](share)).astype(np.uint8)
+    # a dark map lets the scene below it through
     shades[..., 3] = np.rint(255.0 * np.clip(0.1 + 1.2 * share, 0.0, 0.92))
     return shades
 
@@ -233,6 +235,7 @@ def with_error(value: float, error: float) -> str:
     """
     if value <= 0.0 or not math.isfinite(value):
         return f"{value:g}"
+    # both numbers over one power of ten, so that their digits can be compared
     exponent = math.floor(math.log10(value))
     value, error = value / 10.0**exponent, error / 10.0**exponent
     digits = 4 if error <= 0.0 else min(max(1 - math.floor(math.log10(error)), 0), 6)
@@ -383,6 +386,7 @@ def as_toml(scenario: Scenario) -> str:
 
     The full configuration if the shorter text would be another scenario.
     """
+    # with a detector, or that of the scenario would be printed in full
     default = Scenario.from_toml("").replace(detector=OokLink())
     short = _difference(scenario.to_config(), default.to_config())
     if scenario.detector is not None:
@@ -431,6 +435,7 @@ def as_python(scenario: Scenario) -> str:
         return "\n".join([*lines, "print(scenario.simulate().summary())", ""])
     with_bits = scenario.detector is not None or scenario.daylight is not None
     receiver = scenario.detector or OokLink()
+    # the bits of the page are behind the response of the channel, which needs the arrivals
     through = with_bits and receiver.response is None
     run += ", record=[mt.Arrivals()]" if through else ""
     lines += [link, sea, f"result = mt.simulate(link, sea, {run})", "print(result.summary())"]

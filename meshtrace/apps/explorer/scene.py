@@ -149,6 +149,7 @@ class LiveScene:
         """Return points (x, z) [m] of the waves along x through the middle of the stage."""
         assert self._drawn is not None
         vertices = self._drawn.vertices
+        # the grid line next to the middle
         distance = np.abs(vertices[:, 1] - self.stage.center[1])
         line = vertices[distance < distance.min() + 1e-4 * self.stage.half]
         line = line[np.argsort(line[:, 0])]
@@ -194,6 +195,7 @@ class LiveScene:
         self._surface, self._key = case.surface, state.moves
         stage = stage_of(case.link, case.surface, None)
         self.stage = self._on_square(stage)
+        # a camera that jumps at every move of a slider would lose the reader
         if not _NEW_FRAME[0] < stage.size / max(self._framed, 1e-9) < _NEW_FRAME[1]:
             self._framed, self._framing = stage.size, self._framing + 1
 
@@ -237,11 +239,13 @@ class LiveScene:
         day, sky_color = _sky_of(state.scenario.daylight)
         sea_light = SeaLight.from_link(state.scenario.link, day, wind)
         angle = math.radians(wind[1])
+        # a breaking crest has a vertical normal, whose slope would be infinite
         slopes = mesh.vertex_normals[:, :2] / np.maximum(mesh.vertex_normals[:, 2:], 0.2)
         variances, least = left_out(mesh, longest_left_out(self._surface))
         tile = _tile((float(variances[0]), float(variances[1])), least, wind[1])
         upwelling = math.pi * WATER_BRIGHTNESS * sea_light.upwelling
         inside = np.array(_LEAST_INSIDE) * min(1.0, _MOST_INSIDE / float(upwelling.max()))
+        # streaks are Gaussian: foam is where they exceed the quantile of its share
         foam = 1.1 * norm.ppf(1.0 - sea_light.foam) if sea_light.foam > 0.0 else 100.0
         glint = 0.0 if day is _DUSK else day.direct / day.irradiance
         return {
@@ -263,6 +267,7 @@ def _tile(variances: tuple[float, float], least: float, wind_deg: float) -> dict
     Red and green are the slopes x and y over `scale`, blue the sum of their squares, of which
     smaller copies of the tile keep the mean; alpha has the streaks from -4 to 4.
     """
+    # two of the longest waves left out, so that the repetition is not seen
     size = 4.0 * math.pi / least
     drawn = short_waves(size, _TEXELS, variances, least, wind_deg)
     scale = 4.0 * max(float(drawn.slopes.std()), 1e-4)
@@ -321,6 +326,7 @@ def _sky_image(day: Daylight) -> dict[str, Any]:
     color = sky_colors(day, towards.reshape(-1, 3))
     scale = float(color.max())
     pixels = np.full((512, 4), 255, np.uint8)
+    # bytes of roots hold a dark sky beside a bright one
     pixels[:, :3] = np.rint(255.0 * np.sqrt(color / scale))
     return {"bytes": pixels.tobytes(), "scale": scale}
 
@@ -370,6 +376,7 @@ def _lamp(source: WaterSource | AirLamp, link: Link) -> dict[str, Any]:
     in_place = {"at": source.center, "own": {"axis": own_axis, "shape": own_shape}}
     if z < 0.0:
         return in_place | {"place": [x, y, z, 0.0], "axis": own_axis, "shape": own_shape}
+    # by Snell's law the cone of a lamp in the air has another apex in the water
     n, (u, v, w) = link.water.n / link.n_air, source.axis
     bent = (u / n, v / n, -math.sqrt(1.0 - (u * u + v * v) / n**2))
     narrow = math.degrees(math.asin(math.sin(math.radians(min(half, 89.0))) / n))
@@ -391,6 +398,7 @@ def _beam(
     angle = math.radians(max(min(half, 179.0), 0.2))
     power = {"led": math.log(0.5) / math.log(max(math.cos(min(angle, 1.5)), 1e-9)),
              "gaussian-beam": 4.0 / angle**2, "isotropic": 1e-3}.get(pattern, 0.0)  # fmt: skip
+    # the cone ends where the light is down to 3 %
     drawn = math.acos(0.03 ** (1.0 / power)) if power > 0.0 else angle
     tangent = math.tan(min(drawn, math.radians(78.0)))
     return [*axis, math.cos(angle)], [power, tangent, max(way / 3.0, 0.05), bright]

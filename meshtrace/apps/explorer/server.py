@@ -104,6 +104,7 @@ class Explorer:
         """Make a session and send the browser to its page."""
         async with self._opening:  # trame starts one server at a time
             self._tasks = {page: self._tasks[page] for page in self.pages}
+            # each session has threads, a scene and a simulation of its own
             if len(self._tasks) >= MOST_SESSIONS:
                 raise web.HTTPServiceUnavailable(text=f"{MOST_SESSIONS} sessions are open")
             page = Page(self._scenario, self._title, self.url)
@@ -116,6 +117,7 @@ class Explorer:
 
 async def serve(explorer: Explorer, open_browser: bool) -> None:
     """Serve until cancelled or terminated."""
+    # a thread at work holds the interpreter for 5 ms by default, which moved controls would feel
     sys.setswitchinterval(5e-4)
     loop, terminated = asyncio.get_running_loop(), asyncio.Event()
     loop.set_exception_handler(_report)

@@ -164,6 +164,7 @@ def gains(state: State, check: Check) -> Iterator[Signal]:
 
 def _noted(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
     """Run a function; return its result and the texts of its warnings."""
+    # of the page they are notes beside the gain, and not lines on the console
     with _WARNINGS, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         result = work()
@@ -222,6 +223,7 @@ def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
     scenario = state.channel.replace(meshing=state.channel.meshing.replace(time=state.time))
     mesh, run = scenario.mesh(), scenario.run
     check()
+    # analog photons hit an aperture so seldom that paths of any light are shown
     received = not isinstance(run.estimator, Analog)
     normals = scenario.meshing.normals
     yield trace_paths(
@@ -251,6 +253,7 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
     for i, gains in enumerate(campaign.each(Steps("time", times, surface))):
         by_shift = gains[0, 0, 0]
         mean, error = by_shift.mean(), error_of_groups(by_shift)
+        # noise of few chains would look like fading
         gain[i] = np.nan if error > _MOST_ERROR * mean else mean
         if (i + 1) % _SHOWN_EVERY == 0 and i + 1 < FADING_FRAMES:
             yield _series(times[: i + 1], gain[: i + 1])
@@ -268,6 +271,7 @@ def _series(times: Floats, gain: Floats) -> Fading:
 
 def index_of_all(link: Link, sea: SurfaceModel) -> float | None:
     """Return the closed form over all waves; None off the axis and without a spectrum."""
+    # a tail of omega^-5 has no finite slopes, and no index over all its waves
     short = getattr(sea, "short_waves", sea)
     return unless_refused(lambda: scintillation_of_spectrum(link, short, heights=True))
 
@@ -275,6 +279,7 @@ def index_of_all(link: Link, sea: SurfaceModel) -> float | None:
 def coverage(state: State, check: Check) -> Iterator[CoverageMap]:
     """Yield the map of the gain in the plane of the receiver, roughly, then refined."""
     link = state.channel.link
+    # a square as wide as the link is tall
     levels = [t.center[2] for t in link.transmitters] + [r.center[2] for r in link.receivers]
     extent = 0.5 * (max(levels) - min(levels))
     for photons in MAP_PHOTONS:

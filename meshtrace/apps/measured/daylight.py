@@ -72,6 +72,7 @@ def broadband(
     nm, spectrum = table.T
     spectrum = spectrum * (nm if weight == "photons" else 1.0)
     depths, i, total, variance = (_TOP, *row.along), 1 + row.along.index(row.at), 0.0, 0.0
+    # all of the light at the surface counts, also what the water absorbs within centimetres
     for wavelength, share in zip(nm, spectrum / spectrum.sum(), strict=True):
         if wavelength > 700.0:
             continue
@@ -102,6 +103,7 @@ def clear_sea_radiance(
     spread = 0.5 * np.ptp(at_top) / at_top.mean()
     cosine = planes.e_d[1:] / planes.e_od[1:]
     q = planes.e_u / up[:, 0]
+    # of a range the error is at most that of its worse end
     q_error = float((error[:, 0] / up[:, 0]).max())
     values = {
         "radiance": (spread, float(np.hypot(*noise) / 2.0 / at_top.mean())),
@@ -170,6 +172,7 @@ def sea_albedo(
     """Return the albedo, p A_sun + (1 - p) A_sky + A_w, with p = 0 under an overcast sky."""
     each = max(int(_OF_SEA * photons), 1024)
     diffuse, diffuse_error = reflected(sky, 0.0, wind_speed, each)
+    # below clouds no sun is seen
     p = direct_share if row.series == "clear" else 0.0
     sun, error = reflected("sun", row.at, wind_speed, each) if p else (0.0, 0.0)
     albedo = p * sun + (1.0 - p) * diffuse + water_light

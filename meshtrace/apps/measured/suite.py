@@ -212,6 +212,7 @@ def band_of(nominal: Floats, stderr: Floats, ends: Mapping[str, Floats]) -> Erro
     moved = {name: np.atleast_2d(values) - nominal for name, values in ends.items()}
     up = np.array([np.maximum(d.max(axis=0), 0.0) for d in moved.values()])
     down = np.array([np.maximum(-d.min(axis=0), 0.0) for d in moved.values()])
+    # independent causes add in squares
     chance = (ERRORS * stderr) ** 2
     spans = np.vstack([up + down, 2.0 * ERRORS * stderr])
     names = [*moved, "Monte Carlo"]
