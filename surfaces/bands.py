@@ -197,7 +197,7 @@ _read_name = partial(named_or_given, Band, get_args(BandName), "waves")
 
 
 def _read(value: Any, more: str = "") -> Any:
-    """Return a band or its name; `more` names further allowed values."""
+    """Validate a band or its name; `more` names further allowed values."""
     return value if value is None else _read_name(value, more=more)
 
 

@@ -348,7 +348,7 @@ def _step(name: str, time: Floats) -> float:
 def _band(
     record: _Record, freq: Floats, spectrum: Floats, f_min: float | None, f_max: float | None
 ) -> Any:
-    """Return which frequencies are kept."""
+    """Return the mask of frequencies within the band of the sea."""
     nyquist = 0.5 / record.step
     low = require_between(2.0 * freq[1] if f_min is None else f_min, 0.0, nyquist, "f_min")
     above = np.flatnonzero(freq >= low * (1.0 - 1e-9))

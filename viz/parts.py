@@ -147,7 +147,7 @@ def _add_water(
 
 
 def _within(data: pv.PolyData, bounds: Any) -> pv.PolyData:
-    """Return a surface cut at the sides of the stage: the mesh of a choppy sea is larger."""
+    """Cut a surface at the sides of the stage, which a choppy sea exceeds."""
     for i, normal in enumerate([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]):
         low, high = bounds[2 * i : 2 * i + 2]
         if data.bounds[2 * i] < low:
@@ -349,7 +349,7 @@ def _add_cone(
     color: str,
     fill: float = 0.1,
 ) -> None:
-    """Draw a cone from its apex to its rim on the surface, unless it is wider than the stage."""
+    """Draw a cone from its apex to the surface, unless it is wider than the stage."""
     if not 0.0 < half_deg < 85.0:
         return
     stage = scene.stage

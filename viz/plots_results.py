@@ -266,7 +266,7 @@ def _fitted(
 
 
 def _dataset(result: GainSeries | CoverageMap | xr.Dataset, *names: str) -> xr.Dataset:
-    """Return a result as a dataset with the named variables, each of one dimension or more."""
+    """Convert a result to a dataset; refuse it without these variables over a dimension."""
     data = result if isinstance(result, xr.Dataset) else result.to_dataset()
     for name in names:
         if name not in data or not data[name].ndim or data[name].dtype.kind not in "biuf":
@@ -502,7 +502,7 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
 
 
 def _cover(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:
-    """Return the area covered by the bands of many curves (curves, n), in one tone."""
+    """Return the union of the bands of many curves (curves, n) as one patch."""
     there, back = np.broadcast_to(x, low.shape), np.broadcast_to(x[::-1], low.shape)
     around = np.stack([np.hstack([there, back]), np.hstack([low, high[:, ::-1]])], axis=-1)
     closed = np.concatenate([around, around[:, :1]], axis=1)

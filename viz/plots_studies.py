@@ -126,7 +126,7 @@ def plot_fading_convergence(study: studies.FadingConvergence, *, ax: Axes | None
 
 
 def _over_steps(ax: Axes, values: Floats) -> Axes:
-    """Return finished axes over the steps of a study, logarithmic, each step named."""
+    """Finish axes with a logarithmic abscissa on which each step of a study has a tick."""
     ax.set_xscale("log")
     ax.set_xticks(values, [f"{value:g}" for value in values])
     # each step is named; minor ticks of decades would only fall between the names

@@ -230,7 +230,7 @@ def _map_of(
     time: float,
     seed: int,
 ) -> CoverageMap | None:
-    """Return the map, or compute it from a number of photons in 40 by 40 cells."""
+    """Return the map; compute one of 40 by 40 cells if given a number of photons."""
     if not isinstance(coverage, int):
         return coverage
     if link is None:
@@ -388,7 +388,7 @@ def path_segments(paths: PhotonPaths) -> tuple[np.ndarray, ...]:
 
 
 def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
-    """Return photon paths as short straight pieces, and the number of photons seen.
+    """Cut photon paths into short straight segments; return them and the number of photons seen.
 
     Points have the weight, and a factor by which rays fade towards the sides of the stage, and at
     their end if that is no aperture.
@@ -424,7 +424,7 @@ def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
 
 
 def select_paths(paths: PhotonPaths, which: np.ndarray | slice) -> PhotonPaths:
-    """Return some of the paths, chosen by index, mask or slice."""
+    """Select paths by indices, mask or slice."""
     try:
         return PhotonPaths(
             paths.vertex[which], paths.weight[which], paths.what[which], paths.photon[which]
@@ -488,7 +488,7 @@ def add_footprint(scene: ScenePlotter, mesh: TriangleMesh, received: PhotonPaths
 
 
 def _footprint(mesh: TriangleMesh, crossings: np.ndarray, blur: float) -> pv.StructuredGrid:
-    """Return a piece of the surface with the density of crossings, blurred [m], below its peak."""
+    """Return a patch of the surface with the blurred density of crossings [dB below its peak]."""
     from scipy.ndimage import gaussian_filter
 
     low, high = crossings.min(axis=0) - 4.0 * blur, crossings.max(axis=0) + 4.0 * blur

@@ -205,7 +205,7 @@ def save_light(
 def _crossed(
     link: Link, surface: Any, extent: float, time: float
 ) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
-    """Return ends [m] and slopes of the patch of sea crossed by the light of a map."""
+    """Return the ends [m] and slopes of the patch of sea that the light of a map crosses."""
     source, above = link.transmitters[0], link.only_receiver
     depth = getattr(source, "depth", 1.0)
     # paraxial: a metre of air counts as n metres of water
@@ -302,7 +302,7 @@ def _write_movie(
     options: dict[str, Any],
     progress: Callable[[int], None] | None,
 ) -> Path:
-    """Write a number of frames (height, width, 3) as a movie."""
+    """Write frames (height, width, 3) as a movie."""
     from imageio import v2 as imageio
 
     with atomic(path) as temporary, imageio.get_writer(temporary, **options) as writer:
@@ -539,7 +539,7 @@ def view(
 def _gain_of(
     link: Link | None, surface: MeshSource | TriangleMesh, time: float, seed: int
 ) -> GainResult | None:
-    """Return the gain of `simulate` for the caption, None for a link that is refused."""
+    """Compute the gain for the caption; None if `simulate` refuses the link."""
     if link is None:
         return None
     mesh = None if isinstance(surface, TriangleMesh) else Meshing(time=time)

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from meshtrace.daylight.light import Daylight, sky_radiance
+from meshtrace.daylight.light import Daylight
+from meshtrace.daylight.patterns import sky_radiance
 from meshtrace.daylight.upward import connected_glint
 from meshtrace.kernels.interface import Roughness
 from meshtrace.link import Link, Whitecaps

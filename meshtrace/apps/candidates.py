@@ -86,7 +86,7 @@ class Goal:
         return self._ranges(at, sample) if self.objective == "range" else -self._logs(at, sample)
 
     def _lit(self, at: Variant, sample: Sample) -> tuple[Floats, OokLink | None]:
-        """Return the gains of a candidate, and its transmission under its background light."""
+        """Return the gains of a candidate and its receiver with background light."""
         gains = sample.gains(at)
         if self.objective == "gain":
             return gains, None
@@ -154,7 +154,7 @@ again."""
 
 
 def _by_edge(arrivals: Light, half_deg: float) -> NDArray[np.bool_]:
-    """Return which light comes through facets by the edge of a view; none if that is little."""
+    """Return a mask of light through facets at the edge of the view; empty if negligible."""
     off = np.abs(arrivals.angle - math.radians(half_deg))
     near_edge = (arrivals.facet >= 0) & (off < _EDGE)
     return near_edge & (arrivals.weight[near_edge].sum() > _SMALL * arrivals.weight.sum())
@@ -238,7 +238,7 @@ class Sample(Restored):
             self._winds = wind.sample_wind(self._seas * m, seed).reshape(self._seas, m, 3)
 
     def _spread(self, link: Link, uav: Uav | None, i: int) -> Link:
-        """Return a link with its end in the air at all places over sea i."""
+        """Return a link with a copy of its end in the air at each place over sea i."""
         name, end = link.air_end
         if end.tilt_deg != 0.0 and uav is not None:
             raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the aircraft tilts it")
@@ -292,7 +292,7 @@ class Sample(Restored):
         return np.array(per_place)
 
     def arrivals(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
-        """Return the light of a candidate at all places over sea i, before it is weighed again.
+        """Return the arrivals of a candidate at all places over sea i, before they are reweighted.
 
         Variables that only weigh it are those of the start.
         """
@@ -307,7 +307,7 @@ class Sample(Restored):
 
     @held
     def some_light(self, at: Variant) -> list[Light]:
-        """Return the light of a candidate at all places over some seas, for its response."""
+        """Return the arrivals of a candidate over a few seas, for its impulse response."""
         link, uav = at.link, None if self._flight is None else at.uav
         seas, threads = range(min(MOST_SEAS, self._seas)), self._near.campaign.threads
         over_each = ordered_map(lambda i: self.arrivals(link, uav, i), seas, threads)
@@ -326,7 +326,7 @@ class Sample(Restored):
         return [link.model_copy(update={"transmitter": lamp}) for lamp in spread.transmitters]
 
     def _factor(self, link: Link, arrivals: Light) -> Floats:
-        """Return the weights of arrivals at a candidate, relative to the start."""
+        """Return the weights of arrivals for a candidate, relative to the start."""
         half = math.radians(0.5 * link.receivers[0].fov_deg)
         # arrivals are those of the widest view
         factor = (arrivals.angle <= half).astype(float)

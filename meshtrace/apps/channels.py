@@ -109,7 +109,7 @@ class ChannelModel(Stored):
 
 
 def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[Floats, dict[str, Any]]:
-    """Return the gains, and the fields of a model that describe them."""
+    """Check a series of gains; return it with the fields of a model that describe it."""
     g = checked_gain(gain)
     step = require_between(dt, 0.0, math.inf, "dt", allowed="a time step > 0 s")
     require_seed(seed)
@@ -132,7 +132,7 @@ def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[Floats, dict[str, An
 
 
 def _memory_note(statistics: dict[str, Any], model: Floats, cause: str) -> list[str]:
-    """Return a note if the autocorrelations of a model and its series differ."""
+    """Return a note if the autocorrelation of a model differs from that of its series."""
     off = model - statistics["autocorrelation"]
     at = int(np.argmax(np.abs(off)))
     # within three standard errors a difference is chance
@@ -339,7 +339,7 @@ class MarkovChannel(ChannelModel):
 
 
 def _steady(transition: Floats) -> Floats:
-    """Return the probabilities that a chain keeps."""
+    """Return the stationary distribution of a chain."""
     m = len(transition)
     # p P = p has one equation too few: the sum of 1 closes it
     balance = np.vstack([transition.T - np.eye(m), np.ones(m)])
@@ -559,12 +559,12 @@ def _hermite_powers(quantile: Floats) -> Floats:
 
 
 def _transformed(rho: Floats, power: Floats) -> Floats:
-    """Return the correlation of the transformed series for one of the Gaussian series."""
+    """Map correlations of the Gaussian series to those of the transformed series."""
     return rho * np.polynomial.polynomial.polyval(rho, power)
 
 
 def _fade_correlation(rho: Floats, share: float) -> Floats:
-    """Return the correlations of fades of a share of the time by the Gaussian correlations.
+    """Map Gaussian correlations to those of the indicator of fades that fill `share` of the time.
 
     `rho` are equally spaced from -1 to 1; the angle arcsin(rho) takes the poles from the integral.
     """

@@ -190,7 +190,7 @@ def irradiance_series(
 def _inputs(
     surface: Surface | Scenario, day: Daylight | None, water: Water | None
 ) -> tuple[Surface, Daylight, Water, dict[str, Any]]:
-    """Return sea, light, water and options of a scenario, or those given; refuse unfit ones."""
+    """Return the checked sea, daylight, water and run options, taken from a scenario if needed."""
     link, sea, options = Link(), cast(Any, surface), dict[str, Any]()
     if isinstance(surface, Scenario):
         link, sea = surface.link, surface.case().surface
@@ -232,7 +232,7 @@ def _resolved(
 
 
 def _frames(plans: list[DepthPlan], times: Floats) -> Callable[[int], Floats]:
-    """Return the function that gives the numbers of a frame by its number, in a row.
+    """Return a function that computes the row of results of frame i.
 
     Irradiance and its unscattered part at each depth, then the patterns.
     """
@@ -268,18 +268,18 @@ class SunRay:
         return self.entering * math.exp(-self.water.c / self.inside[2] * depth)
 
     def entry(self, depth: float) -> tuple[float, float]:
-        """Return the point of the surface from which light comes to a depth below the origin."""
+        """Return where on the surface the ray enters that passes below the origin at a depth."""
         x, y, z = self.inside.tolist()
         return depth * x / z, depth * y / z
 
     def lever(self, depth: float) -> float:
-        """Return the displacement of the light at a depth by a unit of slope [m]."""
+        """Return the displacement at a depth per unit of surface slope [m]."""
         cosine = float(self.inside[2])
         # derivative of Snell's law by the slope: the ray turns by (1 - cos_i / (n cos_t))
         return depth * (1.0 - self.day.sun[2] / (self.n * cosine)) / cosine**2
 
     def disk(self, depth: float) -> tuple[float, float]:
-        """Return the half-axes of the image of the sun at a depth, along and across its light."""
+        """Return the half-axes of the sun's image at a depth, along and across its azimuth [m]."""
         cosine = float(self.inside[2])
         # refraction shrinks the angle by 1 / n, and along the light by the ratio of cosines, too
         across = math.radians(SUN_RADIUS_DEG) * depth / (self.n * cosine)
@@ -317,7 +317,7 @@ class Collector:
 
 
 class DepthPlan:
-    """Light at a depth, as far as all times share it.
+    """Quantities at one depth that do not change with time.
 
     It lands on square cells of a plane, from points of the surface on lines `x` and `y`. Kernels
     are the shares of the light of a cell in the irradiance at the collector.
@@ -366,7 +366,7 @@ class DepthPlan:
             self._grid = WaveGrid(self._waves.kx, self._waves.ky, *first, _ERROR)
 
     def _place(self, tilts: Floats, finest: float, bent: float) -> None:
-        """Choose the points of the surface and the cells, for waves that bend light by `bent`."""
+        """Choose surface points and cells; light may be displaced by up to `bent` [m]."""
         disk, patch, radius = self.ray.disk(self.depth), self.collector.patch, self.collector.radius
         blur = math.sqrt(0.25 * radius**2 + 0.25 * disk[1] ** 2 + tilts.max() ** 2)
         cell = blur / _CELLS
@@ -394,7 +394,7 @@ class DepthPlan:
         self.x, self.y, self.points = x + lines, y + lines, points**2
 
     def _blur(self, tilts: Floats) -> None:
-        """Make the kernels of unscattered light and of the pattern of scattered light.
+        """Compute the blur kernels of unscattered and scattered light.
 
         By the way from a cell to the collector: over collector, sun's image and tilts, less the
         sharing by cells.
@@ -515,7 +515,7 @@ class ScatteredLight:
             self.sunlight = self._level * self._share
 
     def _traced(self, record: list[Any]) -> GainResult:
-        """Return the light of a pencil of sunlight, whose unscattered ray ends below the origin.
+        """Trace a pencil of sunlight whose unscattered ray passes below the origin.
 
         The same photons in each call: a map has the light of the planes.
         """

@@ -11,7 +11,7 @@ from meshtrace.viz import marks
 from meshtrace.viz.style import INK, PALETTE, label_of, verbatim
 
 from .channels import ChannelModel
-from .designs.page import LIGHTS, Design, LightName
+from .designs.page import PERIODS, Design, Period
 from .inference import Inference
 from .measured.suite import MeasuredTable
 from .optimisation import Optimum
@@ -105,7 +105,7 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
 
 
 @check_call
-def plot_design(d: Design, *, light: LightName = "day", ax: Axes | None = None) -> Axes:
+def plot_design(d: Design, *, light: Period = "day", ax: Axes | None = None) -> Axes:
     """Plot the reserve over each scanned key, relative to the values of the link.
 
     Parameters
@@ -122,7 +122,7 @@ def plot_design(d: Design, *, light: LightName = "day", ax: Axes | None = None) 
     Axes
         A curve for each key with the flat range drawn thick; above the line the link closes.
     """
-    require_word(light, LIGHTS, "light")
+    require_word(light, PERIODS, "light")
     ax = marks.axes(ax)
     for choice, values, reserves in zip(d.choices, d.scanned, d.reserves, strict=True):
         if choice.light != light or choice.given == 0.0:

@@ -152,7 +152,7 @@ def _wave_checks() -> Iterator[Check]:
 
 
 def _waves(wind_speed: int) -> NDArray[np.float64]:
-    """Return the first five properties of the waves of a random sea, the last one their phase."""
+    """Return the waves of a random sea as rows of five properties, the last being the phase."""
     sea = surface(f"jonswap{wind_speed}")
     assert isinstance(sea, WaveSum)
     return np.array(sea.components[:5]).T

@@ -138,7 +138,7 @@ class _Pulses(NamedTuple):
 
 @functools.lru_cache(maxsize=128)
 def _pulses(link: OokLink, phase: float) -> _Pulses:
-    """Return the quantities common to all powers, for searches over the power."""
+    """Return bit patterns and cursors, which do not depend on the power."""
     bits, filters = link.patterns(), link.filters
     size = link.bit_time, bits.shape[1], phase
     mean, energy = filters.mean_cursors(*size), filters.noise_energy

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.checks import Directions, Index, Shape, check_call, check_methods
-from meshtrace.daylight.light import Daylight, sky_radiance
+from meshtrace.daylight.light import Daylight
+from meshtrace.daylight.patterns import sky_radiance
 from meshtrace.kernels.interface import Roughness, over_gaussian
 from meshtrace.kernels.sources import Beams, add_upwelling
 from meshtrace.kernels.tints import common_functions

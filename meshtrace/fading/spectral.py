@@ -512,7 +512,7 @@ def resolve_band(
 
 
 def _open_for_fading(link: Any, surface: Any) -> Any:
-    """Return a sea whose waves were left open with all that make the light of a link fade.
+    """Choose all waves that make the light of a link fade, if a sea leaves them open.
 
     To 10 % of the index where no band has it to 3 %.
     """
@@ -570,7 +570,7 @@ def _resolved(link: Any, surface: Any, within: float = WITHIN) -> Any:
 
 
 def _on_axis(link: Any) -> Any:
-    """Return the first source and the first receiver of a link, face to face with a full view.
+    """Move the first source and receiver of a link face to face, with a full field of view.
 
     Those of a downlink change places: one sea has one band, that of the uplink, as traces and both
     directions have it.

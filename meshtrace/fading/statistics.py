@@ -335,7 +335,7 @@ def _series_part(
     relative_to: Reference,
     boot: dict[str, Any],
 ) -> dict[str, Any]:
-    """Return the fields of the statistics that exist for time series only."""
+    """Compute the statistics that only time series have."""
     lag = checked_step(time, g.size) * np.arange(g.size // 2 + 1, dtype=np.float64)
     nothing = Estimate(math.nan, math.nan, math.nan)
     below = boot | {"relative_to": relative_to}
@@ -381,7 +381,7 @@ def _all_fits(
 def _notes(
     g: Floats, variance: Floats, fades: bool, index: Estimate, fields: dict[str, Any]
 ) -> Iterator[str]:
-    """Yield the limitations of the statistics found."""
+    """Yield the limitations of the statistics."""
     if not fades:
         yield "no fading above the Monte Carlo noise"
     if index.high < 0.0:

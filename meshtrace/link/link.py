@@ -426,7 +426,7 @@ def _power_of_two(size: float) -> float:
 
 
 def _moved(kind: type[Any], end: Any, place: Any) -> Any:
-    """Return an end of `kind` with the fields of `end`, at the position and axis of `place`."""
+    """Build an end of `kind` with the fields of `end`, at the position and axis of `place`."""
     # what was not set takes the default of the new kind
     fields = {name: getattr(end, name) for name in end.model_fields_set if name not in _PLACED}
     level = "depth" if hasattr(place, "depth") else "height"

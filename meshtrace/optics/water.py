@@ -232,7 +232,7 @@ class Water(Model, frozen=True):
         return data
 
     def _with_spectrum(self) -> WaterSpectrum:
-        """Return the spectrum, or refuse."""
+        """Return the spectrum; refuse a water without one."""
         if self.spectrum is None:
             coefficients = Described(f"a {self.a:g}, b {self.b:g} m-1 of one wavelength")
             allowed = 'a water with a spectrum, such as Water.from_type("jerlov-II")'

@@ -1,4 +1,4 @@
-"""Gains, lights and required powers of a link and of those near it, and its reserve."""
+"""Gains, backgrounds, required powers and reserves of a link and of its variations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from scipy.special import ndtr
 
 from meshtrace import Background, Flight
 from meshtrace.apps.candidates import Sample
-from meshtrace.apps.designs.page import DAY, LIGHTS, NIGHT, Figures, Line
+from meshtrace.apps.designs.page import DAY, NIGHT, PERIODS, Figures, Line
 from meshtrace.comms import ChannelResponse, OokLink
 from meshtrace.comms.background import with_background
 from meshtrace.comms.budget import link_budget
@@ -60,7 +60,7 @@ _NIGHTS = ("moonless night", "moonlight")
 
 
 class MeanGains:
-    """Ratios of the mean gains of links near one link to its own.
+    """Mean gains of variations of a link, relative to the link.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class MeanGains:
         return float(logs[0]), error_of(logs)
 
     def find(self, links: list[Link]) -> None:
-        """Find the gains of links in as few runs as possible."""
+        """Compute the gains of links in as few runs as possible."""
         groups: dict[Link, list[Link]] = {}
         for link in dict.fromkeys(links):
             if link not in self._known:
@@ -117,7 +117,7 @@ class MeanGains:
 
 
 def log_means(gains: Floats) -> Floats:
-    """Return the logarithms of the mean gains of links (links, 1 + groups), see `without_each`."""
+    """Return ln of mean gains (links, 1 + groups): all, then leave-one-out (`without_each`)."""
     # a floor in place of 0, whose logarithm no difference would survive
     means = [[without.mean() for without in without_each(of_link)] for of_link in gains]
     return np.log(np.maximum(np.array(means), 1e-300))
@@ -149,7 +149,7 @@ def log_quantile(gains: Floats, tilt: TiltFactors, share: float, lognormal: bool
 
 
 class Need:
-    """Required power under one light over the counts of its background."""
+    """Required power as a function of the background counts, by night or by day."""
 
     def __init__(self, dark: OokLink, background: Background, limit: float) -> None:
         receiver = with_background(dark, background)
@@ -178,7 +178,7 @@ class Need:
 
 
 class LinkModel:
-    """Gains, lights and needs of a link and of those near it."""
+    """Gains, backgrounds and required powers of a link and of its variations."""
 
     def __init__(self, campaign: Campaign, outage: float, limit: float, seas: int) -> None:
         scenario = campaign.scenario
@@ -236,11 +236,11 @@ class LinkModel:
 
     @property
     def turns(self) -> bool:
-        """Whether a field of view only cuts the light of a wider one."""
+        """Whether the arrivals of a wide field of view contain those of each narrower one."""
         return self.link.physics.fov == "angle" and len(self.link.transmitters) == 1
 
     def colours(self, links: list[Link], index: int) -> tuple[Floats, Floats]:
-        """Return `ratio` of links at several wavelengths with common paths, over one of them."""
+        """Return log ratios and errors of links at several wavelengths, traced on common paths."""
         named = {f"{i}": link for i, link in enumerate(links)}
         campaign = self.means.campaign._replace(links=named, spectral=True)
         logs = log_means(campaign.gains(self.means.steps)[0, :, :, 0])
@@ -251,7 +251,7 @@ class LinkModel:
 
     @cached_property
     def spreads(self) -> bool:
-        """Whether the response of the channel counts in some field of view."""
+        """Whether pulse spreading matters in the widest field of view."""
         if not (self._measured and self.turns):
             return False
         wide = self.response(self.link.replace(VIEW, 120.0))
@@ -259,14 +259,14 @@ class LinkModel:
 
     @cache  # noqa: B019
     def response(self, link: Link, water: Water | None = None) -> ChannelResponse | None:
-        """Return the response over seas of the scans, by chains; None without light."""
+        """Return the channel response over the seas of the scans; None for a dark link."""
         lights = self.sample.some_light(Variant(link, None))
         if water is not None:
             lights = [in_water(arrivals, link.water, water) for arrivals in lights]
         return light_response(link, lights)
 
     def pulse_loss(self, period: str, link: Link, water: Water | None = None) -> float:
-        """Return ln of the power penalty of another link's response over the given link's."""
+        """Return ln of the penalty of a link's pulse spreading, relative to the given link."""
         if not self.spreads:
             return 0.0
         penalty, other = (self._blurred(period, self.response(*at))
@@ -288,7 +288,7 @@ class LinkModel:
 
     @cache  # noqa: B019 - one study
     def quantile(self, fov_deg: float) -> float:
-        """Return ln q of the given link with another cut of the tilts."""
+        """Return ln q of the given link if its field of view were `fov_deg`."""
         return log_quantile(self.fades.series.gain, self._tilt(fov_deg), self.outage)
 
     @cached_property
@@ -313,7 +313,7 @@ class LinkModel:
 
     @cache  # noqa: B019
     def background_by(self, period: str) -> Background:
-        """Return the background of the given link, by day as in `link_performance`."""
+        """Return the background of the given link, computed as in `link_performance`."""
         return self._seen(period, self.link)
 
     def _seen(self, period: str, link: Link) -> Background:
@@ -324,12 +324,12 @@ class LinkModel:
 
     @cache  # noqa: B019
     def need(self, period: str) -> Need:
-        """Return the required power under a light."""
+        """Return the required power by night or by day."""
         return Need(self.dark, self.background_by(period), self.limit)
 
     @cache  # noqa: B019
     def _brightness(self, period: str) -> Callable[[float], float]:
-        """Return the radiance by field of view, relative to the given link."""
+        """Return the background radiance against field of view, relative to the given link."""
         fov_deg = self.link.only_receiver.fov_deg
         # by night the dark counts are more than the background, in any view
         if period == NIGHT:
@@ -365,7 +365,7 @@ class LinkModel:
         return self.above(log_ratio + self.quantile(fov), ook, self.needed(period, ook, bright))
 
     def needed(self, period: str, ook: OokLink, brightness: float = 1.0) -> float:
-        """Return the required power of a transmission under a light of other brightness [W]."""
+        """Return the required power [W] for a background scaled by `brightness`."""
         return float(self.need(period)(brightness * self.background_by(period).count_rate(ook)))
 
     def _behind(self, radius: float, fov_deg: float, width: float) -> OokLink:
@@ -379,14 +379,14 @@ class LinkModel:
         return ook
 
     def above(self, log_gain: float, ook: OokLink, need: float) -> float:
-        """Return a gain over the required one [dB]."""
+        """Return the margin of a gain over the required one [dB]."""
         # a closed eye, or no light: no number of decibels opens it
         if math.isinf(need) or math.isinf(log_gain):
             return -math.inf
         return DECIBELS * (log_gain + math.log(float(ook.received_power(1.0)) / need))
 
     def at_rate(self, period: str, bit_rate: float, window: float | None = None) -> OokLink:
-        """Return the transmission under a light at another bit rate, by default with its window.
+        """Return the receiver at another bit rate, by night or by day.
 
         A given window is a share of the bit; else the best one is sought.
         """
@@ -452,7 +452,7 @@ class LinkModel:
         lines.append(_same("lens on the detector (etendue)", parts.concentration_db))
         lines.append(_same("transmission of the filter", parts.filter_db))
         lines.append(_same("received power", received, unit="dBm", total=True))
-        needs = [self._needs(period) for period in LIGHTS]
+        needs = [self._needs(period) for period in PERIODS]
         names = ("power for the limit, every photon counted", "photon detection efficiency",
                  "dark counts, crosstalk and afterpulses", "response of the channel",
                  "background light")  # fmt: skip
@@ -510,7 +510,7 @@ class LinkModel:
 
     @cache  # noqa: B019
     def apart(self, link: Link) -> tuple[float, float]:
-        """Return ln q of another link, from a separate run, and its standard error.
+        """Return ln q of another link and its standard error, from a separate run.
 
         Of another receiver along with that of the link, whose photons are spread more evenly.
         """
@@ -529,7 +529,7 @@ class LinkModel:
 
     @cache  # noqa: B019
     def run(self, period: str, link: Link, width: float) -> tuple[float, float]:
-        """Return the reserve of a link with other optics by a separate run, and its error [dB].
+        """Return the reserve of a link with other optics and its error [dB], from a separate run.
 
         With its own background, averaging window and fading.
         """
@@ -544,7 +544,7 @@ class LinkModel:
 
 
 def _error_db(log_error: float, background: Background) -> float:
-    """Return the error of a reserve [dB]: of the light, and of the background by its rays."""
+    """Combine the errors of gain and background into that of a reserve [dB]."""
     # the need grows as the root of the background, at most
     spread = 0.5 * background.radiance_stderr / max(background.radiance, 1e-300)
     return DECIBELS * math.hypot(log_error, spread)
@@ -559,5 +559,5 @@ def _name_of(link: Link) -> str:
 def _same(
     name: str, value: float, stderr: float = 0.0, unit: str = "dB", total: bool = False
 ) -> Line:
-    """Return a line that is the same by night and by day."""
+    """Return a budget line with equal values by night and by day."""
     return Line(name, unit, value, value, stderr, total)

@@ -12,7 +12,7 @@ from pydantic import Field
 from scipy.interpolate import PchipInterpolator
 
 from meshtrace.apps.designs.model import COLOUR, DEFAULT_CHAINS, LENS, RATE, VIEW, WIDTH, LinkModel
-from meshtrace.apps.designs.page import DAY, LIGHTS, BestValue, Design, LightName, Reach
+from meshtrace.apps.designs.page import DAY, PERIODS, BestValue, Design, Period, Reach
 from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms.background import filter_shift_nm
 from meshtrace.comms.capacity import capacity, hard_information
@@ -121,9 +121,9 @@ def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
     (by_key, together), night, day, *others = results_of(
         campaign.threads,
         partial(study.optics, bounds),
-        *(partial(study.greatest_depth, period) for period in LIGHTS),
+        *(partial(study.greatest_depth, period) for period in PERIODS),
         *(partial(study.scans, key, bounds[key]) for key in alone),
-        *(partial(study.figures, period) for period in LIGHTS),
+        *(partial(study.figures, period) for period in PERIODS),
         study.budget,
     )
     *reaches, by_night, by_day, budget = others
@@ -131,7 +131,7 @@ def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
     scans = [scan for key in bounds for scan in by_key[key]]
     reach = [
         row
-        for period, depth in zip(LIGHTS, (night, day), strict=True)
+        for period, depth in zip(PERIODS, (night, day), strict=True)
         for row in study.reach(period, depth, scans)
     ]
     return Design(
@@ -189,16 +189,16 @@ class _Study(LinkModel):
         return bounds | checked_bounds(ranges or {})
 
     def scans(self, key: str, bounds: tuple[float, float]) -> list[Scan]:
-        """Return the reserves over the values of a key under the lights that have it."""
+        """Scan the reserve over the values of a key, by night and by day where both exist."""
         values = self._values(key, bounds)
         if key == RATE:
-            return [self._bit_rates(period, values) for period in LIGHTS]
+            return [self._bit_rates(period, values) for period in PERIODS]
         if key == COLOUR:
             return self._colours(values)
         logs, errors = self._logs(key, values)
         optics = [[v if name == key else None for name in OPTICS] for v in values.tolist()]
         scans = []
-        for period in LIGHTS:
+        for period in PERIODS:
             pairs = zip(logs[period], optics, strict=True)
             reserves = [self.reserve(period, log, *changed) for log, changed in pairs]
             scans.append(self._scan(period, key, values, np.array(reserves), DECIBELS * errors))
@@ -220,20 +220,20 @@ class _Study(LinkModel):
         return float(Variant(self.link, None, self.dark).value(key))
 
     def _logs(self, key: str, values: Floats) -> tuple[dict[str, Floats], Floats]:
-        """Return the log ratios of the gains to the link's by light, and their errors.
+        """Return log gain ratios to the given link, by night and by day, and their errors.
 
         Less the power that the response of the channel costs.
         """
         if key == WIDTH:
-            return dict.fromkeys(LIGHTS, np.zeros(len(values))), np.zeros(len(values))
+            return dict.fromkeys(PERIODS, np.zeros(len(values))), np.zeros(len(values))
         straight = key.endswith("position.0")
         at = values if straight else np.log(values)
         step, links, places = 2 if key == VIEW else 1, self._at(key, values), at[_nodes(key)]
         logs, errors = np.array([self.means.ratio(link) for link in links]).T
-        by_period: dict[str, Floats] = dict.fromkeys(LIGHTS, _through(places, logs, at))
+        by_period: dict[str, Floats] = dict.fromkeys(PERIODS, _through(places, logs, at))
         if key == LENS:  # which changes no delays
             return by_period, np.interp(at, places, errors)
-        for period in LIGHTS:
+        for period in PERIODS:
             losses = np.array([self.pulse_loss(period, link) for link in links[::step]])
             by_period[period] = by_period[period] - _through(places[::step], losses, at)
         return by_period, np.interp(at, places, errors)
@@ -244,18 +244,18 @@ class _Study(LinkModel):
         return [base.set(key, value).link for value in values[_nodes(key)].tolist()]
 
     def prepare(self, bounds: Bounds) -> None:
-        """Find what all parts of the page share: gains, lights and needs, and the own response."""
+        """Compute what several parts of the page need: gains, required powers, channel response."""
         keys = (key for key in bounds if key not in (WIDTH, RATE, COLOUR))
         links = [link for key in keys for link in self._at(key, self._values(key, bounds[key]))]
         results_of(
             self.campaign.threads,
             lambda: self.fades,
             partial(self.means.find, links),  # with common random numbers
-            *(partial(self.need, period) for period in LIGHTS),
+            *(partial(self.need, period) for period in PERIODS),
             lambda: self.spreads and self.response(self.link),
         )
 
-    def _bit_rates(self, period: LightName, values: Floats) -> Scan:
+    def _bit_rates(self, period: Period, values: Floats) -> Scan:
         """Return the reserves over bit rates; the best has the largest rate of hard decisions."""
         error = self.quantile_stderr
         gain = self.quantile(self.link.only_receiver.fov_deg)
@@ -279,7 +279,7 @@ class _Study(LinkModel):
         merit = 10.0 * np.log10(np.maximum(carried, 1e-3))
         return self._scan(period, RATE, values, reserves, np.abs(high - low), merit)
 
-    def window_at(self, period: LightName, bit_rate: float) -> float:
+    def window_at(self, period: Period, bit_rate: float) -> float:
         """Return the averaging window at a bit rate, interpolated in the scan [s]."""
         return float(np.interp(math.log(bit_rate), *self.windows[period])) / bit_rate
 
@@ -290,7 +290,7 @@ class _Study(LinkModel):
         links = [self.link.at_wavelength(nm) for nm in nodes.tolist()]
         logs, errors = self.colours(links, int(np.searchsorted(nodes, own_nm)))
         scans = []
-        for period in LIGHTS:
+        for period in PERIODS:
             try:
                 bright = self.brightness(period, nodes.tolist())
                 each = zip(links, logs, bright.tolist(), strict=True)
@@ -307,10 +307,10 @@ class _Study(LinkModel):
         return filter_shift_nm(self.link.transmitters[0].wavelength_nm, 0.5 * fov_deg)
 
     def _scan(
-        self, period: LightName, key: str, values: Floats, reserves: Floats, errors: Floats,
+        self, period: Period, key: str, values: Floats, reserves: Floats, errors: Floats,
         merit: Floats | None = None,
     ) -> Scan:  # fmt: skip
-        """Return the scan of a key with its best value, by a merit in dB other than the reserve."""
+        """Return a scan with its best value, that of highest reserve or of a given merit [dB]."""
         present = self._given(key)
         allowed, notes = np.ones(len(values), bool), []
         sought, at_present = reserves, self.reserve(period)
@@ -338,12 +338,12 @@ class _Study(LinkModel):
         return Scan(choice, values, reserves)
 
     def optics(self, bounds: Bounds) -> tuple[dict[str, list[Scan]], list[BestValue]]:
-        """Return the scans of lens, view and filter, each alone, and their best values together."""
+        """Scan lens, view and filter separately, and find their best combination."""
         alone = {key: self.scans(key, bounds[key]) for key in OPTICS}
-        return alone, [row for period in LIGHTS for row in self._together(period, bounds)]
+        return alone, [row for period in PERIODS for row in self._together(period, bounds)]
 
-    def _together(self, period: LightName, bounds: Bounds) -> tuple[BestValue, ...]:
-        """Return the best lens, view and filter together, with their gain by a separate run."""
+    def _together(self, period: Period, bounds: Bounds) -> tuple[BestValue, ...]:
+        """Return the best combination of lens, view and filter, evaluated in a separate run."""
         radii, views = (self._values(key, bounds[key]) for key in (LENS, VIEW))
         by_radius, by_view = (
             self._logs(key, x)[0][period] for key, x in ((LENS, radii), (VIEW, views))
@@ -380,10 +380,8 @@ class _Study(LinkModel):
             for key, unit, present, value, flat in table
         )  # fmt: skip
 
-    def reach(
-        self, period: LightName, greatest: tuple[float, str], scans: list[Scan]
-    ) -> list[Reach]:
-        """Return the values of keys, each alone, at which the link just closes."""
+    def reach(self, period: Period, greatest: tuple[float, str], scans: list[Scan]) -> list[Reach]:
+        """Return the value of each key at which the link just closes, all others unchanged."""
         reserve = self.reserve(period)
         end = "receiver" if self.link.direction == "down" else "transmitter"
         depth, note = greatest
@@ -401,7 +399,7 @@ class _Study(LinkModel):
                 reaches.append(_closing(choice, values, reserves))
         return reaches
 
-    def _bit_rate(self, period: LightName, scans: list[Scan]) -> float:
+    def _bit_rate(self, period: Period, scans: list[Scan]) -> float:
         """Return the greatest bit rate that closes [bit s-1], near the scan's."""
         # the scan brackets the rate, with a margin of 2 % for its interpolation
         known = next(s for s in scans if (s.choice.key, s.choice.light) == (RATE, period))
@@ -422,7 +420,7 @@ class _Study(LinkModel):
             low, high = (middle, high) if closes(middle) else (low, middle)
         return math.exp(low)
 
-    def greatest_depth(self, period: LightName) -> tuple[float, str]:
+    def greatest_depth(self, period: Period) -> tuple[float, str]:
         """Return the greatest depth that closes [m], and the reserve of a run there.
 
         The run begins at the depth that would close if the law of the fading stayed.
@@ -454,8 +452,8 @@ class _Study(LinkModel):
         error = DECIBELS * self.apart(self.link.at_depth(depth))[1]
         return depth, f"a run there: {above:+.1f} +- {error:.1f} dB"
 
-    def _at_depth(self, period: LightName, depth: float, log_quantile: float) -> float:
-        """Return the reserve at a depth [dB]; a receiver in the water has its light there."""
+    def _at_depth(self, period: Period, depth: float, log_quantile: float) -> float:
+        """Return the reserve at a depth [dB]; a submerged receiver sees the background there."""
         # a receiver in the air has its background whatever the depth of the lamp
         bright = 1.0
         if self.link.direction == "down" and period == DAY:
@@ -472,14 +470,14 @@ def _nodes(key: str) -> NDArray[np.intp]:
 
 
 def _around(allowed: NDArray[np.bool_], i: int) -> tuple[int, int]:
-    """Return the ends of the row of true values around one of them."""
+    """Return first and last index of the run of true values that contains i."""
     others = np.flatnonzero(~allowed)
     low = others[others < i].max(initial=-1) + 1
     return int(low), int(others[others > i].min(initial=len(allowed)) - 1)
 
 
 def _through(places: Floats, values: Floats, at: Floats) -> Floats:
-    """Return a smooth curve through finite values at places."""
+    """Interpolate finite values smoothly; -inf where fewer than two are finite."""
     finite = np.isfinite(values)
     if finite.sum() < 2:
         return np.full(len(at), -math.inf)
@@ -487,7 +485,7 @@ def _through(places: Floats, values: Floats, at: Floats) -> Floats:
 
 
 def _closing(choice: BestValue, values: Floats, reserves: Floats) -> Reach:
-    """Return the closing value of a key nearest to the link's.
+    """Return the value of a key nearest to the link's at which the link just closes.
 
     The value up to which it closes, down to which for a lens, if that of the link closes.
     """

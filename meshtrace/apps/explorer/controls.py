@@ -175,7 +175,7 @@ def with_value(config: Table, control: Control, value: float) -> Table:
 
 
 def with_coefficients(config: Table) -> Table:
-    """Return tables whose water has the values that follow from its spectrum as numbers."""
+    """Return tables whose water has numbers in place of its spectrum."""
     # beside a spectrum a moved a or b would be refused
     water = Scenario.from_config(config).link.water
     if water.spectrum is None or water.layers is not None:
@@ -237,7 +237,7 @@ _OF_LAMPS = ("position", "depth", "height", "zenith_deg", "azimuth_deg", "tilt_d
 
 
 def slider_range(control: Control, value: float | None) -> tuple[float, float]:
-    """Return the ends of a slider, twice as far as the value if it lies outside.
+    """Return the range of a slider, extended to twice the value if that lies outside.
 
     Examples
     --------
@@ -253,7 +253,7 @@ def slider_range(control: Control, value: float | None) -> tuple[float, float]:
 
 
 def _place(config: Mapping[str, Any], control: Control) -> tuple[Any, Any] | None:
-    """Return the table or list that holds the first key of a control that there is, and its key.
+    """Find the first key of a control that a link file has; return its table or list, and the key.
 
     Of a list of parts the first one counts.
     """
@@ -274,7 +274,7 @@ def _place(config: Mapping[str, Any], control: Control) -> tuple[Any, Any] | Non
 
 @dataclass(frozen=True)
 class State:
-    """A scenario with the moves of its controls and the time of its sea.
+    """A scenario, the controls that the user has moved, and the time of the sea.
 
     Parameters
     ----------
@@ -369,7 +369,7 @@ class State:
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float]]:
-        """Ends of the sliders: as wide as the link as given, within what lamp and water allow."""
+        """Ranges of the sliders: those of the initial link, within what lamp and water allow."""
         start = self if not self.moves else State(self.initial)
         ranges = {n: slider_range(control, start.values[n]) for n, control in BY_NAME.items()}
         lamp, spectrum = self.scenario.link.transmitters[0], self.scenario.link.water.spectrum
@@ -408,7 +408,7 @@ class State:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Values of all controls, with the words chosen for water and light."""
+        """Values of all controls and words of all choices."""
         words = dict.fromkeys(CHOICES, GIVEN) | {k: v for k, v in self.moves if k in CHOICES}
         return self.values | words
 
@@ -419,7 +419,7 @@ class State:
 
     @cached_property
     def _parts(self) -> Table:
-        """Tables of the link as given with the chosen parts, and the detector in use."""
+        """Tables of the initial link with the chosen parts and the detector in use."""
         scenario, moves = self.initial, dict(self.moves)
         if scenario.detector is None:
             scenario = scenario.replace(detector=detector_of(OokLink(), scenario.link))

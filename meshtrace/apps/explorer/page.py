@@ -141,7 +141,7 @@ class Page:
         return visited.with_port(self.port).with_path("/index.html").with_query(token=self._token)
 
     def _end(self, _: Any) -> None:
-        """Release the session, its running sea and its scene."""
+        """Release the session and cancel all work for it."""
         self.session.close()
         for due in (self._running, self._design, self._scene_due, self._resync):
             if due is not None:
@@ -150,7 +150,7 @@ class Page:
         AVAILABLE_SERVERS.pop(self.server.name, None)
 
     def _bind(self, host: str, web_server: Any) -> None:
-        """Add the door and the answers that need it: the page, and the way to its connection."""
+        """Install access checks, and routes for the page and the address of its connection."""
 
         async def index(request: web.Request) -> web.Response:
             html = Path(self.server.server_options.content, "index.html").read_text("utf-8")
@@ -206,14 +206,14 @@ class Page:
         self._refresh()
 
     def design(self) -> None:
-        """Start to design the present state beside all other work, or end that."""
+        """Start a design of the present state in another process, or cancel the one that runs."""
         if self._design is not None:
             self._design.cancel()
         elif self._loop is not None:
             self._design = self._loop.create_task(self._show_design(self.session.state))
 
     async def _show_design(self, state: State) -> None:
-        """Show the design of a state once it is made, until then the seconds of the work."""
+        """Show the elapsed seconds until the design of a state is complete, then the design."""
         loop, page = asyncio.get_running_loop(), self.server.state
         start, work = loop.time(), asyncio.ensure_future(stages.design_of(state.scenario))
         shown = None
@@ -249,7 +249,7 @@ class Page:
             self.server.js_call("scene", "keep", self._kept[1])
 
     def drawn(self) -> None:
-        """Let a running sea go on: a browser has drawn it."""
+        """Continue the running sea: a browser has drawn its last frame."""
         self._drawn.set()
 
     def compare(self) -> None:
@@ -257,7 +257,7 @@ class Page:
         self._keep(self._kept is None)
 
     def swap(self) -> None:
-        """Return to state A, and keep the present one in its place."""
+        """Exchange the present state and state A."""
         if self._kept is not None:
             before = self._kept[0]
             self._keep(True)
@@ -277,7 +277,7 @@ class Page:
         self._restore(values)
 
     def _restore(self, values: dict[str, Any]) -> None:
-        """Show a state of values of the moved controls and the time [s]."""
+        """Show the state with these values of moved controls and this time [s]."""
         values = dict(values)
         time = _number(values.pop("time", self.session.state.initial.meshing.time))
         self.session.forget()
@@ -321,7 +321,7 @@ class Page:
         self._scene_soon()
 
     def _refused(self, moves: dict[str, Any]) -> dict[str, Refused]:
-        """Move all controls together, or else each that can; return the refusals of the others."""
+        """Move all controls at once, or else one by one; return the refusals by control."""
         refused: dict[str, Refused] = {}
         try:
             self.session.move(moves, answer=False)  # the scene is first: it is ready sooner
@@ -333,7 +333,7 @@ class Page:
         return refused
 
     def _resync_soon(self) -> None:
-        """Send controls that were refused once they rest, and again after their next value.
+        """Resend refused controls when they have come to rest, and again after their next value.
 
         That value may be on its way while the one in place of the refused value is, which then
         overwrites it in the field.
@@ -372,7 +372,7 @@ class Page:
             self.session.answer_now()
 
     def _show_light(self) -> None:
-        """Show the rays and the map of the state as far as they are made, and refresh the views."""
+        """Show those rays and maps that are complete, and refresh the views."""
         self.scene.show_rays(self._shown("rays"))
         coverage = self._shown("map")
         self.scene.show_map(coverage, None if coverage is None else readings.map_shades(coverage))
@@ -434,7 +434,7 @@ class Page:
             self._running = self._loop.create_task(self._run())
 
     async def _run(self) -> None:
-        """Let the sea run in natural time until paused, in a loop over the series."""
+        """Run the sea in natural time until paused, looping over the series."""
         loop, session = asyncio.get_running_loop(), self.session
         start = loop.time() - session.state.time
         try:
@@ -467,7 +467,7 @@ class Page:
 
 
 def _number(value: Any) -> Any:
-    """Return the number of a text field, or its text."""
+    """Convert the text of a field to a number if possible."""
     try:
         return float(value)
     except (TypeError, ValueError):
@@ -480,7 +480,7 @@ def new_token() -> str:
 
 
 def guard(app: web.Application, host: str, token: str, private: Collection[str]) -> None:
-    """Let an application answer its own host and origin alone, and some paths with a token.
+    """Install middleware that refuses foreign hosts and origins, and protects paths by a token.
 
     Parameters
     ----------
@@ -517,7 +517,7 @@ def guard(app: web.Application, host: str, token: str, private: Collection[str])
 
 
 def policy(request: web.Request, page: str) -> str:
-    """Return the Content-Security-Policy of a page: its own scripts, this server, no frame."""
+    """Return the Content-Security-Policy of a page: its scripts and this server only, no frames."""
     digests = (hashlib.sha256(script.encode()).digest() for script in _INLINE.findall(page))
     scripts = (f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
     return _POLICY.format(host=request.host, scripts=" ".join(scripts))

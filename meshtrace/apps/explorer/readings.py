@@ -15,7 +15,7 @@ from matplotlib.colors import to_hex
 
 import meshtrace
 from meshtrace import CoverageMap, surfaces
-from meshtrace.apps.designs.page import LIGHTS, BestValue, Design, Reach
+from meshtrace.apps.designs.page import PERIODS, BestValue, Design, Reach
 from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, State
 from meshtrace.apps.explorer.stages import (
     DURATION,
@@ -129,7 +129,7 @@ def _bits(signal: Signal) -> dict[str, str]:
 
 
 def _spread(detector: OokLink) -> str:
-    """Return the rms delay spread of the channel, and its cost if it counts."""
+    """Return the rms delay spread of the channel and, if it matters, its power penalty."""
     if detector.response is None:
         return "–"
     text = f"{1e9 * detector.response.rms_spread:.2g} ns"
@@ -197,7 +197,7 @@ def map_shades(coverage: CoverageMap) -> Any:
 
 
 def map_image(coverage: CoverageMap) -> dict[str, Any]:
-    """Return a map as a picture with its limits [m], its colours and its peak."""
+    """Return a map as an image with its limits [m], colour scale and peak."""
     from matplotlib import colormaps
     from PIL import Image
 
@@ -291,18 +291,18 @@ def design_reading(design: Design) -> dict[str, Any]:
 
     Values are in the units of the controls.
     """
-    values, remarks = ("", "given", *LIGHTS), []
+    values, remarks = ("", "given", *PERIODS), []
     for choice in design.choices:
         remarks += [f"{_scale(choice.key, '')[0]}: {choice.note}"] if choice.note else []
     gained = {c.light: f"{c.gained:+.1f} ± {c.gained_stderr:.1f} dB" for c in design.together}
-    together = ["Gained", "", *(minus(gained.get(period, "–")) for period in LIGHTS)]
+    together = ["Gained", "", *(minus(gained.get(period, "–")) for period in PERIODS)]
     tables = (
-        ("Figures", ("", *LIGHTS), _figures(design)),
+        ("Figures", ("", *PERIODS), _figures(design)),
         ("Best values, each alone", values, _by_key(design.choices, _best_alone)),
         ("Best lens, view and filter together", values,
          [*_by_key(design.together, _best), together]),
         ("Just closes, each alone", values, _by_key(design.reach, _closing)),
-        ("Budget", ("", *LIGHTS, "unit"), _budget(design)),
+        ("Budget", ("", *PERIODS, "unit"), _budget(design)),
     )  # fmt: skip
     return {
         "answer": [line.strip().replace("+-", "±") for line in design.answer],
@@ -349,7 +349,7 @@ def _best_alone(choice: BestValue, scale: float) -> str:
 
 
 def _closing(row: Reach, scale: float) -> str:
-    """Return the bound up to which a link closes, as far as the scan reaches."""
+    """Return the limit up to which a link closes, or the end of the scan."""
     if math.isnan(row.value):
         return "none"
     whole = row.note == "end of the scan"
@@ -369,7 +369,7 @@ def _budget(design: Design) -> list[list[str]]:
 
 
 def _scale(key: str, unit: str) -> tuple[str, float]:
-    """Return the label of the control of a key with the unit, and its scale."""
+    """Return the label with unit and the scale of the control that has a key."""
     for control in BY_NAME.values():
         if key in control.keys:
             return f"{control.label} [{control.unit}]", control.per_unit
@@ -400,7 +400,7 @@ def as_toml(scenario: Scenario) -> str:
 
 
 def _difference(table: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of nested tables that differ from the defaults; kinds are kept."""
+    """Return the entries of nested tables that differ from the defaults; other kinds in full."""
     changed: dict[str, Any] = {}
     for key, value in table.items():
         other = default.get(key)
@@ -462,7 +462,7 @@ def as_python(scenario: Scenario) -> str:
 
 
 def _daylight(day: Daylight) -> str:
-    """Return the Python expression of a light, by its model if that gives the irradiances."""
+    """Return the Python expression of a daylight, by its model if that reproduces it."""
     try:
         recipe = daylight_recipe(day)
     except Refused:

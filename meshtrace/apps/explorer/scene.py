@@ -59,7 +59,7 @@ _COLORS = ((0.3, 0.1, 1), (0.1, 0.25, 1), (0.1, 0.6, 1), (0.1, 1, 0.45), (0.8, 1
 
 
 def light_color(wavelength_nm: float) -> tuple[float, float, float]:
-    """Return the colour of light in linear red, green and blue, for looks.
+    """Return an illustrative colour of a wavelength in linear red, green and blue.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def light_color(wavelength_nm: float) -> tuple[float, float, float]:
 
 
 class LiveScene:
-    """Scene of a link over its sea, updated in parts.
+    """Scene of a link over its sea; only changed parts are sent to the page.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class LiveScene:
         self.update(state)
 
     def update(self, state: State, running: bool = False) -> None:
-        """Renew the parts that depend on a state, except rays and map.
+        """Update the parts that depend on a state, except rays and map.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class LiveScene:
             self._set("link", _link(state.scenario.link, stage))
 
     def frame_anew(self) -> None:
-        """Let the next link set the camera, however similar to the one before."""
+        """Reset the camera at the next link."""
         self._framed = 0.0
 
     def changes(self) -> dict[str, Any]:
@@ -136,7 +136,7 @@ class LiveScene:
         self._set("rays", b"" if paths is None else segments(paths).tobytes())
 
     def show_map(self, coverage: CoverageMap | None, shades: Any) -> None:
-        """Show or remove a map, of which the colours (n, n, 4) are given, x first."""
+        """Show a map with its colours (n, n, 4), x first, or remove it."""
         image = None
         if coverage is not None:
             half = 0.5 * float(coverage.x[1] - coverage.x[0])
@@ -234,7 +234,7 @@ class LiveScene:
         self._set("sea", {key: a.astype(np.float32).tobytes() for key, a in arrays.items()})
 
     def _look(self, state: State, mesh: TriangleMesh) -> dict[str, Any]:
-        """Return the light on the sea of a state, and the waves that its mesh leaves out."""
+        """Return the illumination of the sea and the short waves that its mesh leaves out."""
         wind = wind_of(self._surface)
         day, sky_color = _sky_of(state.scenario.daylight)
         sea_light = SeaLight.from_link(state.scenario.link, day, wind)
@@ -280,7 +280,7 @@ def _tile(variances: tuple[float, float], least: float, wind_deg: float) -> dict
 
 
 def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str, Any] | None:
-    """Return place and cone of a lamp or receiver in two of the axes; None for sun and sky."""
+    """Return position and cone of a lamp or receiver in two axes; None for sun and sky."""
     if not hasattr(part, "depth") and not hasattr(part, "height"):
         return None
     i, j = axes
@@ -292,7 +292,7 @@ def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str
 
 
 def segments(paths: PhotonPaths) -> Any:
-    """Return the pieces of paths, shape (n, 7): both ends [m], and 1 for scattered light."""
+    """Return path segments (n, 7): both ends [m], and 1 for scattered light."""
     points, k = path_segments(paths)
     scattered = (paths.length > 3)[points, None]
     ends = paths.vertex[points, k], paths.vertex[points, k + 1]
@@ -304,7 +304,7 @@ def _ends(values: Floats, half: float) -> tuple[float, float]:
 
 
 def _sky_of(day: Daylight | None) -> tuple[Daylight, tuple[float, float, float]]:
-    """Return the sky that is drawn for a light, and its brightness: the last of dusk at night."""
+    """Return the sky to draw for a daylight, and its brightness; late dusk stands for night."""
     if day is None or day.light == "moonless night":
         return _DUSK, _DUSK_TINT
     if day.irradiance < _LEAST_IRRADIANCE:
@@ -332,7 +332,7 @@ def _sky_image(day: Daylight) -> dict[str, Any]:
 
 
 def _link(link: Link, stage: Stage) -> dict[str, Any]:
-    """Return the lamps, receivers and aircraft of a link, and the light of its first lamp."""
+    """Return lamps, receivers and aircraft of a link, and the colour of its first lamp."""
     lamps = [_lamp(s, link) for s in link.transmitters if isinstance(s, WaterSource | AirLamp)]
     receivers = [
         {"place": r.center, "axis": r.axis, "half": 0.5 * r.fov_deg, "radius": r.radius}
@@ -358,17 +358,17 @@ def _link(link: Link, stage: Stage) -> dict[str, Any]:
 
 
 def _strength(source: Source) -> float:
-    """Return the brightness of the light of a lamp in the picture, 1 for 100 mW."""
+    """Return the displayed brightness of a lamp, 1 for 100 mW."""
     return min(max((source.power_mw / 100.0) ** 0.25, 0.5), 2.0)
 
 
 def _loss(water: Water) -> float:
-    """Return the attenuation of a beam with its light that is scattered forwards [m-1]."""
+    """Return the displayed attenuation of a beam [m-1]; forward scattering loses little."""
     return water.a + 0.1 * water.b  # a share for looks
 
 
 def _lamp(source: WaterSource | AirLamp, link: Link) -> dict[str, Any]:
-    """Return a lamp as it shines at its place ("own"), and in the water as from "place"."""
+    """Return the beam of a lamp at its position ("own") and as it seems to start in the water."""
     half, bright = source.spread_deg, 0.4 * _strength(source)
     x, y, z = source.center
     bright *= min(math.exp(_loss(link.water) * abs(z) / 3.0), 5.0) if z < 0.0 else 1.0

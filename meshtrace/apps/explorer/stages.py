@@ -111,7 +111,7 @@ class Signal(NamedTuple):
 
 @dataclass(frozen=True)
 class Fading:
-    """Gain over a moving sea, as far as it is known.
+    """Gain over a moving sea, complete or up to the present frame.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Failed(str):
 
 
 def gains(state: State, check: Check) -> Iterator[Signal]:
-    """Yield the gain at the time of the state without and with bits, roughly, then refined.
+    """Compute the gain at the time of the state and its bits; yield a rough, then a fine answer.
 
     The refined pulses spread by the response of the channel to the same light, as in
     `link_performance`: its averaging window takes half a second to choose.
@@ -163,7 +163,7 @@ def gains(state: State, check: Check) -> Iterator[Signal]:
 
 
 def _noted(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
-    """Run a function; return its result and the texts of its warnings."""
+    """Call a function; return its result and the texts of its warnings."""
     # of the page they are notes beside the gain, and not lines on the console
     with _WARNINGS, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -172,14 +172,14 @@ def _noted(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
 
 
 def _light(state: State) -> Background | None:
-    """Return the background light of a state; None in the dark."""
+    """Return the background of a state; None without daylight."""
     if state.scenario.daylight is None:
         return None
     return background(state.scenario, time=state.time, photons=BACKGROUND_RAYS)
 
 
 def _detector(state: State, gain: GainResult, sky_light: Background | None) -> OokLink:
-    """Return the transmission of a state behind the response of its channel, in its light."""
+    """Return the receiver of a state with channel response and background light."""
     detector = state.detector
     seen = unless_refused(lambda: impulse_response(gain))  # none of the rough gain or without light
     if detector.response is None and seen is not None:
@@ -207,7 +207,7 @@ def _tilt_notes(state: State) -> tuple[str, ...]:
 
 
 def unless_refused(work: Callable[[], Found]) -> Found | None:
-    """Run a function; return its result, or None if it is refused."""
+    """Call a function; return its result, or None if it raises `Refused`."""
     try:
         return work()
     except Refused:
@@ -215,7 +215,7 @@ def unless_refused(work: Callable[[], Found]) -> Found | None:
 
 
 def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
-    """Yield paths of received light at the time of the state.
+    """Trace paths of received light at the time of the state.
 
     Where only analog photons follow the link they are paths of any light.
     """
@@ -232,7 +232,7 @@ def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
 
 
 def fading(state: State, check: Check) -> Iterator[Fading]:
-    """Yield the gain over the moving sea from time 0, in parts, then with its statistics.
+    """Compute the gain over the moving sea from time 0; yield it in parts, then with statistics.
 
     Raises
     ------
@@ -264,7 +264,7 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
 
 
 def _series(times: Floats, gain: Floats) -> Fading:
-    """Return the gains that are certain enough."""
+    """Return the series without gains of large error."""
     known = np.isfinite(gain)
     return Fading(times[known], gain[known], int((~known).sum()))
 
@@ -277,7 +277,7 @@ def index_of_all(link: Link, sea: SurfaceModel) -> float | None:
 
 
 def coverage(state: State, check: Check) -> Iterator[CoverageMap]:
-    """Yield the map of the gain in the plane of the receiver, roughly, then refined."""
+    """Compute the map of the gain in the plane of the receiver; yield a rough, then a fine one."""
     link = state.channel.link
     # a square as wide as the link is tall
     levels = [t.center[2] for t in link.transmitters] + [r.center[2] for r in link.receivers]
@@ -329,7 +329,7 @@ class Superseded(Exception):
 
 
 class Ticket(threading.Event):
-    """Right of a job to go on, until it is set: a newer job waits."""
+    """Event that is set when a newer job waits; its job then stops at the next check."""
 
     def check(self, *_: Any) -> None:
         """Return if the job may go on; takes and ignores the arguments of progress callbacks.
@@ -371,20 +371,20 @@ class Worker:
         self._newest.set_result(None)
 
     def submit(self, job: Callable[[Ticket], None]) -> None:
-        """Replace the waiting job and supersede the running one; nothing after `close`."""
+        """Replace the waiting job and stop the running one; do nothing after `close`."""
         with self._lock, suppress(RuntimeError):
             self.supersede()
             self._newest = self._pool.submit(self._run, job, self._ticket)
 
     def supersede(self) -> None:
-        """End the running job after its present step, and leave out the waiting one."""
+        """Stop the running job after its present step and drop the waiting one."""
         with self._lock:
             self._ticket.set()
             self._newest.cancel()
             self._ticket = Ticket()
 
     def close(self) -> None:
-        """End the thread after the present step of its job."""
+        """Stop the thread after the present step of its job."""
         self.supersede()
         self._pool.shutdown(wait=False)
 
@@ -428,7 +428,7 @@ made on demand."""
 
 
 class Session(Worker):
-    """State of one user of the explorer, and the thread that answers its newest move.
+    """State of one user of the explorer, with a thread that answers the latest move.
 
     Parameters
     ----------
@@ -476,7 +476,7 @@ class Session(Worker):
         return state
 
     def forget(self) -> None:
-        """Return to the link as given, at the same time, without new work."""
+        """Return to the initial link at the same time, without new work."""
         self._state, self._map_wanted = State(self._state.initial, time=self._state.time), False
 
     def show_time(self, time: float) -> State:
@@ -490,7 +490,7 @@ class Session(Worker):
         self.submit(lambda ticket: self._work(ticket, state, with_map))
 
     def make_map(self) -> None:
-        """Make the map of the present state, after its other answers."""
+        """Compute the map of the present state after its other answers."""
         self._map_wanted = True
         self.answer_now()
 

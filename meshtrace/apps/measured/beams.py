@@ -34,7 +34,7 @@ def phase_of(name: str) -> PhaseFunction:
 def through_spheres(
     paths: PhotonPaths, photons: int, center: Floats, axis: Floats, radii: Floats, a: float
 ) -> Floats:
-    """Return the light that leaves spheres about the source, per photon.
+    """Return the flux through spheres about the source, per photon.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def pattern_in_air(
 
 
 def half_width(angle: Floats, power: Floats) -> float:
-    """Return the half width at half maximum of the intensity of light in the cells of a map [deg].
+    """Return the half width at half maximum [deg] of the intensity of a map.
 
     Means over rings of an eighth of the angle that holds half of the power; the maximum is the
     mean of the inner two.

@@ -31,7 +31,7 @@ def light_below(
     photons: int,
     cosines: int = 0,
 ) -> Planes:
-    """Return the light at depths in deep water under sun or uniform sky (zenith angle < 0)."""
+    """Return irradiances at depths of deep water, under sun or (zenith angle < 0) uniform sky."""
     water = Water(a=a, b=b, n=1.34, phase=phase_of(phase), bottom_depth=depths[-1] + 2.0 / (a + b))
     link = Link(
         water=water,
@@ -46,7 +46,7 @@ def light_below(
 
 
 def attenuation(planes: Planes, first: int, last: int) -> tuple[float, float]:
-    """Return K = ln(E_d1 / E_d2) / (z2 - z1), and its error without the correlation of the two."""
+    """Return K = ln(E_d1 / E_d2) / (z2 - z1) and its error, neglecting their correlation."""
     way = planes.depth[last] - planes.depth[first]
     e_d, error = planes.e_d[[first, last]], planes.e_d_stderr[[first, last]]
     return float(np.log(e_d[0] / e_d[1]) / way), float(np.hypot(*(error / e_d)) / way)

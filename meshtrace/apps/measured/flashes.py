@@ -76,7 +76,7 @@ def flash_time(
     row: MeasuredRow, photons: float, wavelength: float, slope: float, depth: float,
     lamp_deg: float, collector: float, law: str,
 ) -> float:  # fmt: skip
-    """Return the share of the time above `at` times the mean, by a law with the closed variance."""
+    """Return the share of time above `at` times the mean, by a law with closed-form variance."""
     si = tank_scintillation(wavelength, slope, depth, lamp_deg, collector)
     width = math.sqrt(math.log1p(si))
     laws = {
@@ -89,14 +89,14 @@ def flash_time(
 def windiest(
     row: MeasuredRow, photons: float, depth: float, collector: float, fetch: float
 ) -> float:
-    """Return the wind of the largest scintillation index, from a parabola through the top three."""
+    """Return the wind speed of the largest scintillation index (`peak_of`)."""
     winds = np.geomspace(1.0, 14.0, 14)
     index = np.array([scintillation(depth, float(u), collector, fetch) for u in winds])
     return peak_of(winds, index)
 
 
 def peak_of(x: Floats, y: Floats) -> float:
-    """Return the place of the maximum of a curve, by a parabola in ln x through the top three."""
+    """Return the position of a maximum, by a parabola in ln x through the three highest points."""
     i, log = int(np.clip(y.argmax(), 1, len(x) - 2)), np.log(x)
     a, b, _ = np.polyfit(log[i - 1 : i + 2], y[i - 1 : i + 2], 2)
     top = -0.5 * b / a if a < 0.0 else math.inf
