@@ -173,7 +173,7 @@ class Sample(Restored):
         Standard deviations of the place of the end in the air along x and y [m].
     flight : Flight, optional
         Aircraft that tilts it.
-    turned : tuple of str
+    reweighed : tuple of str
         Variables that only weigh the arrivals again, see `REWEIGHED`.
 
     Notes
@@ -189,13 +189,13 @@ class Sample(Restored):
         realizations: int,
         hover_std: tuple[float, float],
         flight: Flight | None,
-        turned: tuple[str, ...],
+        reweighed: tuple[str, ...],
     ) -> None:
         if flight is not None:
             flight = flight._replace(wind=campaign.wind_of(flight))
-        self.inputs = (campaign.alone, realizations, hover_std, flight, turned)
+        self.inputs = (campaign.alone, realizations, hover_std, flight, reweighed)
         link, self._seed = campaign.link, campaign.run.seed
-        self._flight, self._start, self._turned = flight, link, turned
+        self._flight, self._start, self._reweighed = flight, link, reweighed
         random = isinstance(campaign.surface, SeededSurface)
         self._seas = realizations if random else 1
         self._places = 1
@@ -208,7 +208,7 @@ class Sample(Restored):
             kept=self._seas, around=self._spread(link, uav, 0),
         )  # fmt: skip
         # without such variables only the response asks for arrivals, and of a few seas
-        traced = self._seas if turned else min(self._seas, MOST_SEAS)
+        traced = self._seas if reweighed else min(self._seas, MOST_SEAS)
         self._lights = lru_cache(_CASES * traced)(self._light)
         self.responses = Responses(self.some_light, Variant(link, None, uav=uav))
         self._known = lru_cache(_CANDIDATES)(self._kept)
@@ -216,7 +216,7 @@ class Sample(Restored):
             "realizations": realizations,
             "hover_std": hover_std,
             "flight": flight and campaign.of_flight(flight),
-            "turned": list(turned),
+            "reweighed": list(reweighed),
         }
 
     def _draw(self, campaign: Campaign, hover_std: tuple[float, float]) -> None:
@@ -277,7 +277,7 @@ class Sample(Restored):
     def _over_sea(self, link: Link, uav: Uav | None, i: int) -> Floats:
         """Return the gains of a candidate over sea i, shape (places, shifts)."""
         links, frozen, mesh = self._links(link, uav, i), self._near.frozen, self._near.mesh(i)
-        if not self._turned:
+        if not self._reweighed:
             return np.concatenate([frozen.gains(at, mesh) for at in links])
         lights, per_place = iter(self.arrivals(link, uav, i)), []
         for at in links:
@@ -296,7 +296,7 @@ class Sample(Restored):
 
         Variables that only weigh it are those of the start.
         """
-        for name in self._turned:
+        for name in self._reweighed:
             link = link.replace(name, Variant(self._start, None).value(name))
         return self._lights(link, uav, i)
 
@@ -313,7 +313,7 @@ class Sample(Restored):
         over_each = ordered_map(lambda i: self.arrivals(link, uav, i), seas, threads)
         lights = []
         for arrivals, weight in zip(chain.from_iterable(over_each), cycle(self.weights)):
-            factor = weight * self._factor(link, arrivals) if self._turned else weight
+            factor = weight * self._factor(link, arrivals) if self._reweighed else weight
             lights.append(arrivals._replace(weight=factor * arrivals.weight))
         return lights
 

@@ -481,18 +481,18 @@ class TransformedGaussian(ChannelModel):
         mean = float(_WEIGHTS @ quantile)
         # the correlation of the transformed series grows with that of z, so that a table inverts it
         grid = np.linspace(-1.0, 1.0, 2001)
-        observed, law_of = g, _transformed(grid, power)
+        observed, transformed_on_grid = g, _transformed(grid, power)
         if threshold is not None:
             require_between(threshold, 0.0, math.inf, "threshold")
             # what is to be kept is when fades come, not how deep they are
             observed = (g < threshold * g.mean()).astype(np.float64)
             if np.ptp(observed) == 0.0:
                 raise Refused("threshold", threshold, "a gain that the series crosses")
-            law_of = _fade_correlation(grid, float(observed.mean()))
-        wanted = autocorrelation(observed, max_lag=statistics["lag"].size - 1)
+            transformed_on_grid = _fade_correlation(grid, float(observed.mean()))
+        target = autocorrelation(observed, max_lag=statistics["lag"].size - 1)
         # tapered to 0, as a correlation that is cut off has negative power
-        wanted *= flat_top(autocorrelation(g, max_lag=g.size - 1))
-        gaussian = np.interp(wanted, law_of, grid)
+        target *= flat_top(autocorrelation(g, max_lag=g.size - 1))
+        gaussian = np.interp(target, transformed_on_grid, grid)
         # a period in which the correlation does not meet its own copy
         size = 8 * gaussian.size
         realizable = np.fft.irfft(_spectrum(gaussian, size), size)[: gaussian.size]

@@ -356,17 +356,17 @@ class DepthPlan:
         if trough >= depth:
             allowed = f'> {trough:.3g} m, below all troughs, or below = "waves"'
             raise Refused("depths", depth, allowed)
-        # how far aside light may enter: bent by a steep slope, and slanted above or below z = 0
-        bent = _SLOPES * lever * min(sizes.slope, 0.4) + math.hypot(*ray.entry(trough))
-        self._place(tilts, sizes.spacing, bent)
+        # light enters aside of the cells: bent by a steep slope, or on a slant from above z = 0
+        displacement = _SLOPES * lever * min(sizes.slope, 0.4) + math.hypot(*ray.entry(trough))
+        self._place(tilts, sizes.spacing, displacement)
         self._blur(tilts)
         self._waves, self._grid = sizes.waves, None
         if self._waves is not None:
             first = self.x[: self._lines], self.y[: self._lines]
             self._grid = WaveGrid(self._waves.kx, self._waves.ky, *first, _ERROR)
 
-    def _place(self, tilts: Floats, finest: float, bent: float) -> None:
-        """Choose surface points and cells; light may be displaced by up to `bent` [m]."""
+    def _place(self, tilts: Floats, finest: float, displacement: float) -> None:
+        """Choose surface points and cells; light may be displaced by up to `displacement` [m]."""
         disk, patch, radius = self.ray.disk(self.depth), self.collector.patch, self.collector.radius
         blur = math.sqrt(0.25 * radius**2 + 0.25 * disk[1] ** 2 + tilts.max() ** 2)
         cell = blur / _CELLS
@@ -380,7 +380,9 @@ class DepthPlan:
         around = _SCATTERED * self.depth if self.ray.water.b > 0.0 else 0.0
         half = max(support + around, 0.0 if patch is None else patch[0] + support) + 3.0 * cell
         self.cell, self.cells, self._support = cell, 2 * math.ceil(half / cell), support
-        points = 2 * math.ceil((0.5 * self.cells * cell + bent + 2.0 * spacing) / spacing) + 1
+        points = (
+            2 * math.ceil((0.5 * self.cells * cell + displacement + 2.0 * spacing) / spacing) + 1
+        )
         # tiles of equal size share one plan of the transform
         tiles = math.ceil(points / _MOST_LINES)
         self._lines = math.ceil(points / tiles)
@@ -410,45 +412,47 @@ class DepthPlan:
         blur = disk * sun * tilt / shared
         shares = np.zeros((n, n))  # of an even number of cells: those of n - 1 have a middle
         shares[1:, 1:] = self.scattered.shares(0.5 * (n - 1) * cell, n - 1)
-        self._wide = np.fft.fft2(np.fft.ifftshift(shares)) * disk
-        self._direct, self._follows = (
-            np.fft.fftshift(np.fft.ifft2(t.conj()).real) for t in (blur, self._wide)
+        self._scattered_transfer = np.fft.fft2(np.fft.ifftshift(shares)) * disk
+        self._direct_kernel, self._scattered_kernel = (
+            np.fft.fftshift(np.fft.ifft2(t.conj()).real) for t in (blur, self._scattered_transfer)
         )
         lines = cell * (np.arange(n) - n // 2)
         far = np.hypot(lines[:, None], lines) > self._support + cell
-        self._direct[far] = 0.0  # the ripple of a sharp edge
-        self._direct /= self._direct.sum()
-        self._transfer = np.fft.fft2(np.fft.ifftshift(self._direct))
+        self._direct_kernel[far] = 0.0  # the ripple of a sharp edge
+        self._direct_kernel /= self._direct_kernel.sum()
+        self._direct_transfer = np.fft.fft2(np.fft.ifftshift(self._direct_kernel))
 
     def at(self, time: float) -> tuple[float, float, Floats]:
         """Return irradiance, its unscattered part, and the pattern over the cells of the patch."""
-        sunlit, cells = self._landed(time), self.collector.cells
+        sunlit, cells = self._sunlight_on_cells(time), self.collector.cells
         sunlight, rest = self.scattered.sunlight, self.scattered.sky + self.scattered.sunlight
-        unscattered, follows = float((sunlit * self._direct).sum()), 0.0
+        unscattered, follows = float((sunlit * self._direct_kernel).sum()), 0.0
         # scattered light follows the pattern of the unscattered, blurred by its own spread
         relative = sunlit / self.still - 1.0
         if sunlight > 0.0:
-            follows = float((relative * self._follows).sum())
+            follows = float((relative * self._scattered_kernel).sum())
         total = unscattered + sunlight * follows + rest
         if cells is None:
             return total, unscattered, np.zeros(0)
-        pattern = np.fft.ifft2(np.fft.fft2(sunlit) * self._transfer).real
+        pattern = np.fft.ifft2(np.fft.fft2(sunlit) * self._direct_transfer).real
         if sunlight > 0.0:
-            pattern += sunlight * np.fft.ifft2(np.fft.fft2(relative) * self._wide).real
+            pattern += (
+                sunlight * np.fft.ifft2(np.fft.fft2(relative) * self._scattered_transfer).real
+            )
         # every nth cell is the middle of a cell of the patch
         stride = round(float(cells[1] - cells[0]) / self.cell)
         first = len(sunlit) // 2 - stride * (len(cells) // 2)
         part = slice(first, first + stride * len(cells), stride)
         return total, unscattered, pattern[part, part] + rest
 
-    def _landed(self, time: float) -> Floats:
+    def _sunlight_on_cells(self, time: float) -> Floats:
         """Return the irradiance of unscattered sunlight on the cells of a plane."""
         ray, cell = self.ray, self.cell
         weights = None if self._waves is None else elevation_and_slopes(self._waves, time)
         starts = range(0, len(self.x), self._lines)
         tiles = [(i, j) for i in starts for j in starts]
         # a single tile is evaluated once, many tiles twice where their mean height is needed
-        sheet = lru_cache(maxsize=1)(partial(self._sheet, time, weights))
+        sheet = lru_cache(maxsize=1)(partial(self._tile, time, weights))
         level = 0.0
         if self.collector.floating:
             level = float(np.mean([sheet(*tile)[0].mean() for tile in tiles]))
@@ -462,7 +466,7 @@ class DepthPlan:
             )  # fmt: skip
         return power * (ray.day.direct / cell**2)
 
-    def _sheet(
+    def _tile(
         self, time: float, weights: NDArray[np.complex128] | None, i: int, j: int
     ) -> tuple[Floats, Floats, Floats]:
         """Return heights and slopes of the tile that begins at lines i and j."""

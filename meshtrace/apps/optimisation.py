@@ -299,12 +299,12 @@ class _Search:
         self._log = np.array([not p.absolute for p in variables]) & (bounds[:, 0] > 0.0)
         self._widest = float(bounds[names.index(_FOV), 1]) if _FOV in names else None
         # values of these keys weigh the arrivals of one run again, without new light
-        self._turned = tuple(name for name in REWEIGHED if name in names)
+        self._reweighed = tuple(name for name in REWEIGHED if name in names)
         # arrivals have an angle and a direction of emission: neither another cut nor more lamps
         if link.physics.fov != "angle" or isinstance(link.transmitter, tuple):
-            self._turned = ()
+            self._reweighed = ()
         if link.direction == "down":  # facets are as wide as the spot of a lamp in the air
-            self._turned = tuple(name for name in self._turned if name == _FOV)
+            self._reweighed = tuple(name for name in self._reweighed if name == _FOV)
         self._sample = self._new_sample(campaign.run.seed)
         self._history: dict[tuple[float, ...], Floats] = {}
         # a start outside of the bounds begins at their nearest point
@@ -315,7 +315,7 @@ class _Search:
         # a narrower view only cuts light off, so that the widest one serves all candidates
         if self._widest is not None:
             link = link.replace(_FOV, self._widest)
-        return self._draw(self.campaign.of(link)._replace(run=run), turned=self._turned)
+        return self._draw(self.campaign.of(link)._replace(run=run), reweighed=self._reweighed)
 
     def _values(self, x: Floats) -> Floats:
         """Return the variables of a point of the unit cube."""

@@ -82,20 +82,20 @@ class MeanGains:
         self.campaign = campaign._replace(surface=sea, progress=None)
         self.steps = self.campaign.surfaces(min(seas, most))
         self.seas = len(self.steps.labels)
-        self._known: dict[Link, Floats] = {self._link: np.zeros(1)}
-        self._own: Floats | None = None
+        self._log_ratios: dict[Link, Floats] = {self._link: np.zeros(1)}
+        self._link_logs: Floats | None = None
 
-    def ratio(self, link: Link, base: Link | None = None) -> tuple[float, float]:
+    def log_ratio(self, link: Link, base: Link | None = None) -> tuple[float, float]:
         """Return the logarithm of the ratio of two mean gains, and its standard error."""
-        self.find([link] if base is None else [link, base])
-        logs = self._known[link] - (0.0 if base is None else self._known[base])
+        self.compute([link] if base is None else [link, base])
+        logs = self._log_ratios[link] - (0.0 if base is None else self._log_ratios[base])
         return float(logs[0]), error_of(logs)
 
-    def find(self, links: list[Link]) -> None:
+    def compute(self, links: list[Link]) -> None:
         """Compute the gains of links in as few runs as possible."""
         groups: dict[Link, list[Link]] = {}
         for link in dict.fromkeys(links):
-            if link not in self._known:
+            if link not in self._log_ratios:
                 groups.setdefault(link.replace("receiver", self._link.receiver), []).append(link)
         # receivers share a run: links that differ by them alone are its receivers
         for base, members in groups.items():
@@ -103,10 +103,10 @@ class MeanGains:
                 logs = self._logs([self._link, *members])
                 ratios = logs[1:] - logs[0]
             else:
-                if self._own is None:
-                    (self._own,) = self._logs([self._link])
-                ratios = self._logs(members) - self._own
-            self._known |= dict(zip(members, ratios, strict=True))
+                if self._link_logs is None:
+                    (self._link_logs,) = self._logs([self._link])
+                ratios = self._logs(members) - self._link_logs
+            self._log_ratios |= dict(zip(members, ratios, strict=True))
 
     def _logs(self, links: list[Link]) -> Floats:
         """Return the logarithms of gains (links, 1 + groups) of links with one lamp."""
@@ -189,7 +189,7 @@ class LinkModel:
         self.campaign = campaign.of(self.link)
         self.means = MeanGains(self.campaign, seas)
         self.dark = through_channel(receiver, self.campaign._replace(progress=None), seas)
-        self._measured = receiver.response is None and self.dark.response is not None
+        self._response_is_computed = receiver.response is None and self.dark.response is not None
         uav = scenario.uav if self.link.direction == "up" else None
         self.flight = None if uav is None else Flight(uav)
         self.ensemble = Ensemble(self.campaign, seas, self.flight)
@@ -200,7 +200,7 @@ class LinkModel:
         if day is not None and day.light in _NIGHTS:
             night, day = day, None
         self.assumed = day is None
-        self.days = {NIGHT: night, DAY: day or Daylight.clear_sky(30.0, wavelength_nm=nm)}
+        self.daylights = {NIGHT: night, DAY: day or Daylight.clear_sky(30.0, wavelength_nm=nm)}
         self._rays = Lights(self.campaign._replace(progress=None))
         self.windows: dict[str, tuple[Floats, Floats]] = {}  # shares of a bit over ln(bit rate)
 
@@ -226,16 +226,16 @@ class LinkModel:
     def sample(self) -> Sample:
         """Chains of the responses, over the seas of the mean gains."""
         campaign = self.means.campaign
-        turned: tuple[str, ...] = ()
+        reweighed: tuple[str, ...] = ()
         # the widest view of the scan: narrower ones only cut its light off
-        if self.turns:
-            turned = (VIEW,)
+        if self.view_is_a_cut:
+            reweighed = (VIEW,)
             widest = max(90.0, self.link.only_receiver.fov_deg)
             campaign = campaign.of(self.link.replace(VIEW, widest))
-        return Sample(campaign, self.means.seas, (0.0, 0.0), None, turned)
+        return Sample(campaign, self.means.seas, (0.0, 0.0), None, reweighed)
 
     @property
-    def turns(self) -> bool:
+    def view_is_a_cut(self) -> bool:
         """Whether the arrivals of a wide field of view contain those of each narrower one."""
         return self.link.physics.fov == "angle" and len(self.link.transmitters) == 1
 
@@ -252,7 +252,7 @@ class LinkModel:
     @cached_property
     def spreads(self) -> bool:
         """Whether pulse spreading matters in the widest field of view."""
-        if not (self._measured and self.turns):
+        if not (self._response_is_computed and self.view_is_a_cut):
             return False
         wide = self.response(self.link.replace(VIEW, 120.0))
         return self.dark.replace(response=wide).spread_in_bits >= SHORT
@@ -314,13 +314,13 @@ class LinkModel:
     @cache  # noqa: B019
     def background_by(self, period: str) -> Background:
         """Return the background of the given link, computed as in `link_performance`."""
-        return self._seen(period, self.link)
+        return self._background(period, self.link)
 
-    def _seen(self, period: str, link: Link) -> Background:
+    def _background(self, period: str, link: Link) -> Background:
         """Return the background of a link over the seas."""
         seas = self.ensemble.n if period == DAY else min(self.ensemble.n, _NIGHT_SEAS)
         campaign = self.campaign.of(link, _name_of(link))
-        return background_over_seas(campaign, self.days[period], seas, self.flight)
+        return background_over_seas(campaign, self.daylights[period], seas, self.flight)
 
     @cache  # noqa: B019
     def need(self, period: str) -> Need:
@@ -341,7 +341,7 @@ class LinkModel:
 
     def radiance(self, period: str, link: Link) -> float:
         """Return the mean radiance of a link."""
-        variant = Variant(link, None, daylight=self.days[period])
+        variant = Variant(link, None, daylight=self.daylights[period])
         background = self._rays.background(variant)
         assert background is not None
         return max(background.radiance, 1e-300)
@@ -362,7 +362,7 @@ class LinkModel:
             fov,
             optics.filter_width_nm if width is None else width,
         )
-        return self.above(log_ratio + self.quantile(fov), ook, self.needed(period, ook, bright))
+        return self.margin_db(log_ratio + self.quantile(fov), ook, self.needed(period, ook, bright))
 
     def needed(self, period: str, ook: OokLink, brightness: float = 1.0) -> float:
         """Return the required power [W] for a background scaled by `brightness`."""
@@ -378,7 +378,7 @@ class LinkModel:
             ook = ook.replace("response.angle_deg", seen)
         return ook
 
-    def above(self, log_gain: float, ook: OokLink, need: float) -> float:
+    def margin_db(self, log_gain: float, ook: OokLink, need: float) -> float:
         """Return the margin of a gain over the required one [dB]."""
         # a closed eye, or no light: no number of decibels opens it
         if math.isinf(need) or math.isinf(log_gain):
@@ -398,7 +398,7 @@ class LinkModel:
 
     def brightness(self, period: str, wavelengths_nm: Sequence[float]) -> Floats:
         """Return the radiances at wavelengths [nm] over that at the wavelength of the link."""
-        day, own_nm = self.days[period], self.link.transmitters[0].wavelength_nm
+        day, own_nm = self.daylights[period], self.link.transmitters[0].wavelength_nm
         # the night and a uniform sky have one radiance at all wavelengths
         if day.pattern == "uniform":
             return np.ones(len(wavelengths_nm))
@@ -412,7 +412,7 @@ class LinkModel:
         `bright` is its radiance relative to the given link.
         """
         nm, background = link.transmitters[0].wavelength_nm, self.background_by(period)
-        day = self.days[period].at_wavelength(nm)
+        day = self.daylights[period].at_wavelength(nm)
         origin = background.provenance | {"daylight": day.model_dump(mode="json")}
         seen = replace(
             background, radiance=bright * background.radiance, wavelength_nm=nm, provenance=origin
@@ -421,7 +421,7 @@ class LinkModel:
         receiver = with_background(dark, seen)
         log_ratio -= self.pulse_loss(period, self.link, link.water)
         gain = log_ratio + self.quantile(link.only_receiver.fov_deg)
-        return self.above(gain, receiver, receiver.required_power(self.limit))
+        return self.margin_db(gain, receiver, receiver.required_power(self.limit))
 
     def figures(self, period: str) -> Figures:
         """Return the figures of the given link, as in `link_performance`."""
@@ -433,7 +433,7 @@ class LinkModel:
         return Figures(
             period, described(receiver, background), point.outage, point.ber,
             point.margin_optical_db.value,
-            self.above(self.quantile(self.link.only_receiver.fov_deg), self.dark,
+            self.margin_db(self.quantile(self.link.only_receiver.fov_deg), self.dark,
                         self.need(period).exact),
             _error_db(self.quantile_stderr, background), point.capacity.hard,
         )  # fmt: skip
@@ -478,9 +478,9 @@ class LinkModel:
             return [_same("geometry, surface and water", gain_db, chain_error_db)]
         straight = link.replace("water.b", 0.0)
         empty = straight.replace("water.a", 0.0)
-        self.means.find([straight, empty])
-        absorbed, error_a = self.means.ratio(straight, empty)
-        scattered, error_b = self.means.ratio(link, straight)
+        self.means.compute([straight, empty])
+        absorbed, error_a = self.means.log_ratio(straight, empty)
+        scattered, error_b = self.means.log_ratio(link, straight)
         water = [_same("absorption in the water", DECIBELS * absorbed, DECIBELS * error_a)]
         name, rest, error = (
             "geometry, surface and scattering",
@@ -509,7 +509,7 @@ class LinkModel:
     # ---- other links ------------------------------------------------------------------------
 
     @cache  # noqa: B019
-    def apart(self, link: Link) -> tuple[float, float]:
+    def separate_run(self, link: Link) -> tuple[float, float]:
         """Return ln q of another link and its standard error, from a separate run.
 
         Of another receiver along with that of the link, whose photons are spread more evenly.
@@ -528,19 +528,19 @@ class LinkModel:
         return log_quantile(means, tilt, self.outage), self._quantile_error(means, tilt, error)
 
     @cache  # noqa: B019
-    def run(self, period: str, link: Link, width: float) -> tuple[float, float]:
+    def reserve_of_run(self, period: str, link: Link, width: float) -> tuple[float, float]:
         """Return the reserve of a link with other optics and its error [dB], from a separate run.
 
         With its own background, averaging window and fading.
         """
-        log, error = self.apart(link)
-        background = self._seen(period, link)
+        log, error = self.separate_run(link)
+        background = self._background(period, link)
         aperture = link.only_receiver
         dark = self._behind(aperture.radius, aperture.fov_deg, width)
         if self.spreads:
             dark = dark.replace(response=self.response(link))
         need = with_background(dark, background).required_power(self.limit)
-        return self.above(log, dark, need), _error_db(error, background)
+        return self.margin_db(log, dark, need), _error_db(error, background)
 
 
 def _error_db(log_error: float, background: Background) -> float:

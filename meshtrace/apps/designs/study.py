@@ -150,7 +150,7 @@ def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
         | study.ensemble.provenance()
         | {
             "ook": study.dark.model_dump(mode="json"),
-            "daylight": study.days[DAY].model_dump(mode="json"),
+            "daylight": study.daylights[DAY].model_dump(mode="json"),
         },
     )
 
@@ -229,7 +229,7 @@ class _Study(LinkModel):
         straight = key.endswith("position.0")
         at = values if straight else np.log(values)
         step, links, places = 2 if key == VIEW else 1, self._at(key, values), at[_nodes(key)]
-        logs, errors = np.array([self.means.ratio(link) for link in links]).T
+        logs, errors = np.array([self.means.log_ratio(link) for link in links]).T
         by_period: dict[str, Floats] = dict.fromkeys(PERIODS, _through(places, logs, at))
         if key == LENS:  # which changes no delays
             return by_period, np.interp(at, places, errors)
@@ -250,7 +250,7 @@ class _Study(LinkModel):
         results_of(
             self.campaign.threads,
             lambda: self.fades,
-            partial(self.means.find, links),  # with common random numbers
+            partial(self.means.compute, links),  # with common random numbers
             *(partial(self.need, period) for period in PERIODS),
             lambda: self.spreads and self.response(self.link),
         )
@@ -265,7 +265,7 @@ class _Study(LinkModel):
         self.windows[period] = np.log(nodes), np.array(shares)
         ooks = [self.at_rate(period, v, self.window_at(period, v)) for v in values.tolist()]
         # the reserve is smooth over the rate, and its search for a power the costly part
-        coarse = [self.above(gain, ook, ook.required_power(self.limit)) for ook in ooks[::2]]
+        coarse = [self.margin_db(gain, ook, ook.required_power(self.limit)) for ook in ooks[::2]]
         reserves = np.interp(np.log(values), np.log(values[::2]), coarse)
         carried, errors = [], []
         for ook in ooks:
@@ -364,7 +364,7 @@ class _Study(LinkModel):
         best = {"radius": float(radii[i]), "fov_deg": float(views[j])}
         width = max(least, self._least_width(best["fov_deg"]))
         link = self.link.replace(LENS, best["radius"]).replace(VIEW, best["fov_deg"])
-        reserve, error = self.run(period, link, width)
+        reserve, error = self.reserve_of_run(period, link, width)
         gained = reserve - self.reserve(period)
         note = f"by a separate run; {reserves[i, j]:+.1f} dB by the scans"
         widths = [max(least, self._least_width(v)) for v in views[near.any(axis=0)].tolist()]
@@ -411,7 +411,7 @@ class _Study(LinkModel):
         def closes(log_rate: float) -> bool:
             rate = math.exp(log_rate)
             ook = self.at_rate(period, rate, self.window_at(period, rate))
-            return self.above(gain, ook, ook.required_power(self.limit)) >= 0.0
+            return self.margin_db(gain, ook, ook.required_power(self.limit)) >= 0.0
 
         if not closes(low):
             return math.nan
@@ -431,11 +431,11 @@ class _Study(LinkModel):
 
         def by_means(depth: float) -> tuple[float, float]:
             log = self.quantile(self.link.only_receiver.fov_deg)
-            log += self.means.ratio(self.link.at_depth(depth))[0]
+            log += self.means.log_ratio(self.link.at_depth(depth))[0]
             return self._at_depth(period, depth, log), _NEAR_DB
 
         def by_run(depth: float) -> tuple[float, float]:
-            log, error = self.apart(self.link.at_depth(depth))
+            log, error = self.separate_run(self.link.at_depth(depth))
             return self._at_depth(period, depth, log), max(_NEAR_DB, DECIBELS * error)
 
         first = start[0] * (0.9 if start[1] >= 0.0 else 0.7)
@@ -449,7 +449,7 @@ class _Study(LinkModel):
             return math.nan, "none below the waves"
         if math.isnan(depth):
             return math.nan, "no depth found"
-        error = DECIBELS * self.apart(self.link.at_depth(depth))[1]
+        error = DECIBELS * self.separate_run(self.link.at_depth(depth))[1]
         return depth, f"a run there: {above:+.1f} +- {error:.1f} dB"
 
     def _at_depth(self, period: Period, depth: float, log_quantile: float) -> float:
@@ -460,7 +460,9 @@ class _Study(LinkModel):
             bright = self.radiance(period, self.link.at_depth(depth))
             bright /= self.radiance(period, self.link)
         lost = self.pulse_loss(period, self.link.at_depth(depth))
-        return self.above(log_quantile - lost, self.dark, self.needed(period, self.dark, bright))
+        return self.margin_db(
+            log_quantile - lost, self.dark, self.needed(period, self.dark, bright)
+        )
 
 
 def _nodes(key: str) -> NDArray[np.intp]:

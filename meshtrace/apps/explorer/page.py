@@ -92,7 +92,7 @@ class Page:
         self._drawn = asyncio.Event()
         self._token = new_token()
         self._browsers = 0
-        self._kept: tuple[State, dict[str, Any]] | None = None  # with the parts of its scene
+        self._state_a: tuple[State, dict[str, Any]] | None = None  # with the parts of its scene
         self._design: asyncio.Task[None] | None = None
         self._designed: State | None = None
         self._fill(title, base)
@@ -101,7 +101,7 @@ class Page:
             self.server.trigger(action.__name__)(action)
         self.server.state.change(*BY_NAME, *CHOICES)(self._moved)
         self.server.state.change("playing")(self._play_or_pause)
-        self.server.controller.on_exception.add(self._tell)
+        self.server.controller.on_exception.add(self._report)
 
     async def start(self, host: str) -> asyncio.Task[Any]:
         """Start to serve on a free port; return the task that ends with the session.
@@ -182,7 +182,7 @@ class Page:
         guard(web_server.app, host, self._token, {"/", "/index.html", "/paraview/", "/ws"})
         web_server.app.middlewares.append(count)
 
-    def _tell(self, error: BaseException) -> None:
+    def _report(self, error: BaseException) -> None:
         """Show an error as a line in the page; an internal one on the console, too."""
         if isinstance(error, ConnectionResetError):  # a browser has just been closed
             return
@@ -229,7 +229,7 @@ class Page:
         except Refused as error:
             shown = {"problem": str(error)}
         except Exception as error:
-            self._tell(error)
+            self._report(error)
         self._design = None
         with page:
             page.designing = None
@@ -245,8 +245,8 @@ class Page:
     def scene_ready(self) -> None:
         """Send the whole scene to a page that has been loaded."""
         self.server.js_call("scene", "show", self.scene.parts)
-        if self._kept is not None:
-            self.server.js_call("scene", "keep", self._kept[1])
+        if self._state_a is not None:
+            self.server.js_call("scene", "keep", self._state_a[1])
 
     def drawn(self) -> None:
         """Continue the running sea: a browser has drawn its last frame."""
@@ -254,21 +254,21 @@ class Page:
 
     def compare(self) -> None:
         """Toggle the comparison with the present state as A."""
-        self._keep(self._kept is None)
+        self._keep(self._state_a is None)
 
     def swap(self) -> None:
         """Exchange the present state and state A."""
-        if self._kept is not None:
-            before = self._kept[0]
+        if self._state_a is not None:
+            before = self._state_a[0]
             self._keep(True)
             self._restore(dict(before.moves) | {"time": before.time})
 
     def _keep(self, present: bool) -> None:
         page, session = self.server.state, self.session
-        self._kept = (session.state, dict(self.scene.parts)) if present else None
+        self._state_a = (session.state, dict(self.scene.parts)) if present else None
         reading, fading = readings.gain_reading(session), readings.fading_reading(session)
         page.kept = {"reading": reading, "fading": fading, "lines": []} if present else None
-        self.server.js_call("scene", "keep", self._kept[1] if self._kept else None)
+        self.server.js_call("scene", "keep", self._state_a[1] if self._state_a else None)
         self._refresh()
 
     def restore(self, values: dict[str, Any]) -> None:
@@ -367,7 +367,7 @@ class Page:
         except Refused:  # the answer reports it
             pass
         except Exception as error:
-            self._tell(error)
+            self._report(error)
         finally:
             self.session.answer_now()
 
@@ -401,7 +401,7 @@ class Page:
                 if name in ("rays", "map") and self.session.fresh(name) and not self._running:
                     self._show_light()
         except Exception as error:
-            self._tell(error)
+            self._report(error)
 
     def _refresh(self) -> None:
         """Set the readings, the charts and the marks of stale answers."""
@@ -418,8 +418,8 @@ class Page:
         page.moves, time = dict(session.state.moves), session.state.time
         if time != session.state.initial.meshing.time:
             page.moves = page.moves | {"time": time}
-        if self._kept is not None:
-            page.kept = page.kept | {"lines": readings.differences(self._kept[0], session.state)}
+        if self._state_a is not None:
+            page.kept = page.kept | {"lines": readings.differences(self._state_a[0], session.state)}
 
     def _refresh_views(self) -> None:
         """Set the side view, the plan, the time and the colour bar."""
@@ -458,7 +458,7 @@ class Page:
                     await asyncio.wait_for(self._drawn.wait(), _PATIENCE)
                 await asyncio.sleep(max(_FRAME_PERIOD - (loop.time() - begun), 0.005))
         except Exception as error:
-            self._tell(error)
+            self._report(error)
             with self.server.state as page:
                 page.playing = False
         finally:

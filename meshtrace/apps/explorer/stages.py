@@ -53,7 +53,7 @@ from meshtrace.studies import coverage_map
 from meshtrace.studies.campaign import Steps, campaign_of
 from meshtrace.uav import tilt_outage_note
 
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 Check = Callable[..., None]
 
 CHAINS = (1024, 8192)
@@ -149,20 +149,20 @@ def gains(state: State, check: Check) -> Iterator[Signal]:
         check()
         # the rough gain is there to be fast: its response would be noise
         record = [Arrivals()] if photons == fine else []
-        gain, notes = _noted(partial(
+        gain, notes = _with_warnings(partial(
             simulate, state.channel, time=state.time, photons=photons, record=record,
             progress=check,
         ))  # fmt: skip
         yield Signal(gain, notes)
         if len(state.scenario.link.receivers) == 1:
-            sky_light = sky_light or _noted(partial(_light, state))
-            detector, more = _noted(partial(_detector, state, gain, sky_light[0]))
+            sky_light = sky_light or _with_warnings(partial(_light, state))
+            detector, more = _with_warnings(partial(_detector, state, gain, sky_light[0]))
             ber = float(detector.ber(detector.received_power(float(gain.gain))))
             notes = notes + sky_light[1] + more + _tilt_notes(state)
             yield Signal(gain, notes, day.light if day else "", detector, ber)
 
 
-def _noted(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
+def _with_warnings(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
     """Call a function; return its result and the texts of its warnings."""
     # of the page they are notes beside the gain, and not lines on the console
     with _WARNINGS, warnings.catch_warnings(record=True) as caught:
@@ -206,7 +206,7 @@ def _tilt_notes(state: State) -> tuple[str, ...]:
     return (note,) if note else ()
 
 
-def unless_refused(work: Callable[[], Found]) -> Found | None:
+def unless_refused(work: Callable[[], Result]) -> Result | None:
     """Call a function; return its result, or None if it raises `Refused`."""
     try:
         return work()
@@ -265,8 +265,8 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
 
 def _series(times: Floats, gain: Floats) -> Fading:
     """Return the series without gains of large error."""
-    known = np.isfinite(gain)
-    return Fading(times[known], gain[known], int((~known).sum()))
+    certain = np.isfinite(gain)
+    return Fading(times[certain], gain[certain], int((~certain).sum()))
 
 
 def index_of_all(link: Link, sea: SurfaceModel) -> float | None:
@@ -302,26 +302,26 @@ async def design_of(scenario: Scenario) -> Design:
         If the design is refused or the process fails, by the last line of its error.
     """
     with TemporaryDirectory(prefix="meshtrace-") as folder:
-        link, made = Path(folder, "link.toml"), Path(folder, "design.nc")
+        link, result_file = Path(folder, "link.toml"), Path(folder, "design.nc")
         link.write_text(scenario.to_toml(), encoding="utf-8")
         environment = dict(os.environ) | {"PYTHONPATH": import_path()}
-        start = python_start(*_DESIGN, str(link), "-o", str(made), env=environment)
+        start = python_start(*_DESIGN, str(link), "-o", str(result_file), env=environment)
         process = await asyncio.create_subprocess_exec(
             *start.args, env=start.env,
             stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
         )  # fmt: skip
         try:
             # no bound: the page counts the seconds, and its button cancels this task
-            _, said = await process.communicate()
+            _, stderr = await process.communicate()
         finally:
             if process.returncode is None:
                 process.kill()
                 await process.wait()  # ends with the signal, also of a stopped process
         if process.returncode:
-            lines = said.decode(errors="replace").strip().splitlines() or ["ended without a word"]
-            said_last = Described(lines[-1].removeprefix("error: "))
-            raise Refused("design", said_last, "a link that can be designed")
-        return Design.load(made)
+            lines = stderr.decode(errors="replace").strip().splitlines() or ["ended without a word"]
+            last_line = Described(lines[-1].removeprefix("error: "))
+            raise Refused("design", last_line, "a link that can be designed")
+        return Design.load(result_file)
 
 
 class Superseded(Exception):
@@ -506,8 +506,10 @@ class Session(Worker):
 
     def _work(self, ticket: Ticket, state: State, with_map: bool) -> None:
         for name, answers in STAGES.items():
-            known, key = self._answers.get(name), _key(name, state)
-            if (name == "map" and not with_map) or (known and known.complete and known.key == key):
+            latest, key = self._answers.get(name), _key(name, state)
+            if (name == "map" and not with_map) or (
+                latest and latest.complete and latest.key == key
+            ):
                 continue
             self.working = name
             self._publish(ticket, name, None)
