@@ -16,7 +16,8 @@ from meshtrace.models import Model
 from meshtrace.quadrature import gauss_legendre
 
 from .parameters import Floats, Positive, Range, named_or_given
-from .spectra import Jonswap, Spectrum, Spreading, sea_state
+from .spectra import Jonswap, Spectrum, sea_state
+from .spreadings import Spreading
 
 PER_OCTAVE = 16
 """Bins of an octave, where no width is given."""

@@ -32,7 +32,7 @@ from meshtrace.units import convert, is_convertible, is_same
 from .directional import from_wavespectra
 from .parameters import DEPTH, Floats, Mss
 from .seas import MeasuredSea
-from .spectra import Spreading
+from .spreadings import Spreading
 from .waves import wavenumber
 
 if TYPE_CHECKING:

@@ -34,17 +34,8 @@ from .parameters import (
     WindSpeed,
 )
 from .sequence import MeshSequence
-from .spectra import (
-    ALPHA_COEFFICIENT,
-    Elfouhaily,
-    ElfouhailySpreading,
-    IttcSpreading,
-    Jonswap,
-    PiersonMoskowitz,
-    Spectrum,
-    Spreading,
-    Tma,
-)
+from .spectra import ALPHA_COEFFICIENT, Elfouhaily, Jonswap, PiersonMoskowitz, Spectrum, Tma
+from .spreadings import ElfouhailySpreading, IttcSpreading, Spreading
 from .statistics import (
     SlopeSpectrum,
     meshed_slope_variance,
