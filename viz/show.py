@@ -101,17 +101,19 @@ def save_movie(
         If the suffix is not .mp4 or .gif, there are fewer than two times, or the gain has other
         times.
     """
-    at, path = require_finite(times, "times", "two times or more"), Path(path)
-    if len(at) < 2:
-        raise Refused("times", at.tolist(), "two times or more")
-    options = writer_options(path, natural_rate(at) if frame_rate is None else frame_rate, quality)
+    frame_times, path = require_finite(times, "times", "two times or more"), Path(path)
+    if len(frame_times) < 2:
+        raise Refused("times", frame_times.tolist(), "two times or more")
+    options = writer_options(
+        path, natural_rate(frame_times) if frame_rate is None else frame_rate, quality
+    )
     # the waves that the gain of `time_series` has
     surface = resolve_band(link, surface, fading=True)
     seed = shown.get("seed", 1)
-    gain = gain or time_series(link, surface, at, photons=photons, seed=seed)
-    if not np.array_equal(gain.coordinate, at):
+    gain = gain or time_series(link, surface, frame_times, photons=photons, seed=seed)
+    if not np.array_equal(gain.coordinate, frame_times):
         raise Refused("gain", Described("at other times"), "a series at the times of the frames")
-    heights = surface.mesh(float(at[0]), extent=20.0, spacing=1.0).vertices[:, 2]
+    heights = surface.mesh(float(frame_times[0]), extent=20.0, spacing=1.0).vertices[:, 2]
     style = shown.get("style", SceneStyle())
     # of the first frame, with room for higher crests of later ones: one scale for all
     limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
@@ -120,7 +122,7 @@ def save_movie(
     def pictures() -> Iterator[NDArray[np.uint8]]:
         plotter = None
         try:
-            for time in map(float, at):
+            for time in map(float, frame_times):
                 plotter = scene(link, surface, time=time, plotter=plotter, **shown)
                 yield np.asarray(plotter.screenshot(return_img=True))
         # the window of a movie that fails is closed, too
@@ -128,7 +130,7 @@ def save_movie(
             if plotter is not None:
                 plotter.close()
 
-    return _write_movie(path, _beside_gain(pictures(), gain), len(at), options, progress)
+    return _write_movie(path, _beside_gain(pictures(), gain), len(frame_times), options, progress)
 
 
 def save_light(
@@ -170,15 +172,17 @@ def save_light(
         If the suffix is another, a movie has fewer than two times, or as in
         `meshtrace.light_pattern`.
     """
-    path, at = Path(path), require_finite(times, "times", "(n,) times [s]")
+    path, frame_times = Path(path), require_finite(times, "times", "(n,) times [s]")
     options = writer_options(path, frame_rate, _LIGHT_QUALITY, (".png",))
-    if len(at) < (1 if path.suffix == ".png" else 2):
-        raise Refused("times", Described(f"shape {at.shape}"), "(n,) with n >= 2, or a .png")
+    if len(frame_times) < (1 if path.suffix == ".png" else 2):
+        raise Refused(
+            "times", Described(f"shape {frame_times.shape}"), "(n,) with n >= 2, or a .png"
+        )
     height = link.only_receiver.height
     extent = 0.4 * height if extent is None else extent
     step = extent / _CELLS if step is None else step
     pattern_ends(link, surface, extent, step)  # refuses what has no pattern
-    lines, slope = _crossed(link, surface, extent, float(at[0]))
+    lines, slope = _sea_crossed(link, surface, extent, float(frame_times[0]))
     # a flat sea has no slopes to scale by
     steepest = _STEEPEST * float(slope.std()) or 0.1
     around = [float(x) + np.array([-extent, extent]) for x in link.only_receiver.position]
@@ -190,19 +194,19 @@ def save_light(
 
     def frames() -> Iterator[_Values]:
         nonlocal mean
-        for time in map(float, at):
+        for time in map(float, frame_times):
             gain = light_pattern(link, surface, extent, step, time=time).gain
             # that of the first frame for all: else each would
             # be scaled to its own and caustics would pulse
             mean = mean or float(gain.mean())
-            slope = _crossed(link, surface, extent, time)[1]
+            slope = _sea_crossed(link, surface, extent, time)[1]
             titles = "sea that the light crosses", f"light {height:g} m above it, t = {time:.2f} s"
             yield (slope, gain / mean), titles
 
-    return _save_maps(path, maps, frames(), len(at), options, progress)
+    return _save_maps(path, maps, frames(), len(frame_times), options, progress)
 
 
-def _crossed(
+def _sea_crossed(
     link: Link, surface: Any, extent: float, time: float
 ) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
     """Return the ends [m] and slopes of the patch of sea that the light of a map crosses."""
