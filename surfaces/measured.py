@@ -22,11 +22,7 @@ from meshtrace.errors import (
     require_between,
     require_whole,
 )
-from meshtrace.tables import (
-    Column,
-    Heading,
-    headings_of,
-)
+from meshtrace.tables import Column, Heading, headings_of
 from meshtrace.units import convert, is_convertible, is_same
 
 from .directional import from_wavespectra

@@ -159,13 +159,9 @@ def plot_tornado(
     """
     bars = studies.swings(s, change)
     names = [f"{bar.name}\n{bar.values[0]:.4g} to {bar.values[1]:.4g} {bar.unit}" for bar in bars]
-    values = {
-        "change": [bar.change for bar in bars],
-        "change_stderr": [bar.stderr for bar in bars],
-    }
-    data = marks.dataset(
-        values, name=[name.removesuffix(" 1") for name in names], side=["lower", "higher"]
-    )
+    values = {"change": [b.change for b in bars], "change_stderr": [b.stderr for b in bars]}
+    names = [name.removesuffix(" 1") for name in names]  # of a dimensionless parameter
+    data = marks.dataset(values, name=names, side=["lower", "higher"])
     # `bars` takes the groups first
     ax = marks.bars(ax, data.transpose(), "change", across=True, beside=False)
     ax.tick_params(axis="y", labelsize=8)

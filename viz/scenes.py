@@ -179,7 +179,13 @@ def scene(
     plotter.suppress_rendering = True  # once shown, it would be rendered after every part
     shown = shown_mesh(surface, stage, time, style.spacing)
     bubbles = link.bubbles if link is not None and style.bubbles else None
-    coverage = _map_of(coverage, link, surface, 0.5 * stage.half, time, seed)
+    if isinstance(coverage, int):
+        if link is None:
+            raise Refused("coverage", Described("of a mesh alone"), "with a link")
+        half, photons = 0.5 * stage.half, coverage
+        coverage = coverage_map(
+            link, surface, half, half / 20.0, times=(time,), photons=photons, seed=seed
+        )
     # from back to front: translucent parts are blended in this order
     if link is not None:
         parts.add_bubbles(plotter, shown, bubbles)
@@ -220,24 +226,6 @@ def scene(
     plotter.suppress_rendering = False
     plotter.render()
     return plotter
-
-
-def _map_of(
-    coverage: CoverageMap | int | None,
-    link: Link | None,
-    surface: MeshSource | TriangleMesh,
-    half: float,
-    time: float,
-    seed: int,
-) -> CoverageMap | None:
-    """Return the map; compute one of 40 by 40 cells if given a number of photons."""
-    if not isinstance(coverage, int):
-        return coverage
-    if link is None:
-        raise Refused("coverage", Described("of a mesh alone"), "with a link")
-    return coverage_map(
-        link, surface, half, half / 20.0, times=(time,), photons=coverage, seed=seed
-    )
 
 
 def shown_mesh(

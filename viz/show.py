@@ -104,9 +104,8 @@ def save_movie(
     frame_times, path = require_finite(times, "times", "two times or more"), Path(path)
     if len(frame_times) < 2:
         raise Refused("times", frame_times.tolist(), "two times or more")
-    options = writer_options(
-        path, natural_rate(frame_times) if frame_rate is None else frame_rate, quality
-    )
+    rate = natural_rate(frame_times) if frame_rate is None else frame_rate
+    options = writer_options(path, rate, quality)
     # the waves that the gain of `time_series` has
     surface = resolve_band(link, surface, fading=True)
     seed = shown.get("seed", 1)
@@ -175,9 +174,8 @@ def save_light(
     path, frame_times = Path(path), require_finite(times, "times", "(n,) times [s]")
     options = writer_options(path, frame_rate, _LIGHT_QUALITY, (".png",))
     if len(frame_times) < (1 if path.suffix == ".png" else 2):
-        raise Refused(
-            "times", Described(f"shape {frame_times.shape}"), "(n,) with n >= 2, or a .png"
-        )
+        shape = Described(f"shape {frame_times.shape}")
+        raise Refused("times", shape, "(n,) with n >= 2, or a .png")
     height = link.only_receiver.height
     extent = 0.4 * height if extent is None else extent
     step = extent / _CELLS if step is None else step
@@ -300,12 +298,9 @@ def writer_options(
 
 
 def _write_movie(
-    path: Path,
-    frames: Iterable[NDArray[np.uint8]],
-    total: int,
-    options: dict[str, Any],
+    path: Path, frames: Iterable[NDArray[np.uint8]], total: int, options: dict[str, Any],
     progress: Callable[[int], None] | None,
-) -> Path:
+) -> Path:  # fmt: skip
     """Write frames (height, width, 3) as a movie."""
     from imageio import v2 as imageio
 
@@ -384,13 +379,9 @@ _Values = tuple[Any, Sequence[str]]  # of the maps of a frame, and their titles
 
 @mpl.rc_context(RC)
 def _save_maps(
-    path: Path,
-    maps: Sequence[_Map],
-    frames: Iterable[_Values],
-    total: int,
-    options: dict[str, Any],
-    progress: Callable[[int], None] | None,
-) -> Path:
+    path: Path, maps: Sequence[_Map], frames: Iterable[_Values], total: int,
+    options: dict[str, Any], progress: Callable[[int], None] | None,
+) -> Path:  # fmt: skip
     """Write maps side by side: the first frame as a .png, or all as a movie."""
     figure = _figure(LIGHT_SIZE, 80)
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
@@ -504,13 +495,11 @@ def view(
     style, paths = shown.get("style", SceneStyle()), shown.get("paths")
     if window or screenshot or html or export:
         traced = (500 if paths is None else paths or None) if link is not None else None
-        if isinstance(gain, GainResult):
-            of_picture: GainResult | None = gain
-        else:
-            of_picture = _gain_of(link, surface, time, shown.get("seed", 1))
+        seed = shown.get("seed", 1)
+        stated = gain if isinstance(gain, GainResult) else _gain_of(link, surface, time, seed)
         still = shown.copy()
         still["paths"], still["style"] = traced, style.replace(off_screen=not window)
-        plotter = scene(link, surface, time=time, gain=of_picture, **still)
+        plotter = scene(link, surface, time=time, gain=stated, **still)
         if screenshot:
             with atomic(screenshot) as temporary:
                 plotter.screenshot(temporary)

@@ -10,21 +10,10 @@ from typing import Annotated, Any, ClassVar, Unpack
 import numpy as np
 
 from meshtrace import MeshSource, TriangleMesh
-from meshtrace.apps.predictions import (
-    OF_DETECTOR,
-    SCALE,
-    Prediction,
-    Predictor,
-    read_measurements,
-)
+from meshtrace.apps.predictions import OF_DETECTOR, SCALE, Prediction, Predictor, read_measurements
 from meshtrace.checks import check_call
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import (
-    Refused,
-    require_keys,
-    require_names,
-    require_pair,
-)
+from meshtrace.errors import Refused, require_keys, require_names, require_pair
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
@@ -33,9 +22,7 @@ from meshtrace.studies import Variant
 from meshtrace.studies.background import electronics_of, light_of
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.keys import Parameter, parameters
-from meshtrace.studies.neighbours import (
-    WATER,
-)
+from meshtrace.studies.neighbours import WATER
 from meshtrace.surfaces import FlatSea
 from meshtrace.tables import text_table
 

@@ -563,11 +563,7 @@ class Daylight(Model, frozen=True):
         if wavelength_nm == self.wavelength_nm:
             return self
         fields = self.model_dump(exclude={"direct", "diffuse", "wavelength_nm", "recipe"})
-        lights = {
-            daylight_model.fields["light"]: name
-            for name, daylight_model in MODELS.items()
-            if name != "uniform"
-        }
+        lights = {m.fields["light"]: name for name, m in MODELS.items() if name != "uniform"}
         table = fields | self.recipe
         model = lights.get(self.light)
         # irradiances that were set by hand follow from no model

@@ -322,11 +322,8 @@ def _over_depth(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats,
     from scipy.special import exprel
 
     depth, a, b = _profile(water, bubbles)
-    k = (
-        a
-        + np.array([scatterer.backscatter_fraction for scatterer in _scatterers(water, bubbles)])
-        @ b
-    )
+    back = np.array([phase.backscatter_fraction for phase in _scatterers(water, bubbles)])
+    k = a + back @ b
     if np.ptp(k) == 0.0 and not np.ptp(b, axis=1).any():  # in closed form
         tau = _EXTINCTION * (k[0] * depth[-1])
         last = np.exp(-tau)

@@ -69,9 +69,8 @@ def checked_step(time: ArrayLike, n: int) -> float:
     step = (t[-1] - t[0]) / (n - 1)
     # times in files are rounded: a millionth of the step, or the last digits of large times
     if not step > 0.0 or np.abs(np.diff(t) - step).max() > 1e-6 * step + 1e-12 * np.abs(t).max():
-        raise Refused(
-            "time", Described("not equally spaced and increasing"), "a constant step > 0 s"
-        )
+        uneven = Described("not equally spaced and increasing")
+        raise Refused("time", uneven, "a constant step > 0 s")
     return float(step)
 
 

@@ -297,11 +297,9 @@ def fading_statistics(
         # gains without their noise, as `outage` counts them
         below = (sample < level_of(sample, level, relative_to)).astype(np.float64)
         trials = _trials(below, n_effective)
-        outages.append(
-            outage(
-                sample, level, relative_to=relative_to, n_effective=trials, confidence=confidence
-            )
-        )
+        outages.append(outage(
+            sample, level, relative_to=relative_to, n_effective=trials, confidence=confidence
+        ))  # fmt: skip
     index = scintillation_index(g, stderr, **boot)
     # fading is correlated along a series, independent errors are not
     mean_variance = max(spread - noise, 0.0) / n_effective + noise / g.size
